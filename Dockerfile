@@ -1,5 +1,5 @@
-# saf-gen with its fast renderer: docker build --tag saf-gen .
-# docker run --rm --volume "$PWD/datasets:/work/datasets" saf-gen generate quickstart
+# saf-gen with its fast renderer. Build: docker build --tag saf-gen .
+# Run: docker run --rm --volume "$PWD/datasets:/work/datasets" saf-gen generate quickstart
 FROM python:3.12-slim-trixie AS build
 WORKDIR /src
 COPY pyproject.toml README.md LICENSE ./
@@ -9,7 +9,7 @@ COPY recipes recipes
 RUN python -m pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
 
 FROM python:3.12-slim-trixie
-# Mitsuba's fast variant needs an LLVM, which no wheel brings.
+# Mitsuba's fast variant needs LLVM, which no wheel contains.
 # hadolint ignore=DL3008
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends libllvm19 \
@@ -18,7 +18,7 @@ COPY constraints.txt /tmp/constraints.txt
 RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
     wheel=$(echo /wheels/*.whl) \
  && python -m pip install --no-cache-dir --constraint /tmp/constraints.txt "${wheel}[render]"
-# Numba and Dr.Jit keep compiled kernels in the home folder; whoever runs with another --user has one in /tmp.
+# Numba and Dr.Jit keep compiled kernels in the home folder. With another --user, which has no home folder, caches are in /tmp.
 RUN useradd --uid 1000 --create-home saf && mkdir /work && chown saf /work
 USER 1000
 ENV NUMBA_CACHE_DIR=/tmp/numba MPLCONFIGDIR=/tmp/matplotlib

@@ -1,6 +1,5 @@
-# Two commands for a newcomer: `make demo` (recipe to leaderboard) and `make test`.
-# Both set up .venv by themselves; nothing is installed outside it but libllvm19, and chromium for the tests,
-# where apt may.
+# Two commands to start with: `make demo` (from recipe to leaderboard) and `make test`. Both set up .venv.
+# Outside .venv only libllvm19 is installed, and chromium for the tests, both by apt, if the user has the permission.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -9,18 +8,18 @@ BROWSER := $(VENV)/.browser
 KERNELS := $(VENV)/.kernels
 ENCODER := $(VENV)/.encoder
 DOCS := $(VENV)/.docs
-# Tests start many commands, each of which would compile the package anew.
+# The tests start many commands. Without bytecode, each of them would compile the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help install demo test test-fast test-long lint compiled-tests checked docs clean
 help:
-	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (a minute, after a minute of set-up)"
-	@echo "make test       linters, types and every test (five to seven minutes on two cores)"
-	@echo "make test-fast  linters, types and the short tests (two to three minutes)"
-	@echo "make test-long  a tenth of the paper's grid at full size, planted faults, checks (half an hour more)"
-	@echo "make docs       the documentation as a site with search: build/site/index.html (half a minute)"
-	@echo "make install    only set up .venv"
-	@echo "make clean      remove what demo and test made"
+	@echo "make demo       go from recipe to leaderboard: render, encode, evaluate (a minute, after a minute of set-up)"
+	@echo "make test       run linters, type checks and all tests but the long ones (five to seven minutes on two cores)"
+	@echo "make test-fast  run linters, type checks and the short tests (two to three minutes)"
+	@echo "make test-long  run the long tests: a tenth of the paper's grid at full size, planted faults, checks (half an hour)"
+	@echo "make docs       build the documentation site: build/site/index.html (half a minute)"
+	@echo "make install    set up .venv, and nothing else"
+	@echo "make clean      remove what the other commands made, except .venv"
 
 install: $(STAMP)
 
@@ -45,7 +44,7 @@ $(BROWSER): $(STAMP) tools/install-chromium.sh
 	@sh tools/install-chromium.sh
 	@touch $@
 
-# Numba's kernels are compiled beside the linters and the tests themselves, once for all processes of the tests.
+# Numba's kernels are compiled once for all test processes, while the linters run and the tests are compiled.
 $(KERNELS): $(STAMP) $(wildcard saf_gen/render/*.py saf_gen/camera/*.py saf_gen/core/*.py saf_gen/benchmark/view/*.py)
 	@$(BIN)/python tests/helpers/compile_kernels.py renderer
 	@touch $@
@@ -53,7 +52,7 @@ $(KERNELS): $(STAMP) $(wildcard saf_gen/render/*.py saf_gen/camera/*.py saf_gen/
 compiled-tests: lint
 	@$(BIN)/pytest --collect-only -n 0 >/dev/null
 
-# After the linters, which take less time than the kernels of the renderer.
+# The encoder's kernels follow the linters, which take less time than the renderer's kernels.
 $(ENCODER): $(STAMP) $(wildcard saf_gen/camera/*.py) | compiled-tests
 	@$(BIN)/python tests/helpers/compile_kernels.py encoder
 	@touch $@

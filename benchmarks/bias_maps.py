@@ -1,14 +1,14 @@
-"""Where and by how much shared shading is biased: the filtered estimator against 4,096 plain samples, as maps.
+"""Map the bias of shared shading: the filtered estimator against 4,096 plain samples.
 
     python benchmarks/bias_maps.py [--out docs/pictures] [--references FOLDER] [--only fan-focus ...] [--small]
 
 Each case is a scene at one position of its lens, on a crop of the sensor round the optical axis. Moving scenes are
-rendered as time slices of 16 samples, whose shading nine moments tell that lie as far apart as the card says; scenes at
-rest as whole stacks of 64 samples. The mean squared bias is the mean over pixels of the product of the differences
-(filtered - plain) of two independent halves of all renders, in which the noise of both averages out. Prints, for all
-pixels and for some kinds of them, the root mean squared bias and noise over the mean, and the difference of means, and
-writes bias.json and a map of each case. With --references plain renders are kept in a folder, and read from there.
-Takes about an hour of processor time, nearly all of it plain paths.
+rendered as time slices of 16 samples that share the shading of nine moments, at the time step of the card; scenes at
+rest are rendered as complete stacks of 64 samples. The mean squared bias is the mean over pixels of the product of the
+differences (filtered - plain) of two independent halves of all renders, in which the noise of both averages out. The
+script prints the root mean squared bias and noise over the mean, and the difference of means, for all pixels and for
+some kinds of pixels, and writes bias.json and a map of each case. With --references, plain renders are stored in a
+folder and read from there in later runs. It takes about an hour of processor time, nearly all of it for plain paths.
 """
 
 import argparse
@@ -34,13 +34,15 @@ POSITIONS = 129
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, how far from best focus its lens stands (fraction of the travel), and the rows and columns to render."""
+    """A scene at one lens position."""
 
     scene: str
     away: float
+    """Distance of the lens from best focus, as a fraction of the travel."""
     crop: tuple[int, int]
+    """Rows and columns to render."""
     plain_depth: int = 6
-    """Segments of plain paths: more where much glass is passed, which shared shading does not count."""
+    """Most segments of plain paths: more if paths pass through much glass, which shared shading does not count."""
 
     @property
     def name(self) -> str:
@@ -61,11 +63,11 @@ CASES = (
 
 @dataclass(frozen=True)
 class Plan:
-    """How many renders: plain ones of ``batch`` samples, filtered ones, and samples of slices and of stills."""
+    """Numbers of renders and of samples per pixel."""
 
-    plain: int = 8
-    batch: int = 512
-    filtered: int = 4
+    plain: int = 8  # plain renders
+    batch: int = 512  # samples of each plain render
+    filtered: int = 4  # filtered renders
     slice_samples: int = 16
     still_samples: int = 64
     shrink: int = 1  # crops are smaller by this factor
@@ -75,7 +77,7 @@ SMALL = Plan(plain=2, batch=16, filtered=2, slice_samples=4, still_samples=4, sh
 
 
 def render_case(case: Case, plan: Plan, *, references: Path | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return plain renders, filtered ones, float64 (run, row, col), and the depth of what is seen (m), (row, col)."""
+    """Return plain and filtered renders, float64 (run, row, col), and the depth map in metres, (row, col)."""
     sensor = get_sensor("vidar_400x250")
     rows, columns = (size // plan.shrink for size in case.crop)
     sensor = replace(sensor, rows=rows, columns=columns)
@@ -121,19 +123,20 @@ def render_case(case: Case, plan: Plan, *, references: Path | None) -> tuple[np.
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of single filtered renders over the mean: rms of the bias (below 0: noise hides it) and of the noise.
-
-    ``mean`` is by how much the mean of all renders differs; ``share`` the fraction of pixels.
-    """
+    """Errors of single filtered renders, relative to the mean of the plain renders."""
 
     bias: float
+    """Rms of the bias; negative if noise hides it."""
     noise: float
+    """Rms of the noise."""
     mean: float
+    """Relative difference of the mean of all filtered renders."""
     share: float
+    """Fraction of all pixels."""
 
 
 def measure_errors(plain: np.ndarray, filtered: np.ndarray, mask: np.ndarray) -> Errors:
-    """Compare renders (run, row, col), at least two of each, over the pixels of a mask, relative to their mean."""
+    """Return the errors of filtered renders (run, row, col) in the pixels of a mask; each kind needs two renders."""
     mean = plain.mean(axis=0)[mask].mean()
     (a, b), (c, d) = ((runs[::2].mean(axis=0), runs[1::2].mean(axis=0)) for runs in (filtered, plain))
     squared = (((a - c) * (b - d) + (a - d) * (b - c)) / 2)[mask].mean()
@@ -146,7 +149,10 @@ def measure_errors(plain: np.ndarray, filtered: np.ndarray, mask: np.ndarray) ->
 
 
 def kinds_of_pixels(plain: np.ndarray, depth: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield names and masks, bool (row, col): all, outlines, the brightest and darkest tenth off them, and the rest."""
+    """Yield names and masks, bool (row, col), of kinds of pixels.
+
+    The kinds are all pixels, outlines, the brightest and the darkest tenth outside outlines, and the rest.
+    """
     picture = plain.mean(axis=0)
     outlines = maximum_filter(depth, 3) > 1.01 * minimum_filter(depth, 3)
     low, high = np.quantile(picture, (0.1, 0.9))
@@ -158,7 +164,7 @@ def kinds_of_pixels(plain: np.ndarray, depth: np.ndarray) -> Iterator[tuple[str,
 
 
 def draw(plain: np.ndarray, filtered: np.ndarray, path: Path, *, title: str) -> None:
-    """Draw the picture, and beside it the bias in per cent of the mean round each pixel."""
+    """Draw the picture, and next to it the bias in per cent of the local mean."""
     picture = plain.mean(axis=0)
     local = np.maximum(gaussian_filter(picture, 4), 0.05 * picture.mean())
     bias = 100 * gaussian_filter(filtered.mean(axis=0) - picture, 0.7) / local
@@ -174,12 +180,12 @@ def draw(plain: np.ndarray, filtered: np.ndarray, path: Path, *, title: str) -> 
 
 
 def main(argv: list[str] | None = None, *, plan: Plan | None = None) -> None:
-    """Measure, print and draw; tests give another ``plan``."""
+    """Measure, print and draw; tests pass another ``plan``."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=DOCS)
     parser.add_argument("--references", type=Path)
     parser.add_argument("--only", nargs="+", choices=[case.name for case in CASES])
-    parser.add_argument("--small", action="store_true", help="few samples: only to see that it runs")
+    parser.add_argument("--small", action="store_true", help="use few samples, to test that the script runs")
     given = parser.parse_args(argv)
     plan = plan or (SMALL if given.small else Plan())
     given.out.mkdir(parents=True, exist_ok=True)

@@ -1,11 +1,12 @@
-"""Which chunk shape a stream should have: size on disk, writing, and three patterns of reading, for each.
+"""Compare chunk shapes of streams: size on disk, and the time of writing and of three patterns of reading.
 
     python benchmarks/chunks.py [--out benchmarks/pictures] [--frames 20000]
 
-Packed spikes (row, col, bytes along time) of a sweep with all noise are stored in chunks of a shape by
-isa-l's deflate on threads, as streams are, and read back: counts of all windows of a sweep, one window of
-all pixels, and a region of 64×64 pixels over all time. Windows have 104 frames, whole bytes, so that every
-shape counts the same. Median of three; the file is in the page cache. Writes chunks.json and prints a table.
+Packed spikes (row, col, bytes along time) of a sweep with all noise are stored in chunks of each shape with isa-l's
+deflate on threads, as in streams, and read back as counts of all windows of a sweep, of one window of all pixels, and
+of a region of 64×64 pixels over all time. Windows have 104 frames, which are complete bytes, so that the windows are
+the same for every shape. Times are medians of three, with the file in the page cache. The script writes chunks.json
+and prints a table.
 """
 
 import argparse
@@ -30,7 +31,7 @@ from saf_gen.core.files import write_atomically
 HERE = Path(__file__).resolve().parent
 WINDOW = 13  # bytes: 104 frames
 SHAPES = (
-    (10, 400, 250),  # what streams have: some rows, all columns, 2,000 frames
+    (10, 400, 250),  # the shape in streams: some rows, all columns, 2,000 frames
     (250, 400, 10),  # all pixels, 80 frames
     (50, 400, 50),
     (1, 400, 2500),  # a row over all time
@@ -45,7 +46,7 @@ Box = tuple[slice, slice, slice]
 
 
 def store(path: Path, spikes: np.ndarray, *, chunk: tuple[int, int, int], pool: ThreadPoolExecutor) -> None:
-    """Write spikes, uint8 (row, col, byte), in chunks of a shape, deflated on threads."""
+    """Write spikes, uint8 (row, col, byte), in chunks of a given shape, compressed on threads."""
     with h5py.File(path, "w") as file:
         made = file.create_dataset("spikes", spikes.shape, np.uint8, chunks=chunk, compression=1)
         corners = list(product(*(range(0, n, c) for n, c in zip(spikes.shape, chunk, strict=True))))
@@ -63,7 +64,7 @@ def store(path: Path, spikes: np.ndarray, *, chunk: tuple[int, int, int], pool: 
 
 
 def read_chunks(file: h5py.File, box: Box, *, pool: ThreadPoolExecutor) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
-    """Yield the corner and content of every chunk that overlaps a box, inflated on threads."""
+    """Yield the corner and the content of every chunk that overlaps a box, decompressed on threads."""
     spikes = file["spikes"]
     starts = (range(s.start // c * c, s.stop, c) for s, c in zip(box, spikes.chunks, strict=True))
     corners = list(product(*starts))
@@ -92,7 +93,7 @@ def counts(path: Path, box: Box, *, pool: ThreadPoolExecutor) -> np.ndarray:
 
 
 def measure(spikes: np.ndarray, chunk: tuple[int, int, int], *, folder: Path) -> dict[str, float]:
-    """Return bits per pixel and frame, and the seconds of writing and of each pattern of reading."""
+    """Return the bits per pixel and frame, and the seconds of writing and of each pattern of reading."""
     path = folder / "trial.h5"
     rows, columns, length = spikes.shape
     whole, middle = slice(0, rows), length // 2

@@ -1,10 +1,10 @@
-"""Writes the tables of contest.md and claims.md from the evaluations of both tracks.
+"""Write the tables of contest.md and claims.md from the evaluations of both tracks.
 
     python benchmarks/contest_tables.py RECORDED [CLOSED_LOOP]
 
-RECORDED and CLOSED_LOOP are folders that ``saf-gen evaluate`` wrote; without the second, tables of the closed loop stay
-as they are. A table stands between ``<!-- table: TRACK KIND -->`` and ``<!-- end -->``; KIND is a key of ``TABLES``.
-All else on a page is written by hand.
+RECORDED and CLOSED_LOOP are folders that ``saf-gen evaluate`` wrote; without the second, the tables of the closed loop
+are not changed. A table is placed between ``<!-- table: TRACK KIND -->`` and ``<!-- end -->``; KIND is a key of
+``TABLES``. Everything else on a page is written by hand.
 """
 
 import argparse
@@ -18,8 +18,8 @@ from saf_gen.leaderboard.columns import format_leaderboard_percent
 from saf_gen.leaderboard.method_comparison import NeighbourComparison
 from saf_gen.leaderboard.rank_agreement import RankAgreement
 from saf_gen.leaderboard.table_formats import (
-    format_neighbour_markdown_of_leaderboard,
     format_rank_agreement_markdown,
+    format_ranked_neighbours_markdown,
     format_ranking_grid,
 )
 
@@ -27,7 +27,7 @@ HERE = Path(__file__).resolve().parent
 PAGES = HERE / "contest.md", HERE / "claims.md"
 TABLE = re.compile(r"(<!-- table: (recorded|closed_loop) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NEIGHBOURS = 12
-"""Pairs of neighbours in rank that a page shows, from the best down."""
+"""Number of pairs of neighbours in rank on a page, from the best on."""
 SHOWN = {
     "recorded": (
         *("octave_structure+peak_fit", "structure_calibrated+peak_fit:dark=false", "structure_calibrated+photon_aware"),
@@ -39,7 +39,7 @@ SHOWN = {
         *("sd_code+sgfs_code", "sd+sgfs_causal", "gradient_code_n+golden_section", "gradient_code_n+hill_climb"),
     ),
 }
-"""By track, the methods that have a column in the tables by condition."""
+"""Methods with a column in the tables by condition, by track."""
 CLAIMS_SHOWN = (
     *("sd_code+argmax", "sd_code+egs_code", "sd_code+sgfs_code", "gradient_code+argmax", "gradient_code_n+argmax"),
     *("gradient_code_n+egs_code", "mfdct_code+argmax", "mfdct_code_n+argmax", "mfdct_lee+argmax"),
@@ -48,21 +48,21 @@ CLAIMS_SHOWN = (
 )
 AXES = "light", "light_ratio", "scene_motion", "lens_motion", "photon_budget", "focus_position", "grain"
 Evaluation = dict[str, Any]
-"""What leaderboard.json holds."""
+"""Content of leaderboard.json."""
 
 
 def format_percent(fraction: float | None) -> str:
-    """Return a fraction as whole per cent, or a dash where it is not known."""
+    """Return a fraction as integer per cent, or a dash if it is not known."""
     return "–" if fraction is None else format_leaderboard_percent(fraction).replace("%", " %")
 
 
 def format_number(value: float | None, digits: int) -> str:
-    """Return a number with so many digits, or a dash where it is not known."""
+    """Return a number with ``digits`` decimal places, or a dash if it is not known."""
     return "–" if value is None else f"{value:.{digits}f}"
 
 
 def format_interval(low: float | None, high: float | None, digits: int) -> str:
-    """Return the ends of an interval with so many digits, or a dash where it is not known."""
+    """Return the ends of an interval with ``digits`` decimal places, or a dash if it is not known."""
     return "–" if low is None or high is None else f"{low:.{digits}f}–{high:.{digits}f}"
 
 
@@ -71,7 +71,7 @@ def _format_grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def tabulate_contest(evaluation: Evaluation) -> str:
-    """Return all methods, best first; how long they took to the focus in the closed loop, else the frames they saw."""
+    """Return a table of all methods, best first, with the time to focus in the closed loop, else the frames seen."""
     in_closed_loop = evaluation["track"] == ["closed_loop"]
     costs = ("to focus, s", "95 %", "turns", "hunts") if in_closed_loop else ("frames seen",)
     header = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF", *costs
@@ -99,12 +99,12 @@ def _success_cells(row: Evaluation) -> list[str]:
 
 
 def tabulate_conditions(evaluation: Evaluation) -> str:
-    """Return success under each condition, for methods worth a column."""
+    """Return a table of success under each condition, for the methods of ``SHOWN``."""
     return _tabulate_axes(evaluation, AXES)
 
 
 def tabulate_scenes(evaluation: Evaluation) -> str:
-    """Return success on each scene, for methods worth a column."""
+    """Return a table of success on each scene, for the methods of ``SHOWN``."""
     return _tabulate_axes(evaluation, ["scene"])
 
 
@@ -119,7 +119,7 @@ def _tabulate_axes(evaluation: Evaluation, names: Iterable[str]) -> str:
 
 
 def tabulate_division(evaluation: Evaluation) -> str:
-    """Return each measure beside the same measure divided by brightness, by an exhaustive search."""
+    """Return a table of the success of each measure with and without division by brightness, with ``argmax``."""
     success = {row["method"]: row["success_1dof"] for row in evaluation["rows"]}
     pairs = ((name, f"{name.removesuffix('_n+argmax')}+argmax") for name in success if name.endswith("_n+argmax"))
     gains = {plain: success[divided] - success[plain] for divided, plain in pairs if plain in success}
@@ -136,18 +136,18 @@ def tabulate_division(evaluation: Evaluation) -> str:
 
 
 def tabulate_neighbours(evaluation: Evaluation) -> str:
-    """Return the best methods, each beside the next in rank."""
+    """Return a table that compares each of the best methods with the next in rank."""
     pairs = [NeighbourComparison(**pair) for pair in evaluation["neighbours"][:NEIGHBOURS]]
-    return format_neighbour_markdown_of_leaderboard(pairs)
+    return format_ranked_neighbours_markdown(pairs)
 
 
 def tabulate_agreement(evaluation: Evaluation) -> str:
-    """Return how far the ranking hangs on each condition."""
+    """Return a table of how much the ranking depends on each condition."""
     return format_rank_agreement_markdown([RankAgreement(**one) for one in evaluation["rank_agreement"]])
 
 
 def tabulate_claims(evaluation: Evaluation) -> str:
-    """Return success by light for the methods that the paper's claims are about."""
+    """Return a table of success by light for the methods that the claims of the paper concern."""
     key = "success_1dof_light_"
     lights = [name.removeprefix(key) for name in evaluation["columns"] if name.startswith(key)]
     rows = {row["method"]: row for row in evaluation["rows"]}
@@ -174,7 +174,7 @@ TABLES: dict[str, Callable[[Evaluation], str]] = {
 
 
 def rewrite(page: str, evaluations: Mapping[str, Evaluation]) -> str:
-    """Return the text of a page with the tables of these tracks made anew."""
+    """Return the text of a page with the tables of these tracks replaced."""
 
     def make(found: re.Match[str]) -> str:
         begin, track, kind, end = found.groups()

@@ -28,7 +28,7 @@ STYLE: dict[Any, Any] = {
 
 
 def panels(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, np.ndarray]:
-    """Return a figure of a size in inches, and its panels (rows, columns)."""
+    """Return a figure with a size in inches, and its panels (rows, columns)."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         return figure, figure.subplots(rows, columns, squeeze=False)
@@ -54,7 +54,7 @@ def _short(value: float, _: object) -> str:
 
 
 def wide(axes: Axes, y: list[float]) -> None:
-    """Show at least a decade, so that what hardly grows looks flat."""
+    """Show at least a decade, so that a curve that grows little looks flat."""
     middle, half = math.sqrt(min(y) * max(y)), math.sqrt(max(10.0, 2 * max(y) / min(y)))
     axes.set_ylim(middle / half, middle * half)
 
@@ -65,7 +65,7 @@ def slope(x: list[float], y: list[float]) -> float:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG, and create its folder."""
+    """Write a figure as PNG, and create its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
         FigureCanvasAgg(figure)

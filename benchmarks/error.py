@@ -1,11 +1,12 @@
-"""How the error of a focal stack falls with samples, and with time: one pass against Mitsuba's thin lens.
+"""Measure how the error of a focal stack falls with samples and time: one pass against Mitsuba's thin lens.
 
     python benchmarks/error.py [--out benchmarks/pictures] [--scene usaf_target] [--small]
 
-The error is the root mean square over pixels against a thin-lens reference of 2,048 samples with other seeds,
-with the reference's own noise subtracted, as a fraction of the mean radiance, averaged over five positions.
-Time is that of the whole stack: for the thin lens the mean of its renders at the five positions, times all.
-Writes error.json and error.png. Full size takes about five minutes on two cores and needs LLVM.
+The error is the root mean square over pixels of the difference from a thin-lens reference of 2,048 samples with other
+seeds, after subtraction of the noise of the reference, as a fraction of the mean radiance, averaged over five
+positions. The time is that of the complete stack; for the thin lens it is the mean time of the renders at the five
+positions times the number of positions. The script writes error.json and error.png. The full size takes about five
+minutes on two cores and needs LLVM.
 """
 
 import argparse
@@ -27,7 +28,7 @@ HERE = Path(__file__).resolve().parent
 
 @dataclass(frozen=True)
 class Plan:
-    """What is rendered: 129 positions, 4 to 256 samples per pixel."""
+    """Sizes of the renders: by default 129 positions and 4 to 256 samples per pixel."""
 
     sensor: str = "vidar_400x250"
     positions: int = 129
@@ -40,7 +41,7 @@ SMALL = Plan(positions=9, samples=(4, 8, 16), reference=64, batch=16)
 
 
 def measure(plan: Plan, scene: str) -> dict[str, Any]:
-    """Return error and time of both renderers at every number of samples, as written to error.json."""
+    """Return the error and time of both renderers at every number of samples, as written to error.json."""
     setup, variant = bench_stack.set_up_benched_scene(plan.sensor, scene)
     positions = bench_stack.nearest_bench_positions(plan.positions)
     references = []
@@ -77,7 +78,7 @@ def _relative_noise(reference: bench_stack.ReferenceRender) -> float:
 
 
 def _one_pass(setup: Any, plan: Plan, *, samples: int, at: list[float]) -> tuple[list[np.ndarray], float]:
-    """Return the images at these positions, and the time of the stack, after a first run that compiles."""
+    """Return the images at these positions and the time of the stack, measured after a first run that compiles."""
     bench_stack.render_one_pass_for_bench(setup, plan.positions, samples=samples)
     whole, took = time_benched_call(bench_stack.render_one_pass_for_bench, setup, plan.positions, samples=samples)
     return [whole[round(position * (plan.positions - 1))] for position in at], took
@@ -91,9 +92,9 @@ def _thin_lens(setup: Any, plan: Plan, *, samples: int, at: list[float]) -> tupl
 
 
 def _at_equal_time(ours: dict[str, Any], theirs: dict[str, Any]) -> dict[str, float]:
-    """Return by how much (dB) our error is below theirs, by time in seconds, where both were measured.
+    """Return by how many decibels our error is below theirs, by time in seconds.
 
-    Theirs is interpolated between its points, on logarithmic axes.
+    Their error is interpolated between its points on logarithmic axes; times outside these points are left out.
     """
     times, errors = np.log(theirs["seconds"]), np.log(theirs["error"])
     order = np.argsort(times)
@@ -106,7 +107,7 @@ def _at_equal_time(ours: dict[str, Any], theirs: dict[str, Any]) -> dict[str, fl
 
 
 def draw(found: dict[str, Any], path: Path) -> None:
-    """Draw error over samples, and over the time of the whole stack."""
+    """Draw the error against samples, and against the time of the complete stack."""
     figure, grid = panels(1, 2, width=9, height=3.8)
     for name, label, colour in (("thin_lens", "thin lens", ORANGE), ("one_pass", "one pass", BLUE)):
         percent = [100 * e for e in found[name]["error"]]
@@ -123,11 +124,11 @@ def draw(found: dict[str, Any], path: Path) -> None:
 
 
 def main(argv: list[str] | None = None, *, plan: Plan | None = None) -> None:
-    """Measure and write; tests give another ``plan``."""
+    """Measure and write; tests pass another ``plan``."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=HERE / "pictures")
     parser.add_argument("--scene", default=bench_stack.SCENE)
-    parser.add_argument("--small", action="store_true", help="few samples: only to see that it runs")
+    parser.add_argument("--small", action="store_true", help="use few samples, to test that the script runs")
     given = parser.parse_args(argv)
     found = measure(plan or (SMALL if given.small else Plan()), given.scene)
     given.out.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,11 @@
-"""How time and memory grow: with focus positions, samples, frames, pixels and sequences.
+"""Measure how time and memory grow with focus positions, samples, frames, pixels and sequences.
 
     python benchmarks/growth.py [--out benchmarks/pictures] [--only positions]... [--small]
 
-Every point is measured in a fresh process, so that its peak memory is its own. Writes growth.json, and
-growth.png: time above, peak memory below, both axes logarithmic, the exponent of the last three points
-written in. Full size takes about eight minutes on two cores and needs LLVM; --small, half a minute.
+Every point is measured in a fresh process, so that its peak memory is not that of another point. The script writes
+growth.json and growth.png, with time above and peak memory below, both axes logarithmic, and the exponent of the last
+three points in each title. The full size takes about eight minutes on two cores and needs LLVM; --small takes half a
+minute.
 """
 
 import argparse
@@ -40,7 +41,7 @@ Measured = tuple[float, float]
 
 @dataclass(frozen=True)
 class Plan:
-    """Sizes along each curve, and the sizes that stay fixed meanwhile."""
+    """Sizes along each curve, and the sizes that stay fixed along the others."""
 
     sensor: str = "vidar_400x250"
     positions: tuple[int, ...] = (17, 33, 65, 129, 257, 513, 1025)
@@ -67,7 +68,7 @@ SMALL = Plan(
 
 
 def render(sensor: str, positions: int, samples: int, *, report: ReportProgress) -> Measured:
-    """Render a focal stack in one pass, after a first one that compiles."""
+    """Render a focal stack in one pass, after a first run that compiles."""
     setup, _ = bench_stack.set_up_benched_scene(sensor)
     bench_stack.render_one_pass_for_bench(setup, positions, samples=samples)
     _, took = time_benched_call(bench_stack.render_one_pass_for_bench, setup, positions, samples=samples)
@@ -75,7 +76,7 @@ def render(sensor: str, positions: int, samples: int, *, report: ReportProgress)
 
 
 def record(sensor: str, shape: tuple[int, int], positions: int, frames: int, *, report: ReportProgress) -> Measured:
-    """Encode one sequence with all noise and store it; the charge of all positions is in memory."""
+    """Encode a sequence with all noise and store it, with the charge of all positions in memory."""
     camera = replace(get_sensor(sensor), rows=shape[0], columns=shape[1])
     charge = synthetic_recording.make_bench_charge(camera, positions)
     with TemporaryDirectory() as folder:
@@ -86,7 +87,7 @@ def record(sensor: str, shape: tuple[int, int], positions: int, frames: int, *, 
 
 
 def dataset(recipe: str, stacks: str, sequences: int, *, report: ReportProgress) -> Measured:
-    """Generate and evaluate a dataset whose stacks exist; the memory is that of the largest process."""
+    """Generate and evaluate a dataset whose stacks exist; the peak memory is that of the largest process."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "dataset"
         shutil.copytree(stacks, folder / "stacks")
@@ -95,7 +96,7 @@ def dataset(recipe: str, stacks: str, sequences: int, *, report: ReportProgress)
 
 
 def _make_dataset(recipe: str, sequences: int, *, folder: Path) -> None:
-    """Generate and evaluate so many sequences of a recipe's first scene under its first light."""
+    """Generate and evaluate ``sequences`` sequences of a recipe's first scene under its first light."""
     data = read_recipe(recipe).model_dump(mode="json")
     split = next(iter(data["splits"].values()))
     data["splits"] = {"test": {"scenes": split["scenes"][:1], "lights": split["lights"][:1], "repeats": sequences}}
@@ -113,7 +114,7 @@ Point = tuple[int, Callable[..., Measured], tuple[Any, ...]]
 
 
 def points(curve: str, plan: Plan, *, stacks: Path) -> list[Point]:
-    """Return every point of a curve; the datasets' stacks are rendered once, into ``stacks``."""
+    """Return all points of a curve; the stacks of the datasets are rendered once, into ``stacks``."""
     usual = plan.usual_positions
     if curve == "positions":
         return [(n, render, (plan.sensor, n, plan.usual_samples)) for n in plan.positions]
@@ -129,7 +130,7 @@ def points(curve: str, plan: Plan, *, stacks: Path) -> list[Point]:
 
 
 def measure(plan: Plan, curves: list[str], *, call: Callable[..., Measured]) -> dict[str, Any]:
-    """Return the curves as written to growth.json; ``call`` runs a function and returns its result."""
+    """Return the curves as written to growth.json; ``call`` calls a function, by default in a fresh process."""
     found: dict[str, Any] = {}
     with TemporaryDirectory() as temporary:
         for curve in curves:
@@ -144,7 +145,7 @@ def measure(plan: Plan, curves: list[str], *, call: Callable[..., Measured]) -> 
 
 
 def draw(found: dict[str, Any], path: Path) -> None:
-    """Draw time above and memory below, one column per curve."""
+    """Draw a column for each curve, with time above and peak memory below."""
     figure, grid = panels(2, len(found), width=2.7 * len(found), height=4.8)
     for column, (curve, data) in enumerate(found.items()):
         for row, (key, unit, colour) in enumerate(
@@ -167,11 +168,11 @@ def main(
     plan: Plan | None = None,
     call: Callable[..., Measured] = run_bench_in_fresh_process,
 ) -> None:
-    """Measure and write; tests give another ``plan``, and a ``call`` that stays in their process."""
+    """Measure and write; tests pass another ``plan``, and a ``call`` that stays in their process."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=HERE / "pictures")
-    parser.add_argument("--only", action="append", choices=CURVES, help="this curve; may be given again")
-    parser.add_argument("--small", action="store_true", help="small sizes: only to see that it runs")
+    parser.add_argument("--only", action="append", choices=CURVES, help="measure only this curve; may be repeated")
+    parser.add_argument("--small", action="store_true", help="use small sizes, to test that the script runs")
     given = parser.parse_args(argv)
     chosen = plan or (SMALL if given.small else Plan())
     curves = given.only or list(CURVES)

@@ -1,12 +1,12 @@
-"""How often the leaderboard's 95 % intervals hold the truth: simulated evaluations whose truth is known.
+"""Measure how often the leaderboard's 95 % intervals hold the truth, in simulated evaluations with a known truth.
 
     python benchmarks/interval_coverage.py [--trials 2000] [--scenes 20 7] [--only rate ...] [--earlier]
 
 Prints a Markdown table for each kind of interval: success rates, medians of the error, mean times, differences of two
-methods, ranks. Every other scene moves and has 12 sequences, the others 6, as on the test split of saf_bench-v2. Every
-number is the fraction of trials in which the interval held the truth, with the mean width; ``--earlier`` adds the
-percentile bootstrap over scenes, 1,000 draws, which the leaderboard used before. Random streams are named
-("interval_coverage", kind, law, rate, scenes). Of 2,000 trials a coverage of 0.95 has a standard error of 0.005.
+methods, ranks. Every other scene moves and has 12 sequences, the others have 6, as on the test split of saf_bench-v2.
+Each number is the fraction of trials in which the interval held the truth, followed by the mean width. ``--earlier``
+adds the percentile bootstrap over scenes with 1,000 draws, which the leaderboard used before. Random streams are named
+("interval_coverage", kind, law, rate, scenes). With 2,000 trials, a coverage of 0.95 has a standard error of 0.005.
 """
 
 import argparse
@@ -18,23 +18,23 @@ from scipy.optimize import brentq
 from scipy.special import expit
 
 from saf_gen.core.seeds import make_generator
+from saf_gen.leaderboard.ranking_intervals import find_rank_intervals
 from saf_gen.leaderboard.scene_intervals import (
     find_interval_of_ranked_mean,
     find_interval_of_ranked_median,
     find_intervals_of_ranked_rate,
     find_rank_difference_intervals,
 )
-from saf_gen.leaderboard.statistics import find_rank_intervals
 
 STILL, MOVING = 6, 12
 LAWS = ("beta 0.02", "beta 0.1", "beta 0.3", "beta 0.6", "two kinds", "logit-normal")
-"""How the rates of scenes scatter about their mean: beta laws by the correlation of two sequences of a scene, scenes
-that are easy (99.9 %) or hard (30 %), and normal logits of standard deviation 1.5."""
+"""Laws of the rates of scenes about their mean: beta laws, named by the correlation of two sequences of a scene; scenes
+that are easy (99.9 %) or hard (30 %); normal logits with a standard deviation of 1.5."""
 RATES = (0.5, 0.9, 0.97, 1.0)
 PAIRS = ((0.5, 0.5), (0.6, 0.5), (0.9, 0.9), (0.95, 0.9), (0.97, 0.97), (0.99, 0.97))
 WORLDS = ("shared difficulty", "rare failures")
-"""How two methods fail: both by the difficulty of a scene, which they share in part; or every other method in most
-sequences of a few scenes, and the others a little everywhere."""
+"""Ways in which methods fail: all according to the difficulty of a scene, which they share in part; or every other
+method in most sequences of a few scenes, and the others occasionally in all scenes."""
 BOARDS = {
     "12, spread": (0.99, 0.985, 0.98, 0.97, 0.965, 0.96, 0.95, 0.93, 0.9, 0.85, 0.7, 0.4),
     "12, all alike": (0.95,) * 12,
@@ -45,14 +45,14 @@ BOARDS = {
     ),
 }
 ERRORS = {"alike": 0.0, "scenes differ twofold": 0.7, "scenes differ sevenfold": 2.0, "one scene in seven fails": -1.0}
-"""The law of absolute errors: normal, times exp(sd · scene); in the last, scenes lose half of their answers."""
+"""Law of absolute errors: normal, times exp(sd · scene). In the last, one scene in seven loses half of its answers."""
 TIMES = {"normal": 0.0, "skewed": 0.5, "very skewed": 1.0}
-"""Standard deviation of the logarithm of a scene's mean time; 0: normal times."""
+"""Standard deviation of the logarithm of a scene's mean time; 0 stands for normal times."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often an interval held the truth, and how wide it was on average."""
+    """The fraction of trials in which an interval held the truth, and its mean width."""
 
     case: str
     held: float
@@ -64,12 +64,12 @@ class Coverage:
 
 
 def count_sequences(scenes: int) -> np.ndarray:
-    """Return the sequences of each scene: every other moves."""
+    """Return the number of sequences of each scene, of which every other moves."""
     return np.where(np.arange(scenes) % 2 < 1, MOVING, STILL)
 
 
 def draw_rates(law: str, mean: float, *, shape: tuple[int, ...], random: np.random.Generator) -> np.ndarray:
-    """Return rates of scenes of this law with this mean."""
+    """Return random rates of scenes that follow a law with the given mean."""
     if mean >= 1:
         return np.ones(shape)
     if law.startswith("beta"):
@@ -95,7 +95,7 @@ def simulate_rates(scenes: int, trials: int, *, earlier: bool, law: str, rate: f
 def draw_solved(
     world: str, rates: Sequence[float], *, scenes: int, trials: int, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which sequences each method solves, bool (trials, methods, scenes, 12), and those of each scene."""
+    """Return which sequences each method solves, bool (trials, methods, scenes, 12), and the number in each scene."""
     counts, shape = count_sequences(scenes), (trials, scenes)
     shared, chances = random.standard_normal(shape), []
     for number, rate in enumerate(rates):
@@ -107,7 +107,7 @@ def draw_solved(
         else:
             chances.append(np.full(shape, rate))
     one, own = random.random((trials, 1, scenes, MOVING)), random.random((trials, len(rates), scenes, MOVING))
-    luck = np.where(random.random(one.shape) < 0.5, one, own)  # half of the sequences are as hard for one as for all
+    luck = np.where(random.random(one.shape) < 0.5, one, own)  # half of the sequences are equally hard for all methods
     return (luck < np.stack(chances, axis=1)[..., None]) & (np.arange(MOVING) < counts[:, None]), counts
 
 
@@ -190,7 +190,7 @@ KINDS: dict[str, tuple[str, Callable[..., Iterator[Coverage]], list[dict[str, ob
     ),
     "rank": ("Ranks", simulate_ranks, [{"world": world, "board": board} for world in WORLDS for board in BOARDS], 0.05),
 }
-"""By name: a heading, what simulates it, its cases, and the fraction of the trials that it needs."""
+"""By kind of interval: a heading, the function that simulates it, its cases, and the fraction of the trials to run."""
 
 
 def _draw_errors(law: str, of_scene: np.ndarray, random: np.random.Generator) -> np.ndarray:
@@ -204,7 +204,7 @@ def _draw_errors(law: str, of_scene: np.ndarray, random: np.random.Generator) ->
 
 
 def _find_logit(mean: float, sd: float) -> float:
-    """Return the mean of normal logits for which the mean rate is ``mean``."""
+    """Return the mean of the normal logits whose mean rate is ``mean``."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(80)
     weights = weights / weights.sum()
     return float(brentq(lambda centre: float((expit(centre + sd * nodes) * weights).sum()) - mean, -30, 30))
@@ -215,7 +215,7 @@ def _draw(scenes: int, random: np.random.Generator) -> np.ndarray:
 
 
 def _bootstrap(values: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Return the percentile intervals of the means over scenes, as the leaderboard had them before."""
+    """Return percentile intervals of the means over scenes, which the leaderboard used before."""
     weights = _draw(values.shape[1], random)
     return np.array([np.quantile(weights @ own, (0.025, 0.975)) for own in values])
 
@@ -231,7 +231,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=2000)
     parser.add_argument("--scenes", type=int, nargs="+", default=[20, 7])
     parser.add_argument("--only", nargs="+", choices=list(KINDS), default=list(KINDS))
-    parser.add_argument("--earlier", action="store_true", help="beside the bootstrap that was used before")
+    parser.add_argument("--earlier", action="store_true", help="add the bootstrap that was used before")
     given = parser.parse_args()
     for kind in given.only:
         title, simulate, cases, share = KINDS[kind]

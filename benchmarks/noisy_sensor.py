@@ -1,11 +1,11 @@
-"""What another sensor does to ranks: the same recipes recorded by two sensors and judged by the same methods.
+"""Compare rankings of methods under two sensors that record the same recipes.
 
     python benchmarks/noisy_sensor.py --out FOLDER [--recipe sad_core ...] [--sensor vidar_400x250 vidar_400x250_noisy]
 
-Scenes, members, lights, motion of the lens and focal stacks are the same for both; device and noise are those of
-the sensor. Prints a table per recipe, as Markdown: success within one depth of focus and median
-error of each method under each sensor; then Kendall's tau of the two rankings, and how many single answers change
-sides of one depth of focus or move by more than half of one. Goes on after a stop; keeps records in FOLDER.
+Scenes, members, lights, lens motion and focal stacks are the same for both sensors; device and noise differ. For each
+recipe the script prints a Markdown table with the success within one depth of focus and the median error of each method
+under each sensor, Kendall's tau of the two rankings, and the number of answers that change sides of one depth of focus
+or move by more than half of one. It keeps the records in FOLDER and continues there after an interruption.
 """
 
 import argparse
@@ -31,7 +31,7 @@ CONTEST = Path(__file__).resolve().parent / "contest"
 
 
 def record_and_judge(recipe: str, sensor: str, *, folder: Path, methods: Sequence[str]) -> list[Record]:
-    """Return the records of methods on a recipe as this sensor records it; the stacks of ``folder`` are used again."""
+    """Return the records of methods on a recipe with this sensor; the stacks in ``folder`` are reused."""
     kept = folder / f"{Path(sensor).stem}.jsonl"
     if not kept.exists():
         data = read_recipe(find_recipe(recipe)).model_dump(mode="json")
@@ -44,7 +44,7 @@ def record_and_judge(recipe: str, sensor: str, *, folder: Path, methods: Sequenc
 
 
 def compare(found: Sequence[list[Record]], sensors: Sequence[str]) -> str:
-    """Return the table of a recipe, and the sentence on ranks and single answers."""
+    """Return the table of a recipe, followed by a sentence on ranks and single answers."""
     boards = [{row.method: row for row in rank_methods(records)} for records in found]
     lines = [
         "| method | " + " | ".join(f"success, `{sensor}` | error" for sensor in sensors) + " |",
@@ -69,12 +69,12 @@ def compare(found: Sequence[list[Record]], sensors: Sequence[str]) -> str:
 
 
 def main(given: Sequence[str] | None = None) -> None:
-    """Compare two sensors on some recipes."""
+    """Compare two sensors on several recipes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--recipe", nargs="+", default=list(METHODS))
     parser.add_argument("--sensor", nargs=2, default=SENSORS)
-    parser.add_argument("--methods", type=Path, help="a file of methods, one per line, for all recipes")
+    parser.add_argument("--methods", type=Path, help="use the methods in this file, one per line, for all recipes")
     asked = parser.parse_args(given)
     for recipe in asked.recipe:
         folder = asked.out / Path(recipe).stem

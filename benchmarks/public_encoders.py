@@ -1,8 +1,8 @@
-"""The encoders of public spike-camera toolkits, rewritten as algorithms that ours is timed against.
+"""Encoders of public spike-camera toolkits, rewritten as algorithms against which ours is timed.
 
-Each follows its source: whole images in numpy, or a loop over pixels where the source has one. What does not
-belong to encoding is left out, in their favour: opening and decoding image files, intermediate files, and
-progress lines. ``saf-gen bench encode`` runs them.
+Each follows its source: complete images in numpy, or a loop over pixels if the source has one. Steps that do not belong
+to encoding are left out in their favour: opening and decoding image files, intermediate files, and progress lines.
+``saf-gen bench encode`` runs them.
 
 All take grey images uint8 (frames, row, col), one per readout, and a numpy Generator, and return spikes
 (frames, row, col), 0 or 1. None interpolates between images.
@@ -20,7 +20,7 @@ GREYS = 255.0
 
 @dataclass(frozen=True)
 class PublicEncoder:
-    """An encoder by name; it is timed on ``slower`` times fewer frames than the fastest."""
+    """A named encoder, which is timed on ``slower`` times fewer frames than the fastest."""
 
     name: str
     run: Callable[[np.ndarray, np.random.Generator], np.ndarray]
@@ -30,12 +30,14 @@ class PublicEncoder:
 def image_to_spikes(image: np.ndarray, frames: int, *, gain: float = 0.5, threshold: float = 1.0) -> np.ndarray:
     """Return the spikes of a still image, float64 (frames, row, col); ``image`` is float64, 0 to 1.
 
-    Every readout adds gain·image to what a pixel holds; a pixel that reaches the threshold fires and is set
-    to 0, whatever it held. Its period is therefore a whole number of readouts, ⌈threshold/(gain·image)⌉: the
-    rate is a staircase. No noise, no phase.
+    Every readout adds gain·image to the charge of a pixel; a pixel that reaches the threshold fires and is set to 0,
+    whatever its charge. Its period is therefore an integer number of readouts, ⌈threshold/(gain·image)⌉, and the rate
+    as a function of light is a staircase. There is neither noise nor an initial phase.
 
-    Source: SpikeCV, ``spkData/convert_img.py``, ``img_to_spike`` of Zyj061/SpikeCV; Y. Zheng et
-    al., SpikeCV: open a continuous computer vision era, arXiv:2303.11684.
+    References
+    ----------
+    SpikeCV, ``spkData/convert_img.py``, ``img_to_spike`` of Zyj061/SpikeCV; Y. Zheng et al., SpikeCV: open a continuous
+    computer vision era, arXiv:2303.11684.
     """
     held = np.zeros_like(image)
     spikes = np.zeros((frames, *image.shape))
@@ -50,10 +52,12 @@ def image_to_spikes(image: np.ndarray, frames: int, *, gain: float = 0.5, thresh
 def video_to_spikes(video: np.ndarray, random: np.random.Generator, *, threshold: float = 5.0) -> np.ndarray:
     """Return the spikes of a video, one image per readout, uint8 (frames, row, col).
 
-    A pixel starts at a random phase, adds the image's grey (0 to 1), fires at the threshold and loses exactly
-    the threshold: its mean rate is grey/threshold. No other noise.
+    A pixel starts at a random phase, adds the grey value of the image (0 to 1), fires at the threshold and loses
+    exactly the threshold, so its mean rate is grey/threshold. There is no other noise.
 
-    Source: SpikeCV, ``spkData/convert_video.py``, ``video_to_spike``; as above.
+    References
+    ----------
+    SpikeCV, ``spkData/convert_video.py``, ``video_to_spike`` of Zyj061/SpikeCV; Y. Zheng et al., arXiv:2303.11684.
     """
     held = random.random(video.shape[1:]) * threshold
     spikes = np.zeros(video.shape, np.uint8)
@@ -65,20 +69,20 @@ def video_to_spikes(video: np.ndarray, random: np.random.Generator, *, threshold
     return spikes
 
 
-# What SCSim measured on a camera: voltages (V), capacitance (fF), dark current, and their spread over pixels.
+# Measurements of SCSim on a camera: voltages (V), capacitance (fF), dark current, and their spread over pixels.
 SWING, SWING_OFFSET, SWING_SD = 1.1, -0.0076, 0.0497
 CAPACITANCE, CAPACITANCE_SD = 4.348, 0.0128
 DARK, DARK_SD = 0.4442, 0.1731
 RESPONSE, RESPONSE_SD = 1.0128, 0.0584
-THERMAL_SD, SHOT_SD = 9.644e-9, 0.00636  # of the threshold's voltage, drawn for every pixel and readout
+THERMAL_SD, SHOT_SD = 9.644e-9, 0.00636  # noise of the threshold voltage, drawn for every pixel and readout
 READOUT = 0.05  # milliseconds
-PHOTONS = 50_000  # at full grey, mean of the Poisson draw
+PHOTONS = 50_000  # mean of the Poisson draw at full grey
 AFTER_RESET = 0.998  # fraction of its charge that a pixel collects in the readout after a spike
-FULL = CAPACITANCE * (SWING + SWING_OFFSET)  # charge of full grey per readout: one spike
+FULL = CAPACITANCE * (SWING + SWING_OFFSET)  # charge per readout at full grey, which gives one spike
 
 
 def _device(shape: tuple[int, int], random: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Draw dark current, response, capacitance and swing of every pixel."""
+    """Return random dark current, response, capacitance and voltage swing of every pixel."""
     return (
         random.normal(DARK, DARK_SD, shape),
         random.normal(RESPONSE, RESPONSE_SD, shape) / RESPONSE,
@@ -88,13 +92,16 @@ def _device(shape: tuple[int, int], random: np.random.Generator) -> tuple[np.nda
 
 
 def simulate_pixel_by_pixel(video: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Return spikes with noise, uint8 (frames, row, col), from three draws per pixel and readout.
+    """Return spikes with noise, uint8 (frames, row, col), from three random draws per pixel and readout.
 
-    A pixel adds its dark current and its grey, times a Poisson count over its mean. It fires where that
-    reaches capacitance·(swing + fresh noise), loses that much, and loses 0.2 % of the next readout.
+    A pixel adds its dark current, and its grey value times a Poisson count over the mean of that count. It fires if its
+    charge reaches capacitance·(swing + new noise), loses that charge, and loses 0.2 % of the next readout. The second,
+    noise-free stream of the source is left out.
 
-    Source: SCSim, ``v2s.py`` of Acnext/SCSim, a loop over pixels in Python; L. Hu et al., SCSim: a
-    realistic spike cameras simulator, ICME 2024, arXiv:2405.16790. Its second, noise-free stream is left out.
+    References
+    ----------
+    SCSim, ``v2s.py`` of Acnext/SCSim, a loop over pixels in Python; L. Hu et al., SCSim: a realistic spike cameras
+    simulator, ICME 2024, arXiv:2405.16790.
     """
     frames, rows, columns = video.shape
     dark, response, capacitance, swing = _device((rows, columns), random)
@@ -121,9 +128,9 @@ def simulate_pixel_by_pixel(video: np.ndarray, random: np.random.Generator) -> n
 
 
 def simulate(video: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Return what simulate_pixel_by_pixel does, on whole images instead of in a loop over pixels.
+    """Return spikes as ``simulate_pixel_by_pixel`` does, computed on complete images instead of pixel by pixel.
 
-    It was never published; with it ours is not compared with a slow Python loop alone.
+    This version was never published; it is here so that our encoder is not compared only with a slow Python loop.
     """
     shape = video.shape[1:]
     dark, response, capacitance, swing = _device(shape, random)

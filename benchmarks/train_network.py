@@ -1,13 +1,13 @@
-"""Trains small networks that tell how blurred a window of spikes is, and enters the leaderboard with what they find.
+"""Train small networks that estimate the blur of a window of spikes, and write their answers as predictions.
 
     saf-gen generate recipes/learn.yaml
     python benchmarks/train_network.py datasets/learn --out datasets/learn/network
     saf-gen evaluate datasets/learn --split test --predictions datasets/learn/network/predictions.jsonl
 
-It learns on the split ``train`` alone, shows each epoch on ``validation``, and answers on ``test``. One network per
-seed; the same seed on the same machine gives the same answers. Writes ``predictions.jsonl``, ``curve.csv``,
-``curve.png`` and the weights, ``blur_net_SEED.pt``. It needs ``pip install 'saf-gen[torch]'``; its page is
-docs/tutorials/train-a-network.md.
+The script trains on the split ``train`` only, reports each epoch on ``validation``, and answers on ``test``. It trains
+one network per seed; the same seed on the same machine gives the same answers. It writes ``predictions.jsonl``,
+``curve.csv``, ``curve.png`` and the weights, ``blur_net_SEED.pt``. It needs ``pip install 'saf-gen[torch]'``;
+docs/tutorials/train-a-network.md explains it.
 """
 
 import argparse
@@ -32,9 +32,10 @@ MAX_BLUR, WORKERS = 16, 2
 
 
 def log_blur(stream: SpikeStream, first: int, stop: int) -> np.float32:
-    """Return log(1 + blur) in the middle of a window.
+    """Return log(1 + blur) in the middle of a window, with the blur in pixels.
 
-    The blur, in pixels, grows evenly with the way to the focus. More than MAX_BLUR all looks the same in a small box.
+    The blur is proportional to the distance from the focus. It is limited to MAX_BLUR, because larger blurs look the
+    same in a small box.
     """
     near, far = stream.truth.depth_of_focus
     away = stream.focus_position[(first + stop) // 2] - stream.truth.position
@@ -42,9 +43,10 @@ def log_blur(stream: SpikeStream, first: int, stop: int) -> np.float32:
 
 
 def find_focus(positions: np.ndarray, blurs: np.ndarray) -> float:
-    """Return the place from which the least quarter of the blurs rises most evenly to both sides.
+    """Return the position about which the smallest quarter of the blurs rises most linearly on both sides.
 
-    Each of 1,001 places has its line, blur = least + slope·|position − place|; that whose line fits best is the focus.
+    The model blur = least + slope·|position − place| is fitted for each of 1,001 places; the focus is the place with
+    the best fit.
     """
     least = np.argsort(blurs, kind="stable")[: max(4, len(blurs) // 4)]
     positions, rise = positions[least], blurs[least] - blurs[least].mean()
@@ -55,16 +57,16 @@ def find_focus(positions: np.ndarray, blurs: np.ndarray) -> float:
 
 
 def normalise(counts: Any) -> Any:
-    """Return counts (n, 1, h, w) over their mean, less 1: the same under more light."""
+    """Return counts (n, 1, h, w) over their mean, minus 1, so that the amount of light does not matter."""
     return counts / counts.mean(axis=(1, 2, 3))[:, None, None, None].clip(0.01) - 1
 
 
 def predict_sequence(
     entry: SequenceEntry, windows: "saf_gen.SpikeWindows", *, tell: Any, method: str
 ) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
-    """Return a line for ``--predictions``, and positions and predicted blurs of the windows of a sequence.
+    """Return a line for ``--predictions``, and the positions and predicted blurs of the windows of a sequence.
 
-    ``tell`` gives the blur of each picture of normalised counts (n, 1, h, w). Truths are not looked at.
+    ``tell`` returns the blur of each picture of normalised counts (n, 1, h, w). The truth is not used.
     """
     begin = process_time()
     numbers = [number for number, window in enumerate(windows.windows) if window.sequence.id == entry.id]
@@ -85,7 +87,7 @@ def predict_sequence(
 
 
 def make_network() -> Any:
-    """Return a network of 7,105 weights: (n, 1, h, w) to log(1 + blur), (n,)."""
+    """Return a network with 7,105 weights that maps counts (n, 1, h, w) to log(1 + blur), (n,)."""
     from torch import nn
 
     return nn.Sequential(
@@ -97,7 +99,7 @@ def make_network() -> Any:
 
 
 def train(dataset: Path, *, seed: int, epochs: int) -> tuple[Any, list[dict[str, float]]]:
-    """Return a trained network, and a row for each epoch: its loss on the splits train and validation."""
+    """Return a trained network, and for each epoch a row with its loss on the splits train and validation."""
     import torch
     from torch.utils.data import DataLoader
 
@@ -136,7 +138,7 @@ def train(dataset: Path, *, seed: int, epochs: int) -> tuple[Any, list[dict[str,
 
 
 def tell_with(network: Any) -> Any:
-    """Return the function that ``predict_sequence`` asks for the blur of pictures."""
+    """Return the function that ``predict_sequence`` calls for the blur of pictures."""
     import torch
 
     def tell(pictures: np.ndarray) -> np.ndarray:
@@ -149,7 +151,7 @@ def tell_with(network: Any) -> Any:
 def predict_split(
     dataset: Path, split: str, *, tell: Any, method: str
 ) -> list[tuple[dict[str, Any], np.ndarray, np.ndarray]]:
-    """Return what :func:`predict_sequence` does of each sequence of a split."""
+    """Return the result of :func:`predict_sequence` for each sequence of a split."""
     windows = saf_gen.SpikeWindows(
         dataset, split, window=WINDOW, stride=STRIDE, crop=(BOX, BOX), target=lambda stream, first, stop: None
     )
@@ -158,7 +160,7 @@ def predict_split(
 
 
 def judge(dataset: Path, found: list[tuple[dict[str, Any], np.ndarray, np.ndarray]], split: str) -> np.ndarray:
-    """Return the errors of answers in depths of focus, as the leaderboard judges them."""
+    """Return the errors of answers in depths of focus, as the leaderboard computes them."""
     errors = []
     for line, _, _ in found:
         with saf_gen.open_stream(dataset / split / f"{line['sequence']}.h5") as stream:
@@ -168,7 +170,7 @@ def judge(dataset: Path, found: list[tuple[dict[str, Any], np.ndarray, np.ndarra
 
 
 def draw(out: Path, rows: list[dict[str, float]], *, shown: tuple[str, np.ndarray, np.ndarray]) -> None:
-    """Draw the learning curves, and what the last network told of one sequence."""
+    """Draw the learning curves, and the blurs that the last network predicted for one sequence."""
     name, positions, blurs = shown
     figure, ((left, right),) = panels(1, 2, width=7, height=2.8)
     for seed in sorted({row["seed"] for row in rows}):

@@ -1,21 +1,21 @@
-"""Spike-camera autofocus data from physics, and a benchmark that ranks autofocus methods on it.
+"""Physically based spike-camera autofocus data, and a benchmark that ranks autofocus methods on it.
 
-The names below are imported on first use, so that a machine that only evaluates never loads the renderer.
+The names below are imported on first use, so a machine that only evaluates never loads the renderer.
 
 Functions
 ---------
 open_stream, write_stream
-    Read and write a spike stream with its truth (HDF5).
+    Read or write a spike stream with its truth (HDF5).
 SpikeWindows
-    Windows of a dataset to train a network with, read fast in any order.
+    Windows of a dataset for training a network; they are read fast in any order.
 get_sensor, encode
-    A spike camera by name, and its spikes from collected charge.
+    Return a spike camera by name; turn collected charge into spikes.
 get_light, get_motion, get_measure, get_search
-    A light schedule, lens motion, focus measure or search by name; :mod:`saf_gen.parts` tells what each is.
+    Return a light schedule, lens motion, focus measure or search by name; :mod:`saf_gen.parts` describes each.
 measure
-    Make a function a focus measure.
+    Turn a function into a focus measure.
 read_leaderboard
-    The ranking of one or several evaluations, which a notebook shows as a table.
+    Return the ranking of one or several evaluations, which a notebook shows as a table.
 """
 
 from importlib import import_module
@@ -36,7 +36,7 @@ _HOMES = {
     "encode": "camera",
     "read_leaderboard": "leaderboard",
 }
-"""The module of each public name, below saf_gen."""
+"""Module that defines each public name, relative to ``saf_gen``."""
 
 __all__ = ["__version__", *_HOMES]
 

@@ -1,4 +1,4 @@
-"""``python -m saf_gen`` is the command ``saf-gen``."""
+"""Entry point of ``python -m saf_gen``, which runs the command ``saf-gen``."""
 
 from saf_gen.cli import main
 

@@ -1,7 +1,7 @@
 """Errors that a user sees: one line and an exit code.
 
-Every error that a user can cause is a :class:`BadInput`. The command line prints its line and exits with 2,
-so a traceback in front of a user is a bug of saf_gen.
+Every error that a user can cause is a :class:`BadInput`. The command line prints its line and exits with code 2,
+so a traceback that a user sees is a bug of saf_gen.
 """
 
 import unicodedata
@@ -12,14 +12,27 @@ from functools import partial
 from typing import Any
 
 MAX_PIECE = 1_000
-"""Characters of a part of an error's line: a name in a stranger's file may have millions."""
+"""Maximum length of each part of an error message, in characters: a name in an untrusted file may have millions."""
 
 
 def escape_controls(text: str, *, keep: str = "", write: Callable[[str], str] = repr) -> str:
-    """Return a text with every character that steers a terminal, or the order of its letters, written as an escape.
+    """Return a text in which characters that control a terminal or reorder its letters are replaced by escapes.
 
-    Names and provenance of strangers may hold them. Those in ``keep`` stay, such as line breaks; ``write`` gives the
-    escape of a character in quotes.
+    Names and provenance from untrusted files may contain such characters.
+
+    Parameters
+    ----------
+    text : str
+        Text to escape.
+    keep : str, optional
+        Characters to leave as they are, such as line breaks.
+    write : callable, default repr
+        Returns the escape of one character, in quotes.
+
+    Returns
+    -------
+    str
+        The escaped text.
     """
     if text.isprintable():
         return text
@@ -27,7 +40,8 @@ def escape_controls(text: str, *, keep: str = "", write: Callable[[str], str] = 
 
 
 _STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
-"""Unicode's categories of controls, formats (such as right-to-left), halves of letters, and breaks of lines."""
+"""Unicode categories that are escaped: controls, formats (such as right-to-left marks), surrogates, and line and
+paragraph separators."""
 
 
 class SafGenError(Exception):
@@ -37,27 +51,27 @@ class SafGenError(Exception):
 
 
 class BadInput(SafGenError):
-    """Input that cannot be used.
+    """Error for input that cannot be used.
 
-    Its text is one line: where, problem, what is allowed, the nearest value, and the next step.
+    Its message is one line: the location, the problem, what is allowed, the nearest allowed value, and the next step.
 
     Parameters
     ----------
     problem : str
-        What is wrong, with the value in it.
-    where : str
-        The file, ``file:line``, or option that holds the value.
-    allowed : str
-        What would have been right, in words.
-    nearest : str
-        The likeliest intended value.
-    hint : str
-        The next step.
+        The problem, including the value.
+    where : str, optional
+        File, ``file:line`` or option that holds the value.
+    allowed : str, optional
+        Allowed values, in words.
+    nearest : str, optional
+        Value that the user most likely intended.
+    hint : str, optional
+        Next step for the user.
 
     Attributes
     ----------
     problem, where, allowed, nearest, hint : str
-        The parameters; '' where not given.
+        The parameters; '' if not given.
     """
 
     exit_code = 2
@@ -82,14 +96,19 @@ class BadInput(SafGenError):
 
 
 def closest(value: object, allowed: Iterable[str]) -> str:
-    """Return the allowed name most like ``value``, or '' where none is near.
+    """Return the allowed name that is most similar to ``value``, or '' if none is similar.
 
     Parameters
     ----------
     value : object
-        What was written; compared by its text, whatever the case of its letters.
+        Value that the user wrote; its text is compared without regard to case.
     allowed : iterable of str
-        The names to choose among.
+        Names to choose from.
+
+    Returns
+    -------
+    str
+        One of ``allowed``, or ''.
     """
     by_letters = {name.casefold(): name for name in allowed}
     found = get_close_matches(str(value).casefold(), by_letters, n=1, cutoff=0.5)
@@ -97,24 +116,29 @@ def closest(value: object, allowed: Iterable[str]) -> str:
 
 
 def unknown(what: str, value: object, *, allowed: Iterable[str], where: str = "", hint: str = "") -> BadInput:
-    """Return the error for a name that is not among those allowed.
+    """Return the error for a name that is not allowed.
 
     Parameters
     ----------
     what : str
-        What the name stands for, such as "sensor".
+        Kind of thing that the name stands for, such as "sensor".
     value : object
-        The name as written.
+        The name as the user wrote it.
     allowed : iterable of str
-        The known names; the nearest one is suggested.
-    where, hint : str
-        As in :class:`BadInput`.
+        The allowed names; the nearest one is suggested.
+    where, hint : str, optional
+        See :class:`BadInput`.
+
+    Returns
+    -------
+    BadInput
+        The error, to be raised by the caller.
     """
     names = sorted(allowed)
     return BadInput(
         f"unknown {what} {str(value)!r}",
         where=where,
-        allowed=", ".join(names) or "none is registered",
+        allowed=", ".join(names) or "nothing is registered",
         nearest=closest(value, names),
         hint=hint,
     )
@@ -122,18 +146,19 @@ def unknown(what: str, value: object, *, allowed: Iterable[str], where: str = ""
 
 @contextmanager
 def located(where: str, *, prefix: str = "") -> Iterator[None]:
-    """Return a context that adds a location to every BadInput raised in it.
+    """Add a location to every BadInput that is raised inside the ``with`` block.
 
     Parameters
     ----------
     where : str
-        The file or ``file:line`` to put before the error.
-    prefix : str
-        Words to put before its problem.
+        File or ``file:line`` to put before the error.
+    prefix : str, optional
+        Words to put before the problem.
 
     Raises
     ------
-    BadInput : the same error, with ``where`` and ``prefix`` added.
+    BadInput
+        If the block raises it: the same error with ``where`` and ``prefix`` added.
     """
     try:
         yield

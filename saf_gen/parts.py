@@ -1,8 +1,8 @@
 """Protocols of the plug-ins: light schedules, lens motions, focus measures and searches.
 
-A plug-in is a frozen dataclass with the members of its protocol; it need not inherit from it. It imports
-nothing of saf_gen but :mod:`saf_gen.core`, :mod:`saf_gen.errors` and this module, and saf_gen uses nothing
-of it but what is described here.
+A plug-in is a frozen dataclass with the members of its protocol; it need not inherit from the protocol. From
+saf_gen it imports only :mod:`saf_gen.core`, :mod:`saf_gen.errors` and this module, and saf_gen uses only those
+members of a plug-in that are described here.
 """
 
 import re
@@ -16,115 +16,132 @@ import numpy as np
 class Light(Protocol):
     """A light schedule: the gain of a light group over the time of a recording.
 
-    Two fields have a meaning to recipes: ``seed``, a whole number, names the random stream of the schedule,
-    and each sequence has its own where the recipe gives none; ``file`` is a path in a recipe, which reads the
-    file and hands over ``{"path": ..., "text": ...}``.
+    Two fields have a meaning in recipes. ``seed``, a whole number, selects the random stream of the schedule; if the
+    recipe gives no seed, each sequence gets a different one. ``file`` is a path in the recipe: the file is read and
+    passed to the plug-in as ``{"path": ..., "text": ...}``.
     """
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Return the integral of the gain from 0 to each time.
+        """Return the integral of the gain from time 0 to each given time, in seconds.
 
-        A pixel integrates light over a readout, so a schedule is described by its antiderivative: the mean
-        gain of a readout is then exact, for steps and flicker too.
+        A pixel integrates light over a readout, so a schedule is described by its antiderivative. The mean gain of
+        a readout is then exact, even for steps and flicker.
 
         Parameters
         ----------
-        seconds : float64 array, any shape
-            Times in s, 0...duration_s.
+        seconds : ndarray of float64, any shape
+            Times in seconds, 0...duration_s.
         duration_s : float
-            Length of the recording in s, above 0.
+            Length of the recording in seconds, above 0.
 
         Returns
         -------
-        float64 array of the shape of ``seconds``
+        ndarray of float64, shape of ``seconds``
             Gain times seconds.
         """
         ...
 
 
 class Motion(Protocol):
-    """A motion of the lens over a recording; fields ``seed`` and ``file`` are as in :class:`Light`."""
+    """A motion of the lens over a recording; the fields ``seed`` and ``file`` mean the same as in :class:`Light`."""
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Return the position of the lens at each time.
+        """Return the position of the lens at each time, as a fraction of the travel.
 
         Parameters
         ----------
-        seconds : float64 array, any shape
-            Times in s, 0...duration_s.
+        seconds : ndarray of float64, any shape
+            Times in seconds, 0...duration_s.
         duration_s : float
-            Length of the recording in s, above 0.
+            Length of the recording in seconds, above 0.
 
         Returns
         -------
-        float64 array of the shape of ``seconds``
-            Fraction of the travel, 0...1.
+        ndarray of float64, shape of ``seconds``
+            Fractions of the travel, 0...1.
 
         Raises
         ------
-        BadInput : where the motion does not fit a recording of this length.
+        BadInput
+            If the motion does not fit a recording of this length.
         """
         ...
 
 
 class Measure(Protocol):
-    """A focus measure: a number for the spike counts of a window, larger where the picture is sharper.
+    """A focus measure, which scores the spike counts of a window; a larger score means a sharper picture.
 
-    Class attributes, all optional, say what it wants and what it costs:
-
-    halves : bool
-        It compares the two halves of a window, and gets the counts of both, (2, row, col): those of the first
-        ``n // 2`` of n frames, and those of the rest.
-    intervals : bool
-        In place of counts it gets float64 (row, col): what the window would count at the rate of the one
-        interval between spikes at its middle.
-    timed : bool
-        It gets the length of the window in frames as ``frames=n``; it must work without it, too.
-    cost : float
-        Additions, multiplications and roots (one each) per score, divided by the pixels of its box, borders
-        aside; for 400 x 250 pixels where that matters.
+    Attributes
+    ----------
+    halves : bool, optional
+        Whether the measure compares the two halves of a window. It is then called with the counts of both, shape
+        (2, row, col): those of the first ``n // 2`` of n frames, and those of the remaining frames.
+    intervals : bool, optional
+        Whether the measure is called with the interval texture instead of counts: float64, shape (row, col), the
+        counts that the window would have at the rate given by the one interval between spikes at its middle.
+    timed : bool, optional
+        Whether the measure is called with the length of the window, in frames, as ``frames=n``. It must also work
+        without this argument.
+    cost : float, optional
+        Additions, multiplications and roots (each counted as one) per score, divided by the number of pixels in
+        its box. Borders are ignored; if the cost depends on the size, it is given for 400 x 250 pixels.
+    score_range : str, optional
+        Range of the score in words, such as "from 0"; the conformance checks require it.
+    source : str, optional
+        Where the measure comes from, such as a paper with its DOI; see :func:`cite_source`.
     """
 
     @property
     def degree(self) -> int:
-        """The power of brightness in the score: counts multiplied by a multiply the score by ``a**degree``."""
+        """Power of brightness in the score: multiplying the counts by ``a`` multiplies the score by ``a**degree``."""
         ...
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Return the score of the counts, uint32 (row, col) of the region, at least one pixel."""
+        """Return the score of the counts in a window; larger is sharper.
+
+        Parameters
+        ----------
+        counts : ndarray of uint32, shape (row, col)
+            Spikes per pixel in the region, which has at least one pixel.
+
+        Returns
+        -------
+        float
+            The score.
+        """
         ...
 
 
 def wants_frames(measure: object) -> bool:
-    """Return whether a focus measure takes the length of a window as ``frames=n`` (``timed``)."""
+    """Return whether a focus measure is called with the length of the window as ``frames=n`` (``timed``)."""
     return bool(getattr(measure, "timed", False))
 
 
 def wants_halves(measure: object) -> bool:
-    """Return whether a focus measure takes the counts of both halves of a window (``halves``)."""
+    """Return whether a focus measure is called with the counts of both halves of a window (``halves``)."""
     return bool(getattr(measure, "halves", False))
 
 
 def wants_intervals(measure: object) -> bool:
-    """Return whether a focus measure takes the texture from intervals in place of counts (``intervals``)."""
+    """Return whether a focus measure is called with the interval texture instead of counts (``intervals``)."""
     return bool(getattr(measure, "intervals", False))
 
 
 class View(Protocol):
-    """What a search sees: a recording, or a camera that is running. The true focus is out of reach.
+    """All that a search sees of a recording or of a running camera. It does not give access to the true focus.
 
-    Frames are readouts, counted from 0. All frames of a recording are available at once. In a closed-loop run a window
-    that ends after ``now`` makes the camera run until its end, and the lens moves on meanwhile.
+    Frames are readouts, counted from 0. All frames of a recording are available at once. In a closed-loop run, using a
+    window that ends after ``now`` makes the camera run until the end of the window, while the lens goes on moving.
     """
 
     @property
     def frames(self) -> int:
-        """The number of frames that may be used: the length of the recording, or the budget of a closed-loop run."""
+        """Number of frames that may be used: the length of the recording, or the budget of a closed-loop run."""
         ...
 
     @property
     def now(self) -> int:
-        """The number of frames that have passed; on a recording, the end of the latest window used."""
+        """Number of frames that have passed; on a recording, the end of the latest window used."""
         ...
 
     @property
@@ -134,9 +151,9 @@ class View(Protocol):
 
     @property
     def lag_s(self) -> float:
-        """Seconds in which a motion of the lens that its position sensor does not see falls to 1/e.
+        """Time, in seconds, in which a lens motion that the position sensor does not see falls to 1/e.
 
-        It is part of a drive's data sheet: 0 where the sensor reads the lens itself, and on a recording.
+        The value is in the data sheet of a drive. It is 0 if the sensor reads the lens itself, and on a recording.
         """
         ...
 
@@ -146,61 +163,104 @@ class View(Protocol):
         Parameters
         ----------
         first, stop : int
-            A window of at least one frame, 0 <= first < stop <= ``frames``.
+            Window of at least one frame, 0 <= first < stop <= ``frames``.
         measure : str, optional
-            A focus measure of this name in place of the method's own, one of :func:`wants_measures`.
+            Name of a focus measure that replaces the method's own; one that the search lists in its ``measures``.
+
+        Returns
+        -------
+        float
+            The score; larger is sharper.
         """
         ...
 
     def counts(self, first: int, stop: int) -> np.ndarray:
         """Return the spike counts of frames ``first <= t < stop`` in the region: uint32 (row, col), read-only.
 
-        For a search that looks at pictures, such as a network; it takes the time that ``score`` takes.
+        This is for searches that look at pictures, such as a network. The camera takes as much time as for ``score``.
+
+        Parameters
+        ----------
+        first, stop : int
+            Window of at least one frame, 0 <= first < stop <= ``frames``.
+
+        Returns
+        -------
+        ndarray of uint32, shape (row, col)
+            Spikes per pixel in the window, read-only.
         """
         ...
 
     def position(self, frame: int) -> float:
-        """Return the lens position at a frame that has passed, fraction of the travel; NaN where unknown.
+        """Return the lens position at a frame that has passed, as a fraction of the travel; NaN if unknown.
 
-        In a closed-loop run it is the reading of the drive's position sensor, with its noise.
+        In a closed-loop run this is the reading of the drive's position sensor, including its noise.
+
+        Parameters
+        ----------
+        frame : int
+            Frame, counted from 0.
+
+        Returns
+        -------
+        float
+            Fraction of the travel, or NaN.
+
+        Raises
+        ------
+        BadInput
+            If the frame is outside the recording or has not passed.
         """
         ...
 
     def move(self, to: float) -> None:
-        """Command the lens to the position ``to``, 0...1 of the travel, and return at once.
+        """Command the lens to the position ``to``, and return at once.
+
+        Parameters
+        ----------
+        to : float
+            Fraction of the travel, 0...1.
 
         Raises
         ------
-        BadInput : on a recording, and for a position outside the travel.
+        BadInput
+            If the view is that of a recording or of a sweep, or if the position is outside the travel.
         """
         ...
 
     def wait(self, frames: int) -> None:
-        """Let at least ``frames`` more frames pass; a camera that delivers packets may let pass a few more.
+        """Let at least ``frames`` more frames pass; a camera that delivers packets may let a few more pass.
 
-        More frames than are left end the run: compare ``now`` with ``frames``.
+        Waiting for more frames than are left ends the run, so compare ``now`` with ``frames`` first.
+
+        Parameters
+        ----------
+        frames : int
+            Number of frames.
 
         Raises
         ------
-        BadInput : on a recording.
+        BadInput
+            If the view is that of a recording.
         """
         ...
 
 
 def commands(search: object) -> bool:
-    """Return whether a search commands the lens (``commands = True``), so that it needs a running camera."""
+    """Return whether a search commands the lens (``commands = True``) and therefore needs a running camera."""
     return bool(getattr(search, "commands", False))
 
 
 def wants_measures(search: object) -> tuple[str, ...]:
-    """Return the names of the focus measures that a search uses beside the method's own (``measures``)."""
+    """Return the names of the focus measures that a search uses in addition to the method's own (``measures``)."""
     return tuple(getattr(search, "measures", ()))
 
 
 def cite_source(plug_in: object) -> str:
-    """Return where a plug-in comes from, in one line; '' where it does not say.
+    """Return the source that a plug-in cites, on one line, or '' if it cites none.
 
-    A text ``source`` says so, or the section References of the docstring, as numpydoc has it.
+    The source is the attribute ``source`` if that is a string, otherwise the numpydoc section References of the
+    docstring.
     """
     source = getattr(plug_in, "source", None)
     if isinstance(source, str):
@@ -212,18 +272,19 @@ def cite_source(plug_in: object) -> str:
 
 @dataclass(frozen=True)
 class Answer:
-    """Where a search finds the focus; with neither ``frame`` nor ``position`` it abstains.
+    """The answer of a search: the frame or the lens position at best focus, or neither if the search abstains.
 
     Parameters
     ----------
     frame : float, optional
-        The frame at best focus, from 0. It may be fractional: the centre of frames a...b-1 is (a+b-1)/2.
-    trace : tuple of float
-        The steps of the search, in its own convention.
-    note : str
+        Frame at best focus, counted from 0. It may be fractional: the centre of frames a...b-1 is (a+b-1)/2.
+    trace : tuple of float, optional
+        Steps of the search; each search has its own convention.
+    note : str, optional
         One line for the reader, such as why the search abstained.
     position : float, optional
-        The lens position at best focus, 0...1 of the travel: the answer of a search that commands the lens.
+        Lens position at best focus, as a fraction of the travel, 0...1. This is how a search that commands the lens
+        answers.
     """
 
     frame: float | None = None
@@ -233,12 +294,31 @@ class Answer:
 
 
 class Search(Protocol):
-    """A search: it scores windows of frames through a view, and answers where the focus is.
+    """A search, which scores windows of frames through a view and answers where the focus is.
 
-    Class attributes, all optional: ``commands`` (bool), it moves the lens; ``measures`` (tuple of str), the
-    focus measures that it uses beside the method's own.
+    Attributes
+    ----------
+    commands : bool, optional
+        Whether the search commands the lens.
+    measures : tuple of str, optional
+        Names of the focus measures that it uses in addition to the method's own.
+    causal : bool, optional
+        Whether the search can stop before the sweep ends; the conformance checks require this attribute.
+    source : str, optional
+        Where the search comes from, such as a paper with its DOI; see :func:`cite_source`.
     """
 
     def __call__(self, view: View) -> Answer:
-        """Return the answer for a recording or a closed-loop run."""
+        """Return the answer for a recording or a closed-loop run.
+
+        Parameters
+        ----------
+        view : View
+            The recording, or the running camera.
+
+        Returns
+        -------
+        Answer
+            Where the focus is.
+        """
         ...

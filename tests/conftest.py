@@ -1,4 +1,4 @@
-"""What tests share: the scenes of this folder, and a sensor small enough to be quick."""
+"""Fixtures that all tests share: scenes, a small sensor, small datasets, and servers on this machine."""
 
 import fcntl
 import gc
@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-import own_cores  # noqa: F401, first: libraries count the cores when they are imported
+import own_cores  # noqa: F401, first, because libraries count the cores when they are imported
 import pytest
 from inline_jobs import run_jobs_inline
 from small_dataset import HERE, SCENES, SMALL_RECIPE
@@ -22,45 +22,45 @@ from saf_gen.generate import run
 from saf_gen.scene.trusted_folders import register_scene_folder
 
 WORKERS = 8
-"""Processes that a whole run of the tests is spread over, at most; each holds about a gigabyte."""
+"""Largest number of processes of a complete test run; each needs about a gigabyte of memory."""
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """One process for a few files, which starts sooner; one per core for a folder or everything."""
+    """Use one process for a few files, which starts sooner, and one per core for folders."""
     if all(Path(name.partition("::")[0]).suffix == ".py" for name in config.args):
         return 0
     return min(usable_cores(), WORKERS)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the renderer's own tests first, so that one process compiles its kernels while the others test what has none.
+    """Put the renderer's tests first, so that one process compiles its kernels while others run other tests.
 
-    Each process begins with a stretch of its own of this order. Two that compile the same kernel at once, because
-    both find none on the disk, lose the time of one.
+    Each process starts with a different section of this order. If two compiled the same kernel at the same time,
+    one of them would waste its time.
     """
     items.sort(key=lambda item: HERE / "render" not in item.path.parents)
 
 
 def pytest_collection_finish() -> None:
-    """Take what stays to the end, libraries and tests, out of every later search for garbage."""
+    """Exclude libraries and tests, which stay until the end, from garbage collection."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _jobs_in_this_process():
-    """Datasets are generated without worker processes, except where a test asks for `worker_processes`."""
+    """Generate datasets without worker processes, unless a test uses the fixture `worker_processes`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "run_jobs", run_jobs_inline)
         yield
 
 
 @pytest.fixture(scope="session", autouse=True)
-def contact_sheets_as_for_a_user():
-    """Contact sheets of datasets are empty files, because drawing them takes longer than rendering a small stack.
+def draw_contact_sheets():
+    """Make contact sheets of datasets empty files, because drawing them takes longer than rendering a small stack.
 
-    Gives what draws them. Commands in processes of their own draw them all the same.
+    Return the real function that draws them. Commands that run in another process still draw them.
     """
     real = run._write_previews
 
@@ -81,7 +81,7 @@ def _write_empty_sheet(stack, sensor, *, path):
 
 @pytest.fixture(scope="session", autouse=True)
 def _registered_scenes(tmp_path_factory):
-    """The tests' own list of registered folders, empty, instead of the user's; commands that they start have it too."""
+    """Replace the user's list of registered folders by an empty one, also for commands that tests start."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
         yield
@@ -89,15 +89,15 @@ def _registered_scenes(tmp_path_factory):
 
 @pytest.fixture
 def worker_processes(monkeypatch):
-    """Let generate() start its worker processes, as for a user."""
+    """Let generate() start worker processes, as it does for a user."""
     monkeypatch.setattr(run, "run_jobs", run_jobs)
 
 
 @pytest.fixture(scope="module")
 def cluster_address() -> Iterator[str]:
-    """A Dask scheduler in a thread of this process, with one plain worker and one that offers a GPU.
+    """Address of a Dask scheduler in a thread of this process, with a plain worker and one that offers a GPU.
 
-    It looks at the machine many times a second, so that a module's last test ends it.
+    It polls the machine many times a second, so it is closed after the module's last test.
     """
     import distributed
 
@@ -114,7 +114,7 @@ def cluster_address() -> Iterator[str]:
 def s3() -> Iterator[Any]:
     """fsspec's file system of an S3 server in a thread of this process, with an empty bucket ``data``.
 
-    Its address and a user's credentials stand in the environment, where commands find them.
+    Its address and a user's credentials are in the environment, where commands find them.
     """
     import fsspec
     from moto.server import ThreadedMotoServer
@@ -135,7 +135,7 @@ def s3() -> Iterator[Any]:
 
 @pytest.fixture
 def forget_store_clients() -> Iterator[None]:
-    """Hides fsspec's clients of S3 from a test that speaks to another server; the fixture ``s3`` is one of them."""
+    """Hide fsspec's S3 clients, such as the fixture ``s3``, from a test that uses another server."""
     from s3fs import S3FileSystem
 
     kept = dict(S3FileSystem._cache)
@@ -147,14 +147,14 @@ def forget_store_clients() -> Iterator[None]:
 
 @pytest.fixture
 def test_scenes(monkeypatch):
-    """Makes tests/scenes known, beside the project's own scenes."""
+    """Add tests/scenes to the folders in which scenes are found."""
     monkeypatch.setenv("SAF_GEN_SCENES", str(SCENES))
     return SCENES
 
 
 @pytest.fixture
 def own_folder(tmp_path, monkeypatch):
-    """A working directory with nothing in it, whose scenes/ is registered."""
+    """An empty working directory whose scenes/ is registered."""
     monkeypatch.chdir(tmp_path)
     register_scene_folder(tmp_path / "scenes")
     return tmp_path
@@ -162,13 +162,13 @@ def own_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def small_sensor() -> Path:
-    """A sensor file of 64×40 pixels of 60 µm, else the vidar_400x250."""
+    """A sensor file like vidar_400x250, but with 64×40 pixels of 60 µm."""
     return HERE / "small_sensor.yaml"
 
 
 @pytest.fixture
 def small_recipe(tmp_path) -> Path:
-    """A recipe that generates in seconds: the chequered plane, three lights, 400 frames."""
+    """A recipe that takes seconds to generate: the chequered plane, three lights, 400 frames."""
     path = tmp_path / "small.yaml"
     path.write_text(SMALL_RECIPE)
     return path
@@ -176,21 +176,21 @@ def small_recipe(tmp_path) -> Path:
 
 @pytest.fixture(scope="session")
 def captured_dataset(tmp_path_factory) -> Path:
-    """A dataset of 40 ms that can be captured again: two still and two moving sequences. Do not change it."""
+    """A dataset of 40 ms that can be captured again, with two still and two moving sequences; read-only."""
     return make_captured_dataset(tmp_path_factory, "captured")
 
 
 @pytest.fixture(scope="session")
 def half_captured_dataset(tmp_path_factory) -> Path:
-    """The same where half of the 40 ms have slices of all positions beside the others. Do not change it."""
+    """`captured_dataset` with whole slices, next to the others, for half of the 40 ms only; read-only."""
     return make_captured_dataset(
         tmp_path_factory, "half_captured", changes=("whole_slices: true", "whole_slices: 0.02")
     )
 
 
 def make_captured_dataset(factory: pytest.TempPathFactory, name: str, changes: tuple[str, str] = ("", "")) -> Path:
-    """Make the dataset of capture_dataset.py, or wait for the process of this test run that does; gives its folder."""
-    import capture_dataset  # it looks for a renderer
+    """Make the dataset of capture_dataset.py, or wait until another test process has done so; return its folder."""
+    import capture_dataset  # here, because importing it probes the renderers
 
     shared = factory.getbasetemp()
     shared = shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared
@@ -205,9 +205,9 @@ def make_captured_dataset(factory: pytest.TempPathFactory, name: str, changes: t
 
 @pytest.fixture(scope="session", autouse=True)
 def drawing_figures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
-    """Reports have no figures, as drawing them takes longer than a small evaluation; gives what draws them inside.
+    """Make reports without figures, which take longer than a small evaluation; return a context that draws them.
 
-    Where none of the tests of this run imports what writes reports, it is left alone, because it takes a second.
+    Nothing is patched if no test of this run imports the module that writes reports, whose import takes a second.
     """
     evaluation_folder = sys.modules.get("saf_gen.leaderboard.report.evaluation_folder")
     if evaluation_folder is None:
@@ -228,14 +228,14 @@ def drawing_figures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
 
 @pytest.fixture
 def drawn_figures(drawing_figures) -> Iterator[None]:
-    """Reports have their figures, as for a user."""
+    """Draw the figures of reports, as for a user."""
     with drawing_figures():
         yield
 
 
 @pytest.fixture
 def call(capsys) -> Callable[..., tuple[int, str, str]]:
-    """Run saf-gen in this process: (exit code, stdout, stderr)."""
+    """Return a function that runs saf-gen in this process and returns (exit code, stdout, stderr)."""
 
     def run_command(*arguments: object) -> tuple[int, str, str]:
         capsys.readouterr()

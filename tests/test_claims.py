@@ -1,4 +1,4 @@
-"""What docs/explanation/claims.md says of the paper's claims, on sweeps whose focus is planted; no renderer."""
+"""The results of docs/explanation/claims.md on the paper's claims, on sweeps with a known focus, without a renderer."""
 
 import shutil
 import subprocess
@@ -33,12 +33,11 @@ RAMPS = {"brighter": (0.5, 2.0), "darker": (2.0, 0.5)}
 
 
 @cache
-def halves_of(rate, ramp, *, contrast, width, shade=0.5):
-    """Counts of the halves of 80 windows of a sweep, its light changing fourfold: (80, 2, h, w) uint32.
+def encode_halves(rate, ramp, *, contrast, width, shade=0.5):
+    """Counts of the halves of 80 windows of a sweep whose light changes fourfold: (80, 2, h, w) uint32.
 
-    A chequered field, shaded by ``shade`` to both sides, whose contrast is a Gaussian of this width at 0.3 of
-    the sweep. The sensor's noise without the dark current; one seed; 32,000 pixels. Encoded once for all tests that
-    ask for it: do not change it.
+    A chequered field with a gradient of ± ``shade`` across it, whose contrast is a Gaussian of this width at 0.3 of the
+    sweep. The noise is that of the sensor without dark current; one seed; 32,000 pixels. Cached: do not change it.
     """
     sensor = get_sensor("vidar_400x250").with_noise(dark=False)
     knots = np.linspace(0, 1, 65)
@@ -51,7 +50,7 @@ def halves_of(rate, ramp, *, contrast, width, shade=0.5):
     return counts.transpose(2, 3, 0, 1)
 
 
-def peak_of(curve):
+def find_peak(curve):
     """The fraction of the sweep at which a curve is largest."""
     return (int(np.argmax(curve)) + 0.5) / len(curve)
 
@@ -60,12 +59,12 @@ def peak_of(curve):
 @pytest.mark.parametrize("name", ["gradient_code", "tenengrad", "brenner", "mfdct_lee", "variance", "squared_gradient"])
 @pytest.mark.slow
 def test_divided_by_brightness_the_baselines_stand_a_fourfold_ramp_as_sd_does(name, ramp):
-    """25 counts per window: normalised measures stay within 0.03 of the sweep, others follow the light."""
-    windows = halves_of(0.25, ramp, contrast=0.3, width=0.25).sum(axis=1)
+    """25 counts per window: normalised measures err by up to 0.03 of the sweep, the others follow the light."""
+    windows = encode_halves(0.25, ramp, contrast=0.3, width=0.25).sum(axis=1)
     raw, normalised, sd = ([get_measure(m)(c) for c in windows] for m in (name, f"{name}_n", "sd"))
-    assert peak_of(sd) == pytest.approx(FOCUS, abs=0.03)
-    assert peak_of(normalised) == pytest.approx(FOCUS, abs=0.03)
-    lead = peak_of(raw) - peak_of(normalised)
+    assert find_peak(sd) == pytest.approx(FOCUS, abs=0.03)
+    assert find_peak(normalised) == pytest.approx(FOCUS, abs=0.03)
+    lead = find_peak(raw) - find_peak(normalised)
     assert lead > 0.03 if ramp[0] < ramp[1] else lead < -0.03
 
 
@@ -74,20 +73,20 @@ def test_divided_by_brightness_the_baselines_stand_a_fourfold_ramp_as_sd_does(na
 def test_at_three_counts_a_window_sd_goes_to_the_dark_end_and_the_debiased_does_not(ramp, dark_end):
     """Contrast 0.1 and 3 counts per window at the dark end: counting adds about 1/(6·ū²) = 0.02 to SD there.
 
-    The same windows of 100 frames for both, nothing averaged. Shaded by a fifth, so that pixels soon fire at
-    times of their own: an even field that starts at once fires in step.
+    Both use the same windows of 100 frames, without averaging. A gradient of a fifth soon makes pixels fire at
+    different times; in an even field all of them would fire in step.
     """
-    pairs = halves_of(0.06, ramp, contrast=0.1, width=0.15, shade=0.2)
+    pairs = encode_halves(0.06, ramp, contrast=0.1, width=0.15, shade=0.2)
     sd, debiased = get_measure("sd"), get_measure("sd_debiased")
-    assert peak_of([sd(pair.sum(axis=0)) for pair in pairs]) == pytest.approx(dark_end, abs=0.05)
-    assert peak_of([debiased(pair) for pair in pairs]) == pytest.approx(FOCUS, abs=0.1)
+    assert find_peak([sd(pair.sum(axis=0)) for pair in pairs]) == pytest.approx(dark_end, abs=0.05)
+    assert find_peak([debiased(pair) for pair in pairs]) == pytest.approx(FOCUS, abs=0.1)
 
 
 def planted_capture(frames):
-    """A camera without noise before a texture that is in focus in the middle of the travel; no files.
+    """A camera without noise, in front of a texture that is in focus in the middle of the travel, without files.
 
     Amplitudes of the texture fall with the root of the frequency. A disc of radius 20·|2p − 1| pixels blurs
-    it by its transfer function, 2·J₁(x)/x, which is exact where images are periodic. One seed.
+    it through its transfer function, 2·J₁(x)/x, which is exact for periodic images. One seed.
     """
     size, positions = 96, np.linspace(0, 1, 129)
     frequency = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.fftfreq(size))
@@ -108,12 +107,12 @@ def planted_capture(frames):
 
 
 def time_to_focus(capture, search, sweep):
-    """Frames from the start of a sweep until the lens is back at the answer, and that answer."""
+    """The number of frames from the start of a sweep until the lens is back at the answer, and the answer."""
     charge_source = capture.open_charge_source()
-    whole = (slice(0, capture.sensor.rows), slice(0, capture.sensor.columns))
+    frame = (slice(0, capture.sensor.rows), slice(0, capture.sensor.columns))
     drive = get_actuator("ideal", speed=capture.sensor.readout_hz / sweep)
     camera = RunningCamera(
-        CapturedFrames(capture, charge_source, region=whole), get_measure("sd"), actuator=drive,
+        CapturedFrames(capture, charge_source, region=frame), get_measure("sd"), actuator=drive,
         start=0.0, seed=1, budget=capture.frames, readout_hz=capture.sensor.readout_hz,
     )  # fmt: skip
     view = SweepView(camera, begin=0.0, end=1.0, frames=sweep)
@@ -125,18 +124,18 @@ def time_to_focus(capture, search, sweep):
 
 
 def test_a_golden_fast_search_is_back_in_focus_twice_as_fast():
-    """EGS over SGFS: 2.08 ± 0.1, the focus in the middle. EGS takes a sweep and half of one back: 1.5 sweeps.
+    """EGS over SGFS is 2.08 ± 0.1 if the focus is in the middle; EGS takes a sweep and half a sweep back.
 
-    200 blocks per sweep. ``sgfs_causal`` stops as the paper means it, while the lens moves; the released code
-    looks for the stop in the whole sweep, as if the lens had stopped there.
+    200 blocks per sweep. ``sgfs_causal`` stops while the lens moves, as the paper describes; the released code searches
+    the complete sweep for the stop, as if the lens had stopped there.
     """
     capture, sweep = planted_capture(8_000), 4_000
-    whole, _ = time_to_focus(capture, get_search("egs"), sweep)
+    slow, _ = time_to_focus(capture, get_search("egs"), sweep)
     fast, _ = time_to_focus(capture, get_search("sgfs_causal", dt=sweep // 200), sweep)
-    assert whole / sweep == pytest.approx(1.5, abs=0.02)
-    assert whole / fast == pytest.approx(2.08, abs=0.1)
+    assert slow / sweep == pytest.approx(1.5, abs=0.02)
+    assert slow / fast == pytest.approx(2.08, abs=0.1)
     late, answer = time_to_focus(capture, get_search("sgfs_code", dt=sweep // 200), sweep)
-    assert late == pytest.approx(whole, rel=0.02)
+    assert late == pytest.approx(slow, rel=0.02)
     stop = int(answer.note.split()[2]) / sweep
     assert 1.5 / (stop + stop - 0.5) == pytest.approx(2.08, abs=0.1)
 

@@ -1,4 +1,4 @@
-"""What docs/how-to/cluster.md says to do by hand, with certificates, is done on this machine, word for word."""
+"""The manual steps of docs/how-to/cluster.md, with certificates, are run on this machine as written."""
 
 import os
 import re
@@ -27,7 +27,7 @@ def test_a_cluster_by_hand_with_certificates_evaluates_and_refuses_who_has_none(
         free.bind(("127.0.0.1", 0))
         port = str(free.getsockname()[1])
 
-    def as_here(text):
+    def localise(text):
         return text.replace("HEAD", "127.0.0.1").replace("8786", port).replace("tcp://", "tls://")
 
     def run(command, environment):
@@ -37,11 +37,11 @@ def test_a_cluster_by_hand_with_certificates_evaluates_and_refuses_who_has_none(
     list_streams(tmp_path / "datasets/quickstart", {"id": "one", "split": "test", "scene": "board"})
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     plain = os.environ | {"PATH": path, "PYTHONPATH": os.pathsep.join(sys.path)}
-    said = run(block_with("openssl") + "env", plain)
-    assert said.returncode == 0, said.stderr
-    secure = dict(line.split("=", 1) for line in said.stdout.splitlines() if "=" in line)
-    start_scheduler, start_worker = as_here(block_with("dask scheduler")).splitlines()
-    evaluate = next(line for line in as_here(block_with("saf-gen tune")).splitlines() if "evaluate" in line)
+    made = run(block_with("openssl") + "env", plain)
+    assert made.returncode == 0, made.stderr
+    secure = dict(line.split("=", 1) for line in made.stdout.splitlines() if "=" in line)
+    start_scheduler, start_worker = localise(block_with("dask scheduler")).splitlines()
+    evaluate = next(line for line in localise(block_with("saf-gen tune")).splitlines() if "evaluate" in line)
     with ExitStack() as undo:
         for command in (start_scheduler + " --protocol tls", start_worker):
             process = subprocess.Popen(

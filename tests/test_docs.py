@@ -1,8 +1,8 @@
-"""What pages show runs, what they name exists, and their tables agree with the code.
+"""Code on pages runs, names on pages exist, and tables on pages agree with the code.
 
-A page's blocks are run in their order at a *desk*: a folder laid out like a checkout, with small versions of
-the datasets that pages name. A yaml or python block whose first line is a comment with a path in ``recipes/``,
-``scenes/`` or ``submissions/``, or a file ``my_...py``, is written there first, so that the commands below it find it.
+The blocks of a page are run in order at a *desk*: a folder like a checkout, with small versions of the datasets that
+pages name. A yaml or python block whose first line is a comment with a path in ``recipes/``, ``scenes/`` or
+``submissions/``, or a file ``my_...py``, is first written there, so that the commands below it find it.
 """
 
 import csv
@@ -48,7 +48,7 @@ FIRST = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "datasets/README.md")
 PAGES = [p for p in (*(ROOT / n for n in FIRST), *sorted((ROOT / "docs").rglob("*.md"))) if p.exists()]
 COMMAND = typer.main.get_command(app)
 TARGETS = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
-FORMATS = r"saf-gen (stream|dataset|focal stack \d+|record \d+)"  # what files call themselves
+FORMATS = r"saf-gen (stream|dataset|focal stack \d+|record \d+)"  # format names in files
 NEEDED = ("must be given", "at least one", "at least one group", "at least one shape")
 
 
@@ -57,7 +57,7 @@ RUN_ALREADY: list[list[str]] = []
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block of a page: its language ('' where it names none), its text, where it stands."""
+    """A fenced block of a page: its language ('' if none is named), its text, and its page and line."""
 
     page: Path
     line: int
@@ -70,32 +70,32 @@ class Block:
 
     @property
     def path(self) -> str:
-        """The path in its first line, '' where it has none."""
+        """The path in its first line, '' if there is no path."""
         named = re.match(r"# ((?:recipes|scenes|submissions)/\S+|my_\w+\.py)\n", self.text)
         return named[1] if named else ""
 
 
-def blocks_of(page: Path) -> Iterator[Block]:
+def page_blocks(page: Path) -> Iterator[Block]:
     text = page.read_text(encoding="utf-8")
     for found in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
         yield Block(page, text.count("\n", 0, found.start()) + 2, found[1], found[2])
 
 
-BLOCKS = [block for page in PAGES for block in blocks_of(page)]
+BLOCKS = [block for page in PAGES for block in page_blocks(page)]
 
 
-def of_language(language: str) -> list[Any]:
+def blocks_in(language: str) -> list[Any]:
     return [pytest.param(b, id=b.where) for b in BLOCKS if b.language == language]
 
 
 def commands(block: Block) -> list[list[str]]:
-    """The words of every command in a block of the shell."""
+    """The words of every command in a shell block."""
     lines = block.text.replace("\\\n", " ").splitlines()
     return [words for line in lines if (words := shlex.split(line, comments=True))]
 
 
 def inline_commands() -> Iterator[Any]:
-    """Every `saf-gen ...` in prose and in blocks without a language, which are shown and not run."""
+    """Every `saf-gen ...` in prose and in blocks without a language, which are not run."""
     for page in PAGES:
         prose = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
         for span in re.findall(r"`(saf-gen \w[^`]*)`", prose):
@@ -127,7 +127,7 @@ def test_a_command_that_is_named_exists_with_its_options(words):
     assert {word.split("=")[0] for word in rest if word.startswith("--")} <= known
 
 
-@pytest.mark.parametrize("block", of_language("sh"))
+@pytest.mark.parametrize("block", blocks_in("sh"))
 def test_a_block_of_the_shell_holds_commands_that_the_tests_can_judge(block):
     markers = [m.split(":")[0] for m in pyproject()["tool"]["pytest"]["ini_options"]["markers"]]
     for words in commands(block):
@@ -155,9 +155,9 @@ def test_every_language_of_a_block_is_one_that_is_tested():
     assert {b.language for b in BLOCKS} <= {"", "sh", "yaml", "python", "toml", "csv"}
 
 
-@pytest.mark.parametrize("block", of_language("yaml"))
+@pytest.mark.parametrize("block", blocks_in("yaml"))
 def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
-    """A recipe, the card of a scene or submission, some keys of a scene's card or of a recipe, in the quickstart."""
+    """A recipe, the card of a scene or submission, or some keys of a card or recipe, added to an example."""
     data = yaml.safe_load(block.text)
     if set(data) == {"lens"}:
         TypeAdapter(LensCard).validate_python(data["lens"]).build_drive()
@@ -166,8 +166,8 @@ def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
         assert SceneCard.model_validate(data).id == Path(block.path).parent.name
         return
     if "lights" not in data and set(data) <= set(SceneCard.model_fields) - {"camera"}:
-        whole = next(b for b in BLOCKS if b.path == "scenes/printed_card/scene.yaml")
-        SceneCard.model_validate(yaml.safe_load(whole.text) | data)
+        card = next(b for b in BLOCKS if b.path == "scenes/printed_card/scene.yaml")
+        SceneCard.model_validate(yaml.safe_load(card.text) | data)
         return
     if "statements" in data:
         SubmissionCard.model_validate(data)
@@ -179,15 +179,15 @@ def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
             split["lights"] = list(data["lights"])
     path = tmp_path / "recipe.yaml"
     path.write_text(yaml.safe_dump(data))
-    for beside in (b for b in BLOCKS if b.page == block.page and b.language == "csv"):
-        path.with_name(Path(beside.path).name).write_text(beside.text)
+    for csv_block in (b for b in BLOCKS if b.page == block.page and b.language == "csv"):
+        path.with_name(Path(csv_block.path).name).write_text(csv_block.text)
     recipe = read_recipe(path)
     assert block.path in ("", f"recipes/{recipe.name}.yaml")
 
 
 @cache
 def anchors(page: Path) -> frozenset[str]:
-    """What a link may name after #: the headings, as GitHub and the site of `make docs` write them."""
+    """The anchors that a link may name after #: headings, as GitHub and the site of `make docs` write them."""
     text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
     return frozenset(re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings)
@@ -207,7 +207,7 @@ def test_links_and_paths_lead_somewhere(page):
     links = [link for link in links if not link.startswith("../../actions/")]  # badges, relative to the site
     missing = [link for link in links if not leads_somewhere(page, link)]
     named = re.findall(r"`((?:saf_gen|tests|tools)/[^`]*|(?:recipes|scenes|docs)/\w[^`]*)`", prose)
-    made = {path for block in blocks_of(page) for path in (Path(block.path), Path(block.path).parent)}
+    made = {path for block in page_blocks(page) for path in (Path(block.path), Path(block.path).parent)}
     real = [n for n in named if not re.search(r"[A-Z]{3}|[*<]|/my_", n) and not {Path(n), Path(n).parent} & made]
     missing += [name for name in real if not (ROOT / name).exists()]
     assert not missing
@@ -231,7 +231,7 @@ QUESTIONS = {
     "log of the lens": "tutorials/your-camera.md",
     "cite": "../CITATION.cff",
 }
-"""What newcomers ask, and the page that the answer leads to."""
+"""Questions of newcomers, and the page to which the answer links."""
 
 
 def test_ten_questions_of_newcomers_are_answered_one_click_from_the_front_page():
@@ -251,7 +251,7 @@ def test_ten_questions_of_newcomers_are_answered_one_click_from_the_front_page()
 
 
 def table(page: str, heading: str, another: str = "|") -> list[list[str]]:
-    """The rows of the table whose first heading is this, and one of the others another; cells stripped."""
+    """The rows of the table with this first heading and, if given, another one; cells are stripped."""
     lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith(f"| {heading} |") and another in line)
     rows = []
@@ -341,7 +341,7 @@ def test_the_light_schedule_shown_is_a_part(tmp_path):
 
 
 def shrunk(text: str) -> str:
-    """A recipe with a sixth of the pixels, half of the frames, few positions and few samples; all else stays."""
+    """A recipe with a sixth of the pixels, half of the frames, few positions and few samples."""
     recipe = yaml.safe_load(text)
     recipe["camera"] |= {"sensor": "quarter.yaml", "frames": recipe["camera"]["frames"] // 2}
     recipe["focus"]["positions"] = 9
@@ -351,18 +351,18 @@ def shrunk(text: str) -> str:
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-    """A folder as a checkout's, with the quickstart's dataset made small under its own name."""
+    """A folder like a checkout, with a small version of the quickstart's dataset."""
     folder = tmp_path_factory.mktemp("desk")
     shutil.copytree(ROOT / "recipes", folder / "recipes")
     (folder / "scenes").mkdir()
     sensor = yaml.safe_load((HERE / "small_sensor.yaml").read_text())
     sensor |= {"rows": 100, "columns": 160, "pitch_m": 5e-5}
-    for beside in (folder, folder / "recipes"):  # a recipe looks for its sensor in its own folder
-        (beside / "quarter.yaml").write_text(yaml.safe_dump(sensor))
+    for parent in (folder, folder / "recipes"):  # a recipe looks for its sensor in its folder
+        (parent / "quarter.yaml").write_text(yaml.safe_dump(sensor))
     recipe = folder / "quickstart.yaml"
-    whole = (ROOT / "recipes/quickstart.yaml").read_text()
-    assert ", low_texture, camel" in whole  # one scene is enough for what pages show
-    recipe.write_text(shrunk(whole.replace(", low_texture, camel", "")))
+    text = (ROOT / "recipes/quickstart.yaml").read_text()
+    assert ", low_texture, camel" in text  # one scene is enough for the pages
+    recipe.write_text(shrunk(text.replace(", low_texture, camel", "")))
     shutil.copytree(SCENES / "workbench", folder / "exported", ignore=shutil.ignore_patterns("*.yaml", "*.md"))
     run(folder, ["saf-gen", "generate", recipe.name, "--out", "datasets/quickstart"])
     shutil.copy(folder / "datasets/quickstart/test/usaf_target-sudden-00.h5", folder / "sequence.h5")
@@ -370,18 +370,19 @@ def desk(tmp_path_factory):
 
 
 def run(folder: Path, words: list[str], where: str = "") -> str:
-    """Run a saf-gen command; one meant for a recipe of the project only says what it would do, one that looks at a
-    scene does so with a sixth of the pixels and few samples, and so does a bench, with few frames; sensors are compared
-    over 400.
-    Where figures are drawn, the sweep of one sequence has some; a fitted sensor has none of its plots."""
+    """Run a saf-gen command at a small size.
+
+    Recipes of the project are only planned, scenes and benches get a sixth of the pixels and few samples or frames,
+    and sensors are compared over 400 frames. At most one sequence gets figures, and a fitted sensor no plots.
+    """
     environment, (_, *arguments) = split_env(words)
-    whole = [name for p in (ROOT / "recipes").glob("*.yaml") for name in (p.stem, f"recipes/{p.name}")]
-    if arguments[0] == "generate" and arguments[1] in whole and "--dry-run" not in arguments:
+    full_size = [name for p in (ROOT / "recipes").glob("*.yaml") for name in (p.stem, f"recipes/{p.name}")]
+    if arguments[0] == "generate" and arguments[1] in full_size and "--dry-run" not in arguments:
         arguments.append("--dry-run")
     if arguments[0] == "scenes" and arguments[1] in ("check", "preview", "gallery"):
         arguments += ["--sensor", "quarter.yaml"]
-    shown, told = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(shown), redirect_stderr(told):
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.chdir(folder)
         patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
         patch.setattr("saf_gen.calibration.fit_files.draw_sensor_fit_plots", lambda fit: [])
@@ -393,8 +394,8 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
             patch.setenv(name, value)
         with pytest.raises(SystemExit) as stop:
             main(arguments)
-    assert stop.value.code == 0, f"{where}: saf-gen {shlex.join(arguments)}\n{told.getvalue()}"
-    return shown.getvalue()
+    assert stop.value.code == 0, f"{where}: saf-gen {shlex.join(arguments)}\n{err.getvalue()}"
+    return out.getvalue()
 
 
 SUBMIT = ROOT / "docs/how-to/submit.md"
@@ -403,16 +404,16 @@ SUBMIT = ROOT / "docs/how-to/submit.md"
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [p for p in PAGES if p != SUBMIT], ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_what_a_page_shows_runs_in_its_order(page, desk, monkeypatch):
-    """A command that only reads the quickstart's dataset, and that another page has run already, is not run again."""
+    """A command that only reads the quickstart's dataset is not run again if another page has run it."""
     follow_page(page, desk, monkeypatch)
 
 
 @pytest.mark.slow
-def test_a_stranger_hands_in_a_method_by_the_page_alone_and_a_forged_answer_is_found(desk, tmp_path, monkeypatch):
+def test_a_method_can_be_submitted_by_the_page_and_a_forged_answer_is_found(desk, tmp_path, monkeypatch):
     (tmp_path / "datasets").symlink_to(desk / "datasets")
     follow_page(SUBMIT, tmp_path, monkeypatch)
     assert "1 submission: 1 re-run here" in (tmp_path / "submissions/submissions.md").read_text()
-    shown = (words for block in blocks_of(SUBMIT) if block.language == "sh" for words in commands(block))
+    shown = (words for block in page_blocks(SUBMIT) if block.language == "sh" for words in commands(block))
     (verify,) = (words for words in shown if words[1:3] == ["leaderboard", "verify"])
     evaluation = tmp_path / "submissions/my_method/evaluation"
     lines = (evaluation / "records.jsonl").read_text().splitlines()
@@ -421,7 +422,7 @@ def test_a_stranger_hands_in_a_method_by_the_page_alone_and_a_forged_answer_is_f
     text = lines[0].replace(f'"frame": {answer["frame"]}', f'"frame": {answer["frame"] + 100}')
     assert text != lines[0]
     (evaluation / "records.jsonl").write_text("\n".join([text, *lines[1:]]) + "\n")
-    assert exit_code_of(verify) == 2  # by its checksum
+    assert exit_code_of(verify) == 2  # because of its checksum
     forged = format_checked_json({**answer, "frame": answer["frame"] + 100})
     (evaluation / "records.jsonl").write_text("\n".join([forged, *lines[1:]]) + "\n")
     for state, code in (("claimed", None), ("differs", 1)):
@@ -437,9 +438,9 @@ def exit_code_of(words: list[str]) -> int:
 
 
 def follow_page(page, desk, monkeypatch):
-    """Write the files and run the commands that a page shows, in its order, in the folder ``desk``."""
+    """Write the files and run the commands of a page, in order, in the folder ``desk``."""
     monkeypatch.chdir(desk)
-    for block in blocks_of(page):
+    for block in page_blocks(page):
         if block.path:
             target = desk / block.path
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -459,15 +460,15 @@ def follow_page(page, desk, monkeypatch):
     not backend.probe_render_backends().llvm_usable, reason=backend.probe_render_backends().llvm_description
 )
 def test_the_scene_shown_is_sharpest_at_its_true_focus(desk):
-    """The page's own claim, on noise-free sharpness, within one rendered position of nine."""
+    """As the page claims, for noise-free sharpness, within one rendered position of nine."""
     import saf_gen
 
-    for block in blocks_of(ROOT / "docs/tutorials/first-scene.md"):
+    for block in page_blocks(ROOT / "docs/tutorials/first-scene.md"):
         if block.path:
             target = desk / block.path
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_text(shrunk(block.text) if "recipes/" in block.path else block.text)
-    register_scene_folder(desk / "scenes")  # the page's test does so by init, in another process maybe
+    register_scene_folder(desk / "scenes")  # the page's test does so by init, perhaps in another process
     run(desk, ["saf-gen", "generate", "recipes/first_look.yaml"])
     with saf_gen.open_stream(desk / "datasets/first_look/test/printed_card-constant-00.h5") as stream:
         sharpest = int(stream.truth.sharpness.argmax()) / 8
@@ -483,7 +484,7 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     made = desk / "datasets/quickstart"
     layout = (ROOT / "docs/reference/file-layout.md").read_text(encoding="utf-8")
     folder = layout.split("## A dataset folder")[1].split("```")[1]
-    SpikeWindows(made, window=100)[0]  # counts what it reads
+    SpikeWindows(made, window=100)[0]  # writes the counts that it reads
     for line in folder.strip().splitlines():
         pattern = re.sub(r"<\w+>", "*", line.split()[0])
         assert list(made.glob(pattern)), f"{pattern} is not there"

@@ -1,4 +1,4 @@
-"""One line, whatever was passed in."""
+"""An error is one line, whatever its parts contain."""
 
 import pickle
 
@@ -10,7 +10,7 @@ def test_a_message_is_one_line_with_value_allowed_nearest_and_next_step():
     assert str(error) == "a.yaml:3: mode is 'x'; allowed: y, z; did you mean 'y'?; see the docs"
 
 
-def test_an_unknown_name_is_told_with_the_nearest_known_one():
+def test_an_unknown_name_is_refused_with_the_nearest_known_one():
     text = str(unknown("measure", "sd_cod", allowed=["sd_code", "er_count"]))
     assert text == "unknown measure 'sd_cod'; allowed: er_count, sd_code; did you mean 'sd_code'?"
 
@@ -19,7 +19,7 @@ def test_nothing_is_suggested_when_nothing_is_near():
     assert closest("zzz", ["sd_code"]) == ""
 
 
-def test_an_error_crosses_a_process_border_whole():
+def test_an_error_crosses_a_process_border_unchanged():
     error = BadInput("value", where="here", allowed="that", nearest="this", hint="do")
     again = pickle.loads(pickle.dumps(error))
     assert str(again) == str(error)

@@ -1,4 +1,4 @@
-"""Spoiled input of every kind, a few of each: the whole run is `python tools/fuzz`, the flips tools/fuzz/flips.py."""
+"""A few damaged inputs of every kind; the full runs are `python tools/fuzz` and tools/fuzz/flips.py."""
 
 import json
 import os
@@ -34,12 +34,12 @@ def test_no_spoiled_input_ends_in_anything_but_one_line(tmp_path, of_each_kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("flips", [12, pytest.param(40, marks=pytest.mark.long)])
 def test_no_flipped_bit_is_read_in_silence(flips, monkeypatch, tmp_path, capsys):
-    """In this process, because starting one and loading the package take longer than all flips."""
+    """In this process, because starting another one takes longer than all flips."""
     kinds = ["stream", "index of shards", "shard", "focal stack", "note of a focal stack"]
     words = ["--flips", flips, "--seed", SEED, *(word for kind in kinds for word in ("--kind", kind))]
     monkeypatch.syspath_prepend(ROOT / "tools/fuzz")
-    monkeypatch.chdir(tmp_path)  # and back again: the tool goes to its samples
-    monkeypatch.setattr(evaluation_folder, "plot_report_figures", None)  # likewise: the tool draws nothing
+    monkeypatch.chdir(tmp_path)  # restored afterwards: the tool changes the directory
+    monkeypatch.setattr(evaluation_folder, "plot_report_figures", None)  # restored afterwards: the tool replaces it
     monkeypatch.setattr(sys, "argv", ["flips.py", *map(str, words)])
     assert import_module("flips").main() == 0
     found = [json.loads(line) for line in capsys.readouterr().out.splitlines() if line.startswith("{")]

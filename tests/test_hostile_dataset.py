@@ -1,6 +1,5 @@
-"""A dataset of a stranger that attacks whoever looks at it: nothing is read outside it, and nothing in it is run."""
+"""A malicious dataset: nothing outside it is read, and nothing in it is run."""
 
-import itertools
 import json
 import shutil
 from dataclasses import replace
@@ -51,19 +50,19 @@ def claim_code(file):
 
 
 ATTACKS = {"link": link_outside, "stored": store_outside, "virtual": be_virtual, "huge": be_huge}
-WHOLE = ("plain", "bites", "deep")
+INTACT = ("plain", "bites", "deep")
 
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-    """The user's folder with a secret, and in it the dataset of a stranger."""
+    """The user's folder with a secret and the malicious dataset."""
     folder = tmp_path_factory.mktemp("desk")
     (folder / "secret.txt").write_text(f"{SECRET}\n" * 10)
     with h5py.File(folder / "secret.h5", "w") as secret:
         secret["secret"] = np.frombuffer(SECRET.encode(), np.uint8)
         secret["spikes"] = np.zeros((ROWS, COLUMNS, 50), np.uint8)
     data, rng = folder / "data", np.random.default_rng(11)
-    for name in (*WHOLE, *ATTACKS):
+    for name in (*INTACT, *ATTACKS):
         bites = name != "plain"
         write_stream(
             data / "test" / f"{name}.h5",
@@ -98,7 +97,7 @@ def desk(tmp_path_factory):
 
 @pytest.fixture
 def at_desk(desk, monkeypatch, call):
-    """Runs a command there; nothing that it prints or writes steers the terminal, tells the secret, or ran."""
+    """Run a command there, and check that it prints no secret and no terminal control, and ran no code."""
     monkeypatch.chdir(desk)
 
     def run(*arguments):
@@ -121,31 +120,31 @@ def evaluated(desk, at_desk):
     return desk / "judged"
 
 
-def test_whole_sequences_are_evaluated_and_the_others_named(desk, at_desk):
+def test_intact_sequences_are_evaluated_and_the_others_are_named(desk, at_desk):
     shutil.rmtree(desk / "judged", ignore_errors=True)
     code, _, err = at_desk(
         "evaluate", "data", "--method", "sd+argmax", "--method", "er_sumsq+sgfs_code", "--out", "judged"
     )
     assert code == 1
     assert len(err.splitlines()) == len(ATTACKS)
-    assert len(read_records(desk / "judged")) == 2 * len(WHOLE)
+    assert len(read_records(desk / "judged")) == 2 * len(INTACT)
     for path in (desk / "judged").rglob("*"):
         if path.is_file():
             assert SECRET.encode() not in path.read_bytes()
 
 
 def test_each_stream_is_inspected_and_the_dataset_verified(desk, at_desk):
-    for name, attack in itertools.zip_longest((*WHOLE, *ATTACKS), ()):
+    for name in (*INTACT, *ATTACKS):
         for options in ((), ("--json",)):
             code, _, err = at_desk("inspect", f"data/test/{name}.h5", *options)
-            assert code == (2 if name in ATTACKS else 0), attack
+            assert code == (2 if name in ATTACKS else 0), name
             assert len(err.splitlines()) == (name in ATTACKS)
     code, out, err = at_desk("verify", "data")
     assert (code, len(err.splitlines())) == (1, len(ATTACKS))
-    assert f"{len(WHOLE)} of {len(WHOLE) + len(ATTACKS)} sequences are whole" in out
+    assert f"{len(INTACT)} of {len(INTACT) + len(ATTACKS)} sequences are intact" in out
 
 
-def test_evaluations_of_strangers_are_merged_without_harm(desk, at_desk):
+def test_untrusted_evaluations_are_merged_without_harm(desk, at_desk):
     mine = evaluated(desk, at_desk)
     theirs = desk / "judged" / "theirs"
     theirs.mkdir(exist_ok=True)
@@ -162,7 +161,7 @@ def test_evaluations_of_strangers_are_merged_without_harm(desk, at_desk):
     assert "<img src=x" not in page
 
 
-def test_no_file_of_theirs_names_code(desk, at_desk):
+def test_no_file_of_the_dataset_can_name_code(desk, at_desk):
     for name in ("data/evil.py:Evil+argmax", "os.path:join+argmax"):
         (desk / "data/methods.txt").write_text(f"{name}\n")
         code, _, err = at_desk("evaluate", "data", "--methods", "data/methods.txt", "--out", "judged")
@@ -172,8 +171,8 @@ def test_no_file_of_theirs_names_code(desk, at_desk):
 
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)
-def test_the_page_runs_nothing_of_theirs_in_chromium(desk, at_desk, tmp_path):
-    """The server of the page is asked for the page alone; the names are text on it."""
+def test_the_page_runs_none_of_its_code_in_chromium(desk, at_desk, tmp_path):
+    """Only the page itself is requested from its server; the names are text on it."""
     evaluated(desk, at_desk)
     shutil.copytree(desk / "judged", tmp_path / "page")
     answer = run_in_page(

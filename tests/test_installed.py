@@ -1,4 +1,4 @@
-"""The package as it is installed from its wheel: scenes and recipes are found by name, in an empty folder."""
+"""The package as installed from its wheel: scenes and recipes are found by name, in an empty folder."""
 
 import json
 import os
@@ -19,7 +19,7 @@ CHECKOUT = Path(saf_gen.__file__).resolve().parents[1]
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """The folder that the wheel was unpacked into, beside an empty one to work in."""
+    """A folder with the unpacked wheel and an empty working folder."""
     folder = tmp_path_factory.mktemp("installed")
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder]
     subprocess.run(build, cwd=CHECKOUT, check=True, capture_output=True)
@@ -50,7 +50,7 @@ for words in json.loads(sys.argv[1]):
 
 
 def run_commands(code, commands, **how):
-    """Run code in a process of its own, RUN_EACH in it with these commands."""
+    """Run code that contains RUN_EACH in another process, with these commands."""
     command = [sys.executable, "-c", code, json.dumps(commands)]
     return subprocess.run(command, capture_output=True, text=True, check=True, **how)
 
@@ -67,7 +67,7 @@ def test_the_wheel_brings_every_scene_and_recipe_of_the_checkout(installed):
 
 @pytest.mark.slow
 def test_what_was_installed_lists_and_plans_in_an_empty_folder(installed):
-    """In one process, because its start takes longer than any of the commands."""
+    """In one process, because starting it takes longer than any of the commands."""
     commands = ["recipes list", "scenes list", "generate quickstart --dry-run"]
     folder = "from saf_gen.core.shipped import shipped_folder; print(shipped_folder('scenes'))"
     env = {**os.environ, "PYTHONPATH": str(installed / "site")}
@@ -100,7 +100,7 @@ def test_a_recipe_is_a_name_or_a_path():
 
 @pytest.mark.slow
 def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp_path):
-    """Evaluating imports nothing of mitsuba and drjit, which the extra `render` brings: they are made to fail here."""
+    """Evaluating does not import mitsuba and drjit from the extra `render`; here their import fails."""
     stream, empty = tmp_path / "a.h5", tmp_path / "empty"
     empty.mkdir()
     saf_gen.write_stream(stream, np.random.default_rng(0).random((400, 16, 24)) < 0.3)
@@ -110,8 +110,8 @@ def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp
     without = f"import sys\nsys.modules['mitsuba'] = sys.modules['drjit'] = None\n{RUN_EACH}"
     done = run_commands(without, [*refused, *works, "generate quickstart --dry-run"], cwd=empty)
     line = "rendering needs the packages mitsuba and drjit; pip install 'saf-gen[render]'"
-    *told, dry_run, last = done.stderr.splitlines()
-    assert told == [*[f"saf-gen: {line}", "exit code 2"] * len(refused), *["exit code 0"] * len(works)]
+    *lines, dry_run, last = done.stderr.splitlines()
+    assert lines == [*[f"saf-gen: {line}", "exit code 2"] * len(refused), *["exit code 0"] * len(works)]
     assert dry_run.startswith("scenes cannot be rendered here: ")
     assert last == "exit code 0"
     assert "to render: pip install 'saf-gen[render]'" in done.stdout

@@ -1,4 +1,4 @@
-"""Commands that are stopped at a change of the disk lose nothing: some of the points of tools/kill_points.py."""
+"""Commands that are stopped at a change of the disk lose nothing, at some of the points of tools/kill_points.py."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ TOOL = Path(__file__).parent.parent / "tools" / "kill_points.py"
 @pytest.mark.slow
 @pytest.mark.parametrize("every", [50, pytest.param(25, marks=pytest.mark.long)])
 def test_a_writer_that_is_stopped_anywhere_loses_nothing_and_leaves_nothing(every):
-    """One point in 50, with the three signals in turn, of the commands that compute little."""
+    """One point in 50 of the commands that compute little, with the three signals in turn."""
     commands = ["--only", "import", "export", "tune", "pack"]
     command = [sys.executable, TOOL, *commands, "--every", str(every), "--first", "4"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=500)

@@ -1,4 +1,4 @@
-"""What docs/how-to/object-store.md says to do is done on this machine, word for word."""
+"""The steps of docs/how-to/object-store.md are run on this machine as written."""
 
 import os
 import re
@@ -24,9 +24,9 @@ RECIPE = ONE_LIGHT.replace("name: small", "name: quickstart")
 def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_says(
     tmp_path, monkeypatch, call, capsys, forget_store_clients
 ):
-    """Port and recipe are others, so that the server is ours and the render takes seconds; pip is not run.
+    """Port and recipe are replaced, for a local server and a render of seconds; pip is not run.
 
-    The server, and what makes the bucket, are processes of their own; what saf-gen and Python do is done in this one.
+    The server and the creation of the bucket are separate processes; saf-gen and Python code run in this one.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -49,13 +49,13 @@ def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_s
         monkeypatch.setenv(name, value)
 
     def run(block):
-        said = ""
+        printed = ""
         for program, *words in map(shlex.split, block.splitlines()):
             assert program == "saf-gen"
-            code, shown, told = call(*words)
-            assert code == 0, told
-            said += shown
-        return said
+            code, out, err = call(*words)
+            assert code == 0, err
+            printed += out
+        return printed
 
     command = start.partition("&& ")[2].removesuffix(" &").replace("moto_server", f"{sys.executable} -m moto.server")
     process = subprocess.Popen(["sh", "-c", f"exec {command}"], stderr=subprocess.DEVNULL, start_new_session=True)
@@ -65,13 +65,12 @@ def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_s
                 break
             time.sleep(0.1)
         subprocess.run(["sh", "-ec", make_bucket], check=True)
-        made = run(generate)
-        assert "to upload to s3://lab/quickstart: about" in made
-        assert "1 sequences recorded, 0 kept from before" in made
-        assert "1 of 1 sequences are whole" in made
-        looked = run(evaluate)
+        generated = run(generate)
+        assert "to upload to s3://lab/quickstart: about" in generated
+        assert "1 sequences recorded, 0 kept from before" in generated
+        assert "1 of 1 sequences are intact" in generated
+        assert "s3://lab/quickstart/test/plane-constant-00.h5" in run(evaluate)
         assert (tmp_path / "results/leaderboard.json").is_file()
-        assert "s3://lab/quickstart/test/plane-constant-00.h5" in looked
         assert (tmp_path / "target.png").stat().st_size > 1_000
         exec(compile(python, str(tmp_path / "read.py"), "exec"), {"__name__": "__main__"})
         assert capsys.readouterr().out.startswith("(400, 40, 64) ")

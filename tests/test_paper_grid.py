@@ -1,7 +1,4 @@
-"""A tenth of the paper's grid at full size: every tenth sequence of recipes/sad_synthetic.yaml.
-
-It takes minutes: `make test-long` runs it, `make test` does not.
-"""
+"""A tenth of the paper's grid at full size: every tenth sequence of recipes/sad_synthetic.yaml, in minutes."""
 
 import pytest
 
@@ -16,8 +13,8 @@ pytestmark = pytest.mark.long
 
 
 @pytest.mark.skipif(not backend.probe_render_backends().llvm_usable, reason="half an hour without LLVM")
-def test_a_tenth_of_the_grid_is_made_whole_and_shows_what_the_paper_claims(tmp_path):
-    """SD is at most one depth of focus off in every sequence, and the count of spikes is fooled in some."""
+def test_a_tenth_of_the_grid_is_complete_and_shows_the_claims_of_the_paper(tmp_path):
+    """SD is at most one depth of focus off in every sequence, and the spike count is wrong in some."""
     work = resolve_recipe("recipes/sad_synthetic.yaml", part=(1, 10))
     assert len(work.sequences) == 4
     assert any(s.planned.scene_motion == "dynamic" for s in work.sequences)

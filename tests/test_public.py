@@ -1,4 +1,4 @@
-"""What a public project keeps beside its code: workflows, forms, versions, citation, container."""
+"""The parts of a public project besides its code: workflows, forms, versions, citation, container."""
 
 import re
 import runpy
@@ -92,7 +92,7 @@ def constraints():
 
 @pytest.mark.parametrize("python", PYTHONS)
 def test_the_constraints_give_every_dependency_a_version_that_it_may_have(python):
-    """One exact version of each package under each Python, and no place to get it from."""
+    """One exact version of each package for each Python, and no address to get it from."""
     held = {c.name: c for c in constraints() if c.marker is None or c.marker.evaluate({"python_version": python})}
     assert all(c.url is None and re.fullmatch(r"==[^*,]+", str(c.specifier)) for c in held.values())
     extras = PROJECT["optional-dependencies"]
@@ -124,7 +124,7 @@ def test_constraints_are_merged_by_python():
 
 
 def test_the_container_is_built_of_what_its_context_holds():
-    """Each file that the Dockerfile copies exists, and .dockerignore lets it through."""
+    """Each file that the Dockerfile copies exists, and .dockerignore allows it."""
     allowed = [line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")]
     copied = re.findall(r"^COPY (?!--)(.+) \S+$", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
     names = [name for words in copied for name in words.split()]

@@ -1,4 +1,4 @@
-"""What docs/ takes from the code is what the code says."""
+"""The parts of docs/ that come from the code are up to date."""
 
 import sys
 
@@ -31,7 +31,7 @@ def test_the_reference_is_what_the_code_says(reference):
     assert stale == [], "run: python tools/write_reference.py"
 
 
-def test_every_part_that_the_code_tells_is_on_a_page(reference):
+def test_every_generated_part_is_on_a_page(reference):
     pages = "".join(page.read_text(encoding="utf-8") for page in reference.DOCS.rglob("*.md"))
     assert sorted(set(reference.PARTS)) == sorted(found[1] for found in reference.PART.findall(pages))
 
@@ -50,9 +50,9 @@ def test_a_page_that_fell_behind_is_noticed(reference, tmp_path):
 def test_every_key_of_a_light_or_motion_says_its_values_and_its_meaning(plugin_kind):
     for name in registry.names(plugin_kind):
         keys = registry.registered_option_fields(plugin_kind, name)
-        said = config_field_docs(registry.plugin_class(plugin_kind, name))
-        assert set(keys.values()) == set(said)
-        assert all(": " in text for text in said.values()), name
+        docs = config_field_docs(registry.plugin_class(plugin_kind, name))
+        assert set(keys.values()) == set(docs)
+        assert all(": " in text for text in docs.values()), name
 
 
 @pytest.mark.parametrize("page", sorted((ROOT / "docs/how-to").glob("*.md")), ids=lambda p: p.name)

@@ -1,4 +1,4 @@
-"""What `make docs` checks in the finished site is checked indeed; the site itself is built by `make docs` alone."""
+"""The checks of `make docs` on the finished site find faults; only `make docs` builds the site itself."""
 
 import sys
 
@@ -18,14 +18,14 @@ def site():
         del sys.modules["build_site"]
 
 
-WHOLE = """<html><head><link rel="stylesheet" href="page.css"><script src="page.js"></script></head>
+PAGE = """<html><head><link rel="stylesheet" href="page.css"><script src="page.js"></script></head>
 <body><h1 id="top">Top</h1><a href="#top">up</a> <a href="other.html#there">other</a>
 <a href="https://doi.org/10.1103/PhysRev.36.823">a source</a> <img src="picture.png"></body></html>"""
 
 
 @pytest.fixture
 def made(tmp_path):
-    (tmp_path / "page.html").write_text(WHOLE)
+    (tmp_path / "page.html").write_text(PAGE)
     (tmp_path / "other.html").write_text("<p id='there'>There</p>")
     (tmp_path / "page.css").write_text("body { background: url(picture.png); }")
     (tmp_path / "page.js").write_text("const source = 'https://example.org';")
@@ -33,7 +33,7 @@ def made(tmp_path):
     return tmp_path
 
 
-def test_a_whole_site_has_no_fault(site, made):
+def test_a_correct_site_has_no_fault(site, made):
     assert list(site.find_faults(made)) == []
 
 
@@ -49,7 +49,7 @@ def test_a_whole_site_has_no_fault(site, made):
     ],
 )
 def test_a_link_or_resource_that_leads_nowhere_or_away_is_a_fault(right, wrong, fault, site, made):
-    (made / "page.html").write_text(WHOLE.replace(right, wrong))
+    (made / "page.html").write_text(PAGE.replace(right, wrong))
     assert list(site.find_faults(made)) == [fault]
 
 

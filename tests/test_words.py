@@ -1,4 +1,4 @@
-"""Words that were given up stay out of the package, and the names that the glossary explains are in it."""
+"""Abandoned words do not occur in the package, and the names that the glossary explains do."""
 
 import ast
 import re
@@ -25,18 +25,18 @@ GIVEN_UP = {
     "share of": "fraction",
     "(counts|frames|readouts|samples|spikes) an? (pixel|readout|second|window)": "per",
 }
-"""Words and phrases, with what to say instead."""
+"""Words and phrases, and what to write instead."""
 KEPT = {
-    "referee": ("acceptance/validation/",),  # the outside one, which judges us
-    "film": ("render/", "scene/xml/"),  # Mitsuba's own word for the pixels of a camera
+    "referee": ("acceptance/validation/",),  # external software that judges the package
+    "film": ("render/", "scene/xml/"),  # Mitsuba's word for the pixels of a camera
     "rig": ("benchmark/", "leaderboard/"),  # a key of records
 }
-"""Folders in which a word stays, and why."""
+"""Folders in which a word is allowed, and why."""
 
 
 @pytest.fixture(scope="module")
 def words_by_file():
-    """The words of each module in lower case; names are taken apart at underscores and capitals."""
+    """The words of each module in lower case; names are split at underscores and capitals."""
     texts = {p.relative_to(PACKAGE).as_posix(): p.read_text() for p in PACKAGE.rglob("*.py")}
     apart = {path: re.sub("(?<=[a-z])(?=[A-Z])", " ", text) for path, text in texts.items()}
     return {path: " ".join(re.findall("[a-z]+|[.:;]", text.lower())) for path, text in apart.items()}
@@ -46,7 +46,7 @@ def words_by_file():
 def test_a_word_that_was_given_up_is_not_in_the_package(phrase, words_by_file):
     found = {path for path, words in words_by_file.items() if re.search(rf"\b{phrase}s?\b", words)}
     found = {path for path in found if not path.startswith(KEPT.get(phrase, ("nowhere/",)))}
-    assert not found, f"say {GIVEN_UP[phrase]}"
+    assert not found, f"write {GIVEN_UP[phrase]}"
 
 
 def test_the_names_that_the_glossary_explains_are_in_the_package():
@@ -64,7 +64,7 @@ def test_the_names_that_the_glossary_explains_are_in_the_package():
 
 
 def words_of_layers():
-    """The words that CONTRIBUTING's table gives each layer, the upper layers first."""
+    """The words of each layer in the table of CONTRIBUTING.md, upper layers first."""
     table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("| layer |")[1].split("\n\n")[0]
     words = {}
     for row in table.splitlines()[2:]:
@@ -76,7 +76,7 @@ def words_of_layers():
 
 
 def public_functions():
-    """Layer and name of each public function at the top of a module; a scene's own files are none."""
+    """Layer and name of each public function of a module; files of scenes are left out."""
     for path in PACKAGE.rglob("*.py"):
         parts = path.relative_to(PACKAGE).parts
         if not {"templates", "library"} & set(parts):
@@ -86,15 +86,15 @@ def public_functions():
 
 
 def layer_by_name(name, words):
-    """The uppermost layer of which a word is in the name, alone or in the plural; core has the rest."""
-    for layer, own in words.items():
-        if any(re.search(f"_{word}s?_", f"_{name}_") for word in own):
+    """The uppermost layer one of whose words, singular or plural, is in the name; otherwise core."""
+    for layer, listed in words.items():
+        if any(re.search(f"_{word}s?_", f"_{name}_") for word in listed):
             return layer
     return "core"
 
 
-def test_a_function_is_found_in_the_layer_whose_words_its_name_carries():
-    """Names that others rely on, such as those of saf_gen.errors, may be exceptions: one in twenty."""
+def test_a_public_function_has_a_word_of_its_layer_in_its_name():
+    """Names that users rely on, such as those of saf_gen.errors, may be exceptions: one in twenty."""
     words = words_of_layers()
     functions = list(public_functions())
     astray = sorted((layer, name) for layer, name in functions if layer_by_name(name, words) != layer)

@@ -1,8 +1,8 @@
-"""Builds the documentation's site: ``python tools/build_site.py --out build/site``, or ``make docs``.
+"""Build the site of the documentation: ``python tools/build_site.py --out build/site``, or ``make docs``.
 
-The pages of the repository are copied into a folder that is laid out like it, so that their links hold, and Sphinx
-makes a site of them with a search that needs no server. Then every link, anchor and resource in the finished pages is
-checked: none may lead nowhere, and none may load anything from another host. A warning is an error.
+The pages of the repository are copied to a folder with the same layout, so that their links remain valid, and Sphinx
+builds a site from them with a search that needs no server. Then every link, anchor and resource in the built pages is
+checked: all links must have a target, and nothing may be loaded from another host. A warning is an error.
 """
 
 import argparse
@@ -19,11 +19,11 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("*.md", "docs/**/*.md", "benchmarks/**/*.md", "scenes/*/SOURCE.md", "datasets/README.md")
 LINK = re.compile(r"\]\(([^)\s#]+)")
 LOADING = {"img": "src", "script": "src", "iframe": "src", "source": "src", "video": "src"}
-"""The attribute with which an element loads something."""
+"""Attributes from which elements load resources, by tag."""
 
 
 def stage(target: Path) -> None:
-    """Copy every page, and every file that a page links, to the same place under ``target``."""
+    """Copy every page, and every file to which a page links, to the same relative path under ``target``."""
     pages = [path for pattern in PAGES for path in sorted(ROOT.glob(pattern))]
     for page in pages:
         text = page.read_text(encoding="utf-8")
@@ -43,7 +43,7 @@ def stage(target: Path) -> None:
 
 
 def toctrees(pages: list[Path]) -> str:
-    """The menu: the sections of docs/README.md with the pages that they link, in that order, then all others."""
+    """Return the menu: the sections of docs/README.md with the pages to which they link, and then all other pages."""
     index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
     menu: dict[str, list[str]] = {}
     listed = {"README.md", "docs/README.md", "docs/faq.md"}
@@ -63,7 +63,7 @@ def toctrees(pages: list[Path]) -> str:
 
 
 class Page(HTMLParser):
-    """What a finished page loads, where it leads, and what a link may name in it."""
+    """The resources that a built page loads, the targets of its links, and the anchors in it."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -73,7 +73,7 @@ class Page(HTMLParser):
         self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Take note of one element."""
+        """Record the resources, links and anchors of an element."""
         given = {key: value or "" for key, value in attrs}
         self.names.update(given[key] for key in ("id", "name") if key in given)
         if tag in LOADING and LOADING[tag] in given:
@@ -85,7 +85,7 @@ class Page(HTMLParser):
 
 
 def find_faults(site: Path) -> Iterator[str]:
-    """Yield a line for each link or resource of the site that leads nowhere, or to another host where it may not."""
+    """Yield a line for each link or resource of the site without a target, and for each resource on another host."""
     pages = {path: Page(path) for path in sorted(site.rglob("*.html"))}
     for path, page in pages.items():
         for kind, urls in (("loads", page.loads), ("links", page.links)):
@@ -104,7 +104,7 @@ def find_faults(site: Path) -> Iterator[str]:
 
 
 def build(target: Path) -> int:
-    """Build the site into a folder, and return how many faults it has."""
+    """Build the site into a folder, and return the number of faults, or the exit code of Sphinx if it fails."""
     from sphinx.cmd.build import build_main
 
     with tempfile.TemporaryDirectory() as folder:

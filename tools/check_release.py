@@ -1,6 +1,6 @@
 """Check that a tag may be released: python tools/check_release.py v1.2.3
 
-The tag, saf_gen.__version__, CITATION.cff and a heading of CHANGELOG.md must name one version.
+The tag, saf_gen.__version__, CITATION.cff and the first version heading of CHANGELOG.md must name the same version.
 """
 
 import re
@@ -16,7 +16,7 @@ PLACES = {
 
 
 def find_versions() -> dict[str, str]:
-    """Return the version that each file names first; '' where it names none."""
+    """Return the first version in each file, or '' if it has none."""
     found = {}
     for name, pattern in PLACES.items():
         match = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE)

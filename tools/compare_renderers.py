@@ -1,11 +1,12 @@
-"""Renders scenes with LLVM and with Mitsuba's scalar variant, both without waves and shared shading, and compares them.
+"""Compare renders with LLVM and with Mitsuba's scalar variant, both without waves and shared shading.
 
     python tools/compare_renderers.py usaf_target camel --repeats 8
 
-Stacks of the two are never the same bits: they are estimates from other light paths. They are called equal where
-Welch's t in every pixel behaves as for two estimates of one picture: t² has the mean ν/(ν−2) over pixels, ν being its
-degrees of freedom. Told of each position: rms difference of two stacks over the mean picture, the same between two LLVM
-stacks of different seeds, the difference of the mean brightness, and the mean t² with what it would be.
+Stacks of the two variants are never identical in bits, because they are estimates from different light paths. They
+agree if Welch's t in every pixel behaves as for two estimates of the same picture: t² then has the mean ν/(ν−2) over
+pixels, with ν degrees of freedom. For each position the script prints the rms difference of two stacks over the mean
+picture, that of two LLVM stacks with different seeds, the difference of the mean brightness, and the mean t² with its
+expected value.
 """
 
 import argparse
@@ -18,12 +19,12 @@ from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 
 GRID = SensorGrid(rows=40, columns=64, pitch_m=125e-6)
-"""The field of vidar_400x250 in larger pixels."""
+"""The field of view of vidar_400x250 with larger pixels."""
 POSITIONS = 3
 
 
 def render(name: str, variant: str, *, samples: int, seed: int) -> np.ndarray:
-    """Return a focal stack of all lights of a scene, float32 (position, row, column)."""
+    """Return a focal stack of a scene under all its lights, float64 (position, row, column)."""
     scene = find_scene(name)
     backend.activate_render_backend(variant)
     lamps = [lamp for group in scene.card.lights.values() for lamp in group]
@@ -41,7 +42,7 @@ def compare(name: str, *, samples: int, repeats: int) -> None:
     llvm = np.array([render(name, "llvm", samples=samples, seed=s) for s in range(repeats)])
     scalar = np.array([render(name, "scalar", samples=samples, seed=1000 + s) for s in range(repeats)])
     same = sum((a == b).all() for a, b in zip(llvm, scalar, strict=True))
-    tell(f"{name}, {samples} samples, {repeats} stacks of each, {same} the same bit for bit")
+    print_line(f"{name}, {samples} samples, {repeats} stacks of each, {same} the same bit for bit")
     for k in range(POSITIONS):
         a, b = llvm[:, k], scalar[:, k]
         mean = 0.5 * (a.mean() + b.mean())
@@ -52,7 +53,7 @@ def compare(name: str, *, samples: int, repeats: int) -> None:
         t2 = (difference[known] ** 2 / error[known]).mean()
         freedom = 2 * repeats - 2
         rms = np.sqrt(max((difference**2).mean() - error.mean(), 0)) / mean
-        tell(
+        print_line(
             f"  position {k / (POSITIONS - 1):g}: {apart:.2%} rms apart (two seeds of LLVM {seeds:.2%}), "
             f"mean brightness {difference.mean() / mean:+.3%}, "
             f"mean t² {t2:.3f} (of equals {freedom / (freedom - 2):.3f}), "
@@ -60,7 +61,7 @@ def compare(name: str, *, samples: int, repeats: int) -> None:
         )
 
 
-def tell(line: str) -> None:
+def print_line(line: str) -> None:
     sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
 

@@ -1,9 +1,9 @@
-"""Freezes a recipe that comes with saf_gen: writes its digest into recipes/frozen.json.
+"""Freeze a recipe that comes with saf_gen as a benchmark: write its digest into recipes/frozen.json.
 
     python tools/freeze_benchmark.py saf_bench-v2
 
-From then on a recipe of this name that would give other spikes is refused, and results name the benchmark. A frozen
-benchmark stays as it is: another one gets another name.
+From then on, a recipe of this name that would give other spikes is rejected, and results name the benchmark. A frozen
+benchmark never changes; a different one needs another name.
 """
 
 import argparse
@@ -21,9 +21,9 @@ from saf_gen.generate.resolve import resolve_recipe
 
 
 def freeze(name: str) -> str:
-    """Write the digest of the recipe ``name`` into the list, and return it.
+    """Add the digest of the recipe ``name`` to the list, and return it.
 
-    Raises BadInput for a recipe that is frozen with another digest.
+    Raises BadInput if the recipe is already frozen with another digest.
     """
     resolved, frozen = resolve_recipe(name), read_frozen_benchmarks()
     digest = digest_resolved_recipe(resolved)

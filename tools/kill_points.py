@@ -1,16 +1,17 @@
-"""Stop every writer at every change of the disk: python tools/kill_points.py
+"""Stop every writing command at every change of the disk: python tools/kill_points.py
 
-Each command (generate, evaluate, tune, leaderboard, import, export, pack) is run over what an earlier one wrote, and
-stopped by SIGKILL, SIGTERM and SIGINT just before and just after each fsync, rename, unlink and rmdir that it does,
+Each command (generate, evaluate, tune, leaderboard, import, export, pack) is run over the output of an earlier run, and
+stopped by SIGKILL, SIGTERM and SIGINT just before and just after each of its calls of fsync, rename, unlink and rmdir,
 each time in a fresh copy of its folder. Then
 
-- what the earlier command wrote, or what the new one writes, must be there and whole: else it is *lost*;
-- the same command, run again, must end well, and give what an unbroken run gives: else it *differs*;
-- nothing beside that may be left in any folder, that of temporary files and the user's own among them: *leftovers*;
-- no run may print a traceback or an ignored exception, and a stopped one says so in one line.
+- the earlier output or the new output must exist and be intact; otherwise it is *lost*;
+- the same command, run again, must succeed and give the output of an uninterrupted run; otherwise it *differs*;
+- no other files may be left in any folder, including that of temporary files and the user's folder: *leftovers*;
+- no run may print a traceback or an ignored exception, and a stopped run says so in one line.
 
-The jobs of ``generate`` run in the process that is stopped, as in a killed machine; that workers die alone is for
-``tools/kill_workers.py``. Processes are forked from one that has loaded everything, so that a point takes a second.
+The jobs of ``generate`` run in the process that is stopped, as on a machine that is switched off; for workers that die
+alone see ``tools/kill_workers.py``. Processes are forked from one that has imported everything, so that a point takes a
+second.
 """
 
 import argparse
@@ -45,7 +46,7 @@ from small_dataset import SCENES, SMALL_RECIPE  # noqa: E402
 from saf_gen.benchmark import kept_sequences  # noqa: E402
 from saf_gen.benchmark.records import benchmark_record_to_json, read_records  # noqa: E402
 from saf_gen.benchmark.tuned_method import read_tuned_method  # noqa: E402
-from saf_gen.cli import main, whole_command  # noqa: E402
+from saf_gen.cli import main, root_command  # noqa: E402
 from saf_gen.errors import BadInput  # noqa: E402
 from saf_gen.generate import run as generate_run  # noqa: E402
 from saf_gen.leaderboard.report import evaluation_folder  # noqa: E402
@@ -70,16 +71,16 @@ LOADED = {
     "leaderboard": ("scipy.signal",),
     "evaluate": ("scipy.signal",),
 }
-"""What a command imports when it runs, and a forked process should have."""
+"""Modules that a command imports while it runs, by command; they are imported before processes are forked."""
 LIMIT_S = 300
 
 
 @dataclass(frozen=True)
 class Writer:
-    """A command, run in a folder of its own: what it writes to, and how that is read.
+    """A command that is run in a separate folder, its output, and how the output is read.
 
-    ``state`` returns what the output holds, None where there is none; it raises where that is not whole. A command that
-    writes ``only_once`` refuses to be run again when its output is there.
+    ``state`` returns the content of the output, or None if there is no output; it raises BadInput if the output is
+    damaged. A command that writes ``only_once`` refuses to run again if its output exists.
     """
 
     name: str
@@ -90,7 +91,7 @@ class Writer:
 
 
 def remember_figures(folder: Path) -> None:
-    """Let the figures of an evaluation be drawn once, and then be read from a folder: drawing changes no disk."""
+    """Draw the figures of an evaluation once and then read them from a folder, as drawing does not change the disk."""
     draw = evaluation_folder.plot_report_figures
 
     def remembered(evaluation: Any, rows: Any, **options: Any) -> Any:
@@ -113,12 +114,12 @@ def state_of_stream(path: Path) -> Any:
 
 
 def state_of_records(folder: Path) -> Any:
-    """The records but for the seconds that they took."""
+    """Return the records without the seconds that they took."""
     return [{k: v for k, v in benchmark_record_to_json(r).items() if k not in TIMED} for r in read_records(folder)]
 
 
 def state_of_dataset(folder: Path) -> Any:
-    """The digests that the manifest lists, None before the one sequence is; each stream that is there must be whole."""
+    """Return the digests in the manifest, or None if it lists no sequence, after checking all existing streams."""
     for path in folder.glob("*/*.h5"):
         state_of_stream(path)
     if not (folder / "manifest.json").exists():
@@ -149,37 +150,37 @@ WRITERS = (
 
 
 class Machine:
-    """Runs commands in forked processes, in a folder that stands for the whole disk of a machine."""
+    """Runs commands in forked processes, in a folder that represents the entire disk of a machine."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def run(self, writer: Writer, *, stop: tuple[int, bool, int] | None = None) -> tuple[int, str, list[str]]:
-        """Run a command; return its exit code, as wait gives it, what it printed on stderr, and the changes it made.
+        """Run a command, and return its exit code, the text that it printed on stderr, and its changes of the disk.
 
-        With ``stop`` = (number, after, signal) it is stopped before or after the change of this number.
+        With ``stop`` = (number, after, signal), the signal is sent before or after the change with this number.
         """
-        told, changes = self.folder.with_suffix(".stderr"), self.folder.with_suffix(".changes")
+        messages, changes = self.folder.with_suffix(".stderr"), self.folder.with_suffix(".changes")
         child = os.fork()
         if child == 0:
             with contextlib.suppress(BaseException):
-                self._become(writer, stop, told=told, changes=changes)
+                self._become(writer, stop, messages=messages, changes=changes)
             os._exit(99)
         end = time.monotonic() + LIMIT_S
         while (ended := os.waitpid(child, os.WNOHANG)) == (0, 0):
             if time.monotonic() > end:
                 os.kill(child, signal.SIGKILL)
             time.sleep(0.005)
-        return os.waitstatus_to_exitcode(ended[1]), told.read_text(), changes.read_text().splitlines()
+        return os.waitstatus_to_exitcode(ended[1]), messages.read_text(), changes.read_text().splitlines()
 
-    def _become(self, writer: Writer, stop: tuple[int, bool, int] | None, *, told: Path, changes: Path) -> None:
+    def _become(self, writer: Writer, stop: tuple[int, bool, int] | None, *, messages: Path, changes: Path) -> None:
         os.chdir(self.folder / "work")
-        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell lets what runs beside it ignore Ctrl-C
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs of a shell ignore Ctrl-C
         os.environ.update(
             XDG_CONFIG_HOME=str(self.folder / "config"), TMPDIR=str(self.folder / "tmp"), SAF_GEN_SCENES=str(SCENES)
         )
         tempfile.tempdir = None
-        with told.open("wb") as stderr, Path(os.devnull).open("wb") as stdout:
+        with messages.open("wb") as stderr, Path(os.devnull).open("wb") as stdout:
             os.dup2(stderr.fileno(), 2)
             os.dup2(stdout.fileno(), 1)
         log = os.open(changes, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
@@ -196,7 +197,7 @@ class Machine:
                     os.kill(os.getpid(), stop[2])
                 try:
                     return change(*given, **how)
-                finally:  # also where there was nothing to remove
+                finally:  # also if there was nothing to remove
                     if stop is not None and stop[:2] == (number, True):
                         os.kill(os.getpid(), stop[2])
 
@@ -209,14 +210,14 @@ class Machine:
         except SystemExit as ended:
             sys.stderr.flush()
             os._exit(ended.code if isinstance(ended.code, int) else 98)
-        except BaseException:  # noqa: BLE001  (a traceback is what is looked for)
+        except BaseException:  # noqa: BLE001  (the tool looks for tracebacks)
             traceback.print_exc()
             sys.stderr.flush()
             os._exit(97)
 
 
 def find_place(given: Any, how: dict[str, Any]) -> Path:
-    """Return the path of what is changed, which may be an open file, or lie in an open folder."""
+    """Return the path that is changed, which may be given as an open file, or relative to an open folder."""
     if isinstance(given, int):
         return Path(f"/proc/self/fd/{given}").readlink()
     inside = how.get("dir_fd")
@@ -228,7 +229,7 @@ def names_in(folder: Path) -> set[str]:
 
 
 def prepare(folder: Path) -> None:
-    """Make the folder of a machine on which each command has been run once, over other data or for another method."""
+    """Create the folders of a machine, with the data that the commands read."""
     work = folder / "work"
     for name in ("work", "config", "tmp"):
         (folder / name).mkdir(parents=True)
@@ -242,7 +243,7 @@ def prepare(folder: Path) -> None:
 
 
 def make_earlier(machine: Machine, writer: Writer) -> None:
-    """Put an earlier output where a command writes."""
+    """Create an earlier output at the path to which a command writes."""
     work = machine.folder / "work"
     methods = {"one": "er_count+argmax", "two": "sd+argmax"}
     needed = {"leaderboard": {**methods, "out": "sd+egs_code"}, "evaluate": {"out": "sd+egs_code"}}
@@ -266,30 +267,22 @@ def make_earlier(machine: Machine, writer: Writer) -> None:
 
 
 def expect_well(machine: Machine, writer: Writer) -> list[str]:
-    code, told, changes = machine.run(writer)
+    code, messages, changes = machine.run(writer)
     if code:
-        raise SystemExit(f"{' '.join(writer.arguments)} ended with {code}: {told}")
+        raise SystemExit(f"{' '.join(writer.arguments)} ended with {code}: {messages}")
     return changes
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What went wrong at a point."""
-
-    what: str
-    where: str
 
 
 def check_point(
     machine: Machine, writer: Writer, stop: tuple[int, bool, int], *, before: Any, whole: Any, names: set[str]
 ) -> Iterator[tuple[str, str]]:
-    """Stop a command at a point and run it again; yield what is wrong: its kind, and words about it."""
+    """Stop a command at a point and run it again; yield the kind and the description of each fault."""
     out = machine.folder / "work" / writer.out
-    code, told, _ = machine.run(writer, stop=stop)
+    code, messages, _ = machine.run(writer, stop=stop)
     expected = {signal.SIGKILL: -signal.SIGKILL, signal.SIGTERM: 143, signal.SIGINT: 130}[stop[2]]
     if code != expected:
-        yield "not stopped", f"exit code {code}, not {expected}: {told[-300:]}"
-    yield from check_words(told, stopped=stop[2] != signal.SIGKILL)
+        yield "not stopped", f"exit code {code}, not {expected}: {messages[-300:]}"
+    yield from check_words(messages, stopped=stop[2] != signal.SIGKILL)
     state = None
     try:
         if (state := writer.state(out)) not in (before, whole):
@@ -297,10 +290,10 @@ def check_point(
     except BadInput as error:
         yield "lost", str(error)
     if not (writer.only_once and state == whole):
-        code, told, _ = machine.run(writer)
+        code, messages, _ = machine.run(writer)
         if code:
-            yield "not done again", f"exit code {code}: {told[-300:]}"
-        yield from check_words(told, stopped=False)
+            yield "not done again", f"exit code {code}: {messages[-300:]}"
+        yield from check_words(messages, stopped=False)
     try:
         if writer.state(out) != whole:
             yield "differs", "the output of the next run is another"
@@ -312,16 +305,16 @@ def check_point(
         yield "lacks", ", ".join(sorted(missing))
 
 
-def check_words(told: str, *, stopped: bool) -> Iterator[tuple[str, str]]:
-    lines = [line for line in told.splitlines() if line.startswith("saf-gen:")]
-    if "Traceback" in told or "Exception ignored" in told or "Error" in told:
-        yield "traceback", told[-1500:]
+def check_words(messages: str, *, stopped: bool) -> Iterator[tuple[str, str]]:
+    lines = [line for line in messages.splitlines() if line.startswith("saf-gen:")]
+    if "Traceback" in messages or "Exception ignored" in messages or "Error" in messages:
+        yield "traceback", messages[-1500:]
     if len(lines) != stopped:
-        yield "words", f"{len(lines)} lines of saf-gen: {told[-300:]}"
+        yield "words", f"{len(lines)} lines of saf-gen: {messages[-300:]}"
 
 
 def kill_all(writer: Writer, folder: Path, *, every: int, first: int, part: tuple[int, int]) -> dict[str, Any]:
-    """Stop a command at every ``every``-th of its points; return counts and findings."""
+    """Stop a command at every ``every``-th of its points, and return counts and findings."""
     start, machine = folder / f"{writer.name}-start", Machine(folder / f"{writer.name}-{part[0]}")
     prepare(start)
     make_earlier(Machine(start), writer)
@@ -354,18 +347,18 @@ def kill_all(writer: Writer, folder: Path, *, every: int, first: int, part: tupl
 
 def main_of_tool() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--only", nargs="+", choices=[writer.name for writer in WRITERS], help="these commands alone")
-    options.add_argument("--every", type=int, default=1, help="only every so many-th point")
-    options.add_argument("--first", type=int, default=0, help="the first of these points")
-    options.add_argument("--processes", type=int, default=1, help="so many points at a time")
+    options.add_argument("--only", nargs="+", choices=[writer.name for writer in WRITERS], help="only these commands")
+    options.add_argument("--every", type=int, default=1, help="test only every N-th point")
+    options.add_argument("--first", type=int, default=0, help="number of the first point to test")
+    options.add_argument("--processes", type=int, default=1, help="number of points to test at the same time")
     given = options.parse_args()
-    kept_sequences.KEEP_EVERY_S = 0.0
+    kept_sequences.WRITE_INTERVAL_S = 0.0
     generate_run.run_jobs = run_jobs_inline
     found: list[dict[str, Any]] = []
     chosen = [writer for writer in WRITERS if not given.only or writer.name in given.only]
     for name in itertools.chain.from_iterable(LOADED.get(writer.name, ()) for writer in chosen):
         importlib.import_module(name)
-    whole_command()  # else each process that is forked makes it anew
+    root_command()  # otherwise each forked process would build it again
     gc.freeze()
     with tempfile.TemporaryDirectory(prefix="kill-points-") as name:
         remember_figures(Path(name))
@@ -384,7 +377,7 @@ def main_of_tool() -> int:
                         result.write_text(json.dumps(counted))
                         code = 0
                     finally:
-                        if code:  # the process would end without a word
+                        if code:  # the process would end without a message
                             traceback.print_exc()
                         os._exit(code)
                 children.append((child, result))

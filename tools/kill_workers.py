@@ -1,9 +1,9 @@
 """Kill workers of a run at random, and then the scheduler: python tools/kill_workers.py --kills 20 --seed 1
 
-One small dataset is generated four times: without a kill, which says what is right; while workers of the process pool
-are killed; while those of a Dask cluster on this machine are; and while its scheduler is. Whatever is then listed must
-have the right digest, and what is not must be named in a line as what its workers died of, or the scheduler; the
-same command, run again, must make the rest and leave nothing beside it. No traceback may be seen.
+A small dataset is generated four times: without a kill, as the reference; while workers of the process pool are killed;
+while workers of a Dask cluster on this machine are killed; and while its scheduler is killed. All sequences in the
+manifest must then have the right digest, and a line must report each missing sequence, or the loss of the scheduler.
+The same command, run again, must make the missing sequences and leave no other files. No run may print a traceback.
 """
 
 import argparse
@@ -34,19 +34,19 @@ LINES = (
     r"again: record |done: |waiting: |saf-gen: record \S+ failed: |saf-gen: the Dask scheduler at |\d+ sequences"
     "|dataset: "
 )
-"""How a line may begin that a run prints."""
+"""Allowed beginnings of the lines that a run prints."""
 
 
 @dataclass(frozen=True)
 class Trials:
-    """Where one recipe is generated under several names, and how often workers are killed."""
+    """The folder in which a recipe is generated under several names, and how often workers are killed."""
 
     folder: Path
     kills: int
     random: random.Random
 
     def start(self, name: str, *options: str) -> subprocess.Popen[bytes]:
-        """Start to generate; the stacks of the run without a kill are taken over."""
+        """Start ``saf-gen generate`` with the stacks of the run without a kill, and return the process."""
         made, whole = self.folder / name, self.folder / "whole"
         if whole.is_dir() and not made.exists():
             shutil.copytree(whole / "stacks", made / "stacks")
@@ -57,13 +57,13 @@ class Trials:
             return subprocess.Popen(command, cwd=self.folder, stdout=log, stderr=log, env=environment)
 
     def read_digests(self, name: str) -> dict[str, str]:
-        """Return the digests of the sequences that the manifest lists; all are read, and whole."""
+        """Return the digests of the sequences in the manifest, after a check that all their streams are intact."""
         _, problems = verify_streams_of_dataset(self.folder / name)
         assert not problems, problems
         return {entry.id: entry.content_sha256 for entry in read_manifest(self.folder / name).sequences}
 
     def kill_workers(self, run: subprocess.Popen[bytes], workers: Callable[[], list[int]]) -> int:
-        """Kill processes, one after the other, as long as the run lasts; return how many."""
+        """Kill processes one after the other while the run lasts, and return how many were killed."""
         killed = 0
         while killed < self.kills and run.poll() is None:
             time.sleep(self.random.uniform(0.5, 2.5))
@@ -74,9 +74,9 @@ class Trials:
         return killed
 
     def judge(self, name: str, *options: str, code: int, lost: bool = False) -> str:
-        """Check what a run that ended with ``code`` has left, run it again, and check that; say what was found.
+        """Check the results of a run that ended with ``code``, run it again, check again, and return a summary.
 
-        With ``lost`` the scheduler was killed, and one line stands for all that is missing.
+        With ``lost`` the scheduler was killed, and a single line reports everything that is missing.
         """
         lines = (self.folder / f"{name}.log").read_text().splitlines()
         whole, found = self.read_digests("whole"), self.read_digests(name)
@@ -112,7 +112,10 @@ def try_dask(trials: Trials) -> str:
         nannies = [undo.enter_context(worker_processes(trials.folder, address, "--nworkers", "1")) for _ in range(2)]
 
         def workers() -> list[int]:
-            """A worker killed as it starts takes its nanny with it, which a batch system would start again."""
+            """Return the worker processes, after replacing nannies that ended.
+
+            A worker that is killed while it starts ends its nanny as well, which a batch system would start again.
+            """
             for at, nanny in enumerate(nannies):
                 if nanny.poll() is not None:
                     nannies[at] = undo.enter_context(worker_processes(trials.folder, address, "--nworkers", "1"))
@@ -141,9 +144,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--repeats", type=int, default=30, help="recordings under each of three lights")
+    parser.add_argument("--repeats", type=int, default=30, help="number of recordings under each of three lights")
     parser.add_argument("--frames", type=int, default=40_000)
-    parser.add_argument("--only", choices=["pool", "dask", "scheduler"], help="one of the three (default: all)")
+    parser.add_argument("--only", choices=["pool", "dask", "scheduler"], help="run only one of the three trials")
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         trials = Trials(Path(folder), given.kills, random.Random(given.seed))

@@ -1,10 +1,10 @@
-"""Measures what many sequences cost: a dataset of tiny streams, and the commands that go over all of it.
+"""Measure the cost of many sequences: commands that process an entire dataset of tiny streams.
 
     python tools/measure_scale.py 2000 10000 [--scenes 10] [--out FOLDER] [--methods M...]
 
-For each number of sequences it prints processor time and peak memory of each command, in a process of its own, and the
-sizes of what was written. Spikes are drawn from the streams ("scale", number) of core/seeds.py. A folder that is given
-keeps the datasets for a later run.
+For each number of sequences the script prints the processor time and peak memory of each command, which runs in a
+separate process, and the sizes of the files that it wrote. Spikes are drawn from the random streams ("scale", number)
+of core/seeds.py. With --out, the datasets are kept for later runs.
 """
 
 import argparse
@@ -38,7 +38,7 @@ WRITTEN = ("manifest.json", *(f"evaluation/{name}" for name in ("index.html", "r
 
 
 def make_dataset(folder: Path, *, sequences: int, scenes: int) -> None:
-    """Write streams of a sweep over a board that comes into focus, scenes and lights by turns."""
+    """Write streams of sweeps over a chequered board that comes into focus, cycling through scenes and lights."""
     board = np.where(np.add.outer(np.arange(HEIGHT) // 4, np.arange(WIDTH) // 4) % 2, 1.0, -1.0)
     lens = np.linspace(0, 1, FRAMES, dtype=np.float32)
     (folder / "test").mkdir(parents=True)
@@ -54,7 +54,7 @@ def make_dataset(folder: Path, *, sequences: int, scenes: int) -> None:
 
 
 def measure_command(*command: str) -> str:
-    """Run saf-gen, and return what it took as text."""
+    """Run a saf-gen command, and return its processor time, peak memory and duration as text."""
     began = time.monotonic()
     child = subprocess.Popen([sys.executable, "-m", "saf_gen", *command], stdout=subprocess.DEVNULL)
     _, status, used = os.wait4(child.pid, 0)

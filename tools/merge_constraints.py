@@ -1,6 +1,7 @@
-"""Write constraints.txt from what `pip freeze` says: python tools/merge_constraints.py 3.11=FILE 3.12=FILE ...
+"""Write constraints.txt from outputs of `pip freeze`: python tools/merge_constraints.py 3.11=FILE 3.12=FILE ...
 
-A package has one line where all have the same version, and else a line for each Python from which on it differs.
+A package has a single line if its version is the same under all Pythons, and otherwise a line for each range of Python
+versions.
 """
 
 import re
@@ -15,13 +16,13 @@ HEAD = """\
 
 
 def read_freeze(text: str) -> dict[str, str]:
-    """Return versions by name; what was not installed from an index is left out."""
+    """Return versions by package name, without packages that were not installed from an index."""
     found = dict(re.findall(r"^([A-Za-z0-9._-]+)==(\S+)$", text, re.MULTILINE))
     return {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in found.items()}
 
 
 def merge(frozen: dict[str, dict[str, str]]) -> str:
-    """Return the lines of constraints.txt for freezes by Python version, oldest first."""
+    """Return the text of constraints.txt; ``frozen`` gives versions of packages by Python version, oldest first."""
     pythons, lines = list(frozen), []
     for name in sorted(set().union(*frozen.values())):
         versions = {python: frozen[python].get(name) for python in pythons}

@@ -1,9 +1,9 @@
-"""Writes the parts of docs/ that the code tells: commands, keys, options, records, the Python interface, JSON Schemas.
+"""Write the parts of docs/ that come from the code: commands, keys, options, records, Python interface, JSON Schemas.
 
     python tools/write_reference.py
 
-A part of a page stands between ``<!-- from the code: NAME -->`` and ``<!-- end -->``; NAME is a key of ``PARTS``. All
-else on a page is written by hand. ``tests/test_reference.py`` compares the pages with the code.
+A part of a page is placed between ``<!-- from the code: NAME -->`` and ``<!-- end -->``; NAME is a key of ``PARTS``.
+Everything else on a page is written by hand. ``tests/test_reference.py`` compares the pages with the code.
 """
 
 import ast
@@ -61,13 +61,13 @@ REQUIRED = "must be given"
 
 
 def table(*header: str, rows: Iterable[Iterable[str]]) -> str:
-    """A Markdown table; a | in a cell is escaped."""
+    """Return a Markdown table, with each | in a cell escaped."""
     lines = [header, ["---"] * len(header), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
 def tick(text: str) -> str:
-    """Docstrings mark code as reStructuredText does; pages as Markdown."""
+    """Return text of a docstring with its reStructuredText code marks replaced by those of Markdown."""
     text = re.sub(r":\w+:`~?\.?([^`]+)`", r"`\1`", text)
     return text.replace("``", "`")
 
@@ -76,7 +76,7 @@ def tick(text: str) -> str:
 
 
 def commands() -> str:
-    """Every command with its arguments and options."""
+    """Return every command with its arguments and options."""
     return "\n".join(_command(name, command) for name, command in _walk(typer.main.get_command(app), "saf-gen"))
 
 
@@ -102,7 +102,7 @@ def _command(name: str, command: Any) -> str:
 
 
 def _help(text: str | None) -> str:
-    """The help of a command; lines that are indented are shown as they stand."""
+    """Return the help of a command as Markdown; blocks of example commands become code blocks."""
     blocks = tick(inspect.cleandoc((text or "").replace("\b", ""))).split("\n\n")
     return "\n\n".join(f"```\n{b}\n```" if b.startswith("saf-gen ") else " ".join(b.split()) for b in blocks)
 
@@ -131,12 +131,12 @@ def _default(parameter: Any) -> str:
 
 
 def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[list[str]]:
-    """A row for each key that holds a value; a key of a model within the model is written with dots."""
+    """Yield a row for each key that holds a value; keys of nested models are joined with dots."""
     for name, field in model.model_fields.items():
         at, inner = f"{prefix}{name}", field.annotation
         if get_origin(inner) is dict and get_args(inner)[1] is not Any:
             at, inner = f"{at}.NAME", get_args(inner)[1]
-        if kinds := kinds_of(inner):  # the keys that all of them have; the others have a table of their own
+        if kinds := kinds_of(inner):  # only the keys that all kinds share; the others are in a separate table
             common = set.intersection(*(set(kind.model_fields) for kind in kinds))
             yield from (row for row in keys_of(kinds[0], f"{at}.") if row[0].strip("`").split(".")[-1] in common)
             continue
@@ -147,7 +147,7 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[list[str]]:
 
 
 def kinds_of(hint: Any) -> list[type[BaseModel]]:
-    """The models of a union of kinds, such as the drives of a lens; none for anything else."""
+    """Return the models of a union of kinds, such as the drives of a lens; empty for any other type."""
     return [get_args(kind)[0] for kind in get_args(hint) if get_origin(kind) is Annotated]
 
 
@@ -159,7 +159,7 @@ def _default_of(field: FieldInfo) -> str:
 
 
 def _written(value: Any) -> str:
-    """A value as YAML writes it."""
+    """Return a value as YAML writes it."""
     if isinstance(value, tuple):
         return f"`[{', '.join(f'{v:g}' if isinstance(v, float) else str(v) for v in value)}]`"
     if isinstance(value, float):
@@ -169,7 +169,7 @@ def _written(value: Any) -> str:
 
 
 def _allowed(hint: Any, field: FieldInfo) -> str:
-    """The values of a type in words, with the bounds of a field."""
+    """Return the allowed values of a type in words, with the bounds of a field."""
     inner = [one for one in get_args(hint) if one is not NoneType]
     if get_origin(hint) is Annotated:
         return _allowed(inner[0], FieldInfo.from_annotation(hint))
@@ -208,17 +208,17 @@ def _high(field: FieldInfo) -> str:
 
 
 def recipe_keys() -> str:
-    """The keys of a recipe."""
+    """Return the table of the keys of a recipe."""
     return table("key", "value", "default", "meaning", rows=keys_of(Recipe))
 
 
 def card_keys() -> str:
-    """The keys of a scene card, but for those of the lens."""
+    """Return the table of the keys of a scene card, except those of single kinds of lens."""
     return table("key", "value", "default", "meaning", rows=keys_of(SceneCard))
 
 
 def drive_keys() -> str:
-    """The keys that each kind of lens has of its own."""
+    """Return the table of the keys that only one kind of lens has."""
     rows = []
     kinds = kinds_of(SceneCard.model_fields["lens"].annotation)
     common = set.intersection(*(set(kind.model_fields) for kind in kinds))
@@ -247,23 +247,23 @@ def _options(plugin_kind: str) -> str:
 
 
 def light_keys() -> str:
-    """The kinds of light schedules with their keys."""
+    """Return the table of the kinds of light schedules with their keys."""
     return _options("lights")
 
 
 def light_common_keys() -> str:
-    """The keys that every light schedule takes."""
+    """Return the table of the keys that all light schedules have."""
     rows = [[f"`{key}`", *tick(said).split(": ", 1)] for key, said in COMMON_KEYS.items()]
     return table("key of every kind", "value", "meaning", rows=rows)
 
 
 def motion_keys() -> str:
-    """The kinds of lens motions with their keys."""
+    """Return the table of the kinds of lens motions with their keys."""
     return _options("motions")
 
 
 def measure_table() -> str:
-    """The focus measures."""
+    """Return the table of the focus measures."""
     rows = []
     for name in registry.names("measures"):
         measure = build_method_plugin_or_class("measures", name)
@@ -275,7 +275,7 @@ def measure_table() -> str:
 
 
 def search_table() -> str:
-    """The searches."""
+    """Return the table of the searches."""
     rows = []
     for name in registry.names("searches"):
         search = build_method_plugin_or_class("searches", name)
@@ -285,7 +285,7 @@ def search_table() -> str:
 
 
 def sensor_table() -> str:
-    """The sensors that come along."""
+    """Return the table of the sensors that come with saf_gen."""
     rows = []
     for name in sensor_names():
         sensor = get_sensor(name)
@@ -295,7 +295,7 @@ def sensor_table() -> str:
 
 
 def actuator_table() -> str:
-    """The actuators that come along."""
+    """Return the table of the actuators that come with saf_gen."""
     rows = []
     for name in actuator_names():
         one = get_actuator(name)
@@ -308,7 +308,7 @@ def actuator_table() -> str:
 
 
 def leaderboard_columns() -> str:
-    """The columns of the leaderboard; those of one meaning, such as the ends of an interval, in one row."""
+    """Return the table of the leaderboard's columns; columns with the same meaning share a row."""
     rows: list[list[str]] = []
     for column in list_leaderboard_columns([SimpleNamespace(success_by_light=[("LIGHT", None)])]):  # type: ignore[list-item]
         if rows and rows[-1][2] == column.meaning:
@@ -319,25 +319,25 @@ def leaderboard_columns() -> str:
 
 
 def leaderboard_conditions() -> str:
-    """The conditions by which sequences are sorted."""
+    """Return the table of the conditions by which sequences are sorted."""
     rows = ([axis.title, f"`{axis.name}`", axis.meaning, "; ".join(axis.order)] for axis in AXES)
     return table("condition", "axis", "meaning", "bins", rows=rows)
 
 
 def rank_agreement() -> str:
-    """What is told of the rankings under two bins of a condition."""
+    """Return the table of the numbers that compare the rankings under two bins of a condition."""
     return table("number", "meaning", rows=([f"`{key}`", said] for key, said in AGREEMENT_MEANINGS.items()))
 
 
 def curve_criteria() -> str:
-    """The criteria of a focus curve."""
+    """Return the table of the criteria of a focus curve."""
     return table(
         "number", "meaning", rows=([f"`{key}`", tick(said)] for key, said in config_field_docs(CurveQuality).items())
     )
 
 
 def record_keys() -> str:
-    """The keys of a line of records.jsonl."""
+    """Return the table of the keys of a line of records.jsonl."""
     said = config_field_docs(Record)
     return table("key", "meaning", rows=([f"`{field.name}`", tick(said[field.name])] for field in fields(Record)))
 
@@ -356,11 +356,11 @@ PUBLIC: dict[str, list[Any]] = {
     "saf_gen.optics.actuators": [get_actuator, saf_gen.optics.actuators.ActuatedLens],
     "saf_gen.errors": [BadInput],
 }
-"""What scripts and plug-ins of others may rely on, by the module to import it from."""
+"""Functions and classes on which scripts and plug-ins of users may rely, by the module from which to import them."""
 
 
 def python_interface() -> str:
-    """The public functions and classes, from their docstrings."""
+    """Return the reference of the public functions and classes, from their docstrings."""
     parts = []
     for module, members in PUBLIC.items():
         parts.append(f"## {module}\n")
@@ -400,20 +400,29 @@ def _summary(one: Any) -> str:
 
 
 def _docstring(one: Any) -> str:
-    """A docstring of numpydoc as Markdown: sections in bold, their entries as a list."""
+    """Return a numpydoc docstring as Markdown: section titles in bold, the entries of a section as a list."""
+    text, *sections = re.split(r"\n([A-Z]\w+)\n-{3,}\n", tick(inspect.getdoc(one) or ""))
+    text = f"{text.rstrip()}\n"
+    for title, body in zip(sections[::2], sections[1::2], strict=True):
+        text += f"\n**{title}**\n\n{_entries(title, body)}\n"
+    return text
+
+
+def _entries(title: str, body: str) -> str:
+    """Return the entries of a section, each of which has its description indented below it, as a list."""
     lines: list[str] = []
-    inside = False  # an entry, whose text may go on over indented lines
-    text = re.sub(r"\n([A-Z]\w+)\n-{3,}\n", r"\n**\1**\n\n", tick(inspect.getdoc(one) or ""))
-    for line in text.split("\n"):
-        entry = re.match(r"([*\w][\w*, ]*) : (.*)", line)
-        if entry:
-            lines.append(f"- `{entry[1]}`: {entry[2]}")
-        elif line.startswith("    ") and inside:
+    for line in body.rstrip("\n").split("\n"):
+        if line.startswith("    ") and lines and lines[-1].startswith("- ") and lines[-1].endswith(":"):
+            lines[-1] += f" {line.strip()}"
+        elif line.startswith("    "):
             lines.append(f"  {line.strip()}")
-        else:
+        elif title in ("Notes", "References", "Examples") or not line:
             lines.append(line)
-        inside = bool(entry) or (inside and line.startswith("    "))
-    return "\n".join(lines) + "\n"
+        else:
+            names, _, kind = line.partition(" : ")
+            names = names if title in ("Returns", "Yields") else f"`{names}`"
+            lines.append(f"- {names} ({kind}):" if kind else f"- {names}:")
+    return "\n".join(lines)
 
 
 NAMES = """
@@ -428,11 +437,11 @@ RecordingView SweepView RunningCamera CapturedFrames ClosedLoopProtocol ClosedLo
 Judgement Record AutofocusEnv LeaderboardRow AxisTable Check Comparison Verdict Workload
 DatasetMaker BadInput
 """
-"""The classes that the glossary names, from the top of the chain to its end."""
+"""Classes that the glossary lists, in the order of the chain from recipe to leaderboard."""
 
 
 def names_in_the_code() -> str:
-    """What the classes of the package are, by the first sentence of their docstrings; nothing is imported."""
+    """Return the table of the classes in ``NAMES`` with the first sentence of their docstrings; none is imported."""
     said = {}
     for path in sorted((DOCS.parent / "saf_gen").rglob("*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
@@ -466,18 +475,18 @@ PARTS: dict[str, Callable[[], str]] = {
         names_in_the_code,
     )
 }
-"""What a page may take from the code."""
+"""Functions that make the parts of pages, by the name of the part."""
 SCHEMAS = {"recipe.schema.json": make_recipe_schema, "scene.schema.json": make_scene_card_schema}
 
 
 def rewritten(page: Path) -> str:
-    """The text of a page with its parts as the code tells them now."""
+    """Return the text of a page with its parts made from the present code."""
     text = page.read_text(encoding="utf-8")
     return PART.sub(lambda found: f"{found[1]}\n{PARTS[found[2]]()}\n{found[3]}", text)
 
 
 def expected_files() -> dict[Path, str]:
-    """Every file of docs/ that the code tells, in whole or in part, with its text."""
+    """Return all files of docs/ that are made from the code, completely or in part, with their expected text."""
     pages = {page: rewritten(page) for page in sorted(DOCS.rglob("*.md")) if PART.search(page.read_text("utf-8"))}
     written = {name: json.dumps(make(), indent=1, ensure_ascii=False) + "\n" for name, make in SCHEMAS.items()}
     return pages | {DOCS / "reference" / name: text for name, text in written.items()}

@@ -16,28 +16,34 @@ from saf_gen.parts import Answer, View
 PERIOD_S, PACKET = 0.005, 8
 """Seconds between two commands, and the frames that a running camera hands over at once."""
 SECOND = "sd_calibrated"
-"""The focus measure beside the method's own: its peak is low and wide, and is seen from far away."""
+"""The focus measure in addition to that of the method: its peak is low and wide, and visible from far away."""
 STEPS = 0.02, 0.06, 0.18
-"""By how much of the travel the lens is sent on, to either side."""
+"""Sizes of the steps of the lens to either side, as fractions of the travel."""
 ACTIONS = 3 + 2 * len(STEPS)
-"""Answer with the peak; go to the peak; stay; and the steps, forward and backward."""
+"""Number of actions: answer with the peak, go to the peak, stay, and the steps forward and backward."""
 CELLS, SMEAR = 100, 0.03
-"""Cells of the travel in which scores are averaged; motion in a window, in travels, at which it counts half."""
+"""Cells of the travel in which scores are averaged, and the motion in a window, in travels, that halves its weight."""
 OFFSETS = np.array([-0.5, -0.3, -0.18, -0.1, -0.06, -0.03, 0.03, 0.06, 0.1, 0.18, 0.3, 0.5])
-"""Places beside the peak, in travels, at which a network sees the curves."""
+"""Distances from the peak, in travels, at which the network sees the curves."""
 FEATURES = 3 * len(OFFSETS) + 11
 
 
 def count_period_frames(readout_hz: float) -> int:
-    """Return the frames of a control period: whole packets, as the environment rounds them."""
+    """Return the frames of a control period, rounded up to complete packets as in the environment."""
     return max(-(-round(PERIOD_S * readout_hz) // PACKET), 1) * PACKET
 
 
 class Explorer:
-    """What a lens has found of its travel so far, and where its commands send it.
+    """The scores that a lens has seen along its travel so far, and the state of its commands.
 
-    The environment of the training and the search share it, so that both see the same. ``ends`` are those of the
-    travel; the training moves them in. ``mirrored`` turns left and right about for the network.
+    The training environment and the search share this class, so that both see the same.
+
+    Parameters
+    ----------
+    ends : tuple of float, default (0, 1)
+        Ends of the travel, which the training moves inwards.
+    mirrored : bool, default False
+        Whether the network sees the two directions of the travel exchanged.
     """
 
     def __init__(self, *, ends: tuple[float, float] = (0.0, 1.0), mirrored: bool = False) -> None:
@@ -49,7 +55,19 @@ class Explorer:
         self._weight, self._place, self._scores = np.zeros(CELLS), np.zeros(CELLS), np.zeros((CELLS, 2))
 
     def look(self, lens: float, *, left: float, light: float, scores: tuple[float, float]) -> None:
-        """Take in a control period: lens at its end, fraction of time left, counts per pixel and frame, two scores."""
+        """Add the observations of a control period.
+
+        Parameters
+        ----------
+        lens : float
+            Lens position at the end of the period.
+        left : float
+            Fraction of the time that is left.
+        light : float
+            Counts per pixel and frame.
+        scores : tuple of float
+            Scores of the method's measure and of ``SECOND``.
+        """
         if not self.periods:
             self.here = self.target = lens
             self._period = 1 - left
@@ -66,16 +84,20 @@ class Explorer:
 
     @property
     def must_answer(self) -> bool:
-        """Whether no whole period is left after the next."""
+        """True if no complete period is left after the next one."""
         return self.left < 2.01 * self._period
 
     def list_scores(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the places that the lens has been seen at, rising, and their scores, (n,) and (n, 2)."""
+        """Return the positions at which the lens was seen, in increasing order, and their scores, (n,) and (n, 2)."""
         known = np.flatnonzero(self._weight)
         return self._place[known], self._scores[known]
 
     def find_peak(self) -> float:
-        """Return the top of a parabola through the logarithms round the best cell, between its neighbours."""
+        """Return the position of the peak of the method's scores.
+
+        It is the vertex of a parabola through the logarithms of the scores round the best cell, limited to the
+        neighbours of that cell.
+        """
         known = np.flatnonzero(self._weight)
         place, score = self._place[known], self._scores[known, 0]
         best = int(score.argmax())
@@ -95,7 +117,7 @@ class Explorer:
         return float(np.clip(top, place[max(best - 1, 0)], place[min(best + 1, len(place) - 1)]))
 
     def describe(self) -> np.ndarray:
-        """Return what the network sees, float32 (FEATURES,): nothing that tells where in its travel the lens is."""
+        """Return the input of the network, float32 (FEATURES,), which does not show where in its travel the lens is."""
         place, scores = self.list_scores()
         peak, sign = self.find_peak(), self._sign
         at = peak + sign * OFFSETS
@@ -120,11 +142,11 @@ class Explorer:
         return np.concatenate([*curves, seen | outside, np.clip(rest, -2, 2)]).astype(np.float32)
 
     def find_step(self, number: int, side: float) -> int:
-        """Return the action that sends the lens by STEPS[number] towards a side of the travel, 1 or -1."""
+        """Return the action that moves the lens by STEPS[number] towards a side of the travel, 1 or -1."""
         return 3 + 2 * number + (side * self._sign < 0)
 
     def command(self, action: int) -> tuple[float, bool]:
-        """Return the position where an action sends the lens, and whether that is the answer."""
+        """Return the position to which an action sends the lens, and whether that is the answer."""
         stop = action == 0 or self.must_answer
         to = self.target
         if stop or action == 1:
@@ -132,7 +154,7 @@ class Explorer:
         elif action > 2:
             number, back = divmod(action - 3, 2)
             to += self._sign * STEPS[number] * (1 - 2 * back)
-        to = float(np.float32(min(max(to, self.ends[0]), self.ends[1])))  # as the environment takes it
+        to = float(np.float32(min(max(to, self.ends[0]), self.ends[1])))  # the environment rounds to float32
         if to != self.target:
             direction = math.copysign(1, to - self.target)
             self.turns += self.direction == -direction
@@ -142,16 +164,16 @@ class Explorer:
 
 @dataclass(frozen=True)
 class Policy:
-    """Commands the lens every 5 ms as a small network says, which has learned it in the Gymnasium environment.
+    """Commands the lens every 5 ms by a small network, which was trained in the Gymnasium environment.
 
-    The network sees the curves of the method's own measure and of another as far as the lens has passed through them,
-    about the best position so far; how the lens stands and moves to that; light, and the time that is left. It says
-    which of nine actions is best: a step of 0.02, 0.06 or 0.18 of the travel to either side, stay, go to the peak, or
-    answer with it. The peak is the top of a parabola through the logarithms of scores round the best one. Where only
-    one more period is left, it answers.
+    The network sees, round the best position so far, the curves of the method's measure and of a second measure over
+    the part of the travel that the lens has passed; the position and motion of the lens relative to that position; the
+    light; and the time that is left. It chooses one of nine actions: a step of 0.02, 0.06 or 0.18 of the travel to
+    either side, stay, go to the peak, or answer with it. The peak is the vertex of a parabola through the logarithms of
+    the scores round the best one. If only one more period is left, the search answers with the peak.
 
-    It was trained with the measure ``structure_calibrated``, the actuator ``voice_coil_hall`` and 0.2 s. The trace
-    holds the positions that the lens was sent to.
+    It was trained with the measure ``structure_calibrated``, the actuator ``voice_coil_hall`` and a budget of 0.2 s.
+    The trace holds the positions to which the lens was sent.
     """
 
     weights: str = "policy.onnx"
@@ -169,7 +191,7 @@ class Policy:
         return OnnxNetwork(Path(__file__).parent / self.weights)
 
     def __call__(self, view: View) -> Answer:
-        """Search with the lens of ``view``. Raise BadInput on a recording, whose lens cannot be moved."""
+        """Search with the lens of ``view``; raise BadInput for a recording, whose lens cannot be moved."""
         network, explorer, trace = self._network(), Explorer(), []
         period = count_period_frames(view.readout_hz)
         if view.frames < 2 * period:
@@ -185,7 +207,10 @@ class Policy:
             view.move(to)
 
     def _see(self, view: View, period: int, target: float) -> dict[str, Any]:
-        """Return the latest period as the environment shows it, numbers as float32; ``target`` for a lens unread."""
+        """Return the latest period as the environment shows it, in float32.
+
+        ``target`` is used as the lens position if the lens cannot be read.
+        """
         first, stop = view.now - period, view.now
         lens = view.position(stop - 1)
         return {

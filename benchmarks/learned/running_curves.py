@@ -16,21 +16,22 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
 
 STEPS = 100
-"""Windows that a recording is cut into, however long it is; the network has been shaped by it."""
+"""Steps into which a recording of any length is divided; the network was built for this number."""
 COUNTS, LONGEST = 8.0, 0.15
-"""Spikes per pixel that a window waits for, and the longest window as a fraction of the recording."""
+"""Spikes per pixel that end the extension of a window, and the longest window as a fraction of the recording."""
 MEASURES = "sd_calibrated", "vollath_f4_n", "gradient_code_n"
 FRAME, POSITION, LIGHT, SPIKES, WIDTH, SCORES = 0, 1, 2, 3, 4, slice(5, 9)
 """Columns of the rows that :func:`follow_sweep` yields."""
 NEAR = 2
-"""Steps to both sides of the likeliest over which the answer is the mean."""
+"""Steps on both sides of the most likely window over which the answer is averaged."""
 
 
 def follow_sweep(view: View) -> Iterator[np.ndarray]:
-    """Yield all rows so far, (n, 9), after each of the STEPS: what is known of the trailing window that ends there.
+    """Yield all rows so far, (n, 9), after each of the STEPS steps; each row describes the window that ends there.
 
-    A window is the shortest that ends there with COUNTS spikes per pixel, at most LONGEST of the recording; where it
-    has fewer than a quarter of them nothing is yielded. Raises BadInput where a step has less than two frames.
+    A window is the shortest that ends at the step and has COUNTS spikes per pixel, but at most LONGEST of the
+    recording. If it has fewer than a quarter of COUNTS, nothing is yielded for the step. Raises BadInput if a step has
+    fewer than two frames.
     """
     step = view.frames // STEPS
     if step < 2:
@@ -63,11 +64,12 @@ def follow_sweep(view: View) -> Iterator[np.ndarray]:
 
 
 def describe_curves(rows: np.ndarray) -> np.ndarray:
-    """Return what the network sees of rows (n, 9): float32 (13, STEPS), zeros after the n-th column.
+    """Return the input of the network for rows (n, 9): float32 (13, STEPS), with zeros after the n-th column.
 
-    Each curve from its least to its largest value, 0...1, and how large that range is; light, and spikes in the window;
-    how far the lens was from where it stands now; the width of the window; and where there is a row. Not where in its
-    travel the lens is: each of the few scenes of training has its focus at one place, which a network learns by heart.
+    The channels are the curves, scaled to 0 to 1; the relative size of their ranges; light, and spikes in the window;
+    the distance of the lens from its present position; the width of the window; and 1 if there is a row. The position
+    of the lens in its travel is left out, because each of the few training scenes has its focus at one position, which
+    a network would memorise.
     """
     n = len(rows)
     seen = np.zeros((13, STEPS), np.float32)
@@ -85,7 +87,7 @@ def describe_curves(rows: np.ndarray) -> np.ndarray:
 
 
 def find_focus_frame(rows: np.ndarray, likely: np.ndarray) -> float:
-    """Return the mean frame round the likeliest row, weighted by how likely rows (n, 9) are, (n,)."""
+    """Return the mean frame round the most likely of rows (n, 9), weighted by their probabilities, (n,)."""
     best = int(likely.argmax())
     near = slice(max(best - NEAR, 0), best + NEAR + 1)
     return float(np.average(rows[near, FRAME], weights=likely[near] + 1e-9))
@@ -95,14 +97,14 @@ def find_focus_frame(rows: np.ndarray, likely: np.ndarray) -> float:
 class RunningCurves:
     """Follows a sweep by a one-dimensional network over the curves so far, and stops once the focus has been passed.
 
-    After each hundredth of the recording the curves of the method's own measure and of three others, light and lens
-    position up to then go through a small convolutional network. It says how likely the focus is in each of the windows
-    so far, and how likely it was not there yet. Where that is less likely than 1 − ``sure`` for two steps, the sweep
-    stops; the answer is the mean frame round the likeliest window. If the end comes first, and the focus was likelier
-    not there than there, the search abstains. Nothing after the last window is looked at.
+    After each hundredth of the recording, a small convolutional network sees the curves of the method's measure and of
+    three others, the light and the lens positions up to then. It gives the probability that the focus is in each of the
+    windows so far, and the probability that it has not been passed yet. If the latter is below 1 − ``sure`` for two
+    steps, the sweep stops, and the answer is the mean frame round the most likely window. If the recording ends first
+    and the focus was probably not in it, the search abstains. Nothing after the last window is used.
 
-    It was trained with the measure ``structure_calibrated``; with another the first curve is not what it knows.
-    The trace holds the frame of the likeliest window, whenever it moves.
+    It was trained with the measure ``structure_calibrated``; with another measure the first curve is unlike those of
+    the training. The trace holds the frame of the most likely window, each time it changes.
     """
 
     sure: float = 0.9
@@ -122,7 +124,7 @@ class RunningCurves:
         return OnnxNetwork(Path(__file__).parent / self.weights)
 
     def __call__(self, view: View) -> Answer:
-        """Search the sweep. Raise BadInput where it is too short."""
+        """Search the sweep; raise BadInput if it is too short."""
         network, trace, passed = self._network(), [], 0
         rows, likely = np.zeros((0, 9)), np.zeros(0)
         for rows in follow_sweep(view):

@@ -1,4 +1,4 @@
-"""A network that looks at two windows and sends the lens: ``--method sd+benchmarks/learned/single_shot.py:SingleShot``.
+"""A network that commands the lens from two windows: ``--method sd+benchmarks/learned/single_shot.py:SingleShot``.
 
 Trained by train_single_shot.py; data, figures and limits are in single_shot.md.
 """
@@ -22,27 +22,28 @@ from saf_gen.plugins.searches._lens_commanding import (
 )
 
 CROP, CROPS = 64, 6
-"""Pixels along the side of a crop, and how many crops of the region the network sees."""
+"""Pixels along the side of a crop, and the number of crops of the region that the network sees."""
 CENTRES = np.linspace(-3.5, 3.5, 29)
-"""The bins that the network chooses from: arcsinh of the distance to the focus in depths of focus; 3.5 are 16.5."""
+"""Centres of the network's bins: arcsinh of the distance to the focus in depths of focus; 3.5 corresponds to 16.5."""
 DEPTHS = np.geomspace(0.025, 0.16, 9)
+"""Depths of focus that are considered, as fractions of the travel."""
 USUAL_DEPTH, DEPTH_SPREAD = 0.06, 0.45
-"""Depths of focus that are weighed, fractions of the travel; which is expected, and the deviation of its logarithm."""
+"""The expected depth of focus, as a fraction of the travel, and the standard deviation of its logarithm."""
 PLACES = np.linspace(0, 1, 501)
-"""Places of the focus that are weighed, fractions of the travel."""
+"""Positions of the focus that are considered, as fractions of the travel."""
 LEAST = 3e-3
-"""The probability that is added to each bin: a network that is sure may err."""
+"""Probability that is added to each bin, because a network may be wrong even if it is certain."""
 DARK = 0.3
-"""Spikes per pixel in half a window, below which it is too dark to say anything."""
+"""Spikes per pixel in half a window below which it is too dark for an answer."""
 
 Halves = tuple[np.ndarray, np.ndarray]
 
 
 def describe_window(halves: Halves) -> np.ndarray:
-    """Return what the network sees of a window's two halves, counts (h, w) each: float32 (CROPS, 2, CROP, CROP).
+    """Return the input of the network for the two halves of a window, counts (h, w): float32 (CROPS, 2, CROP, CROP).
 
-    The crops are spread over the region, and each half is divided by its own mean over all of them. A region smaller
-    than a crop is mirrored at its borders.
+    The crops are spread over the region, and each half is divided by its mean over all crops. A region smaller than a
+    crop is mirrored at its borders.
     """
     crops = np.stack([_crop(half) for half in halves], axis=1).astype(np.float32)
     return crops / np.maximum(crops.mean(axis=(0, 2, 3), keepdims=True), 1e-3)
@@ -59,16 +60,24 @@ def _crop(counts: np.ndarray) -> np.ndarray:
 
 
 def describe_distance(distance: float) -> float:
-    """Return how the network is told the distance between two lens positions, a fraction of the travel."""
+    """Return the input of the network for the distance between two lens positions, a fraction of the travel."""
     return log(max(distance, 0.005) / USUAL_DEPTH)
 
 
 @dataclass
 class Belief:
-    """Where the focus may be after some looks: what the network says of each pair of them, put together.
+    """The probability of each position of the focus after several looks, from the network's output for each pair.
 
-    ``at`` holds the lens position of each look, ``windows`` what the network sees of it, and ``said[n]`` what it said
-    of look n as part of each pair: logarithms of the probabilities of the bins.
+    Attributes
+    ----------
+    network : OnnxNetwork
+        The network.
+    at : list of float
+        Lens position of each look.
+    windows : list of ndarray
+        Input of the network for each look.
+    said : list of list of ndarray
+        For each look, the logarithms of the probabilities of the bins from each pair that it is part of.
     """
 
     network: Any
@@ -77,7 +86,7 @@ class Belief:
     said: list[list[np.ndarray]] = field(default_factory=list)
 
     def add(self, position: float, window: np.ndarray) -> None:
-        """Add a look, and ask the network about each pair of it and an earlier one."""
+        """Add a look, and run the network for each pair of it and an earlier look."""
         self.at.append(position)
         self.windows.append(window)
         self.said.append([])
@@ -91,9 +100,9 @@ class Belief:
                     self.said[number].append(np.log(chances[0] + LEAST))
 
     def weigh(self) -> np.ndarray:
-        """Return the probability of each of DEPTHS and PLACES, (9, 501), which sum to 1.
+        """Return the joint probability of DEPTHS and PLACES, (9, 501), which sums to 1.
 
-        Each look counts once, by the mean over its pairs: these are not independent.
+        Each look counts once, through the mean over its pairs, because the pairs are not independent.
         """
         found = -0.5 * (np.log(DEPTHS / USUAL_DEPTH) / DEPTH_SPREAD)[:, None] ** 2 + np.zeros(len(PLACES))
         for position, said in zip(self.at, self.said, strict=True):
@@ -104,7 +113,7 @@ class Belief:
         return found / found.sum()
 
     def find_focus(self) -> tuple[float, float]:
-        """Return the likeliest place of the focus, and how likely it lies within half a depth of focus of there."""
+        """Return the most likely focus position, and the probability that the focus is within half a depth of it."""
         chances = self.weigh()
         depth = float(chances.sum(axis=1) @ DEPTHS)
         places = chances.sum(axis=0)
@@ -115,7 +124,7 @@ class Belief:
 
 
 class _Looker:
-    """A view whose scores are looks: the counts of both halves of the window are kept in ``halves``."""
+    """A view whose scores are 0, and which keeps the counts of both halves of the last window in ``halves``."""
 
     def __init__(self, view: View) -> None:
         self._view = view
@@ -132,19 +141,19 @@ class _Looker:
 
 @dataclass(frozen=True)
 class SingleShot(LensCommandingSearch):
-    """Looks at two windows a ``step`` of the travel apart; a network says how far and which way the focus is.
+    """Looks at two windows a ``step`` of the travel apart, from which a network estimates the distance to the focus.
 
-    The second look is towards the longer part of the travel. The lens is then sent to where the focus most likely is,
-    and looks again; this ends once the focus lies within half a depth of focus of that place with a probability of
-    ``sure``, after three looks at least and ``looks`` at most. The lens is then sent to the last such place.
+    The second look is towards the longer part of the travel. The lens is then sent to the most likely position of the
+    focus for another look, and so on, until the focus is within half a depth of focus of that position with a
+    probability of ``sure``, after at least three and at most ``looks`` looks. The answer is the last such position.
 
-    A small convolutional network sees crops of the counts of two windows, and how far the lens moved between them. It
-    does not see where in its travel the lens is, and the lens need not be known: for each look it gives a distribution
-    over signed distances in depths of focus, and the search weighs these, from all pairs of looks, over where the
-    focus may be and how large a depth of focus may be. The method's measure is not used.
+    A small convolutional network sees crops of the counts of two windows, and the distance that the lens moved between
+    them. It does not see the position of the lens in its travel, and the lens need not be known: for each look it gives
+    a distribution over signed distances in depths of focus. The search combines the distributions of all pairs of looks
+    into a joint probability of the focus position and the depth of focus. The method's measure is not used.
 
-    It answers with a lens position, abstains where there is too little light or time for two looks; the trace holds the
-    positions of all looks.
+    The search answers with a lens position, and abstains if there is too little light or time for two looks. The trace
+    holds the positions of all looks.
     """
 
     dt: int = 200
@@ -169,7 +178,7 @@ class SingleShot(LensCommandingSearch):
         return OnnxNetwork(Path(__file__).parent / self.weights)
 
     def __call__(self, view: View) -> Answer:
-        """Search with the lens of ``view``. Raise BadInput on a recording, whose lens cannot be moved."""
+        """Search with the lens of ``view``; raise BadInput for a recording, whose lens cannot be moved."""
         looker, belief = _Looker(view), Belief(self._network())
         look = FocusSampler(looker, self.dt, still=self.still, lag_s=self.lag_s, timeout_s=self.timeout_s)
         note, lit = "out of frames", False

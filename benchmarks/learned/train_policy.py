@@ -1,11 +1,12 @@
-"""Trains the policy of policy.py in the Gymnasium environment, by proximal policy optimisation (PPO).
+"""Train the policy of policy.py in the Gymnasium environment by proximal policy optimisation (PPO).
 
     saf-gen generate recipes/learned.yaml
     python benchmarks/learned/train_policy.py datasets/learned
 
-One policy per seed learns on sequences of the split ``train``: first what a climber does, which is written here, then
-from rewards. The seed with the most successes on ``validation`` is kept. Writes policy.onnx, .csv and .png, and the
-figures of the card policy.md, to ``--out``. It needs ``pip install 'saf-gen[train]'``.
+One policy per seed is trained on sequences of the split ``train``: first it imitates a climber, which is defined here,
+and then it learns from rewards. The seed with the most successes on ``validation`` is kept. The script writes
+policy.onnx, .csv and .png, and the figures of the card policy.md, to ``--out``. It needs
+``pip install 'saf-gen[train]'``.
 """
 
 import math
@@ -30,23 +31,24 @@ NAME = "policy"
 MEASURE = "structure_calibrated"
 RIVALS = "golden_section", "hill_climb", "photon_aware"
 ROWS, COLUMNS, SMALLEST = 48, 200, 0.35
-"""The middle of the box, which is all that an episode of training looks at, or less: SMALLEST of it either way."""
+"""Size of the middle of the box, in pixels, that training uses; an episode may use only SMALLEST of each side."""
 PER_SCENE = 8
-"""Sequences of each scene that a seed learns on: they stay in memory together, with new noise in each episode."""
+"""Sequences of each scene on which a seed is trained; all stay in memory, with new noise in each episode."""
 STEPS_PER_EPOCH, WIDTH = 2048, 64
 CLONED, ROUNDS, DETOURS, PASSES = 2048, 4, 0.1, 60
-"""Steps of a round that the network is taught, rounds, how often an action is drawn at random, and passes a round."""
+"""Imitation: steps of a round, number of rounds, fraction of random actions, and passes over the data per round."""
 LOOKS = 24
-"""Episodes of validation after each epoch, the same each time."""
+"""Episodes of validation after each epoch, which are the same each time."""
 DISCOUNT = 0.995
 TIME, TURN, BLUR = 0.1, 0.05, 1.0
-"""Cost of the whole budget, of each reversal beyond the second, and of an answer one depth of focus away or more."""
+"""Cost of the full budget, of each reversal beyond the second, and of an answer one depth of focus away or more."""
 
 
 class CroppedEnv(AutofocusEnv):
-    """The environment with the middle of each sequence's box, with ``varied`` of a size that is drawn by its name.
+    """The environment, limited to the middle of each sequence's box.
 
-    A smaller box has noisier scores: a policy that has seen many answers only where it can be sure.
+    With ``varied``, the size of the box is random, with a seed from the sequence's id. A smaller box has noisier
+    scores; a policy that was trained on many of them answers only if it can be sure.
     """
 
     def __init__(self, dataset: Path, *, varied: bool, **more: Any) -> None:
@@ -65,11 +67,11 @@ class CroppedEnv(AutofocusEnv):
 
 
 class PolicyView(gymnasium.Wrapper[np.ndarray, int, dict[str, Any], np.ndarray]):
-    """The environment as the policy sees it: what an Explorer describes, its nine actions, and a shaped reward.
+    """The environment as the policy sees it: the description of an Explorer, nine actions, and a shaped reward.
 
-    With ``varied``, each episode moves the ends of the travel in at random, with the focus and the start between them,
-    and may turn left and right about: else the policy learns by heart where in its travel each scene has its focus.
-    The reward is the environment's, less the costs TIME, TURN and BLUR.
+    With ``varied``, each episode moves the ends of the travel inwards at random, with the focus and the start between
+    them, and may exchange the two directions; otherwise the policy would memorise the focus position of each scene. The
+    reward is that of the environment, minus the costs TIME, TURN and BLUR.
     """
 
     def __init__(self, env: AutofocusEnv, *, varied: bool, seed: int = 0) -> None:
@@ -113,7 +115,7 @@ class PolicyView(gymnasium.Wrapper[np.ndarray, int, dict[str, Any], np.ndarray])
 
 
 def _crop(span: slice, most: int) -> slice:
-    """Return the middle of a span, at most so long."""
+    """Return the middle of a span, at most ``most`` long."""
     begin = span.start + max(span.stop - span.start - most, 0) // 2
     return slice(begin, min(begin + most, span.stop))
 
@@ -129,7 +131,7 @@ def choose_sequences(dataset: Path, split: str, *, seed: int) -> list[str]:
 
 
 def make_environment(dataset: Path, split: str, *, seed: int, varied: bool) -> PolicyView:
-    """Return the environment of a seed's sequences of a split, all of which stay in memory."""
+    """Return the environment with the sequences of a split for a seed, all of which stay in memory."""
     chosen = choose_sequences(dataset, split, seed=seed)
     more = {"protocol": PROTOCOL, "control_s": method.PERIOD_S, "pixels": 1, "threads": 1}
     env = CroppedEnv(dataset, varied=varied, sequences=chosen, keep=len(chosen), **more)
@@ -137,10 +139,10 @@ def make_environment(dataset: Path, split: str, *, seed: int, varied: bool) -> P
 
 
 def choose_climbing_action(explorer: method.Explorer, *, truth: float, depth: float) -> int:
-    """Return what a climber does that is told where the focus is and how deep, in travels: 0 to ACTIONS − 1.
+    """Return the action, 0 to ACTIONS − 1, of a climber that knows the focus and the depth of focus, in travels.
 
-    It steps on until it has been 0.05 beyond the focus on either side, or where the travel ends. Then it goes to the
-    peak, waits there, and answers if that is right; else it looks where the focus is.
+    It steps until it has been 0.05 beyond the focus on both sides, or at the end of the travel. Then it goes to the
+    peak, waits there, and answers if the peak is at the focus; otherwise it looks at the focus.
     """
     places, peak = explorer.list_scores()[0], explorer.find_peak()
     edges = (1, places[-1], explorer.ends[1]), (-1, places[0], explorer.ends[0])
@@ -161,10 +163,10 @@ def choose_climbing_action(explorer: method.Explorer, *, truth: float, depth: fl
 
 
 def clone_climber(model: Any, env: PolicyView, *, seed: int) -> None:
-    """Teach a PPO model what the climber would do, and the value of where it was, in ROUNDS of CLONED steps.
+    """Train a PPO model on the actions of the climber and the values of its states, in ROUNDS of CLONED steps.
 
-    The climber acts in the first round, in the others the network as taught so far, so that it learns what to do where
-    it errs (DAgger: Ross, Gordon and Bagnell 2011, arXiv:1011.0686).
+    The climber acts in the first round, and the network as trained so far in the others, so that it learns to correct
+    its errors (DAgger: Ross, Gordon and Bagnell 2011, arXiv:1011.0686).
     """
     import torch
 
@@ -197,7 +199,7 @@ def clone_climber(model: Any, env: PolicyView, *, seed: int) -> None:
 
 
 def run_episodes(network: Any, env: PolicyView) -> tuple[float, float]:
-    """Return 1 − the mean reward of LOOKS episodes and the share of successes, with the likeliest actions."""
+    """Return 1 − the mean reward, and the success rate, of LOOKS episodes with the most likely actions."""
     import torch
 
     rewards, right = [], []
@@ -215,9 +217,10 @@ def run_episodes(network: Any, env: PolicyView) -> tuple[float, float]:
 
 
 def train(dataset: Path, *, seed: int, epochs: int) -> Trained:
-    """Return the policy of a seed, with 1 − reward of an episode on both splits after each epoch of STEPS_PER_EPOCH.
+    """Return the policy of a seed, with 1 − reward per episode on both splits after each epoch of STEPS_PER_EPOCH.
 
-    Epoch 0 is what the climber has taught. The last epoch is kept: the least loss of a few episodes would be luck.
+    Epoch 0 is the state after imitation of the climber. The last epoch is kept, because the smallest loss over a few
+    episodes would be chance.
     """
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
@@ -243,7 +246,7 @@ def train(dataset: Path, *, seed: int, epochs: int) -> Trained:
     network = nn.Sequential(model.policy.mlp_extractor.policy_net, model.policy.action_net)
 
     class Look(BaseCallback):
-        """Looks at both splits after each epoch."""
+        """Evaluates both splits after each epoch."""
 
         def _on_step(self) -> bool:
             return True

@@ -1,9 +1,10 @@
-"""Trains the network of running_curves.py: how likely is the focus in each window of a sweep so far, or not there yet?
+"""Train the network of running_curves.py, which estimates in which window of a sweep so far the focus was passed.
 
     saf-gen generate recipes/learned.yaml
     python benchmarks/learned/train_running_curves.py datasets/learned
 
-One network per seed learns on the split ``train``. The seed with the most successes on ``validation`` is kept. Writes
+The network gives the probability that the focus is in each window, and that it has not been passed yet. One network per
+seed is trained on the split ``train``. The seed with the most successes on ``validation`` is kept. The script writes
 running_curves.onnx, .csv and .png, and the figures of the card running_curves.md, to ``--out``. It needs
 ``pip install 'saf-gen[train]'``.
 """
@@ -36,14 +37,14 @@ NAME = "running_curves"
 MEASURE = "structure_calibrated"
 CHANNELS, WIDTH, DILATIONS = 13, 32, (1, 2, 4, 8, 1)
 BATCH, PREFIXES = 64, 8
-"""Prefixes in a batch, and how many of a recording are drawn in an epoch."""
+"""Prefixes in a batch, and prefixes drawn from each recording in an epoch."""
 
 Example = tuple[np.ndarray, float, float]
-"""Rows of a whole recording (n, 9), the true focus, and the depth of focus, both as fractions of the travel."""
+"""Rows of a complete recording (n, 9), the true focus position, and the depth of focus, as fractions of the travel."""
 
 
 def read_examples(dataset: Path, split: str, *, keep: Path) -> list[Example]:
-    """Return what the method sees of each recording of a split; it is kept in a file, for the next training."""
+    """Return an example of each recording of a split; its rows are stored in a file for later trainings."""
     examples = []
     for _, path in open_split(dataset, split):
         with open_stream(path) as stream:
@@ -61,10 +62,10 @@ def read_examples(dataset: Path, split: str, *, keep: Path) -> list[Example]:
 
 
 def label(rows: np.ndarray, truth: float, depth: float) -> np.ndarray:
-    """Return how likely the focus is in each window of the rows (n, 9), and at the end not there yet, (STEPS + 1,).
+    """Return the target probabilities, (STEPS + 1,): of the focus in each window of the rows (n, 9), and of not yet.
 
-    The focus has been there once the lens has passed it, or rests within half a depth of focus of it. The windows
-    within about a quarter of a depth of it then share the certainty, and two windows at least.
+    The last probability is 1 until the lens has passed the focus, or been within half a depth of focus of it. From then
+    on, the windows within about a quarter of a depth of focus share the probability, and at least two windows.
     """
     away = rows[:, method.POSITION] - truth
     target = np.zeros(method.STEPS + 1, np.float32)
@@ -79,14 +80,14 @@ def label(rows: np.ndarray, truth: float, depth: float) -> np.ndarray:
 
 
 def draw_prefix(example: Example, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return what a network sees and is to say of a random part of a recording: begun later, ended earlier, turned.
+    """Return the input and target of the network for a random part of a recording, which may be reversed.
 
-    Curves are bent by a power, and their ranges scaled: scenes that were never seen have peaks of other shapes.
+    Curves are raised to a random power and their ranges are scaled, because peaks have other shapes in new scenes.
     """
     rows, truth, depth = example
     if random.random() < 0.5:
         rows = rows[::-1]
-    first = int(random.integers(len(rows)))  # else how long a sweep has gone on tells where the focus is
+    first = int(random.integers(len(rows)))  # otherwise the duration of a sweep would reveal the focus position
     stop = len(rows) if random.random() < 0.2 else int(random.integers(first + 1, len(rows) + 1))
     rows = rows[first:stop]
     if random.random() < 0.3:
@@ -100,7 +101,7 @@ def draw_prefix(example: Example, random: np.random.Generator) -> tuple[np.ndarr
 
 
 def make_network() -> Any:
-    """Return a network from (n, 13, STEPS) to how likely each window is, and at the end none, (n, STEPS + 1)."""
+    """Return a network from curves (n, 13, STEPS) to probabilities of the windows, and of none yet, (n, STEPS + 1)."""
     import torch
     from torch import nn
 

@@ -1,11 +1,11 @@
-"""Trains the network of single_shot.py: from two windows, how far is the focus from each lens position, and which way?
+"""Train the network of single_shot.py, which estimates the signed distance to the focus from two windows.
 
     saf-gen generate recipes/learned.yaml
     python benchmarks/learned/train_single_shot.py datasets/learned
 
-One network per seed learns on the split ``train``, from pairs of windows of one recording. The seed with the most
-successes on ``validation`` in the closed loop is kept. Writes single_shot.onnx, .csv and .png, and the figures of the
-card single_shot.md, to ``--out``. It needs ``pip install 'saf-gen[train]'``.
+One network per seed is trained on the split ``train``, on pairs of windows of the same recording. The seed with the
+most successes on ``validation`` in the closed loop is kept. The script writes single_shot.onnx, .csv and .png, and the
+figures of the card single_shot.md, to ``--out``. It needs ``pip install 'saf-gen[train]'``.
 """
 
 from pathlib import Path
@@ -34,21 +34,25 @@ from saf_gen.stream.stream_file import SpikeStream, open_stream
 NAME = "single_shot"
 RIVALS = "sd+golden_section", "sd+hill_climb", "structure_calibrated+photon_aware"
 WINDOWS, HALVES = 24, (40, 60, 80)
-"""Windows that are cut from a recording, and the frames in each of their halves, one of these."""
+"""Number of windows that are cut from a recording, and the possible numbers of frames in each half of a window."""
 OCTAVES, FILTERS, WIDTH, HIDDEN = 5, 4, 32, 64
 BATCH, PAIRS = 256, 128
-"""Pairs in a batch, and how many of a recording are drawn in an epoch."""
+"""Pairs in a batch, and pairs drawn from each recording in an epoch."""
 SHARPNESS = 12.0
-"""How fast soft labels fall with the squared distance of a bin; the bins beside the true one have half of its."""
+"""Rate at which soft labels fall with the squared distance of a bin; the bins next to the true one have half of its
+label."""
 
 Example = dict[str, np.ndarray]
-"""Of WINDOWS windows: ``position``, ``away`` (distance to the focus, depths of focus), and measure_windows of them."""
+"""For WINDOWS windows: ``position``, ``away`` (distance to the focus, in depths of focus), and the energies that
+``measure_windows`` returns."""
 
 
 def make_bank() -> np.ndarray:
-    """Return six filters of unit length, (6, 1, 3, 3): differences along rows and columns, near and far, and across.
+    """Return six filters of unit norm, (6, 1, 3, 3).
 
-    Their energies are averaged to FILTERS, for both directions alike: see AVERAGED.
+    They are differences over two pixels along rows and along columns, a diagonal difference, a Laplacian, and
+    differences over one pixel along rows and along columns. AVERAGED combines their energies into FILTERS values that
+    treat both directions equally.
     """
     bank = np.zeros((6, 3, 3), np.float32)
     bank[0, 1] = bank[1, :, 1] = -1, 0, 1
@@ -62,9 +66,9 @@ AVERAGED = np.array([[1, 1, 0, 0, 0, 0], [0, 0, 2, 0, 0, 0], [0, 0, 0, 2, 0, 0],
 
 
 def filter_octaves(windows: Any) -> list[Any]:
-    """Return the filtered crops of windows (n, CROPS, 2, CROP, CROP) at each octave: (n, 2, 6, pixels) each.
+    """Return the filtered crops of windows (n, CROPS, 2, CROP, CROP) at each octave, of shape (n, 2, 6, pixels).
 
-    An octave is the mean of the former over 2 x 2 pixels.
+    An octave is the mean of the previous one over 2 x 2 pixels.
     """
     import torch
 
@@ -80,11 +84,11 @@ def filter_octaves(windows: Any) -> list[Any]:
 
 
 def measure_windows(windows: np.ndarray) -> Example:
-    """Return the energies of windows (n, CROPS, 2, CROP, CROP) at each octave, of filters and pairs of windows.
+    """Return the energies of windows (n, CROPS, 2, CROP, CROP) at each octave, for single windows and for pairs.
 
-    ``alone`` (n, OCTAVES, FILTERS) is the mean product of the two halves, which noise that is new in each leaves as it
-    is; ``noise`` half the mean square of their difference; ``both`` (n, n, OCTAVES, FILTERS) the mean product of two
-    windows.
+    ``alone`` (n, OCTAVES, FILTERS) is the mean product of the two halves, which independent noise does not bias.
+    ``noise``, of the same shape, is half the mean square of their difference. ``both`` (n, n, OCTAVES, FILTERS) is the
+    mean product of two windows.
     """
     import torch
 
@@ -101,7 +105,7 @@ def measure_windows(windows: np.ndarray) -> Example:
 
 
 def cut_windows(stream: SpikeStream) -> Example:
-    """Return an example of a recording: WINDOWS windows of it at random times, one in each part of equal length."""
+    """Return an example of a recording: WINDOWS windows at random times, one in each of as many equal parts."""
     random = seeds.make_generator(NAME, stream.content_sha256)
     region, truth = choose_stream_region(stream, "target")[0], stream.truth
     part, seen, position, away = stream.shape[0] // WINDOWS, [], [], []
@@ -119,7 +123,7 @@ def cut_windows(stream: SpikeStream) -> Example:
 
 
 def read_examples(dataset: Path, split: str, *, keep: Path) -> list[Example]:
-    """Return an example of each recording of a split; it is kept in a file, for the next training."""
+    """Return an example of each recording of a split; it is stored in a file for later trainings."""
     examples = []
     for _, path in open_split(dataset, split):
         with open_stream(path) as stream:
@@ -135,10 +139,10 @@ def read_examples(dataset: Path, split: str, *, keep: Path) -> list[Example]:
 
 
 def draw_pair(example: Example, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return energies (5, OCTAVES, FILTERS) of two windows, how far apart they are, and how far the focus is of each.
+    """Return the energies (5, OCTAVES, FILTERS) of two windows, their distance, and the distance of each to the focus.
 
-    The window at the lesser lens position is the first. Half of the pairs are mirrored, as if the lens moved the other
-    way: then nothing but the pictures tells on which side the focus is.
+    The first window is the one at the smaller lens position. Half of the pairs are mirrored, as if the lens moved in
+    the other direction, so that only the pictures show on which side the focus is.
     """
     pair = random.choice(WINDOWS, 2, replace=False)
     near, far = sorted(map(int, pair), key=lambda n: float(example["position"][n]))
@@ -152,9 +156,10 @@ def draw_pair(example: Example, random: np.random.Generator) -> tuple[np.ndarray
 
 
 def label(away: Any) -> Any:
-    """Return soft ordinal labels (n, bins) of distances in depths of focus (n,): the bins beside the true one count.
+    """Return soft ordinal labels (n, bins) of distances in depths of focus (n,).
 
-    Softmax of the negative squared distance of each bin (Diaz and Marathe, CVPR 2019, doi:10.1109/CVPR.2019.00487).
+    They are the softmax of the negative squared distance of each bin (Diaz and Marathe, CVPR 2019,
+    doi:10.1109/CVPR.2019.00487).
     """
     import torch
 
@@ -163,7 +168,7 @@ def label(away: Any) -> Any:
 
 
 def make_network() -> Any:
-    """Return a network from crops of two windows and their distance to the chances of the bins of both, (n, bins)."""
+    """Return a network from crops of two windows and their distance to the bin probabilities of both, (n, bins)."""
     import torch
     from torch import nn
 
@@ -178,7 +183,7 @@ def make_network() -> Any:
             )
 
         def score(self, energies: Any, apart: Any) -> Any:
-            """From energies (n, 5, OCTAVES, FILTERS) to logits (n, 2, bins)."""
+            """Return the logits (n, 2, bins) for energies (n, 5, OCTAVES, FILTERS)."""
             size = energies[:, :2].clamp(min=0).mean((1, 2, 3), keepdim=True) + 1e-6
             curves = torch.asinh(30 * energies / size) / 3
             curves = curves.transpose(2, 3).reshape(-1, 5 * FILTERS, OCTAVES)
@@ -199,7 +204,7 @@ def make_network() -> Any:
 
 
 def stack_pairs(drawn: list[tuple[np.ndarray, ...]]) -> list[Any]:
-    """Return energies, distances and what is to be said of many pairs, a tensor each."""
+    """Return the energies, the distances and the targets of many pairs as tensors."""
     import torch
 
     return [torch.from_numpy(np.stack(each)) for each in zip(*drawn, strict=True)]

@@ -1,4 +1,4 @@
-"""What the training scripts of the learned methods share: their dataset, loss curves, ONNX files and model cards."""
+"""Shared parts of the training scripts of the learned methods: options, loss curves, ONNX files and model cards."""
 
 import argparse
 import copy
@@ -24,12 +24,15 @@ from saf_gen.stream.stream_file import SpikeStream
 HERE = Path(__file__).parent
 MAX_WEIGHTS_BYTES = 300_000
 PROTOCOL = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.2, sweep_s=0.1)
-"""The closed loop of the cards: as long as the recordings of recipes/learned.yaml."""
+"""Protocol of the closed loop on the cards; its budget is as long as the recordings of recipes/learned.yaml."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained network, its seed, and a row for each epoch; the network is that of the least loss, or the last."""
+    """A trained network, its seed, and a row for each epoch.
+
+    The network is that of the epoch with the least loss, or of the last epoch if ``is_last``.
+    """
 
     seed: int
     network: Any
@@ -50,25 +53,25 @@ class Keeper:
 
 
 def kept_loss(trained: Trained) -> float:
-    """Return the loss on validation of the network that is kept."""
+    """Return the validation loss of the network that is kept."""
     return trained.rows[-1]["validation"] if trained.is_last else min(row["validation"] for row in trained.rows)
 
 
 def parse_options(about: str, *, epochs: int) -> argparse.Namespace:
-    """Return dataset, out, seeds and epochs of the command line."""
+    """Return the options dataset, out, seeds and epochs of the command line."""
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("dataset", type=Path, help="what saf-gen generate made of recipes/learned.yaml")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder of weights, curves and card")
+    parser.add_argument("dataset", type=Path, help="dataset that saf-gen generate made from recipes/learned.yaml")
+    parser.add_argument("--out", type=Path, default=HERE, help="folder for weights, curves and card")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--epochs", type=int, default=epochs)
     return parser.parse_args()
 
 
 def check_options(options: argparse.Namespace, *packages: str) -> None:
-    """Make the folder for what a training writes, before it begins.
+    """Check packages and dataset before a training begins, and create its output folder.
 
-    Raises BadInput without these packages, for a dataset that lacks the split train or validation, and for a folder
-    that cannot be made.
+    Raises BadInput if a package is missing, the dataset lacks the split train or validation, or the folder cannot be
+    created.
     """
     for package in packages:
         require_extra("train", package, of="training")
@@ -79,11 +82,11 @@ def check_options(options: argparse.Namespace, *packages: str) -> None:
     try:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadInput(f"--out: {error}", hint="name a folder that can be made") from None
+        raise BadInput(f"--out: {error}", hint="name a folder that can be created") from None
 
 
 def open_split(dataset: Path, split: str) -> list[tuple[str, Path]]:
-    """Return scene and file of each sequence of a split."""
+    """Return the scene and the file of each sequence of a split."""
     entries = [entry for entry in read_manifest(dataset).sequences if entry.split == split]
     return [(entry.scene, dataset / entry.file) for entry in entries]
 
@@ -95,12 +98,12 @@ def depth_of_focus(stream: SpikeStream) -> float:
 
 
 def export(network: Any, path: Path, *, inputs: dict[str, tuple[int, ...]], outputs: Sequence[str]) -> None:
-    """Write a network to an ONNX file with its weights in it; raise BadInput for a file above MAX_WEIGHTS_BYTES."""
+    """Write a network with its weights to an ONNX file; raise BadInput if the file exceeds MAX_WEIGHTS_BYTES."""
     import torch
 
     examples = tuple(torch.zeros(1, *shape) for shape in inputs.values())
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # PyTorch warns of what it calls itself
+        warnings.simplefilter("ignore")  # PyTorch warns about calls that it makes itself
         program = torch.onnx.export(
             network.eval(), examples, dynamo=True, input_names=list(inputs), output_names=list(outputs), verbose=False
         )
@@ -113,7 +116,7 @@ def export(network: Any, path: Path, *, inputs: dict[str, tuple[int, ...]], outp
 
 
 def write_curves(out: Path, name: str, trained: Sequence[Trained], *, what: str, splits: Sequence[str]) -> None:
-    """Write the rows of all seeds to NAME.csv, and a line of each seed and split to NAME.png."""
+    """Write the rows of all seeds to NAME.csv, and plot a line for each seed and split to NAME.png."""
     sys.path.append(str(HERE.parent))
     from drawing import BLUE, ORANGE, panels, save
 
@@ -135,20 +138,20 @@ def write_curves(out: Path, name: str, trained: Sequence[Trained], *, what: str,
 def judge(
     dataset: Path, methods: Sequence[str], *, protocol: ClosedLoopProtocol | None = None
 ) -> dict[str, tuple[Any, list[Record]]]:
-    """Return a row of the leaderboard, and the records, of each method on the split validation."""
+    """Return the leaderboard row and the records of each method on the split validation."""
     records = evaluate(dataset, methods=methods, split="validation", protocol=protocol).records
     rows = {row.method: row for row in rank_methods(records)}
     return {name: (rows[name], [r for r in records if r.method == name]) for name in rows}
 
 
 def choose(judged: dict[str, tuple[Any, list[Record]]], trained: dict[str, Trained]) -> tuple[str, Trained]:
-    """Return the method with the most successes on validation, of equals that with less loss, and its network."""
+    """Return the method with the most successes on validation, and its network; the smaller loss breaks ties."""
     best = max(trained, key=lambda spec: (judged[spec][0].success_1dof or 0.0, -kept_loss(trained[spec])))
     return best, trained[best]
 
 
 def format_table(judged: dict[str, tuple[Any, list[Record]]], names: dict[str, str]) -> str:
-    """Return a Markdown table of what came out on validation, with the names that readers are shown."""
+    """Return a Markdown table of the results on validation; ``names`` replaces specifications of methods."""
     lines = [
         "| method | within 1 DoF | 95 % interval | median error, DoF | frames seen | time, s | hunting |",
         "|---|---|---|---|---|---|---|",
@@ -170,7 +173,7 @@ def format_table(judged: dict[str, tuple[Any, list[Record]]], names: dict[str, s
 
 
 def describe_splits(dataset: Path) -> str:
-    """Return how many sequences of which scenes the splits train and validation have, in words."""
+    """Return a sentence on the numbers of sequences and the scenes of the splits train and validation."""
     found = {split: [scene for scene, _ in open_split(dataset, split)] for split in ("train", "validation")}
     words = (f"{split}: {len(own):,} sequences of {', '.join(sorted(set(own)))}" for split, own in found.items())
     return f"{'; '.join(words)}."
@@ -179,7 +182,7 @@ def describe_splits(dataset: Path) -> str:
 def describe_training(
     options: argparse.Namespace, chosen: Trained, *, weights: int, read_s: float, train_s: float
 ) -> str:
-    """Return what the training took, and which seed is kept, in words."""
+    """Return sentences on the settings and duration of the training, and on the seed that is kept."""
     return (
         f"Seeds {', '.join(map(str, options.seeds))}, {options.epochs} epochs each; {weights:,} weights. "
         f"Processor time: {read_s / 60:.1f} min to see the data (once), {train_s / 60:.1f} min to train all "
@@ -188,9 +191,9 @@ def describe_training(
 
 
 def fill_card(path: Path, **figures: str) -> None:
-    """Write what was found between the marks ``<!-- KEY -->`` and ``<!-- end -->`` of a card, and nothing else.
+    """Write each text between the marks ``<!-- KEY -->`` and ``<!-- end -->`` of a card, and change nothing else.
 
-    In a folder without the card it begins as a copy of that in HERE.
+    If the card does not exist, it is first copied from HERE. Raises BadInput if the marks of a key are missing.
     """
     text = (path if path.exists() else HERE / path.name).read_text(encoding="utf-8")
     for key, value in figures.items():
@@ -214,9 +217,9 @@ def keep_best(
     read_s: float = 0.0,
     train_s: float,
 ) -> None:
-    """Export a network of each seed, judge them beside rivals, keep the weights of the best, and fill the card.
+    """Export the network of each seed, evaluate them and their rivals, keep the best weights, and fill in the card.
 
-    ``method`` is MEASURE+FILE.py:CLASS; weights and card have the name of that file.
+    ``method`` is MEASURE+FILE.py:CLASS; the weights and the card are named after that file.
     """
     name = Path(method.partition("+")[2].rpartition(":")[0]).stem
     files, networks = {}, {}
@@ -240,7 +243,7 @@ def keep_best(
 
 
 def run(main: Callable[[], None], name: str) -> None:
-    """Call ``main``; a BadInput ends it with one line and exit code 2."""
+    """Call ``main``; if it raises BadInput, print one line and exit with code 2."""
     try:
         main()
     except BadInput as error:

@@ -1,1 +1,1 @@
-"""The product held against its targets: how fast it is, and whether what it makes obeys the laws."""
+"""Acceptance tests of saf_gen: how fast it is, and whether its output obeys the laws of physics."""

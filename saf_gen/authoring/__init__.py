@@ -1,1 +1,1 @@
-"""Tools for the author of a scene: a template to start from, checks, a preview and the gallery."""
+"""Tools for authors of scenes: a template to start from, checks, a preview and the gallery."""

@@ -1,4 +1,4 @@
-"""The gallery of scenes, docs/scenes.md: a page with an image and the numbers of every scene."""
+"""The gallery of scenes, docs/scenes.md: a page with a picture and the figures of every scene."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -20,9 +20,9 @@ from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene, SceneCard
 
-MAX_BYTES = 100_000  # per image file, because it is cloned with the project
-SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 16, 4, 8  # per pixel; of the small images
-SMALL_IMAGES = 3  # of members, and of moments
+MAX_BYTES = 100_000  # per image file, because these are part of the repository
+SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 16, 4, 8  # per pixel; SMALL_SAMPLES is for the small images
+SMALL_IMAGES = 3  # number of members, and of moments
 HEAD = f"""# Scenes
 
 The upper row of an image shows what the camera sees at one end of the lens's travel, at the true focus of the
@@ -47,8 +47,25 @@ def write_scene_gallery(
 ) -> tuple[Path, dict[str, BadInput]]:
     """Write ``folder/scenes.md`` and ``folder/pictures/scenes/<id>.jpg``.
 
-    Returns the page, and the error of each scene that could not be drawn and was left out, by name.
-    ``progress`` is called with each name.
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        Scenes to show, in this order.
+    sensor : Sensor
+        Sensor in front of which the scenes are rendered.
+    folder : Path
+        Folder of the page.
+    backend : {'auto', 'cuda', 'llvm', 'scalar'}, default 'auto'
+        Backend of the renderer.
+    progress : callable, optional
+        Called with the name of each scene before it is rendered.
+
+    Returns
+    -------
+    page : Path
+        Path of the page.
+    failed : dict of str to BadInput
+        Error of each scene that could not be rendered and was left out, by name.
     """
     sections, failed = [HEAD], {}
     for scene in scenes:
@@ -68,7 +85,7 @@ def write_scene_gallery(
 
 @dataclass(frozen=True)
 class _View:
-    """Rows of grey images (0...1), depth and target, and the true focus (NaN for a target out of sight)."""
+    """Rows of grey images (0 to 1), depth and target, and the true focus (NaN if the target is out of sight)."""
 
     rows: list[list[np.ndarray]]
     seen: DepthAndTarget

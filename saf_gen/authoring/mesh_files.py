@@ -1,4 +1,4 @@
-"""Mesh files of strangers as OBJ files and textures that Mitsuba reads; the one place that imports trimesh."""
+"""Conversion of mesh files to OBJ files and textures that Mitsuba reads; the only module that imports trimesh."""
 
 import io
 import re
@@ -16,24 +16,38 @@ CONVERTED_MESHES = (".glb", ".gltf", ".stl")
 
 @dataclass(frozen=True)
 class MeshPart:
-    """One shape of a scene: its files by their names, and how it is coloured."""
+    """A shape of a scene: its files and its colour."""
 
     name: str
     files: dict[str, bytes]
+    """Content of each file, by name."""
     mesh: str
     """Name of the mesh file."""
     texture: str
-    """Name of the file of its base colour; '' where it has one colour."""
+    """Name of the file with the base colour; '' if the shape has a single colour."""
     reflectance: tuple[float, ...]
-    """Linear red, green and blue, 0 to 1, where there is no texture."""
+    """Linear red, green and blue, 0 to 1; used if there is no texture."""
     extent: np.ndarray
     """Smallest and largest coordinates, float64 (2, 3), in units of the file."""
 
 
 def convert_mesh_for_new_scene(path: Path) -> list[MeshPart]:
-    """Return the meshes of a glTF or STL file, placed as its scene places them.
+    """Return the meshes of a glTF or STL file, placed as in the scene of the file.
 
-    Raises BadInput where trimesh is missing, cannot read the file, or finds no face in it.
+    Parameters
+    ----------
+    path : Path
+        File that ends in .glb, .gltf or .stl.
+
+    Returns
+    -------
+    list of MeshPart
+        One part for each mesh with a face.
+
+    Raises
+    ------
+    BadInput
+        If trimesh is not installed, cannot read the file, or finds no face in it.
     """
     require_extra("mesh", "trimesh", of=f"reading {path.suffix} files")
     import trimesh
@@ -48,18 +62,18 @@ def convert_mesh_for_new_scene(path: Path) -> list[MeshPart]:
                 placed = mesh.copy()
                 placed.apply_transform(transform)
                 parts.append(_convert_part(placed, str(node), taken=[part.name for part in parts]))
-    except Exception as error:  # anybody's file, read by a library that raises what it likes
+    except Exception as error:  # an untrusted file, read by a library that may raise any exception
         reason = " ".join(str(error).split())
         raise BadInput(f"trimesh cannot read the mesh: {type(error).__name__}: {reason}", where=str(path)) from error
     if not parts:
-        raise BadInput("the file holds no mesh with a face", where=str(path))
+        raise BadInput("the file has no mesh with a face", where=str(path))
     return parts
 
 
 def _convert_part(mesh: Any, node: str, *, taken: list[str]) -> MeshPart:
     from trimesh.exchange.obj import export_obj
 
-    name = "mesh_" + re.sub(r"\W+", "_", node, flags=re.ASCII).strip("_")  # no lamp and no wall is called so
+    name = "mesh_" + re.sub(r"\W+", "_", node, flags=re.ASCII).strip("_")  # never the name of a lamp or the wall
     if name in taken:
         name = f"{name}_{len(taken) + 1}"
     lines = export_obj(mesh, include_normals=True, include_color=False, include_texture=True, write_texture=False)

@@ -1,4 +1,4 @@
-"""A scene round a mesh: the mesh before the lens, a lamp, a wall, and a card."""
+"""A scene around a mesh: the mesh in front of the lens, a lamp, a wall, and a card."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,18 +8,18 @@ import numpy as np
 from saf_gen.authoring.mesh_files import CONVERTED_MESHES, MeshPart, convert_mesh_for_new_scene
 from saf_gen.errors import BadInput
 
-MITSUBA_READS = (".obj", ".ply")
-FOREIGN = {
-    ".blend": "a file of Blender",
-    ".fbx": "a file of FBX",
-    ".dae": "a file of Collada",
-    ".usd": "a file of USD",
-    ".usdz": "a file of USD",
-    ".3ds": "a file of 3ds Max",
-    ".max": "a file of 3ds Max",
+MITSUBA_MESHES = (".obj", ".ply")
+UNREADABLE_MESHES = {
+    ".blend": "a Blender file",
+    ".fbx": "an FBX file",
+    ".dae": "a Collada file",
+    ".usd": "a USD file",
+    ".usdz": "a USD file",
+    ".3ds": "a 3ds Max file",
+    ".max": "a 3ds Max file",
 }
 SIZE_M = 0.1
-"""Largest side of the mesh in the scene, in metres: half a metre away it fills most of the frame."""
+"""Largest side of the mesh in the scene, in metres; at a distance of half a metre, it fills most of the frame."""
 CARD = """\
 id: NAME
 title: TITLE
@@ -70,26 +70,42 @@ SURROUNDINGS = """\
 
 
 def is_mesh_for_new_scene(path: Path) -> bool:
-    """Return whether a scene can be made round this file.
+    """Return whether the file is a mesh around which a scene can be made.
 
-    Raises BadInput for a file of another program, which says how it becomes one that can be read.
+    Raises BadInput for a file format of another program, with a hint on how to convert it.
     """
     suffix = path.suffix.lower()
-    if suffix in FOREIGN:
+    if suffix in UNREADABLE_MESHES:
         raise BadInput(
-            f"{path} is {FOREIGN[suffix]}, which nothing here reads",
-            allowed=f"a scene.xml, or a mesh: {', '.join((*MITSUBA_READS, *CONVERTED_MESHES))}",
-            hint="in Blender, File > Export > Mitsuba (.xml) by the add-on mitsuba-blender gives the scene with its"
-            " lamps, and glTF 2.0 (.glb) the mesh",
+            f"{path} is {UNREADABLE_MESHES[suffix]}, which saf_gen cannot read",
+            allowed=f"a scene.xml, or a mesh: {', '.join((*MITSUBA_MESHES, *CONVERTED_MESHES))}",
+            hint="in Blender, use File > Export > Mitsuba (.xml) of the add-on mitsuba-blender for the scene with its"
+            " lamps, or glTF 2.0 (.glb) for the mesh",
         )
-    return suffix in (*MITSUBA_READS, *CONVERTED_MESHES)
+    return suffix in (*MITSUBA_MESHES, *CONVERTED_MESHES)
 
 
 def compose_new_scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
-    """Return the files of a scene round a mesh file, by their names.
+    """Return the content of the files of a scene around a mesh, by file name.
 
-    The mesh is scaled so that its largest side is SIZE_M, and its middle is the origin, 0.5 m before the lens. All its
-    shapes are the target. Raises BadInput for a file that is missing or cannot be read, and for a mesh without a size.
+    The mesh is scaled so that its largest side is SIZE_M, and centred at the origin, 0.5 m in front of the lens. All
+    its shapes form the target.
+
+    Parameters
+    ----------
+    path : Path
+        Mesh file.
+    name : str
+        Name of the scene.
+
+    Returns
+    -------
+    dict of str to bytes
+
+    Raises
+    ------
+    BadInput
+        If the file is missing or cannot be read, or if the mesh has no size.
     """
     if not path.is_file():
         raise BadInput(f"{path} cannot be read: there is no such file")

@@ -1,8 +1,8 @@
-"""The grain of a scene's pictures as recordings have them: whole stacks at rest, time slices while it moves.
+"""The grain in the pictures of a scene as recordings have it: full stacks at rest, time slices while the scene moves.
 
-Grain is measured where the lens matters: at best focus, a quarter of the travel away from it towards the farther end,
-and at both ends. A still scene is rendered at all positions at once, a time slice at the two positions that a lens at
-that place needs. All lights are at gain 1, as the card has them; the region is the box round the target at best focus.
+Grain is measured at best focus, a quarter of the travel away from it towards the farther end, and at both ends of the
+travel. A scene at rest is rendered at all positions at once, a time slice at the two positions between which the lens
+is. All lights have gain 1, as on the card; the region is the box around the target at best focus.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -18,62 +18,85 @@ from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.grain import Grain, GrainFigure, correlate_stack_grain, estimate_stack_grain
 from saf_gen.stack.time_resolved import SHADING_MOMENTS
 
-BEST_FOCUS, AWAY = "best focus", "a quarter away"
-QUARTER = 0.25
-STILL_SAMPLES, SLICE_SAMPLES, POSITIONS = 64, 16, 129  # of the project's recipes
+BEST_FOCUS, QUARTER_AWAY = "best focus", "a quarter away"
+QUARTER_TRAVEL = 0.25
+STILL_SAMPLES, SLICE_SAMPLES, POSITIONS = 64, 16, 129  # as in the project's recipes
 MAX_SLICE_RMS, MAX_SLICE_CONTRAST, MAX_STILL_CONTRAST = 0.04, 0.05, 0.01
-"""Goals: rms over the mean in time slices, and noise over signal in the squared contrast of slices and of stills."""
+"""Goals: rms noise over the mean in time slices, and noise over signal in the squared contrast of slices and stills."""
 
 
 @dataclass(frozen=True)
-class PlaceGrain:
-    """The grain with the lens at one place: in the box round the target, and of the target's own pixels."""
+class PositionGrain:
+    """The grain at one position of the lens: in the box around the target, and in the pixels of the target."""
 
     position: float
     box: Grain
     target: Grain
 
 
-def list_scene_grain_places(true_focus: float) -> dict[str, float]:
+def list_scene_grain_positions(true_focus: float) -> dict[str, float]:
     """Return the positions (0 to 1) at which grain is measured, by name."""
-    away = true_focus + QUARTER if true_focus < 0.5 else true_focus - QUARTER
-    return {BEST_FOCUS: true_focus, AWAY: away, "position 0": 0.0, "position 1": 1.0}
+    away = true_focus + QUARTER_TRAVEL if true_focus < 0.5 else true_focus - QUARTER_TRAVEL
+    return {BEST_FOCUS: true_focus, QUARTER_AWAY: away, "position 0": 0.0, "position 1": 1.0}
 
 
 def crop_sensor_for_scene_grain(sensor: Sensor, target: np.ndarray) -> Sensor:
-    """Return the sensor without the border that a target, bool (row, col), leaves free on both sides alike.
+    """Return the sensor cropped to a target, bool (row, col), by the same number of pixels on opposite sides.
 
-    The optical axis stays in its middle, so that each pixel that is left sees what it saw.
+    The optical axis remains in the middle of the sensor, so the remaining pixels see the same as before.
     """
     rows, columns = mask_bounding_box(target)
-    kept = []
+    sizes = []
     for span, size in ((rows, sensor.rows), (columns, sensor.columns)):
-        kept.append(size - 2 * min(span.start, size - span.stop))
-    return replace(sensor, rows=kept[0], columns=kept[1])
+        sizes.append(size - 2 * min(span.start, size - span.stop))
+    return replace(sensor, rows=sizes[0], columns=sizes[1])
 
 
 def measure_still_scene_grain(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
-    places: Mapping[str, float],
+    measured_positions: Mapping[str, float],
     positions: int,
     samples: int,
     progress: Callable[[float], None] = lambda done: None,
-) -> dict[str, PlaceGrain]:
-    """Measure grain at each place, from two focal stacks of the scene at rest over the whole travel.
+) -> dict[str, PositionGrain]:
+    """Return the grain at each position, measured from two focal stacks over the whole travel of the scene at rest.
 
-    Raises BadInput for a scene that cannot be rendered.
+    Parameters
+    ----------
+    renderer : SceneRenderer
+        Renderer of the scene.
+    seen : DepthAndTarget
+        Depth map and target of the scene.
+    measured_positions : mapping of str to float
+        Positions of the lens (0 to 1) by name.
+    positions : int
+        Positions of the focal stack.
+    samples : int
+        Samples per pixel.
+    progress : callable, optional
+        Called with the fraction done, 0 to 1.
+
+    Returns
+    -------
+    dict of str to PlaceGrain
+
+    Raises
+    ------
+    BadInput
+        If the scene cannot be rendered.
     """
-    planes = {name: round(position * (positions - 1)) for name, position in places.items()}
-    box, kept = mask_bounding_box(seen.target), []
+    planes = {name: round(position * (positions - 1)) for name, position in measured_positions.items()}
+    box, renders = mask_bounding_box(seen.target), []
     for run in (1, 2):
         progress((run - 1) / 2)
         stack = renderer.render_stack(seen, positions=positions, samples=samples, run=run)
-        kept.append({name: _mix_box(stack, k, box=box) for name, k in planes.items()})
+        renders.append({name: _mix_box(stack, k, box=box) for name, k in planes.items()})
     progress(1.0)
     return {
-        name: _compare(kept[0][name], kept[1][name], position=places[name], mask=seen.target[box]) for name in places
+        name: _compare(renders[0][name], renders[1][name], position=measured_positions[name], mask=seen.target[box])
+        for name in measured_positions
     }
 
 
@@ -81,23 +104,46 @@ def measure_scene_grain_of_slices(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
-    places: Mapping[str, float],
+    measured_positions: Mapping[str, float],
     positions: int,
     samples: int,
     time_s: float | None = None,
     step_s: float = 0.0,
     progress: Callable[[float], None] = lambda done: None,
-) -> dict[str, PlaceGrain]:
-    """Measure grain at each place, from two time slices of a moment with two positions each.
+) -> dict[str, PositionGrain]:
+    """Return the grain at each position, measured from two renders of a time slice with two positions each.
 
-    The moment is by default that at which the scene is shown at rest. Slices follow each other by ``step_s``, 0 for a
-    scene that stands still: each takes its shading from those before it too.
+    Parameters
+    ----------
+    renderer : SceneRenderer
+        Renderer of the scene.
+    seen : DepthAndTarget
+        Depth map and target of the scene.
+    measured_positions : mapping of str to float
+        Positions of the lens (0 to 1) by name.
+    positions : int
+        Positions of the focal stack, of which the two around each measured one are rendered.
+    samples : int
+        Samples per pixel.
+    time_s : float, optional
+        Time of the slice (seconds); by default the moment at which the scene is shown at rest.
+    step_s : float, default 0
+        Time between slices (seconds), 0 for a scene at rest; a slice shares the shading of the slices before it.
+    progress : callable, optional
+        Called with the fraction done, 0 to 1.
 
-    Raises BadInput for a scene that cannot be rendered.
+    Returns
+    -------
+    dict of str to PlaceGrain
+
+    Raises
+    ------
+    BadInput
+        If the scene cannot be rendered.
     """
     box, found = mask_bounding_box(seen.target), {}
-    for done, (name, position) in enumerate(places.items()):
-        progress(done / len(places))
+    for done, (name, position) in enumerate(measured_positions.items()):
+        progress(done / len(measured_positions))
         one, other = _render_slice_pair(
             renderer, seen, position=position, positions=positions, samples=samples, time_s=time_s, step_s=step_s
         )
@@ -117,9 +163,10 @@ def correlate_scene_grain_of_slices(
     step_s: float,
     steps: tuple[int, ...] = (1, 8),
 ) -> Iterator[tuple[int, GrainFigure]]:
-    """Yield how much the grain of later slices is that of the slice at ``time_s``: steps on, and their correlation.
+    """Yield the correlation between the grain of the slice at ``time_s`` and that of later slices.
 
-    The pixels are those of the target's box at ``time_s``. Raises BadInput for a scene that cannot be rendered.
+    Each item is the number of slices between the two, one of ``steps``, and the correlation. The pixels are those of
+    the target's box at ``time_s``. Raises BadInput if the scene cannot be rendered.
     """
     box = mask_bounding_box(seen.target)
 
@@ -144,7 +191,10 @@ def _render_slice_pair(
     time_s: float | None,
     step_s: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Render a moment twice with independent noise at the two positions round one; the nearer one, (row, col) each."""
+    """Return two renders with independent noise of a moment, each float64 (row, col).
+
+    The two positions around ``position`` are rendered, and the nearer one is returned.
+    """
     knot = position * (positions - 1)
     first = min(int(knot), positions - 2)
     nearer = min(max(round(knot) - first, 0), 1)
@@ -161,14 +211,14 @@ def _render_slice_pair(
         )
         for run in (1, 2)
     )
-    whole = (slice(None), slice(None))
-    return _mix_box(one, nearer, box=whole), _mix_box(other, nearer, box=whole)
+    full_frame = (slice(None), slice(None))
+    return _mix_box(one, nearer, box=full_frame), _mix_box(other, nearer, box=full_frame)
 
 
 def _mix_box(stack: FocalStack, plane: int, *, box: Region) -> np.ndarray:
-    """Return a region of one plane with all lights on, float64 (row, col)."""
+    """Return a region of a focus plane with all lights on, float64 (row, col)."""
     return stack.radiance[:, plane, box[0], box[1]].sum(axis=0, dtype=np.float64)
 
 
-def _compare(first: np.ndarray, second: np.ndarray, *, position: float, mask: np.ndarray) -> PlaceGrain:
-    return PlaceGrain(position, estimate_stack_grain(first, second), estimate_stack_grain(first, second, mask=mask))
+def _compare(first: np.ndarray, second: np.ndarray, *, position: float, mask: np.ndarray) -> PositionGrain:
+    return PositionGrain(position, estimate_stack_grain(first, second), estimate_stack_grain(first, second, mask=mask))

@@ -1,4 +1,4 @@
-"""A new scene: a commented template that renders at once, or an exported scene with a card."""
+"""New scenes: a commented template that can be rendered at once, or an exported scene with a card."""
 
 import json
 import re
@@ -20,19 +20,35 @@ if TYPE_CHECKING:
 TEMPLATE_KINDS = ("script", "xml")
 _TEMPLATES = Path(__file__).parent / "templates"
 NAME = re.compile(r"[a-z0-9][a-z0-9_]*")
-OWN_FILES = ("scene.xml", "scene.yaml", "scene.py", "SOURCE.md")
+RESERVED_FILES = ("scene.xml", "scene.yaml", "scene.py", "SOURCE.md")
 EXPORTED_SOURCE = """# NAME
 
 Copied from an exported scene by `saf-gen scenes new --from`.
 State here for each mesh and texture who made it, where it is from, its licence, and what was changed.
 """
-NOT_TEXT = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML reads these otherwise
+YAML_KEYWORDS = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML reads these otherwise
 
 
 def create_scene_from_template(name: str, root: Path, *, kind: str = "script") -> list[Path]:
-    """Write a template to ``root/name``, with a geometry of this kind (scene.py or scene.xml).
+    """Write a template to ``root/name``, and return the paths of its files.
 
-    Returns the files. Raises BadInput for a name that no scene can have, and for one that is taken.
+    Parameters
+    ----------
+    name : str
+        Name of the new scene.
+    root : Path
+        Folder of scene folders.
+    kind : {'script', 'xml'}, default 'script'
+        Kind of geometry: scene.py or scene.xml.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    BadInput
+        If no scene can have this name, the name is taken, or the folder cannot be written.
     """
     template = _TEMPLATES / kind
     written = []
@@ -50,13 +66,30 @@ def create_scene_from_template(name: str, root: Path, *, kind: str = "script") -
 
 
 def create_scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
-    """Copy an exported scene and the files it names to ``root/name``, and write its card; place a mesh before the lens.
+    """Copy an exported scene and its files to ``root/name``, write its card, and return the paths of the files.
 
     Files keep the names that the scene uses; links are followed. The card has the pose and the field of view of the
-    file's first camera, the shape in the middle of the image as its target, and a light group per lamp.
+    first camera in the file, the shape in the middle of the image as its target, and a light group for each lamp. If
+    the file is a mesh, the new scene has this mesh in front of the lens, with a lamp and a wall.
 
-    Returns the files. Raises BadInput as reading the scene does, for a scene without a camera, a lamp or a
-    shape in the middle, and for a camera that no card can have. Nothing is left behind then.
+    Parameters
+    ----------
+    exported : Path
+        A scene.xml or a mesh file.
+    name : str
+        Name of the new scene.
+    root : Path
+        Folder of scene folders.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    BadInput
+        If the scene cannot be read; has no camera, no lamp or no shape in the middle; has a camera that no card can
+        describe; or if the name cannot be used. In these cases, no file is left behind.
     """
     if is_mesh_for_new_scene(exported):
         files = compose_new_scene_of_mesh(exported, name)
@@ -92,37 +125,37 @@ def create_scene_from_export(exported: Path, name: str, *, root: Path) -> list[P
 
 
 def _copied_files(read: SceneXml, exported: Path) -> dict[str, Path]:
-    """Return the files to copy, by the name of the copy."""
+    """Return the files to copy, by the name of the copy; raise BadInput if two files have the same name."""
     sources = {"scene.xml": exported}
     for file, source in read.files:
-        if file in OWN_FILES or sources.setdefault(file, source) != source:
+        if file in RESERVED_FILES or sources.setdefault(file, source) != source:
             raise BadInput(
-                f"the scene names a file {file!r}, and the copy has another of that name",
+                f"the scene refers to a file {file!r}, and the copy needs this name for another file",
                 where=str(exported),
-                hint="rename it, there and in the scene",
+                hint="rename the file, and its name in the scene",
             )
     return sources
 
 
 @contextmanager
 def _new_folder(name: str, root: Path) -> Iterator[Path]:
-    """Give a hidden folder to fill, which becomes ``root/name`` at the end; an error removes it."""
-    folder, made_root = _check_name(name, root), not root.exists()
+    """Yield a hidden folder to fill, which becomes ``root/name`` at the end; after an error it is removed."""
+    folder, created_root = _check_name(name, root), not root.exists()
     try:
         with temporary_folder(folder) as hidden:
-            (hidden / name).mkdir()  # a card is checked in a folder of its scene's name
+            (hidden / name).mkdir()  # a card can be checked only in a folder with its scene's name
             yield hidden / name
             rename_durably(hidden / name, folder)
     except OSError as error:
         raise unwritable_file_error(folder, error) from error
     finally:
-        if made_root:
+        if created_root:
             with suppress(OSError):  # it is not empty
                 root.rmdir()
 
 
 def _check_name(name: str, root: Path) -> Path:
-    """Return the folder of a new scene; raise BadInput for a name that cannot be used."""
+    """Return the folder of a new scene; raise BadInput if the name cannot be used."""
     if not NAME.fullmatch(name):
         near = re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_")
         raise BadInput(
@@ -132,9 +165,9 @@ def _check_name(name: str, root: Path) -> Path:
         )
     folder = root / name
     if folder.exists():
-        raise BadInput(f"{folder} is there already", hint="choose another name, or remove it")
+        raise BadInput(f"{folder} already exists", hint="choose another name, or remove it")
     if name in scene_names():
-        raise BadInput(f"there is a scene {name!r} already", hint="choose another name: see saf-gen scenes list")
+        raise BadInput(f"a scene {name!r} already exists", hint="choose another name: see saf-gen scenes list")
     return folder
 
 
@@ -143,7 +176,7 @@ def _format_card(name: str, camera: "ExportedCamera") -> str:
         return "[" + ", ".join(f"{round(x, 9) + 0.0:.6g}" for x in metres) + "]"
 
     def quoted(name: str) -> str:
-        plain = re.fullmatch(r"[A-Za-z][\w.-]*", name) and name.lower() not in NOT_TEXT
+        plain = re.fullmatch(r"[A-Za-z][\w.-]*", name) and name.lower() not in YAML_KEYWORDS
         return name if plain else json.dumps(name, ensure_ascii=False)
 
     far, near = 1.5 * camera.distance_m, 0.75 * camera.distance_m

@@ -1,1 +1,1 @@
-"""From streams to records: focus methods run on recordings or on a running camera, and their answers are judged."""
+"""The benchmark: it runs autofocus methods on recordings or on a running camera, and records how good they are."""

@@ -1,4 +1,4 @@
-"""The quality of each focus curve of a recording: what is kept of a sweep that is not drawn."""
+"""Quality of each focus curve of a recording, which is kept even if the sweep is not drawn."""
 
 from collections.abc import Iterable
 from math import isfinite, nan
@@ -6,12 +6,12 @@ from math import isfinite, nan
 import numpy as np
 
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality, assess_evaluated_curve
-from saf_gen.benchmark.judgement import judged_depth_of_focus, position_of_method_answer
+from saf_gen.benchmark.judgement import judged_depth_of_focus, judged_lens_position
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 
 
 def assess_evaluated_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurve]:
-    """Return the quality of every curve of these sweeps, in their order."""
+    """Return the quality of every focus curve of these sweeps, in the order of the sweeps."""
     return [
         AssessedCurve(
             curve.measure,
@@ -33,10 +33,10 @@ def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
     if lens is None or not np.isfinite(lens).all():
         return None
     truth = sweep.truth
-    if sweep.track is not None and curve.scores.size:  # a moving truth counts at the frame of the peak
+    if sweep.track is not None and curve.scores.size:  # a moving truth is compared at the frame of the peak
         is_known = isfinite(truth) and np.isfinite(sweep.track).all()
         peak_frame = float(curve.frames[curve.scores.argmax()])
-        truth = position_of_method_answer(peak_frame, sweep.track) if is_known else nan
+        truth = judged_lens_position(peak_frame, sweep.track) if is_known else nan
     return assess_evaluated_curve(
         np.interp(curve.frames, np.arange(len(lens)), lens),
         curve.scores,

@@ -1,12 +1,14 @@
-"""Quality of a focus curve, whatever searches it: the criteria of autofocus microscopy, on a sweep.
+"""Quality of a focus curve of a sweep by the criteria of autofocus microscopy, independent of any search.
 
-The criteria are accuracy, range, false maxima, width and noise. A curve is shifted and scaled to 0–1 first,
-so that measures of any unit compare. Spike counts are noisy: where the papers take every rise,
-MIN_PROMINENCE says how large one must be to end a climb; ``false_maxima`` counts them all.
+The criteria are accuracy, range, false maxima, width and noise. A curve is first shifted and scaled to 0–1, so that
+measures with different units can be compared. Spike counts are noisy: the papers count every rise of the curve, but
+here a rise must exceed MIN_PROMINENCE, except in ``false_maxima``, which counts all of them.
 
-References: Groen, Young and Ligthart, Cytometry 6(2), 1985, doi:10.1002/cyto.990060202; Santos et al.,
-J. Microscopy 188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x; Sun, Duthaler and Nelson, Microscopy
-Research and Technique 65(3), 2004, doi:10.1002/jemt.20118.
+References
+----------
+Groen, Young and Ligthart, Cytometry 6(2), 1985, doi:10.1002/cyto.990060202.
+Santos et al., J. Microscopy 188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x.
+Sun, Duthaler and Nelson, Microscopy Research and Technique 65(3), 2004, doi:10.1002/jemt.20118.
 """
 
 from dataclasses import dataclass
@@ -14,14 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 MIN_PROMINENCE = 0.1
-"""Fraction of the curve's height; a smaller rise does not end the range and makes no false peak."""
+"""Fraction of the curve's height that a rise must exceed to end the range or to count as a false peak."""
 MIN_NOISE_SAMPLES = 8
-"""Fewest second differences for an estimate of the noise."""
+"""Minimum number of second differences from which the noise is estimated."""
 
 
 @dataclass(frozen=True, slots=True)
 class CurveQuality:
-    """Criteria of one curve; positions and widths are fractions of the travel, None means unknown."""
+    """Criteria of one focus curve; positions and widths are fractions of the travel, and None means unknown."""
 
     peak: float
     """Lens position at which the curve is largest."""
@@ -30,26 +32,26 @@ class CurveQuality:
     accuracy_dof: float | None
     """Distance of the peak from the truth in depths of focus."""
     range: float
-    """Distance between the minima beside the peak; on a side that never rises again by MIN_PROMINENCE, the
-    end of the sweep counts."""
+    """Distance between the minima on both sides of the peak. If the curve does not rise again by more than
+    MIN_PROMINENCE on a side, that end of the sweep is used."""
     false_maxima: int
-    """Local maxima beside the peak, however small; an end of the sweep may be one."""
+    """Number of local maxima other than the peak, however small; an end of the sweep may be one."""
     false_peaks: int
-    """Local maxima beside the peak whose prominence is above MIN_PROMINENCE."""
+    """Number of local maxima other than the peak whose prominence is above MIN_PROMINENCE."""
     width_50: float | None
-    """Width at half the height; None where a side never falls so far."""
+    """Width of the peak at half its height; None if the curve does not fall that far on both sides."""
     width_80: float | None
-    """Width at 80 % of the height; None where a side never falls so far."""
+    """Width of the peak at 80 % of its height; None if the curve does not fall that far on both sides."""
     noise: float | None
     """Standard deviation of the white noise on the curve, as a fraction of its height."""
 
 
 @dataclass(frozen=True, slots=True)
 class AssessedCurve:
-    """The quality of one measure's curve on one sequence; None means unknown.
+    """The quality of one measure's focus curve on one sequence; None means unknown.
 
-    ``truth`` and ``depth_of_focus`` are fractions of the travel. A curve that is constant, or over a lens that comes
-    back or rests, has no ``quality``.
+    ``truth`` and ``depth_of_focus`` are fractions of the travel. ``quality`` is also None if the curve is constant or
+    has fewer than three blocks, or if the lens turned back or rested.
     """
 
     measure: str
@@ -65,12 +67,25 @@ class AssessedCurve:
 def assess_evaluated_curve(
     position: np.ndarray, scores: np.ndarray, *, truth: float | None = None, depth: float | None = None
 ) -> CurveQuality | None:
-    """Return the quality of a focus curve: scores (B,) over the lens positions (B,) of their blocks.
+    """Return the quality of a focus curve.
 
-    Positions, the best focus ``truth`` and the depth of focus ``depth`` are fractions of the travel; scores have any
-    unit. None where there is no curve: fewer than three blocks, constant scores, or a lens that comes back or rests.
+    Parameters
+    ----------
+    position : ndarray of float, shape (B,)
+        Lens position of each block, as fractions of the travel.
+    scores : ndarray of float, shape (B,)
+        Score of each block, in any unit.
+    truth : float, optional
+        Best focus, as a fraction of the travel.
+    depth : float, optional
+        Depth of focus, as a fraction of the travel.
+
+    Returns
+    -------
+    CurveQuality or None
+        None if there are fewer than three blocks, if the scores are constant, or if the lens turned back or rested.
     """
-    from scipy.signal import find_peaks  # loaded in half a second, which commands that judge no curve do without
+    from scipy.signal import find_peaks  # takes half a second to import, which commands without curves should not pay
 
     x, y = np.asarray(position, dtype=np.float64), np.asarray(scores, dtype=np.float64)
     steps = np.diff(x)
@@ -81,7 +96,7 @@ def assess_evaluated_curve(
         x, y, top = x[::-1], y[::-1], y.size - 1 - top
     y = (y - y.min()) / (y.max() - y.min())
     accuracy = None if truth is None else abs(float(x[top]) - truth)
-    # With a zero on either side, an end of the curve can be a maximum, and its base is the curve's lowest point.
+    # Zeros on both sides allow an end of the curve to be a maximum whose base is the lowest point of the curve.
     maxima, properties = find_peaks(np.pad(y, 1), prominence=0)
     return CurveQuality(
         peak=float(x[top]),
@@ -97,9 +112,9 @@ def assess_evaluated_curve(
 
 
 def _foot(y: np.ndarray, top: int, *, step: int) -> int:
-    """Index of the lowest point on one side of the peak before the curve rises again, or of the end.
+    """Return the index of the lowest point on one side of the peak before the curve rises again, or else of the end.
 
-    scipy.signal has no such minimum: its bases are those of the prominence, beyond every smaller peak.
+    ``scipy.signal`` does not offer this minimum: its bases belong to the prominence and are beyond every smaller peak.
     """
     side = y[top:] if step > 0 else y[top::-1]
     risen = np.flatnonzero(side - np.minimum.accumulate(side) > MIN_PROMINENCE)
@@ -107,10 +122,10 @@ def _foot(y: np.ndarray, top: int, *, step: int) -> int:
 
 
 def _width(x: np.ndarray, y: np.ndarray, *, top: int, level: float) -> float | None:
-    """Distance between the crossings of ``level`` nearest to the peak, on straight lines between blocks.
+    """Return the distance between the crossings of ``level`` nearest to the peak, or None if one is missing.
 
-    scipy.signal.peak_widths counts in samples, whose spacing differs here, and takes the end of the signal
-    for a crossing that is not there.
+    The curve is interpolated linearly between blocks. ``scipy.signal.peak_widths`` does not fit here: it measures in
+    samples, whose spacing varies, and uses the end of the signal in place of a missing crossing.
     """
     ends = []
     for positions, side in ((x[top::-1], y[top::-1]), (x[top:], y[top:])):
@@ -123,9 +138,9 @@ def _width(x: np.ndarray, y: np.ndarray, *, top: int, level: float) -> float | N
 
 
 def _estimate_noise(y: np.ndarray) -> float | None:
-    """Noise from second differences below half the height, away from the bend of the peak.
+    """Return the noise of a curve from its second differences below half the height, away from the bend of the peak.
 
-    White noise of variance σ² gives them the variance 6σ²; a smooth curve gives them next to nothing.
+    White noise of variance σ² gives second differences of variance 6σ²; a smooth curve adds almost nothing to them.
     """
     low = y < 0.5
     bends = np.diff(y, 2)[low[:-2] & low[1:-1] & low[2:]]

@@ -1,7 +1,7 @@
-"""Runs methods over recordings: every sequence of a dataset, or one stream, gives one record per method.
+"""Run methods on every sequence of a dataset, or on one stream, and return one record per method and sequence.
 
-A method is a focus measure and a search. It sees windows of the recording through a narrow view; truth, cost
-and score stay with the evaluator, in the folder ``tracks``. A stream without truth is searched all the same.
+A method is a focus measure and a search. It sees windows of the recording through a restricted view; the truth, the
+cost and the judgement stay with the evaluator, in the folder ``tracks``. A stream without truth is searched, too.
 """
 
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 DRAWN_SEQUENCES = 48
-"""Most sequences whose sweeps are kept, to be drawn; of more, some of every scene are."""
+"""Maximum number of sequences whose sweeps are kept for drawing; see select_evaluated_to_show for which these are."""
 THUMBNAIL_SEQUENCES = 12
-"""Sequences whose sweep is kept as small pictures, for people to look at."""
+"""Maximum number of sequences whose sweeps are kept as small pictures, for people to look at."""
 ProgressCallback = Callable[[int, int, str], None]
 
 
@@ -64,40 +64,57 @@ def evaluate(
     draw: bool = True,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Evaluation:
-    """Run methods over a dataset or one stream, and judge their answers.
+    """Run methods on a dataset or on one stream, and judge their answers.
 
     Parameters
     ----------
-    source : a dataset folder or a stream file, on a disk or in an object store.
-    methods : names of methods; None means DEFAULT_RECORDED_METHODS, or DEFAULT_CLOSED_LOOP_METHODS with a protocol, or
-        no method where there are predictions.
-    split, scene_motion : leave out the other sequences; scene_motion is ``static`` or ``dynamic``.
-    region : where measures look. ``target`` is the box round the target where a stream has one, else the
-        frame; ``frame`` is the frame; ``both`` runs every method at the target and once more, as
-        ``METHOD@frame``, at the frame. A method that names its region looks there.
-    protocol : None evaluates the recordings as they are. With a protocol each method moves the lens of a
-        running camera, in the closed loop; that needs the focal stacks beside the streams, but no renderer.
-    predictions : a file of answers made elsewhere (:mod:`saf_gen.benchmark.tracks.predictions`), judged
-        beside the methods that are named; recorded track only.
-    progress : called with (steps done, steps in all, what was done).
-    keep : where the results of finished sequences of a dataset are kept, for the same call after a stop.
-    cluster : address of a Dask scheduler whose workers evaluate the sequences; they must see the dataset, and the files
-        that methods name, under the same path, and have the same versions.
-    draw : whether the sweeps and pictures that a page draws are returned, too.
-    tell : is called with a line for people: a sequence that is evaluated again since a worker died, a cluster without
-        workers.
+    source : str, Path or StorePath
+        Dataset folder or stream file, on a disk or in an object store.
+    methods : sequence of str, optional
+        Names of methods. The default is no method if there are predictions, DEFAULT_CLOSED_LOOP_METHODS if there is a
+        protocol, and DEFAULT_RECORDED_METHODS otherwise.
+    split : str, optional
+        Evaluate only the sequences of this split.
+    scene_motion : str, optional
+        Evaluate only the sequences with this scene motion, ``static`` or ``dynamic``.
+    region : str, default 'target'
+        Where measures look: ``target`` is the box around the target, or the whole frame if a stream has no target;
+        ``frame`` is the whole frame; ``both`` runs every method at the target and again, as ``METHOD@frame``, on the
+        frame. A method whose name includes a region looks there instead.
+    protocol : ClosedLoopProtocol, optional
+        Conditions of the closed loop, in which each method moves the lens of a running camera. The closed loop needs
+        the focal stacks next to the streams, but no renderer. By default the recordings are evaluated as they are.
+    predictions : str or Path, optional
+        File of answers that were made elsewhere (see :mod:`saf_gen.benchmark.tracks.predictions`). They are judged
+        together with the methods; only the recorded track accepts them.
+    progress : callable, optional
+        Called with (steps done, total number of steps, what was done).
+    keep : KeptSequences, optional
+        Store of the results of finished sequences of a dataset, from which the same call continues after a stop.
+    cluster : str, optional
+        Address of a Dask scheduler whose workers evaluate the sequences. The workers must have the same versions, and
+        must see the dataset, and the files that methods name, under the same paths.
+    draw : bool, default True
+        Whether to return the sweeps and pictures that a page draws.
+    tell : callable, optional
+        Called with a line for the user if a sequence is evaluated again because a worker died, or if the cluster has
+        no workers.
 
     Returns
     -------
-    The records, and what figures need. A sequence of a dataset that cannot be read, or is not the one that
-    the manifest names, becomes a failure, and the others go on.
+    Evaluation
+        The records, and the data for figures. A sequence of a dataset that cannot be read, or that is not the one that
+        the manifest names, becomes a failure; the other sequences are evaluated.
 
     Raises
     ------
-    BadInput : for an unknown split, scene motion, region or method; for predictions that do not fit the sequences,
-        before anything runs; for a single stream that cannot be read; where no sequence can keep the protocol; and
-        for a worker that cannot be used.
-    SafGenError : where the scheduler of the cluster is lost.
+    BadInput
+        If a split, scene motion, region or method is unknown; if a method commands the lens and there is no protocol;
+        if predictions do not fit the sequences, which is checked before anything runs, or come with a protocol; if a
+        dataset in an object store is evaluated with a protocol or a cluster; if a single stream cannot be read; if the
+        protocol suits no sequence; or if a worker cannot be used.
+    SafGenError
+        If the scheduler of the cluster is lost.
     """
     path = find_path(source)
     if methods is None and predictions is not None:
@@ -106,7 +123,9 @@ def evaluate(
         methods = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
     if isinstance(path, StorePath) and (protocol is not None or cluster is not None):
         what = "the closed loop" if protocol is not None else "--cluster"
-        raise BadInput(f"{what} on a dataset in an object store", where=str(path), hint="copy it to a disk first")
+        raise BadInput(
+            f"{what} does not work on a dataset in an object store", where=str(path), hint="copy it to a disk first"
+        )
     chosen = parse_methods(methods)
     if protocol is None:
         check_method_leaves_lens(list(chosen.values()))
@@ -116,19 +135,23 @@ def evaluate(
     prediction_set = None
     if predictions is not None:
         if protocol is not None:
-            raise BadInput(f"predictions {str(predictions)!r} in the closed loop", allowed="--track recorded")
+            raise BadInput(
+                f"predictions {str(predictions)!r} cannot be judged in the closed loop", allowed="--track recorded"
+            )
         prediction_set = read_method_predictions(predictions)
         if not path.is_dir():  # no manifest describes a single stream
             with open_stream(path) as stream:
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
-        prediction_set.check_complete(tasks, beside=[method.name for group in groups.values() for method in group])
+        prediction_set.check_complete(
+            tasks, running_methods=[method.name for group in groups.values() for method in group]
+        )
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
     drawn: dict[int, Drawn] = {}
     if draw:
         drawn |= dict.fromkeys(select_evaluated_to_show(conditions, DRAWN_SEQUENCES), "sweep")
         drawn |= dict.fromkeys(select_evaluated_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
-    kept = keep if keep is not None and path.is_dir() else KeptSequences()
-    kept.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
+    store = keep if keep is not None and path.is_dir() else KeptSequences()
+    store.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
     parts: dict[int, Evaluation] = {}
     failures: dict[int, SequenceFailure] = {}
 
@@ -136,13 +159,13 @@ def evaluate(
         if progress is not None:
             progress((len(parts) + len(failures)) * count + done, len(tasks) * count, what)
 
-    run: Callable[..., Generator[EndedSequence]] = _run_here
+    run: Callable[..., Generator[EndedSequence]] = _run_locally
     if cluster is not None:
         named = NamedMethods.of(methods, region, groups=groups)
-        run = partial(_run_on_cluster, cluster=Cluster(cluster, Path(str(path))), methods=named, tell=tell)
-    ended = run(tasks, groups, drawn=drawn, kept=kept, protocol=protocol, predictions=prediction_set, step=step)
+        run = partial(_run_on_cluster, cluster=Cluster(cluster, Path(str(path))), methods=named, notify=tell)
+    ended = run(tasks, groups, drawn=drawn, store=store, protocol=protocol, predictions=prediction_set, step=step)
     try:
-        with kept, closing(ended):
+        with store, closing(ended):
             for number, part, error in ended:
                 if part is not None:
                     parts[number] = part
@@ -154,11 +177,11 @@ def evaluate(
     except SchedulerLost as lost:
         raise SafGenError(
             f"{lost}; {len(parts)} of {len(tasks)} sequences are evaluated{' and kept' if keep else ''}; start a "
-            "scheduler and run the same command again to go on"
+            "scheduler and run the same command again to continue"
         ) from lost
-    if failures and not parts and protocol is not None:  # a protocol that no sequence can keep
+    if failures and not parts and protocol is not None:  # the protocol suits no sequence
         raise BadInput(
-            f"none of {len(tasks)} sequences can be evaluated, the first because: {failures[min(failures)].problem}",
+            f"none of {len(tasks)} sequences can be evaluated; the first failed: {failures[min(failures)].problem}",
             where=str(path),
         )
     in_order = [parts[number] for number in sorted(parts)]
@@ -173,24 +196,24 @@ def evaluate(
 
 
 EndedSequence = tuple[int, Evaluation | None, Exception | None]
-"""The number of a sequence, and what came of it: its evaluation, or its error."""
+"""The number of a sequence, and its evaluation or its error."""
 
 
-def _run_here(
+def _run_locally(
     tasks: Sequence[SequenceTask],
     groups: MethodGroups,
     *,
     drawn: Mapping[int, Drawn],
-    kept: KeptSequences,
+    store: KeptSequences,
     protocol: "ClosedLoopProtocol | None",
     predictions: PredictionSet | None,
     step: Callable[[int, str], None],
 ) -> Generator[EndedSequence]:
-    """Evaluate sequences one after the other."""
+    """Evaluate the sequences one after the other in this process."""
     count = sum(map(len, groups.values()))
     for number, task in enumerate(tasks):
         draw = drawn.get(number, "")
-        part = kept.take(task, draw=draw)
+        part = store.reuse(task, draw=draw)
         if part is None:
             try:
                 part = evaluate_sequence(
@@ -205,9 +228,9 @@ def _run_here(
                 step(count, f"{task.id} failed")
                 yield number, None, error
                 continue
-            kept.keep(task, part, draw=draw)
+            store.keep(task, part, draw=draw)
         else:
-            step(count, f"{task.id} had been evaluated")
+            step(count, f"{task.id} was already evaluated")
         yield number, part, None
 
 
@@ -217,27 +240,27 @@ def _run_on_cluster(
     *,
     cluster: Cluster,
     methods: NamedMethods,
-    tell: Callable[[str], None],
+    notify: Callable[[str], None],
     drawn: Mapping[int, Drawn],
-    kept: KeptSequences,
+    store: KeptSequences,
     protocol: "ClosedLoopProtocol | None",
     predictions: PredictionSet | None,
     step: Callable[[int, str], None],
 ) -> Generator[EndedSequence]:
-    """Evaluate sequences on the workers of a cluster, in any order; each worker makes the methods by their names."""
+    """Evaluate the sequences on the workers of a cluster, in any order; each worker builds the methods from names."""
     jobs, count = [], sum(map(len, groups.values()))
     for number, task in enumerate(tasks):
-        part = kept.take(task, draw=drawn.get(number, ""))
+        part = store.reuse(task, draw=drawn.get(number, ""))
         if part is not None:
-            step(count, f"{task.id} had been evaluated")
+            step(count, f"{task.id} was already evaluated")
             yield number, part, None
             continue
         task = replace(task, path=task.path.resolve())
         answers = None if predictions is None else predictions.only(task.id)
         jobs.append(EvaluateJob(number, task, methods, protocol, answers, drawn.get(number, "")))
-    for job, part, error in run_jobs(jobs, workers=1, report=lambda name, done: None, cluster=cluster, tell=tell):
+    for job, part, error in run_jobs(jobs, workers=1, report=lambda name, done: None, cluster=cluster, notify=notify):
         if part is not None:
-            kept.keep(tasks[job.number], part, draw=job.draw)
+            store.keep(tasks[job.number], part, draw=job.draw)
         step(count, f"{job.task.id} {'failed' if error else ''}".strip())
         yield job.number, part, error
 
@@ -245,15 +268,34 @@ def _run_on_cluster(
 def score_evaluated_blocks(
     stream: SpikeStream, measure: str | Measure, *, window: int, region: str = "target"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the scores of consecutive blocks of frames; a shorter rest at the end is left out.
+    """Return the scores of consecutive blocks of frames; a shorter block at the end is left out.
 
-    ``window`` is the frames per block, 1 to those of the stream; ``region`` is ``target``, the box round the target
-    where the stream has one, or ``frame``. Returns the first frame of each block, from 0, int64 (B,), and the scores,
-    float64 (B,). Raises BadInput for a window out of its range, and for an unknown region or measure.
+    Parameters
+    ----------
+    stream : SpikeStream
+        Open stream.
+    measure : str or Measure
+        Focus measure, or its name.
+    window : int
+        Frames per block, 1 to the number of frames in the stream.
+    region : str, default 'target'
+        ``target``, the box around the target or the whole frame if the stream has no target, or ``frame``.
+
+    Returns
+    -------
+    first : ndarray of int64, shape (B,)
+        First frame of each block, counted from 0.
+    scores : ndarray of float64, shape (B,)
+        Score of each block.
+
+    Raises
+    ------
+    BadInput
+        If the window is out of range, or if the region or the measure is unknown.
     """
     frames = stream.shape[0]
     if not (isinstance(window, int) and 1 <= window <= frames):
-        raise BadInput(f"window {window}", allowed=f"1 to the stream's {frames} frames")
+        raise BadInput(f"the window is {window!r}", allowed=f"1 to {frames}, the number of frames in the stream")
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
     counts = WindowCounts(stream, choose_stream_region(stream, region)[0])

@@ -1,8 +1,8 @@
-"""How one answer is judged: error, blur, success, lens travel. Pure functions of numpy arrays.
+"""Judgement of one answer: error, blur, success and lens travel, computed by pure functions of numpy arrays.
 
-An error is answer minus truth. The truth is the optical focus of the target, never a frame chosen by hand, so
-a stream whose best focus is unknown gives no error, in any unit. An abstention or a failure has no error
-either: it is counted beside the errors, not as a large one.
+An error is the answer minus the truth. The truth is the optical focus of the target, never a frame chosen by hand, so
+a stream whose best focus is unknown gives no error in any unit. An abstention or a failure has no error either: it is
+counted separately, not as a large error.
 """
 
 import math
@@ -13,9 +13,9 @@ import numpy as np
 from saf_gen.optics.focus_crossings import find_focus_crossings
 
 SUCCESS_LIMITS_DOF = (0.5, 1.0, 2.0)
-"""The distances from the truth, in depths of focus, within which success is judged."""
+"""Largest distances from the truth, in depths of focus, that count as a success."""
 MIN_GAIN_RATIO = 1e-3
-"""A gain below this fraction of the light's brightest counts as this fraction."""
+"""Smallest gain, as a fraction of the light's largest gain; a smaller gain is replaced by it."""
 
 
 @dataclass(frozen=True)
@@ -23,61 +23,86 @@ class Judgement:
     """The errors, blur, success and lens travel of one answer; None means unknown."""
 
     position: float | None = None
-    """Lens position at the answer, fraction of the travel."""
+    """Lens position at the answer, as a fraction of the travel."""
     error: float | None = None
-    """Answer minus truth, fraction of the travel."""
+    """Answer minus truth, as a fraction of the travel."""
     error_frames: float | None = None
-    """Answer minus ``truth_frame``, frames; None where the lens never crosses the truth."""
+    """Answer minus ``truth_frame``, in frames; None if the lens never crosses the truth."""
     truth: float | None = None
-    """Best focus at the answer, fraction of the travel; without an answer, when the lens first meets it."""
+    """Best focus at the time of the answer, or when the lens first meets it if there is no answer; a fraction of the
+    travel."""
     truth_frame: float | None = None
-    """Frame of the crossing of the truth that is nearest to the answer; of the first crossing without an answer."""
+    """Frame at which the lens crosses the truth nearest to the answer, or first crosses it if there is no answer."""
     error_dof: float | None = None
-    """``error`` over the depth of focus, the distance between its near and far end."""
+    """``error`` divided by the depth of focus, which is the distance between its near and far ends."""
     blur_px: float | None = None
-    """Diameter of the target's blur at the answer, pixels; where waves count, in widths that the camera resolves."""
+    """Diameter of the target's blur at the answer, in pixels, or in widths that the camera resolves if waves matter."""
     success: tuple[bool | None, ...] = (None,) * len(SUCCESS_LIMITS_DOF)
-    """For each of SUCCESS_LIMITS_DOF, whether the answer lies that near."""
+    """For each of SUCCESS_LIMITS_DOF, whether the answer is a success within that limit."""
     lens_travel: float | None = None
-    """Distance that the lens moved, fraction of the travel (see lens_travel)."""
+    """Distance that the lens moved, in travels; see lens_travel_to_method_answer."""
 
 
-def position_of_method_answer(frame: float, focus_position: np.ndarray) -> float:
-    """Return the lens position at a fractional 0-based frame, a fraction of the travel.
+def judged_lens_position(frame: float, focus_position: np.ndarray) -> float:
+    """Return the lens position at a frame, as a fraction of the travel.
 
-    ``focus_position`` (T,) is the lens at the middle of each readout. It is linear between readouts, and its
-    end values hold beyond them.
+    Parameters
+    ----------
+    frame : float
+        Frame, counted from 0; may be fractional.
+    focus_position : ndarray of float, shape (T,)
+        Lens position at the middle of each readout. It is interpolated linearly between readouts, and constant before
+        the first and after the last.
+
+    Returns
+    -------
+    float
+        Position, in the unit of ``focus_position``.
     """
     return float(np.interp(frame, np.arange(len(focus_position)), focus_position))
 
 
 def judged_depth_of_focus(ends: tuple[float, float]) -> float | None:
-    """Return the distance between the near and the far end, fraction of the travel; None unless above 0."""
+    """Return the depth of focus from its two ends, as a fraction of the travel; None unless finite and above 0."""
     width = abs(ends[1] - ends[0])
     return width if math.isfinite(width) and width > 0 else None
 
 
-def find_judged_focus_crossing(frame: float | None, *, away: np.ndarray, truth_frame: float = math.nan) -> float | None:
-    """Return the frame nearest to ``frame`` at which the lens crosses the truth; None for no crossing.
+def find_judged_focus_crossing(
+    frame: float | None, *, offset: np.ndarray, truth_frame: float = math.nan
+) -> float | None:
+    """Return the frame nearest to ``frame`` at which the lens crosses the truth, or None if it never does.
 
-    ``away`` (T,) is the signed distance of the lens from the truth, in travels. A lens that comes back crosses the
-    truth more than once; while it rests at the truth, every frame is a crossing. With ``frame`` None the first crossing
-    is returned. ``truth_frame`` replaces the first crossing where the stream states it.
+    A lens that comes back crosses the truth more than once; while it rests at the truth, every frame is a crossing.
+
+    Parameters
+    ----------
+    frame : float or None
+        Frame of the answer; with None, the first crossing is returned.
+    offset : ndarray of float, shape (T,)
+        Signed distance of the lens from the truth, in travels.
+    truth_frame : float, optional
+        Frame of the first crossing as the stream states it, which replaces the one that is found; NaN if unknown.
+
+    Returns
+    -------
+    float or None
+        Frame, counted from 0; may be fractional.
     """
-    found = find_focus_crossings(away, 0.0)
+    found = find_focus_crossings(offset, 0.0)
     if math.isfinite(truth_frame):
         found = np.concatenate(([truth_frame], found[1:]))
     if found.size == 0 or frame is None:
         return float(found[0]) if found.size else None
-    if position_of_method_answer(frame, away) == 0:
+    if judged_lens_position(frame, offset) == 0:
         return frame
     return float(found[np.abs(found - frame).argmin()])
 
 
 def lens_travel_to_method_answer(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
-    """Return how far the lens moved, in travels: over the frames seen, and then back to the answer.
+    """Return how far the lens moved during the frames seen and then back to the answer, in travels.
 
-    A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) costs the frames seen alone.
+    A full sweep with the focus half way gives 1.5. For an abstention (``answer`` is None), only the frames seen count.
     """
     seen = np.asarray(focus_position[: max(frames_seen, 0)], dtype=np.float64)
     if seen.size == 0:
@@ -85,14 +110,22 @@ def lens_travel_to_method_answer(frames_seen: int, answer: float | None, *, focu
     travelled = float(np.abs(np.diff(seen)).sum())
     if answer is None:
         return travelled
-    return travelled + abs(float(seen[-1]) - position_of_method_answer(answer, focus_position))
+    return travelled + abs(float(seen[-1]) - judged_lens_position(answer, focus_position))
 
 
 def light_ratio_for_record(gain: np.ndarray | None) -> float | None:
-    """Return the brightest over the darkest gain of a light, 1 ... 1/MIN_GAIN_RATIO.
+    """Return the largest gain of a light divided by its smallest gain.
 
-    ``gain`` is (T, G), for each readout and light; with several lights the largest of their ratios counts. A light that
-    goes out has 1/MIN_GAIN_RATIO. None where the gains are unknown or no light is ever on.
+    Parameters
+    ----------
+    gain : ndarray of float, shape (T, G), or None
+        Gain in each readout of each light.
+
+    Returns
+    -------
+    float or None
+        Light ratio, 1 to 1/MIN_GAIN_RATIO; the latter for a light that goes out. With several lights it is the largest
+        of their ratios. None if the gains are unknown or no light is ever on.
     """
     if gain is None or gain.size == 0 or not np.isfinite(gain).all():
         return None
@@ -118,39 +151,52 @@ def judge_method_answer(
 
     Parameters
     ----------
-    frame : the answer, 0-based and fractional; None abstains.
-    frames_seen : how far the method looked at the recording, frames.
-    focus_position : (T,) lens at the middle of each readout, fraction of the travel; None if not recorded.
-    truth, ends : best focus and the ends of the depth of focus, fraction of the travel; NaN if unknown.
-    track : (T,) best focus over time where the target moves in depth; ``truth`` then holds at ``truth_frame``.
-    truth_frame : frame at which the lens first crosses the truth; where NaN, it is looked for in ``focus_position``.
+    frame : float or None
+        Frame of the answer, counted from 0; may be fractional. None is an abstention.
+    frames_seen : int
+        Number of frames from the beginning that the method looked at.
+    focus_position : ndarray of float, shape (T,), or None
+        Lens position at the middle of each readout, as fractions of the travel; None if not recorded.
+    truth : float, optional
+        Best focus, as a fraction of the travel; NaN if unknown.
+    track : ndarray of float, shape (T,), optional
+        Best focus over time if the target moves in depth; ``truth`` is then its value at ``truth_frame``.
+    truth_frame : float, optional
+        Frame at which the lens first crosses the truth; if NaN, it is determined from ``focus_position``.
+    ends : tuple of float, optional
+        Near and far ends of the depth of focus, as fractions of the travel; NaN if unknown.
+
+    Returns
+    -------
+    Judgement
+        Errors, blur, success and lens travel.
 
     Notes
     -----
-    An abstention succeeds only where no answer could have: where no position of the recording lies within
-    the limit. So a larger limit makes more answers right and fewer abstentions, and a success rate within a
-    small limit can exceed that within a larger one.
+    An abstention is a success only if no answer could have been one, that is, if no lens position of the recording is
+    within the limit. A larger limit therefore makes more answers right and fewer abstentions right, and the success
+    rate within a small limit can exceed that within a larger one.
 
-    A lens or a track that is not finite in every frame counts as not recorded: what it decides is None, for
-    an answer and an abstention alike, wherever the answer lies. So all methods are judged on the same
-    recordings, and none gains by answering where nobody knows.
+    A lens or a track that is not finite in every frame is treated as not recorded. Everything that depends on it is
+    None for answers and abstentions alike, whatever the frame of the answer. All methods are thus judged on the same
+    recordings, and no method gains by answering where the truth is unknown.
 
-    The blur grows linearly with the distance from the truth and is one pixel at each end of the depth of
-    focus, so it is ``|position - truth|`` over half the depth of focus, in pixels: exact for the
-    ``image_distance`` and ``focal_length`` drives and a flat target (c = 2R·|1 - v/v_o| and
-    c = 2R·v·|1/u_o - 1/u|, both linear in the drive's coordinate), and to first order for the stage.
+    The blur grows linearly with the distance from the truth and is one pixel at each end of the depth of focus. In
+    pixels it is therefore ``|position - truth|`` divided by half the depth of focus. This is exact for a flat target
+    and the ``image_distance`` and ``focal_length`` drives (c = 2R·|1 - v/v_o| and c = 2R·v·|1/u_o - 1/u|, both linear
+    in the drive's coordinate), and holds to first order for the stage.
     """
     if track is not None and not (math.isfinite(truth) and np.isfinite(track).all()):
         truth, truth_frame, track = math.nan, math.nan, None
     if focus_position is None or len(focus_position) == 0 or not np.isfinite(focus_position).all():
-        return Judgement(truth=_known(truth), truth_frame=_known(truth_frame))
+        return Judgement(truth=_finite_or_none(truth), truth_frame=_finite_or_none(truth_frame))
     lens = np.asarray(focus_position, dtype=np.float64)
-    away = lens - (truth if track is None else track)
-    crossing = find_judged_focus_crossing(frame, away=away, truth_frame=truth_frame)
-    position = None if frame is None else position_of_method_answer(frame, lens)
+    offset = lens - (truth if track is None else track)
+    crossing = find_judged_focus_crossing(frame, offset=offset, truth_frame=truth_frame)
+    position = None if frame is None else judged_lens_position(frame, lens)
     known = Judgement(
         position=position,
-        truth=_known(truth if frame is None or track is None else position_of_method_answer(frame, track)),
+        truth=_finite_or_none(truth if frame is None or track is None else judged_lens_position(frame, track)),
         truth_frame=crossing,
         lens_travel=lens_travel_to_method_answer(frames_seen, frame, focus_position=lens),
     )
@@ -160,7 +206,7 @@ def judge_method_answer(
     if frame is None or position is None:
         if dof is None:
             return known
-        nearest = float(np.abs(away).min()) / dof
+        nearest = float(np.abs(offset).min()) / dof
         return replace(known, success=tuple(nearest > limit for limit in SUCCESS_LIMITS_DOF))
     error = position - known.truth
     known = replace(known, error=error, error_frames=None if crossing is None else frame - crossing)
@@ -171,5 +217,5 @@ def judge_method_answer(
     return replace(known, error_dof=error_dof, blur_px=2 * abs(error_dof), success=success)
 
 
-def _known(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None

@@ -1,7 +1,7 @@
-"""The results of single sequences, kept beside an evaluation until it is written, so that a killed one goes on.
+"""Results of single sequences, kept next to an evaluation until it is written, so that a killed one can continue.
 
-They lie in a hidden folder, some sequences to a file, which is signed: a folder that came with somebody's data holds
-nothing that is taken for the work of this user. Nothing in a file is run.
+They are kept in a hidden folder, in files of several sequences each. The files are signed, so results in a folder that
+came with other people's data are never mistaken for this user's work. Nothing in a file is executed.
 """
 
 import hashlib
@@ -33,8 +33,8 @@ from saf_gen.errors import BadInput
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
-KEEP_EVERY_S = 5.0
-"""Sequences that are evaluated quicker than this are written together; a kill loses what was not written."""
+WRITE_INTERVAL_S = 5.0
+"""Minimum time between two writes, in seconds; a process that is killed loses the results since the last write."""
 _KINDS = {
     kind.__name__: kind
     for kind in (Evaluation, Record, AssessedCurve, CurveQuality, SweepSummary, FocusCurve, Thumbnails, LensPath)
@@ -46,9 +46,17 @@ FORMAT = {
 
 
 class KeptSequences:
-    """The results of the sequences of one evaluation, those of an earlier run that was stopped among them.
+    """The results of the sequences of one evaluation, including those of an earlier run that was stopped.
 
-    Without a ``folder``, or where it cannot be signed, nothing is kept. ``taken`` counts what the earlier run had made.
+    Parameters
+    ----------
+    folder : str or Path, optional
+        Folder of the results. Nothing is kept if it is None, or if files cannot be signed.
+
+    Attributes
+    ----------
+    reused : int
+        Number of results that were taken over from the earlier run.
     """
 
     def __init__(self, folder: str | Path | None = None) -> None:
@@ -56,7 +64,7 @@ class KeptSequences:
         self._decisive: list[Any] = []
         self._found: dict[str, Evaluation] = {}
         self._new: dict[str, Evaluation] = {}
-        self._written, self.taken = monotonic(), 0
+        self._written, self.reused = monotonic(), 0
 
     def begin(
         self,
@@ -66,9 +74,23 @@ class KeptSequences:
         predictions: PredictionSet | None,
         stacks: AnyPath,
     ) -> Self:
-        """Read what is there, for an evaluation of these methods by region, this protocol and these predictions.
+        """Read the results of an earlier run, and define the evaluation that they must belong to.
 
-        ``stacks`` is the folder of the focal stacks, from which a closed loop is captured.
+        Parameters
+        ----------
+        groups : mapping of str to sequence of Method
+            Methods by region.
+        protocol : ClosedLoopProtocol or None
+            Protocol of the closed loop.
+        predictions : PredictionSet or None
+            Answers that were made elsewhere.
+        stacks : Path or StorePath
+            Folder of the focal stacks from which a closed loop is captured.
+
+        Returns
+        -------
+        KeptSequences
+            This object.
         """
         methods = [
             [region, [[m.name, m.code, m.parameters, m.tuning] for m in group]] for region, group in groups.items()
@@ -85,42 +107,42 @@ class KeptSequences:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: object) -> None:
-        if kind is not None:  # what comes after an evaluation is quick
+        if kind is not None:  # without an error the evaluation is written soon, and these results are removed
             self.write()
 
-    def take(self, task: SequenceTask, *, draw: Drawn) -> Evaluation | None:
-        """Return the result of a sequence that an earlier run had made of the same methods and files, else None."""
+    def reuse(self, task: SequenceTask, *, draw: Drawn) -> Evaluation | None:
+        """Return the result of a sequence from an earlier run of the same methods on the same files, or None."""
         result = self._found.pop(self._key(task, draw), None) if self._folder else None
-        self.taken += result is not None
+        self.reused += result is not None
         return result
 
     def keep(self, task: SequenceTask, result: Evaluation, *, draw: Drawn) -> None:
-        """Keep the result of a sequence; it is on disk at once, or with those that follow within KEEP_EVERY_S.
+        """Keep the result of a sequence in memory, and write all new results if the last write is WRITE_INTERVAL_S ago.
 
-        Raises BadInput where it cannot be written.
+        Raises BadInput if the file cannot be written.
         """
         if self._folder is not None:
             self._new[self._key(task, draw)] = result
-            if monotonic() - self._written >= KEEP_EVERY_S:
+            if monotonic() - self._written >= WRITE_INTERVAL_S:
                 self.write()
 
     def write(self) -> None:
-        """Write what is not on disk yet; raises BadInput where it cannot be written."""
+        """Write the results that are not on disk yet; raise BadInput if the file cannot be written."""
         if self._folder is not None and self._new:
             _write(self._folder, self._new)
         self._new, self._written = {}, monotonic()
 
     def remove(self) -> None:
-        """Remove what is kept: the evaluation is written."""
+        """Delete the kept results, because the evaluation has been written."""
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _key(self, task: SequenceTask, draw: Drawn) -> str:
-        """Return a digest of all that decides the result of a sequence; the file counts by its size and time."""
+        """Return a digest of everything that determines a sequence's result; the file enters by its size and time."""
         try:
             status = task.path.stat()
             file = [status.st_size, status.st_mtime_ns]
-        except (OSError, BadInput):  # a store has errors of its own
+        except (OSError, BadInput):  # BadInput comes from an object store
             file = []
         decisive = [*self._decisive, {**asdict(task), "path": file}, draw]
         return hashlib.sha256(json.dumps(decisive).encode()).hexdigest()
@@ -130,9 +152,9 @@ def _write(folder: Path, results: Mapping[str, Evaluation]) -> None:
     arrays: dict[str, np.ndarray] = {}
     document = {"of": FORMAT, "results": {key: _to_plain(result, arrays) for key, result in results.items()}}
     arrays["document"] = np.frombuffer(json.dumps(document).encode(), np.uint8)
-    held = BytesIO()
-    np.savez(held, allow_pickle=False, **arrays)
-    data = held.getvalue()
+    content = BytesIO()
+    np.savez(content, allow_pickle=False, **arrays)
+    data = content.getvalue()
     signature = sign_as_user(data)
     if signature is not None:
         with write_atomically(folder / f"{min(results)[:32]}.npz") as part:
@@ -140,12 +162,12 @@ def _write(folder: Path, results: Mapping[str, Evaluation]) -> None:
 
 
 def _read(path: Path) -> dict[str, Evaluation]:
-    """Return the results of a file by their keys; none of a file that is damaged, or not of this user."""
+    """Return the results in a file by key; nothing if the file is damaged or was not written by this user."""
     try:
-        held = path.read_bytes()
+        content = path.read_bytes()
     except OSError:
         return {}
-    signature, data = held[:SIGNATURE_BYTES], held[SIGNATURE_BYTES:]
+    signature, data = content[:SIGNATURE_BYTES], content[SIGNATURE_BYTES:]
     if not is_signed_by_user(data, signature):
         return {}
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
@@ -156,7 +178,7 @@ def _read(path: Path) -> dict[str, Evaluation]:
 
 
 def _to_plain(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """Return a value as JSON; arrays go into ``arrays``, by number."""
+    """Return a value in JSON types; its arrays are added to ``arrays`` under running numbers."""
     if isinstance(value, np.ndarray):
         arrays[str(len(arrays))] = value
         return {"array": str(len(arrays) - 1)}

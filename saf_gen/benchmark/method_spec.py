@@ -1,7 +1,7 @@
-"""Names of methods: a focus measure and a search, with their options, parsed once.
+"""Parser of method names, which combine a focus measure and a search with their options.
 
-``sd_code+sgfs_code:dt=50`` is the measure ``sd_code`` searched by ``sgfs_code`` with ``dt`` at 50;
-``sd+argmax@frame`` looks at the whole frame, wherever the others look.
+``sd_code+sgfs_code:dt=50`` is the measure ``sd_code`` with the search ``sgfs_code``, whose option ``dt`` is 50.
+``sd+argmax@frame`` looks at the whole frame, whatever region the other methods look at.
 """
 
 import hashlib
@@ -38,8 +38,8 @@ DEFAULT_RECORDED_METHODS = (
     "structure_calibrated+photon_aware",
     "octave_structure+peak_fit",
 )
-"""What `saf-gen evaluate` runs when no method is named: the paper's measures and searches, two of its
-baselines divided by brightness, as SD is, and five more."""
+"""Methods that ``saf-gen evaluate`` runs by default: the paper's measures and searches, two of its baselines divided
+by brightness (as SD is), and five more."""
 
 DEFAULT_CLOSED_LOOP_METHODS = (
     "octave_structure+peak_fit",
@@ -56,24 +56,25 @@ DEFAULT_CLOSED_LOOP_METHODS = (
         for measure in ("sd", "gradient_code_n")
     ),
 )
-"""What `saf-gen evaluate --track closed_loop` runs when no method is named."""
+"""Methods that ``saf-gen evaluate --track closed_loop`` runs by default."""
 
 MAX_LIST_BYTES = 1 << 22
 
 
 @dataclass(frozen=True)
 class Method:
-    """A focus measure with a search, by name and ready to run."""
+    """A focus measure and a search with their common name, ready to run."""
 
     name: str
     measure: Measure
     search: Search
     code: str
-    """12 digits of a sha256 over the options and the source of both plug-ins: what made the numbers."""
+    """First 12 digits of a SHA-256 over the options and the source code of the measure, the search, and other measures
+    that the search uses."""
     tuning: str = ""
-    """12 digits of the sha256 of the tuned file that named the method (``@FILE``), or ''."""
+    """First 12 digits of the SHA-256 of the tuned file that named the method (``@FILE``), or ''."""
     region: str = ""
-    """The region that the method looks at, one of REGIONS; '' leaves the choice to the evaluation."""
+    """Region that the method looks at, one of REGIONS; '' leaves the choice to the evaluation."""
 
     @property
     def measure_name(self) -> str:
@@ -85,28 +86,37 @@ class Method:
 
     @property
     def parameters(self) -> str:
-        """Measure and search with every option, as records carry them."""
+        """Measure and search with every option, in the form that records store."""
         return f"{self.measure!r} + {self.search!r}"
 
 
 def parse_method(spec: str) -> Method:
-    """Return the method that a name stands for.
+    """Return the method with the given name.
 
     Parameters
     ----------
-    spec : ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or ``@FILE`` for the method of a tuned file.
-        MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``, whose module is run;
-        a tuned file may name only what is registered or was loaded before.
+    spec : str
+        ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or ``@FILE[@REGION]`` for the method of a tuned
+        file. MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``, whose module
+        is executed. A tuned file may name only plug-ins that are registered or already loaded.
+
+    Returns
+    -------
+    Method
+        The method, ready to run.
 
     Raises
     ------
-    BadInput : for a malformed name, an unknown measure, search or region, and options that are refused.
+    BadInput
+        If the name is malformed, if the measure, search or region is unknown, or if a plug-in refuses its options.
     """
     if spec.startswith("@"):
         path, region = split_method_region(spec[1:])
         tuned, digest = read_tuned_method(path)
         if tuned.method.startswith("@"):
-            raise BadInput(f"{spec[1:]} names {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file")
+            raise BadInput(
+                f"{spec[1:]} names another tuned file, {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file"
+            )
         method = f"{split_method_region(tuned.method)[0]}@{region}" if region else tuned.method
         with refuse_code_named_in_file(path):
             return replace(parse_method(method), tuning=digest)
@@ -135,12 +145,12 @@ def parse_method(spec: str) -> Method:
 
 
 def split_method_region(method: str) -> tuple[str, str]:
-    """Return the name of a method without its region, and the region, '' for none.
+    """Return the name of a method without its region, and the region, or '' if the name has no region.
 
-    Raises BadInput for an unknown region.
+    Raises BadInput if the region is unknown.
     """
     name, at, region = method.rpartition("@")
-    if not at or set(region) & set("+/.:"):  # an @ elsewhere: in a file's path, in an option of the measure
+    if not at or set(region) & set("+/.:"):  # this @ belongs to the path of a file or to an option of the measure
         return method, ""
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS, where=f"method {method!r}")
@@ -148,7 +158,7 @@ def split_method_region(method: str) -> tuple[str, str]:
 
 
 def split_method_options(half: str) -> tuple[str, str]:
-    """Return the name of a measure or search, and its options as text."""
+    """Return the name of a measure or search, and its options as a string."""
     name, _, tail = half.partition(":")
     if "." in name:  # package.module:Class, or file.py:Class
         cls, _, tail = tail.partition(":")
@@ -157,13 +167,16 @@ def split_method_options(half: str) -> tuple[str, str]:
 
 
 def parse_method_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
-    """Return the name of a measure or search, and its options; errors name the whole method ``spec``."""
+    """Return the name of a measure or search, and its parsed options.
+
+    Raises BadInput, which quotes the full method name ``spec``, if an option is malformed.
+    """
     name, tail = split_method_options(half)
     options: dict[str, Any] = {}
     for item in tail.split(",") if tail else ():
         key, equals, value = item.partition("=")
         if not (key and equals and value):
-            raise BadInput(f"option {item!r} of method {spec!r}", allowed="KEY=VALUE, separated by commas")
+            raise BadInput(f"malformed option {item!r} of method {spec!r}", allowed="KEY=VALUE, separated by commas")
         options[key] = _parse_value(value)
     return name, options
 
@@ -178,10 +191,10 @@ def _parse_value(text: str) -> Any:
 
 
 def _digest_code(plugins: Sequence[Measure | Search]) -> str:
-    """Return 12 digits over plug-ins with their options, their source, and the source that this imports.
+    """Return 12 digits of a digest over plug-ins: their options, their source code and the source that it imports.
 
-    Plug-ins import helpers from beside them, and a brightness-normalised measure wraps another: a change in
-    any of these moves numbers.
+    Plug-ins import helpers from their folder, and a brightness-normalised measure wraps another measure; a change in
+    any of these can change results.
     """
     written = [
         [repr(plugin) for plugin in plugins],
@@ -191,7 +204,7 @@ def _digest_code(plugins: Sequence[Measure | Search]) -> str:
 
 
 def _find_nested(plugin: object) -> Iterator[object]:
-    """Yield a plug-in and the plug-ins that it wraps."""
+    """Yield a plug-in and all plug-ins that it wraps."""
     if is_dataclass(plugin):
         yield plugin
         for field in fields(plugin):
@@ -199,15 +212,29 @@ def _find_nested(plugin: object) -> Iterator[object]:
 
 
 def read_method_list(path: Path) -> list[str]:
-    """Return the names in a list of methods, one per line, without empty lines and comments after ``#``.
+    """Return the names in a list of methods.
 
-    A list runs no code of its own: it names what is registered, or what this process has loaded before.
+    A list cannot bring code of its own: it may name only plug-ins that are registered or that this process has already
+    loaded.
 
-    A comment begins a line, or follows a space and is followed by one. Raises BadInput with the line for a
-    name that cannot be parsed, and for a list that cannot be read or is empty.
+    Parameters
+    ----------
+    path : Path
+        Text file with one method per line. Empty lines and comments are ignored; a comment starts with ``#`` at the
+        beginning of a line, or with ``#`` between two spaces.
+
+    Returns
+    -------
+    list of str
+        Names of methods, all of which can be parsed.
+
+    Raises
+    ------
+    BadInput
+        If the list cannot be read or is empty, or if a name cannot be parsed; the error then gives the line.
     """
     try:
-        text = read_text(path, most=MAX_LIST_BYTES, encoding="utf-8-sig")
+        text = read_text(path, max_bytes=MAX_LIST_BYTES, encoding="utf-8-sig")
     except BadInput as error:
         problem = f"this is not a list of methods: {error.problem}"
         raise BadInput(problem, allowed="a text file, one method per line", nearest=error.nearest) from error

@@ -1,7 +1,7 @@
-"""What a focus measure or a search states about itself, and the code that computes it.
+"""Descriptions of focus measures and searches: what each states about itself, and its source code.
 
-Nothing is loaded here: plug-ins come as objects that somebody has named. Of recorded methods only those that saf_gen
-itself holds are built, because a record must not decide whose code is run.
+Plug-ins are passed in as objects, so nothing is loaded here. The one exception is methods named in records: they are
+built only if saf_gen itself contains them, because a record must not decide whose code is executed.
 """
 
 import re
@@ -12,7 +12,7 @@ from typing import Any
 
 from saf_gen.benchmark.method_spec import Method, parse_method, split_method_options, split_method_region
 from saf_gen.benchmark.records import Record
-from saf_gen.core.config.registry import build_plugin, is_own_registered_name, plugin_class
+from saf_gen.core.config.registry import build_plugin, is_builtin_name, plugin_class
 from saf_gen.core.config.source_digest import class_source_files
 from saf_gen.errors import BadInput
 from saf_gen.parts import cite_source, commands, wants_halves, wants_intervals, wants_measures
@@ -20,25 +20,41 @@ from saf_gen.plugins.measures import BrightnessNormalised, IntervalTexture
 
 UNKNOWN = "-"
 MAX_CODE_CHARACTERS = 30_000
-"""Most that is shown of one file; the rest is left out, and said so."""
+"""Maximum number of characters shown of one file; a note replaces the rest."""
 
 
 @dataclass(frozen=True)
 class PluginDescription:
-    """A measure or a search, with its options, as people read it."""
+    """A human-readable description of a measure or a search with its options."""
 
     name: str
-    """As a method spells it, with its form and options."""
+    """Name as in the name of a method, with form and options."""
     plugin_kind: str
     """``measures`` or ``searches``."""
     facts: tuple[tuple[str, str], ...]
-    """Key and text of everything that it states: what it does, its options, range, degree, cost and source."""
+    """Key and text of everything that the plug-in states: what it does, options, range, degree, cost and source."""
     code: tuple[tuple[str, str], ...]
-    """Name and text of its file, and then of the private files beside it that this imports, as far as they are read."""
+    """Name and text of its file, then of the private files in the same folder that it imports; unreadable files are
+    left out."""
 
 
 def describe_plugin_of_method(name: str, plugin_kind: str, *, plug_in: Any) -> PluginDescription:
-    """Return everything that a plug-in states about itself; ``name`` is its name as the user wrote it."""
+    """Return the description of a plug-in.
+
+    Parameters
+    ----------
+    name : str
+        Name of the plug-in as the user wrote it.
+    plugin_kind : str
+        ``measures`` or ``searches``.
+    plug_in : Measure or Search
+        The plug-in.
+
+    Returns
+    -------
+    PluginDescription
+        Everything that the plug-in states about itself, and its source code.
+    """
     layers = [plug_in]
     while isinstance(layers[-1], BrightnessNormalised | IntervalTexture):
         layers.append(layers[-1].measure)
@@ -47,7 +63,7 @@ def describe_plugin_of_method(name: str, plugin_kind: str, *, plug_in: Any) -> P
 
 
 def describe_plugins_of_methods(methods: Iterable[Method]) -> tuple[PluginDescription, ...]:
-    """Return the measures of these methods, and then the searches, each with its options once."""
+    """Return descriptions of the measures of these methods and then of the searches, without repetitions."""
     found: dict[tuple[str, str], PluginDescription] = {}
     for method in methods:
         halves = split_method_region(method.name)[0].split("+")
@@ -56,23 +72,23 @@ def describe_plugins_of_methods(methods: Iterable[Method]) -> tuple[PluginDescri
                 continue
             try:
                 found[kind, half] = describe_plugin_of_method(half, kind, plug_in=plug_in)
-            except Exception as error:  # noqa: BLE001  (what anybody's plug-in states may raise anything)
+            except Exception as error:  # noqa: BLE001  (a third-party plug-in may raise anything)
                 problem = f"it cannot be described: {type(error).__name__}: {error}"
                 found[kind, half] = PluginDescription(half, kind, (("what", problem),), ())
     return tuple(sorted(found.values(), key=lambda d: d.plugin_kind))
 
 
 def describe_recorded_methods(records: Iterable[Record]) -> tuple[PluginDescription, ...]:
-    """Return the plug-ins of recorded methods that saf_gen holds with the very code that made the records."""
+    """Return descriptions of those recorded plug-ins that saf_gen contains with the same code that made the records."""
     recorded = {record.method: record.code for record in records}
     methods = []
     for name, code in recorded.items():
         halves = [split_method_options(half)[0] for half in split_method_region(name)[0].split("+")]
-        if len(halves) != 2 or not all(map(is_own_registered_name, ("measures", "searches"), halves)):
+        if len(halves) != 2 or not all(map(is_builtin_name, ("measures", "searches"), halves)):
             continue
         try:
             method = parse_method(name)
-        except BadInput:  # of another version, which had other options
+        except BadInput:  # the record is from another version, which had other options
             continue
         if method.code == code:
             methods.append(method)
@@ -80,9 +96,9 @@ def describe_recorded_methods(records: Iterable[Record]) -> tuple[PluginDescript
 
 
 def build_method_plugin_or_class(plugin_kind: str, name: str) -> Any:
-    """Return the plug-in ``name`` built without options, or its class where it needs some.
+    """Return the plug-in ``name`` built without options, or its class if it needs options.
 
-    Raises BadInput where it cannot be loaded.
+    Raises BadInput if the plug-in cannot be loaded.
     """
     try:
         return build_plugin(plugin_kind, name)
@@ -91,10 +107,10 @@ def build_method_plugin_or_class(plugin_kind: str, name: str) -> Any:
 
 
 def format_method_attribute(plug_in: Any, key: str) -> str:
-    """Return what a plug-in, or its class, states as attribute ``key``; '-' if it states nothing."""
+    """Return the text of the attribute ``key`` of a plug-in or its class, or '-' if the attribute is missing."""
     try:
         value = getattr(plug_in, key, None)
-    except Exception as error:  # noqa: BLE001  (a property of anybody's plug-in may raise anything)
+    except Exception as error:  # noqa: BLE001  (a property of a third-party plug-in may raise anything)
         return f"? {type(error).__name__}: {error}"
     if isinstance(plug_in, type) and isinstance(value, property):
         return "depends on options"
@@ -109,7 +125,7 @@ def summarise_plugin_of_method(plug_in: Any) -> str:
 
 
 def search_kind_of_method(plug_in: Any) -> str:
-    """Return whether a search commands the lens or estimates, and whether it is causal."""
+    """Return the kind of a search: ``commands``, ``estimates`` or ``estimates, causal``."""
     if commands(plug_in):
         return "commands"
     return f"estimates{', causal' if getattr(plug_in, 'causal', None) is True else ''}"
@@ -117,18 +133,18 @@ def search_kind_of_method(plug_in: Any) -> str:
 
 def measure_suffixes_of_method(measure: Any) -> Iterator[str]:
     """Yield the suffixes of the forms that a measure has: ``_n``, ``_tfi`` and ``_n_tfi``."""
-    whole = not (wants_halves(measure) or wants_intervals(measure))
+    counts_windows = not (wants_halves(measure) or wants_intervals(measure))
     grows = isinstance(degree := getattr(measure, "degree", 0), int) and degree > 0
     if grows:
         yield "_n"
-    if whole:
+    if counts_windows:
         yield "_tfi"
-    if grows and whole:
+    if grows and counts_windows:
         yield "_n_tfi"
 
 
 def _state_facts(name: str, plugin_kind: str, *, layers: Sequence[Any]) -> Iterator[tuple[str, str]]:
-    """Yield key and text of what a plug-in states; ``layers`` are its forms, from the outermost inwards."""
+    """Yield key and text of each fact that a plug-in states; ``layers`` are its forms, the outermost first."""
     plug_in, inner = layers[0], layers[-1]
     yield "kind", "focus measure" if plugin_kind == "measures" else f"search, {search_kind_of_method(plug_in)}"
     yield "what", "\n\n".join(_prose(type(layer)) for layer in reversed(layers))
@@ -150,7 +166,7 @@ def _state_facts(name: str, plugin_kind: str, *, layers: Sequence[Any]) -> Itera
 
 
 def _prose(cls: type) -> str:
-    """Return a docstring up to its first section, with each paragraph that is not indented on one line."""
+    """Return the docstring of a class up to its first section, with each unindented paragraph on one line."""
     text = re.split(r"\n\n\w+\n-+\n", cleandoc(cls.__doc__ or UNKNOWN))[0]
     return "\n\n".join(p if p.startswith(" ") else " ".join(p.split()) for p in text.split("\n\n"))
 
@@ -166,19 +182,19 @@ def _options(plug_in: Any) -> Iterator[str]:
 
 
 def _format_option(value: object) -> str:
-    """Return a value as the name of a method spells it."""
+    """Return a value in the spelling that names of methods use."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _input(measure: Any) -> str:
-    """Return what a measure is given."""
+    """Return a description of the input of a measure."""
     if wants_halves(measure):
         return "spike counts of the two halves of a window"
     return "the interval texture of a window" if wants_intervals(measure) else "spike counts of a window"
 
 
 def _read_code(cls: type) -> tuple[tuple[str, str], ...]:
-    """Return name and text of each of class_source_files that can be read, up to MAX_CODE_CHARACTERS."""
+    """Return name and text, up to MAX_CODE_CHARACTERS, of each file from class_source_files that can be read."""
     found = []
     for path in class_source_files(cls):
         try:

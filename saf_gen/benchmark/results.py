@@ -1,4 +1,4 @@
-"""The outcome of an evaluation: records, and what figures need beside them."""
+"""Results of an evaluation: records, and the data that figures need in addition."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,23 +11,23 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.thumbnails import Thumbnails
 
 Drawn = Literal["", "sweep", "pictures"]
-"""What figures show of a sequence: nothing, its sweep, or pictures of it too."""
+"""What figures show of a sequence: nothing, its sweep, or its sweep and pictures."""
 
 
 @dataclass(frozen=True)
 class FocusCurve:
-    """A measure's score of each block that argmax looked at, and the frame that it answered."""
+    """The scores of a measure for the blocks that ``argmax`` looked at, and the frame that ``argmax`` found."""
 
     measure: str
     frames: np.ndarray
-    """(B,) centres of the blocks, frames."""
+    """Centres of the blocks, in frames, shape (B,)."""
     scores: np.ndarray
     answer: float | None
 
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """One recording as figures need it: lens, light, truth and the focus curves."""
+    """The data of one recording for figures: lens, light, truth and focus curves."""
 
     sequence: str
     split: str | None
@@ -35,24 +35,24 @@ class SweepSummary:
     light: str | None
     focus_position: np.ndarray | None
     frames: np.ndarray
-    """(B,) centres of the blocks of ``rate``, frames."""
+    """Centres of the blocks of ``rate``, in frames, shape (B,)."""
     rate: np.ndarray
-    """(B,) mean counts in the region, spikes per pixel and readout."""
+    """Mean counts in the region, in spikes per pixel and readout, shape (B,)."""
     truth: float
     depth_of_focus: tuple[float, float]
     truth_frame: float
     """Frame at which the lens first crosses the truth."""
     curves: tuple[FocusCurve, ...]
     track: np.ndarray | None = None
-    """(T,) the truth over time, where the target moves."""
+    """The truth over time, shape (T,), if the target moves."""
     scene_motion: str | None = None
     thumbnails: Thumbnails | None = None
-    """Kept for some sequences only, because they cost a reading of the whole frame."""
+    """Small pictures, kept for some sequences only because they require reading the whole frame."""
 
 
 @dataclass(frozen=True)
 class LensPath:
-    """Where a method took the lens, as figures need it."""
+    """The path along which a method moved the lens, for figures."""
 
     method: str
     sequence: str
@@ -60,18 +60,20 @@ class LensPath:
     scene: str
     light: str | None
     seconds: np.ndarray
-    """(n,) times since the beginning."""
+    """Times since the beginning, in seconds, shape (n,)."""
     position: np.ndarray
-    """(n,) lens positions at these times, fractions of the travel."""
+    """Lens positions at these times, as fractions of the travel, shape (n,)."""
     truth: np.ndarray
-    """(n,) best focus at these times, fractions of the travel; NaN where it is unknown."""
+    """Best focus at these times, as fractions of the travel, shape (n,); NaN if unknown."""
     depth_of_focus: float | None
+    """Depth of focus, as a fraction of the travel."""
     problem: str
+    """Why the method failed, or ''."""
 
 
 @dataclass(frozen=True)
 class SequenceFailure:
-    """A sequence that could not be read, and why."""
+    """A sequence that could not be evaluated, and why."""
 
     sequence: str
     problem: str
@@ -79,11 +81,22 @@ class SequenceFailure:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Records (sequence by sequence, methods in the order given), and what figures and failures need.
+    """The results of an evaluation.
 
-    ``sweeps`` and ``lens_paths`` are those of the sequences that are drawn; ``curves`` has the quality of the focus
-    curves of all. ``lens_paths`` has one entry per record of the closed loop, which has no sweeps; ``plugins``
-    describes the measures and searches of the methods, as far as their code is at hand.
+    Attributes
+    ----------
+    records : tuple of Record
+        Records, sequence by sequence, with the methods in the given order.
+    sweeps : tuple of SweepSummary
+        Sweeps of the sequences that are drawn; empty in the closed loop.
+    failures : tuple of SequenceFailure
+        Sequences that could not be evaluated.
+    lens_paths : tuple of LensPath
+        Closed loop: one path for each record of the sequences that are drawn.
+    plugins : tuple of PluginDescription
+        Descriptions of the measures and searches of the methods, as far as their code is available.
+    curves : tuple of AssessedCurve
+        Quality of the focus curves of all sequences.
     """
 
     records: tuple[Record, ...]

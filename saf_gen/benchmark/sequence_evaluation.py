@@ -1,4 +1,4 @@
-"""Runs all methods on one sequence, here or as a job on another machine."""
+"""Run all methods on one sequence, in this process or as a job on another machine."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -21,11 +21,30 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 MethodGroups = Mapping[str, Sequence[Method]]
-"""Methods by the region that they look at; the evaluation's own region comes first, even if empty."""
+"""Methods by the region that they look at; the region of the evaluation comes first, even if it has no methods."""
 
 
 def group_methods_by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:
-    """Return the methods that look at each region; raises BadInput for an unknown region."""
+    """Return the methods that look at each region.
+
+    Parameters
+    ----------
+    methods : mapping of str to Method
+        Methods by name.
+    region : str
+        Region of the evaluation: ``target``, ``frame`` or ``both``; the last adds ``METHOD@frame`` for each method
+        whose name includes no region.
+
+    Returns
+    -------
+    dict of str to list of Method
+        Methods by region; the region of the evaluation comes first, even if it has no methods.
+
+    Raises
+    ------
+    BadInput
+        If the region is unknown.
+    """
     if region not in (*REGIONS, "both"):
         raise unknown("region", region, allowed=(*REGIONS, "both"))
     usual = "target" if region == "both" else region
@@ -39,7 +58,10 @@ def group_methods_by_region(methods: Mapping[str, Method], region: str) -> dict[
 
 
 def parse_methods(specs: Sequence[str]) -> dict[str, Method]:
-    """Return methods by name, each once: one may be named in several ways. Raises as :func:`parse_method` does."""
+    """Return methods by name, without duplicates, since a method can be spelled in several ways.
+
+    Raises BadInput if :func:`parse_method` does.
+    """
     chosen: dict[str, Method] = {}
     for method in map(parse_method, specs):
         chosen.setdefault(method.name, method)
@@ -55,9 +77,28 @@ def evaluate_sequence(
     step: Callable[[int, str], None],
     draw: Drawn,
 ) -> Evaluation:
-    """Run all methods on one sequence; predictions, figures and mean counts belong to the first region.
+    """Run all methods on one sequence.
 
-    Of a sequence that is not drawn the result holds neither sweep nor path of the lens, but the quality of its curves.
+    Parameters
+    ----------
+    task : SequenceTask
+        The sequence.
+    groups : mapping of str to sequence of Method
+        Methods by region. Predictions, figures and mean counts belong to the first region.
+    protocol : ClosedLoopProtocol or None
+        Protocol of the closed loop; None for the recorded track.
+    predictions : PredictionSet or None
+        Answers that were made elsewhere.
+    step : callable
+        Called with (methods done, what was done).
+    draw : str
+        Parts of the sequence that figures show, one of ``Drawn``.
+
+    Returns
+    -------
+    Evaluation
+        Result of this sequence. If it is not drawn, the result has the quality of its focus curves, but no sweep and
+        no lens paths.
     """
     usual, before = next(iter(groups)), 0
     records: list[Record] = []
@@ -82,7 +123,7 @@ def evaluate_sequence(
         elif not group:
             continue
         else:
-            # Imported late, because it loads what reads OpenEXR files.
+            # Imported late because this loads the reader of OpenEXR files.
             from saf_gen.benchmark.tracks.closed_loop_track import evaluate_closed_loop_sequence
 
             group_records, group_paths = evaluate_closed_loop_sequence(
@@ -99,9 +140,18 @@ def evaluate_sequence(
 
 @dataclass(frozen=True)
 class NamedMethods:
-    """Methods by their names, from which another machine makes them anew: a user's file cannot be sent as objects.
+    """Names of methods, from which another machine builds them, because plug-ins from a user's file cannot be pickled.
 
-    ``folder`` is where names of files begin; ``codes`` are name and code of each, which must come out the same.
+    Attributes
+    ----------
+    specs : tuple of str
+        Names of methods.
+    region : str
+        Region of the evaluation.
+    folder : str
+        Folder to which paths of files in the names are relative.
+    codes : tuple of (str, str)
+        Name and code digest of each method, which must be equal on the other machine.
     """
 
     specs: tuple[str, ...]
@@ -111,16 +161,16 @@ class NamedMethods:
 
     @classmethod
     def of(cls, specs: Sequence[str], region: str, *, groups: MethodGroups) -> Self:
-        """Return the names of methods that were found here."""
+        """Return the names and the code digests of methods that this process has loaded."""
         return cls(tuple(specs), region, os.getcwd(), _codes(groups))  # noqa: PTH109
 
     def find(self) -> dict[str, list[Method]]:
-        """Return the methods; raises BadInput where one is missing here, or has other code."""
+        """Return the methods by region; raise BadInput if one is missing on this machine or has different code."""
         with chdir(self.folder):
             groups = group_methods_by_region(parse_methods(self.specs), self.region)
         for (name, code), (_, found) in zip(self.codes, _codes(groups), strict=True):
             if code != found:
-                raise BadInput(f"method {name!r} has other code on a worker ({found}, not {code})")
+                raise BadInput(f"method {name!r} has different code on a worker ({found}, not {code})")
         return groups
 
 
@@ -130,7 +180,7 @@ def _codes(groups: MethodGroups) -> tuple[tuple[str, str], ...]:
 
 @dataclass(frozen=True)
 class EvaluateJob:
-    """Evaluates the sequence ``number`` of a dataset; returns an Evaluation of this sequence alone."""
+    """A job that evaluates the sequence ``number`` of a dataset and returns an Evaluation of this sequence alone."""
 
     number: int
     task: SequenceTask

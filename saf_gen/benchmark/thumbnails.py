@@ -1,4 +1,4 @@
-"""Small pictures of a recording for a page, and which recordings to show when there are many."""
+"""Small pictures of a recording for a page, and the choice of recordings to show if there are many."""
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
@@ -11,36 +11,48 @@ from saf_gen.stream.stream_file import SpikeStream
 
 THUMBNAIL_COUNT = 48
 MAX_WIDTH_PX = 400
-"""Widest picture, in pixels; a wider sensor is binned."""
+"""Maximum width of a picture, in pixels; a wider sensor is binned."""
 SPIKES_WIDTH_PX = 140
-"""Widest part of the sensor that is shown spike by spike, in pixels."""
+"""Maximum width of the part of the sensor that is shown spike by spike, in pixels."""
 
 
 @dataclass(frozen=True, eq=False)
 class Thumbnails:
-    """Pictures of windows side by side, over a whole recording, in the three ways in which spikes are looked at."""
+    """Pictures of consecutive windows over a recording, each in three forms: counts, intervals and single spikes."""
 
     images: np.ndarray
-    """uint32 (n, h, w): texture from playback (TFP), spikes in the window, over ``binning`` × ``binning`` pixels."""
+    """Texture from playback (TFP): spikes in the window, summed over ``binning`` × ``binning`` pixels; uint32
+    (n, h, w)."""
     textures: np.ndarray
-    """float32 (n, h, w): texture from intervals (TFI), what the windows would count, summed likewise."""
+    """Texture from intervals (TFI): counts that the window would have, summed in the same way; float32 (n, h, w)."""
     spikes: np.ndarray
-    """uint8 (n, h', w'), 0 or 1: the readout in the middle of each window, of a part of the sensor."""
+    """Readout in the middle of each window, in a part of the sensor, 0 or 1; uint8 (n, h', w')."""
     frames: np.ndarray
-    """(n,) centres of the windows, frames."""
+    """Centres of the windows, in frames, shape (n,)."""
     window: int
-    """Frames per window."""
+    """Number of frames per window."""
     binning: int
+    """Side of the squares over which spikes are summed, in pixels."""
     box: tuple[float, float, float, float]
-    """Where measures look: top, left, bottom, right, as fractions of the picture."""
+    """Where measures look: top, left, bottom and right, as fractions of the picture."""
 
 
 def make_evaluated_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
-    """Return THUMBNAIL_COUNT pictures of a recording, or one per frame where it has fewer frames.
+    """Return THUMBNAIL_COUNT pictures of a recording, or one per frame if it has fewer frames.
 
-    ``region`` is where measures look, None the whole frame; the part that is shown spike by spike lies round its
-    middle. Frames beyond the last whole window, and rows and columns beyond a whole multiple of the binning, are left
-    out.
+    Frames after the last full window, and rows and columns beyond a multiple of the binning, are left out.
+
+    Parameters
+    ----------
+    stream : SpikeStream
+        Open stream.
+    region : Region or None
+        Where measures look; None is the whole frame. The part that is shown spike by spike is around its centre.
+
+    Returns
+    -------
+    Thumbnails
+        The pictures.
     """
     frames, height, width = stream.shape
     window = max(frames // THUMBNAIL_COUNT, 1)
@@ -75,11 +87,23 @@ def make_evaluated_thumbnails(stream: SpikeStream, region: Region | None) -> Thu
     )
 
 
-def select_evaluated_to_show(keys: Sequence[tuple[Hashable, Hashable]], most: int) -> list[int]:
-    """Return which of (scene, condition) to show, as rising indices into ``keys``, at most ``most``.
+def select_evaluated_to_show(keys: Sequence[tuple[Hashable, Hashable]], max_count: int) -> list[int]:
+    """Return which of many sequences to show, so that few pictures show many scenes and many conditions.
 
-    Of equal pairs the first counts. Scenes take turns, each beginning with another condition than the scene before, so
-    that few pictures show many scenes and many conditions.
+    Scenes take turns, each starting at another of its conditions than the scene before. Of sequences with the same
+    scene and condition, only the first can be shown.
+
+    Parameters
+    ----------
+    keys : sequence of (hashable, hashable)
+        Scene and condition of each sequence.
+    max_count : int
+        Maximum number of sequences.
+
+    Returns
+    -------
+    list of int
+        Indices into ``keys``, in increasing order.
     """
     found: dict[Hashable, dict[Hashable, int]] = {}
     for index, (scene, condition) in enumerate(keys):
@@ -89,11 +113,11 @@ def select_evaluated_to_show(keys: Sequence[tuple[Hashable, Hashable]], most: in
         for number, conditions in enumerate(found.values())
         for turn in range(len(conditions))
     ]
-    return sorted(index for _, _, index in sorted(turns)[: max(most, 0)])
+    return sorted(index for _, _, index in sorted(turns)[: max(max_count, 0)])
 
 
 def _bin_pixels(image: np.ndarray, size: int) -> np.ndarray:
-    """Return the sums of an image (row, col) over squares of ``size`` pixels, in its own number type."""
+    """Return the sums of an image (row, col) over squares of ``size`` × ``size`` pixels, in the type of the image."""
     if size == 1:
         return image
     rows, columns = image.shape[0] // size, image.shape[1] // size
@@ -102,7 +126,7 @@ def _bin_pixels(image: np.ndarray, size: int) -> np.ndarray:
 
 
 def _select_part(box: tuple[float, float, float, float], size: tuple[int, int]) -> Region:
-    """Return at most SPIKES_WIDTH_PX columns, and rows in the sensor's proportion, round the middle of a box."""
+    """Return a region of at most SPIKES_WIDTH_PX columns around the centre of a box, in the sensor's aspect ratio."""
     height, width = size
     columns = min(width, SPIKES_WIDTH_PX)
     rows = max(round(columns * height / width), 1)

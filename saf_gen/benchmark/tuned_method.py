@@ -1,6 +1,6 @@
-"""Tuned constants of a method, as a file: what was tried, on which data, and what came out best.
+"""Files of tuned methods, which state the constants that were tried, the data, and the best constants.
 
-``@FILE`` stands for the method wherever a method is named, and every record that it makes cites the file by its digest.
+``@FILE`` can be used wherever a method is named. Every record of a tuned method cites its file by digest.
 """
 
 import hashlib
@@ -20,7 +20,7 @@ HINT = "make it with saf-gen tune"
 
 @dataclass(frozen=True)
 class TuningTrial:
-    """One choice of constants, its success within one depth of focus, and its median error."""
+    """One choice of constants, with its success rate within one depth of focus and its median error."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -31,9 +31,9 @@ class TuningTrial:
 
 @dataclass(frozen=True)
 class TunedMethod:
-    """The best of the trials, and how it was found.
+    """The best of the tuning trials, and how it was found.
 
-    ``data``: 12 digits of a sha256 over the content_sha256 of the sequences, in their order.
+    ``data`` is the first 12 digits of a SHA-256 over the content_sha256 of the sequences, in their order.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -51,14 +51,14 @@ class TunedMethod:
 
 
 def format_tuned_method(tuned: TunedMethod) -> str:
-    """Return the text of the file."""
+    """Return the text of the file of a tuned method."""
     return format_checked_json({"format": FORMAT, **asdict(tuned)}, indent=1) + "\n"
 
 
 def read_tuned_method(path: str | Path) -> tuple[TunedMethod, str]:
-    """Read a tuned file; return it and 12 digits of its sha256.
+    """Read a tuned file, and return its contents and the first 12 digits of its SHA-256.
 
-    Raises BadInput where it cannot be read, or was not made by `saf-gen tune` of this version.
+    Raises BadInput if the file cannot be read, or was not made by ``saf-gen tune`` of this version.
     """
     path = Path(path)
     document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)

@@ -1,20 +1,20 @@
-"""Version numbers of everything beside the method that decides the numbers of a record.
+"""Version numbers of all parts of the evaluator that, in addition to the method, determine the numbers in a record.
 
-Raise a version whenever the same stream and the same method would give another record; pinned numbers in
-tests/benchmark/test_versions.py show when. Records of different versions do not mix in one leaderboard.
+Increase a version whenever the same stream and the same method would give a different record; pinned numbers in
+tests/benchmark/test_versions.py show when this is needed. Records of different versions never share a leaderboard.
 """
 
 COUNTS_VERSION = 1
-"""What a method sees of a recording: counts of windows and of their halves, and interval texture."""
+"""Version of what a method sees of a recording: counts of windows and of their halves, and the interval texture."""
 
 CAPTURE_VERSION = 1
-"""The running camera of the closed loop: lens, budget, captured frames, and what a policy observes."""
+"""Version of the running camera of the closed loop: lens, budget, captured frames, and what a policy observes."""
 
 JUDGEMENT_VERSION = 1
-"""How an answer is judged: truth, error, blur, success, time to focus."""
+"""Version of the judgement of an answer: truth, error, blur, success and time to focus."""
 
 
 def evaluator_version(track: str) -> str:
-    """Return the versions that decide the records of a track (``recorded`` or ``closed_loop``), in one line."""
+    """Return the versions that determine the records of a track (``recorded`` or ``closed_loop``), on one line."""
     capture = f", capture {CAPTURE_VERSION}" if track == "closed_loop" else ""
     return f"counts {COUNTS_VERSION}{capture}, judgement {JUDGEMENT_VERSION}"

@@ -1,1 +1,1 @@
-"""Real cameras and the sensor: statistics of recordings, and sensors that are fitted to them."""
+"""Comparison of real cameras with the sensor model: statistics of recordings, and sensors fitted to recordings."""

@@ -1,4 +1,7 @@
-"""What one ordinary recording bounds, without flat field and without dark: noise, fixed pattern, dark."""
+"""Upper bounds on a sensor's noise, fixed pattern and dark rate from one ordinary recording.
+
+Neither a flat field nor a dark recording is needed.
+"""
 
 from dataclasses import replace
 from math import sqrt
@@ -11,27 +14,40 @@ from saf_gen.calibration.spike_statistics import SpikeStatistics, flat_areas_for
 from saf_gen.errors import BadInput
 
 _BLOCK = 8
-LEAST_PIXELS = 500
+MIN_PIXELS = 500
 
 
 def fit_bounds_of_sensor(statistics: SpikeStatistics, *, where: str = "") -> dict[str, Estimate]:
-    """Return upper bounds of a sensor's numbers from a recording of anything, by key.
+    """Return upper bounds on a sensor's parameters, by key, from a recording of any scene.
 
-    Whatever the light does, it adds to what the sensor does: so what is seen is the most that the sensor can have.
-    The pattern is taken where the picture is flattest. What is lost after a spike is not known, and taken as a whole
-    readout: with less, the sensor has less of everything.
+    Variation of the light adds to that of the sensor, so the observed variation is an upper bound on the sensor's. The
+    fixed pattern is measured in the flattest quarter of the picture. The loss after a spike is unknown and assumed to
+    be one full readout; a smaller loss would only lower the bounds.
+
+    Parameters
+    ----------
+    statistics : SpikeStatistics
+        Statistics of the recording.
+    where : str, optional
+        Name of the recording in error messages.
+
+    Returns
+    -------
+    dict of str to Estimate
+        Bounds by key, as intervals from 0 to the bound.
 
     Raises
     ------
-    BadInput : a recording with fewer than 500 pixels that fire 16 times.
+    BadInput
+        If fewer than 500 pixels fire at least 16 times with a mean interval above 2 readouts.
     """
     usable = (statistics.counts >= 16) & (statistics.interval > 2)
-    if usable.sum() < LEAST_PIXELS:
+    if usable.sum() < MIN_PIXELS:
         needed = int(np.ceil(16 / max(float(np.median(statistics.counts)) / statistics.shape[0], 1e-9)))
         raise BadInput(
             f"only {usable.sum()} pixels fire 16 times or more in {statistics.shape[0]} readouts",
             where=where,
-            allowed=f"at least {LEAST_PIXELS} pixels",
+            allowed=f"at least {MIN_PIXELS} pixels",
             hint=f"record about {needed} readouts, or with more light" if needed < 10**7 else "record with more light",
         )
     noise = _noise_bound(statistics, usable)
@@ -52,29 +68,29 @@ def fit_bounds_of_sensor(statistics: SpikeStatistics, *, where: str = "") -> dic
     darkest = float(blocks.min()) if blocks.size else float(rate.min())
     slack = 1 + 2 * 0.6 / _BLOCK
     return {
-        "interval_noise": _most(noise, "the smallest noise that second differences show at any lag"),
-        "threshold_noise_rms": _most(noise, "as interval_noise: shot noise is in it"),
-        "white_and_threshold_rms": _most(white, "differences of neighbouring pixels in the flattest quarter"),
-        "column_white_rms": _most(columns, "differences of neighbouring columns, median over rows"),
-        "row_white_rms": _most(rows, "differences of neighbouring rows, median over columns"),
-        "dark_rate": _most(darkest / (1 - min(darkest, 0.9)) * slack, f"the darkest {_BLOCK} × {_BLOCK} pixels"),
+        "interval_noise": _upper_bound(noise, "the smallest noise that second differences show at any lag"),
+        "threshold_noise_rms": _upper_bound(noise, "as interval_noise: shot noise is in it"),
+        "white_and_threshold_rms": _upper_bound(white, "differences of neighbouring pixels in the flattest quarter"),
+        "column_white_rms": _upper_bound(columns, "differences of neighbouring columns, median over rows"),
+        "row_white_rms": _upper_bound(rows, "differences of neighbouring rows, median over columns"),
+        "dark_rate": _upper_bound(darkest / (1 - min(darkest, 0.9)) * slack, f"the darkest {_BLOCK} × {_BLOCK} pixels"),
     }
 
 
-def _most(value: float, how: str) -> Estimate:
+def _upper_bound(value: float, how: str) -> Estimate:
     return Estimate(value, 0.0, value, how, measured=False)
 
 
 def _noise_bound(statistics: SpikeStatistics, usable: np.ndarray) -> float:
-    """Return the largest noise of intervals, 1/θ + σ² as a root, that the least noisy of four ranges of lags allows."""
+    """Return the upper end of the noise of intervals, √(1/θ + σ²), for the least noisy of four ranges of lags."""
     chosen = replace(statistics, counts=np.where(usable, statistics.counts, 0))
-    found = [fit_interval_noise(chosen, loss=1.0, most_lag=lag) for lag in (2, 4, 16, 64)]
+    found = [fit_interval_noise(chosen, loss=1.0, max_lag=lag) for lag in (2, 4, 16, 64)]
     ends = [value + 2 * error for value, error in found if np.isfinite(value) and np.isfinite(error)]
     return sqrt(min(ends)) if ends else float("inf")
 
 
 def _line_noise(steps: np.ndarray, *, axis: int) -> float:
-    """Return the rms of white noise of lines, from the median step from each line to the next."""
+    """Return the rms of the white noise of columns or rows, from the median step between neighbouring ones."""
     medians = np.nanmedian(np.where(np.isfinite(steps), steps, np.nan), axis=axis)
     known = medians[np.isfinite(medians)]
     return float(1.4826 * np.median(np.abs(known - np.median(known))) / sqrt(2)) if known.size else float("inf")

@@ -1,4 +1,4 @@
-"""Statistics side by side: of two sensors, of a recording and a sensor, of two recordings, and of what is published."""
+"""Comparison of the statistics of sensors, recordings and published measurements, side by side."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -26,12 +26,12 @@ from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput
 
 Figures = dict[str, float]
-"""Statistics by key: the recording, a dot, and the name of the statistic."""
+"""Statistics by key; a key is the kind of recording, a dot, and the name of the statistic, such as ``flat.rms``."""
 Report = Callable[[str, float], None]
 
 FLAT_RATE, FLAT_FRAMES, DARK_FRAMES = 0.2, 4000, 20_000
 STREAM_SHAPE, STREAM_RATE = (200, 250, 250), 0.031
-"""Frames, rows, columns and rate of the one real stream that figures are published of."""
+"""Shape (frames, rows, columns) and mean rate of the only real stream for which statistics are published."""
 _BARS, _KNOTS, _SETTLE = 64, 33, 64
 
 _LABELS = {
@@ -63,21 +63,34 @@ _PERCENT = {
 
 @dataclass(frozen=True)
 class ComparedStatistic:
-    """One statistic of all that is compared: its key, its name in words, and a value, or NaN, of each."""
+    """One statistic of all compared recordings or sensors.
+
+    Attributes
+    ----------
+    key : str
+        Key of the statistic, such as ``flat.rms``.
+    label : str
+        Name of the statistic in words.
+    values : tuple of float
+        One value per column of the comparison, NaN if missing.
+    """
 
     key: str
     label: str
     values: tuple[float, ...]
 
     def format_value(self, value: float) -> str:
-        """Return a value as text, in percent where the statistic is a fraction; '–' where there is none."""
+        """Return a value as text: in percent if the statistic is a fraction, '–' if the value is not finite."""
         if not np.isfinite(value):
             return "–"
         return f"{value:.3g}" if self.key.split(".")[1] not in _PERCENT else f"{100 * value:.3g} %"
 
 
 def compare_recording_statistics(columns: list[Figures]) -> list[ComparedStatistic]:
-    """Return the statistics of all columns side by side, in the order in which they first appear."""
+    """Return the statistics of all columns side by side, in the order in which their keys first appear.
+
+    Statistics without a finite value in any column are left out.
+    """
     keys = list(dict.fromkeys(key for column in columns for key in column))
     values = {key: tuple(column.get(key, float("nan")) for column in columns) for key in keys}
     return [ComparedStatistic(key, _describe(key), values[key]) for key in keys if np.isfinite(values[key]).any()]
@@ -100,7 +113,7 @@ def _describe(key: str) -> str:
 
 
 def _time_figures(statistics: SpikeStatistics, group: str) -> Figures:
-    """Return the statistics in time of a recording."""
+    """Return the temporal statistics of a recording, with ``group`` before each key."""
     return {
         f"{group}.rate": statistics.mean_rate,
         f"{group}.cv2": statistics.cv2,
@@ -124,7 +137,7 @@ def _pattern_figures(statistics: PatternStatistics) -> Figures:
 
 
 def _list_figures(key: str, values: tuple[float, ...]) -> Figures:
-    """Return a figure of each band or degree of a profile."""
+    """Return one statistic for each band or degree of a profile."""
     stem, ends = key.rsplit("_", 1)[0], BANDS if key.endswith("_bands") else DEGREES
     kind = "band" if key.endswith("_bands") else "degree"
     return {f"{stem}_{kind}_{end:g}": float(value) for end, value in zip(ends, values, strict=True)}
@@ -138,17 +151,33 @@ def sensor_statistics(
     seed: int = 1,
     report: Report | None = None,
 ) -> Figures:
-    """Return the statistics of a sensor: of a flat field, of the dark, and of bars of light that move.
+    """Return the statistics of simulated recordings by a sensor: a flat field, a dark recording and moving bars.
 
-    The response is the flat field less the dark.
+    The dark rates are subtracted from the rates of the flat field before the fixed pattern is measured. There is no
+    dark recording if the sensor has no dark charge.
 
     Parameters
     ----------
-    sensor : the sensor.
-    shape : rows and columns of the array, the sensor's own by default.
-    rate : mean rate of the flat field and of the bars, spikes per readout.
-    seed : determines the device and its noise.
-    report : receives what is measured, and the fraction that is done.
+    sensor : Sensor
+        The sensor to measure.
+    shape : tuple of int, optional
+        Rows and columns of the array; by default those of the sensor.
+    rate : float, default 0.2
+        Mean rate of the flat field and of the moving bars, spikes per readout.
+    seed : int, default 1
+        Seed of the device's fixed pattern and of its noise.
+    report : callable, optional
+        Called with the name of the recording and the fraction of it that is done.
+
+    Returns
+    -------
+    dict of str to float
+        Statistics by key.
+
+    Raises
+    ------
+    BadInput
+        If the sensor cannot reach the rate, or the rate is not above its dark rate.
     """
     size = shape or (sensor.rows, sensor.columns)
 
@@ -171,9 +200,9 @@ def sensor_statistics(
 
 
 def mean_light_for_statistics(sensor: Sensor, rate: float) -> float:
-    """Return the photo-electrons per readout that make a sensor fire at a mean rate, dark charge taken off.
+    """Return the light, in photo-electrons per readout without the dark charge, that gives a mean rate of spikes.
 
-    Raises BadInput for a rate that the sensor's law does not reach, or below its dark rate.
+    Raises BadInput if the rate is 0.9 or more, or not above the dark rate of the sensor.
     """
     light = rate * sensor.threshold_e / (1 - sensor.post_spike_loss * rate) - sensor.mean_dark_e if rate < 0.9 else -1
     if not light > 0:
@@ -186,7 +215,7 @@ def mean_light_for_statistics(sensor: Sensor, rate: float) -> float:
 
 
 def _moving_bars(size: tuple[int, int]) -> np.ndarray:
-    """Return soft vertical bars of light, mean 1, float32 (knots, H, W), that move by one period."""
+    """Return smooth vertical bars of light of mean 1 that move by one period, float32 (knots, H, W)."""
     phase = np.arange(size[1])[None] / _BARS - np.linspace(0, 1, _KNOTS)[:, None]
     bars = 1 + 0.5 * np.sin(2 * np.pi * phase)
     return np.repeat(bars[:, None], size[0], axis=1).astype(np.float32)
@@ -197,7 +226,7 @@ def _knots_along(frames: int, knots: int = _KNOTS) -> Callable[[np.ndarray], tup
 
 
 def recording_statistics(recording: Recording, *, report: Report | None = None) -> Figures:
-    """Return the statistics of a recording of anything: those in time, and the spread against the neighbourhood."""
+    """Return the statistics of a recording of any scene: those in time, and the spread of rates about a local mean."""
     name = recording.name
     found = measure_spike_statistics(recording, report=None if report is None else lambda done: report(name, done))
     rates = np.where(np.isfinite(found.rates), found.rates, 0.0)
@@ -208,10 +237,20 @@ def recording_statistics(recording: Recording, *, report: Report | None = None) 
 
 
 def encode_again_for_statistics(recording: Recording, sensor: Sensor, *, seed: int = 1) -> EncodedRecording:
-    """Return a recording by a sensor of the light that another recording shows, smoothed.
+    """Return a simulated recording of the light that another recording shows.
 
-    Rates in up to 32 windows of time, of at least 48 readouts, are smoothed by 2 pixels and by 1 window (standard
-    deviations), and turned into charge by the sensor's law. So what differs is the sensor's noise and pattern.
+    The light is estimated from rates in up to 32 time windows of at least 48 readouts, smoothed by Gaussians with
+    standard deviations of 2 pixels and 1 window, and converted to charge by the sensor's law of saturation. The two
+    recordings therefore differ only in the noise and fixed pattern of their sensors.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording that shows the light.
+    sensor : Sensor
+        The sensor that records it again.
+    seed : int, default 1
+        Seed of the device's fixed pattern and of its noise.
     """
     frames, height, width = recording.shape
     step = max(48, -(-frames // 32)) // 8  # bytes
@@ -229,14 +268,14 @@ def encode_again_for_statistics(recording: Recording, sensor: Sensor, *, seed: i
     charge = np.maximum(total - sensor.mean_dark_e, 0).astype(np.float32)
 
     def knots(readout: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        place = np.clip((readout + 0.5) / (8 * step) - 0.5, 0, len(rates) - 1)
-        return encoder_knot_weights(place / max(len(rates) - 1, 1), len(rates))
+        position = np.clip((readout + 0.5) / (8 * step) - 0.5, 0, len(rates) - 1)
+        return encoder_knot_weights(position / max(len(rates) - 1, 1), len(rates))
 
     return EncodedRecording(f"{sensor.name}", sensor, charge, frames=frames, seed=seed, knots=knots, before=_SETTLE)
 
 
 def published_sensor_statistics() -> tuple[Figures, dict[str, str]]:
-    """Return what is published of real cameras: statistics by key, and the source of each group of keys."""
+    """Return the published statistics of real cameras by key, and the source of each group of keys."""
     data = read_yaml(Path(__file__).with_name("published.yaml")).data
     found: Figures = {}
     for part in data.values():
@@ -246,10 +285,10 @@ def published_sensor_statistics() -> tuple[Figures, dict[str, str]]:
 
 
 def sensor_statistics_as_published(sensor: Sensor, *, seed: int = 1, report: Report | None = None) -> Figures:
-    """Return the statistics of a sensor that :func:`published_sensor_statistics` has, taken as those were.
+    """Return those statistics of a sensor that are published for real cameras, measured under the same conditions.
 
-    The stream is 200 readouts of 250 × 250 pixels at a mean rate of 0.031, of light that rises evenly along the rows
-    from half its mean to one and a half times it, and stands still.
+    The stream has 200 readouts of 250 × 250 pixels at a mean rate of 0.031 spikes per readout. Its light is constant
+    in time and rises linearly from the first column to the last, from 0.5 to 1.5 times its mean.
     """
     frames, *size = STREAM_SHAPE
     ramp = np.broadcast_to(np.linspace(0.5, 1.5, size[1]), (1, *size)) * mean_light_for_statistics(sensor, STREAM_RATE)

@@ -1,37 +1,50 @@
 """The dark rates of a chip, fitted to the counts of a dark recording by maximum likelihood.
 
-A pixel's dark rate is log-normal; of hot pixels, a few in a thousand, it follows a Pareto law from some times the
-median on. Dark rates are low: many pixels fire a few times in a recording, and some never. A count n over T readouts
-says only that the charge X = rate·T, in thresholds, lies between n − 1 and n + 1: it is ⌊X + u⌋, with an even phase
-u. So
+The dark rate of most pixels is log-normal. That of hot pixels, a few in a thousand, follows a Pareto law that starts at
+a given multiple of the median. Dark rates are low: many pixels fire only a few times in a recording, and some never. A
+count n over T readouts is ⌊X + u⌋, where X = rate·T is the charge in thresholds and the phase u is uniform over 0 to 1,
+so it only says that X is between n − 1 and n + 1. Hence
 
     P(n) = E max(0, 1 − |X − n|) = G(n + 1) − 2·G(n) + G(n − 1),    G(x) = E max(0, x − X)
 
-and G has a closed form for both laws. A pixel that never fired is censored in this sense, and counts as such.
+and G has a closed form for both laws. The likelihood treats a pixel that never fired as censored.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from saf_gen.calibration.estimates import Estimate, normal_estimate_of_fit
+from saf_gen.calibration.estimates import Estimate, binomial_interval_of_fit, normal_estimate_of_fit
 from saf_gen.errors import BadInput
 
-_LEAST_SPIKES = 2.0
-_LEAST_HOT = 12
+_MIN_SPIKES = 2.0
+_MIN_HOT = 12
 _EXPONENTS = (1.5, 20.0)
 _STEP = 1e-3
 
 
 @dataclass(frozen=True)
 class DarkFit:
-    """The dark of a chip. rate : mean over the pixels, spikes per readout, by expectation; log_sd : of the log-normal;
-    hot_fraction : of pixels above ``factor`` times the median; hot_exponent : of the Pareto law; median : of the
-    log-normal, spikes per readout; silent : fraction of the pixels that did not fire."""
+    """The fitted distribution of a chip's dark rates.
+
+    Attributes
+    ----------
+    rate : Estimate
+        Expected mean rate over the pixels, spikes per readout.
+    log_sd : Estimate
+        Standard deviation of the natural logarithm of the log-normal law.
+    hot_fraction : Estimate
+        Fraction of the pixels above ``factor`` times the median.
+    hot_exponent : Estimate or None
+        Exponent of the Pareto law; None if too few pixels are hot to fit it.
+    median : float
+        Median of the log-normal law, spikes per readout.
+    silent : float
+        Fraction of the pixels that did not fire.
+    """
 
     rate: Estimate
     log_sd: Estimate
@@ -41,18 +54,25 @@ class DarkFit:
     silent: float
 
 
-def dark_probabilities_to_fit(
+def fitted_dark_probabilities(
     counts: np.ndarray, *, median: float, log_sd: float, extra: float, factor: float, exponent: float
 ) -> np.ndarray:
-    """Return the probability of each of some counts.
+    """Return the probability of each count under the fitted law of dark rates.
 
     Parameters
     ----------
-    counts : whole numbers, any shape.
-    median : of the log-normal, in spikes over the recording.
-    log_sd : standard deviation of its natural logarithm.
-    extra : fraction of the pixels that follow the Pareto law.
-    factor, exponent : where the Pareto law begins, in medians, and its exponent.
+    counts : ndarray of int, any shape
+        Spikes of a pixel in the recording.
+    median : float
+        Median of the log-normal law, spikes per recording.
+    log_sd : float
+        Standard deviation of the natural logarithm of the log-normal law.
+    extra : float
+        Fraction of the pixels that follow the Pareto law.
+    factor : float
+        Start of the Pareto law, in medians.
+    exponent : float
+        Exponent of the Pareto law.
     """
 
     def shortfall(x: np.ndarray) -> np.ndarray:
@@ -69,34 +89,40 @@ def dark_probabilities_to_fit(
 
 
 def fit_dark_recording(counts: np.ndarray, frames: int, *, factor: float, exponent: float, where: str = "") -> DarkFit:
-    """Return the dark of a chip from the counts of its pixels over ``frames`` readouts without light.
+    """Return the distribution of a chip's dark rates from the counts of its pixels in a dark recording.
 
     Parameters
     ----------
-    counts : spikes of each pixel that is not dead, any shape.
-    frames : readouts of the recording.
-    factor : times the median from which a pixel is called hot.
-    exponent : of the Pareto law, where too few pixels are hot to tell it.
-    where : what messages call the recording.
+    counts : ndarray of int, any shape
+        Spikes of each pixel that is not dead.
+    frames : int
+        Readouts of the recording.
+    factor : float
+        Multiple of the median above which a pixel counts as hot.
+    exponent : float
+        Exponent of the Pareto law to assume if too few pixels are hot to fit it.
+    where : str, optional
+        Name of the recording in error messages.
 
     Raises
     ------
-    BadInput : a recording with fewer than 2 spikes per pixel on average; it says how long it must be.
+    BadInput
+        If the recording has fewer than 2 spikes per pixel on average; the message says how long it must be.
     """
     counts = np.asarray(counts).ravel()
-    if counts.mean() < _LEAST_SPIKES:
-        needed = int(np.ceil(frames * _LEAST_SPIKES / max(counts.mean(), 1 / counts.size)))
+    if counts.mean() < _MIN_SPIKES:
+        needed = int(np.ceil(frames * _MIN_SPIKES / max(counts.mean(), 1 / counts.size)))
         raise BadInput(
             f"the dark recording has {counts.mean():.2g} spikes per pixel in {frames} readouts",
             where=where,
-            allowed=f"at least {_LEAST_SPIKES:g}",
+            allowed=f"at least {_MIN_SPIKES:g}",
             hint=f"record at least {needed} readouts",
         )
     seen, number = np.unique(counts, return_counts=True)
     middle = float(np.median(counts))
     fired = np.log(counts[counts > 0])
     sd = float(np.clip((np.quantile(fired, 0.84) - np.quantile(fired, 0.16)) / 2, 0.02, 1.5))
-    many = int((counts > factor * max(middle, 1)).sum()) >= _LEAST_HOT
+    many = int((counts > factor * max(middle, 1)).sum()) >= _MIN_HOT
     start = [np.log(max(middle, 1.0)), np.log(sd), np.log(2e-3)] + ([np.log(exponent - 1)] if many else [])
 
     def unpack(unknown: np.ndarray) -> dict[str, float]:
@@ -110,7 +136,7 @@ def fit_dark_recording(counts: np.ndarray, frames: int, *, factor: float, expone
         }
 
     def loss(unknown: np.ndarray) -> float:
-        p = dark_probabilities_to_fit(seen, **unpack(unknown))
+        p = fitted_dark_probabilities(seen, **unpack(unknown))
         return -float(number @ np.log(np.maximum(p, 1e-300)))
 
     fit = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-6, "maxiter": 4000})
@@ -131,11 +157,11 @@ def fit_dark_recording(counts: np.ndarray, frames: int, *, factor: float, expone
 
     how = "likelihood of the counts in the dark, pixels that never fired included"
     found = hot_fraction(here)
-    tail = normal_estimate_of_fit(here["exponent"], delta(lambda p: p["exponent"]), how=how, least=1)
-    low, high = _binomial_interval(round(found * counts.size), counts.size)
+    tail = normal_estimate_of_fit(here["exponent"], delta(lambda p: p["exponent"]), how=how, minimum=1)
+    low, high = binomial_interval_of_fit(round(found * counts.size), counts.size)
     return DarkFit(
-        rate=normal_estimate_of_fit(rate(here), delta(rate), how=how, least=0),
-        log_sd=normal_estimate_of_fit(here["log_sd"], delta(lambda p: p["log_sd"]), how=how, least=0),
+        rate=normal_estimate_of_fit(rate(here), delta(rate), how=how, minimum=0),
+        log_sd=normal_estimate_of_fit(here["log_sd"], delta(lambda p: p["log_sd"]), how=how, minimum=0),
         hot_fraction=Estimate(found, low, high, how),
         hot_exponent=tail if many else None,
         median=here["median"] / frames,
@@ -148,7 +174,10 @@ def _steps(size: int) -> np.ndarray:
 
 
 def _covariance(loss: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
-    """Return the inverse of a likelihood's curvature; 0 for what it does not know, as a fraction of no hot pixel."""
+    """Return the inverse of a likelihood's curvature.
+
+    Parameters on which the likelihood does not depend, such as the hot fraction if no pixel is hot, get 0.
+    """
     steps = _steps(at.size) * 10
     curvature = np.empty((at.size, at.size))
     for i, a in enumerate(steps):
@@ -159,9 +188,3 @@ def _covariance(loss: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarr
     out = np.zeros_like(curvature)
     out[np.ix_(known, known)] = np.linalg.pinv(curvature[np.ix_(known, known)])
     return out
-
-
-def _binomial_interval(hits: int, trials: int) -> tuple[float, float]:
-    """Return the 95 % interval of a chance (Clopper and Pearson 1934, doi:10.1093/biomet/26.4.404)."""
-    low = stats.beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
-    return float(low), float(stats.beta.ppf(0.975, hits + 1, trials - hits))

@@ -1,17 +1,28 @@
-"""A number that was measured: its value, its interval, and what stands behind it."""
+"""Measured numbers with their confidence interval and the way in which they were found."""
 
 from dataclasses import dataclass
 from math import inf, sqrt
 
+from scipy import stats
+
 NORMAL_95 = 1.959963984540054
-"""Standard errors on either side of a value that a 95 % interval reaches."""
+"""Half-width of a 95 % interval of a normal distribution, in standard errors."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 95 % interval, ``low`` to ``high``, and how it was found, in words.
+    """A value with its 95 % interval, ``low`` to ``high``, and a description of how it was found.
 
-    ``measured`` is false where the interval is all that is known: the value is then a choice within it.
+    Attributes
+    ----------
+    value : float
+        The estimate.
+    low, high : float
+        Ends of the 95 % interval.
+    how : str
+        How the value was found, in words.
+    measured : bool
+        False if only the interval is known; the value is then a choice within it.
     """
 
     value: float
@@ -21,18 +32,26 @@ class Estimate:
     measured: bool = True
 
     def holds(self, truth: float) -> bool:
-        """Return whether the interval holds a number."""
+        """Return whether a number is in the interval, ends included."""
         return self.low <= truth <= self.high
 
 
-def normal_estimate_of_fit(value: float, error: float, *, how: str, least: float = -inf, most: float = inf) -> Estimate:
-    """Return an estimate from its standard error, cut to what is possible, ``least`` to ``most``."""
+def normal_estimate_of_fit(
+    value: float, error: float, *, how: str, minimum: float = -inf, maximum: float = inf
+) -> Estimate:
+    """Return an estimate from a value and its standard error, clipped to the range ``minimum`` to ``maximum``."""
     low, high = value - NORMAL_95 * error, value + NORMAL_95 * error
-    cut = [min(max(x, least), most) for x in (value, low, high)]
+    cut = [min(max(x, minimum), maximum) for x in (value, low, high)]
     return Estimate(cut[0], cut[1], cut[2], how)
 
 
 def root_estimate_of_fit(square: float, error: float, *, how: str) -> Estimate:
-    """Return an estimate of the root of a number that is known with a standard error; below 0 the root is 0."""
+    """Return an estimate of the square root of a number with a standard error; negative numbers have the root 0."""
     low, high = (sqrt(max(square + sign * NORMAL_95 * error, 0.0)) for sign in (-1, 1))
     return Estimate(sqrt(max(square, 0.0)), low, high, how)
+
+
+def binomial_interval_of_fit(hits: int, trials: int) -> tuple[float, float]:
+    """Return the 95 % interval of a probability (Clopper and Pearson 1934, doi:10.1093/biomet/26.4.404)."""
+    low = stats.beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
+    return float(low), float(stats.beta.ppf(0.975, hits + 1, trials - hits))

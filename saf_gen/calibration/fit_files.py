@@ -1,4 +1,4 @@
-"""What a fit leaves on disk: a sensor file with an interval beside each value, the same as JSON, a page of plots."""
+"""Files of a sensor fit: a sensor file with an interval after each value, the estimates as JSON, and an HTML page."""
 
 import json
 from dataclasses import asdict
@@ -42,7 +42,7 @@ figcaption {{ font-size: 0.85rem; color: #6b7280 }} svg {{ width: 100%; height: 
 
 
 def write_sensor_fit(fit: SensorFit, folder: Path) -> list[Path]:
-    """Write NAME.yaml, NAME.json and NAME.html into a folder, and return their paths; NAME is the sensor's."""
+    """Write NAME.yaml, NAME.json and NAME.html into a folder, named after the sensor, and return their paths."""
     stem = folder / fit.sensor.name
     texts = {
         stem.with_suffix(".yaml"): _format_fitted_sensor(fit),
@@ -55,7 +55,10 @@ def write_sensor_fit(fit: SensorFit, folder: Path) -> list[Path]:
 
 
 def format_fitted_number(value: float, like: float | None = None) -> str:
-    """Return a number with the digits that a width of ``like`` leaves of it, three where there is none."""
+    """Return a number as text, with as many digits as are significant for an interval of width ``like``.
+
+    These are 2 to 6 significant digits; 4 if ``like`` is missing, not positive or not finite.
+    """
     if value == 0 or not isfinite(value):
         return "0" if value == 0 else str(value)
     digits = 4
@@ -66,7 +69,7 @@ def format_fitted_number(value: float, like: float | None = None) -> str:
 
 
 def format_fitted_interval(estimate: Estimate) -> str:
-    """Return the ends of an interval as text."""
+    """Return the interval of an estimate as text, such as ``0.01 to 0.02`` or ``at most 0.02``."""
     width = estimate.high - estimate.low
     if width == 0:
         return "–" if not estimate.measured else format_fitted_number(estimate.value)
@@ -78,7 +81,7 @@ def format_fitted_interval(estimate: Estimate) -> str:
 
 
 def _yaml_number(value: float, estimate: Estimate | None) -> str:
-    """Return a number as YAML reads it: 1e-5 without a point would be text."""
+    """Return a number as YAML text with a decimal point, without which YAML reads 1e-5 as text."""
     wide = None if estimate is None or not estimate.measured else estimate.high - estimate.low
     text = format_fitted_number(float(value), wide)
     mantissa, mark, exponent = text.partition("e")
@@ -86,7 +89,7 @@ def _yaml_number(value: float, estimate: Estimate | None) -> str:
 
 
 def _format_fitted_sensor(fit: SensorFit) -> str:
-    """Return the fitted sensor as a sensor file, an interval of 95 % beside each number that was measured."""
+    """Return the text of a sensor file, with the 95 % interval of each measured number as a comment."""
     recordings = ", ".join(f"{name} ({level:.3g} spikes per readout)" for name, level in fit.levels.items())
     lines = [
         f"# Fitted by saf-gen sensors fit to {recordings} and a dark recording.",
@@ -103,9 +106,9 @@ def _format_fitted_sensor(fit: SensorFit) -> str:
             lines += ["sources:", *(f'  - "{source}"' for source in value)]
         elif isinstance(value, list | tuple):
             parts = [fit.estimates.get(f"{key}_{degree}") for degree in range(1, len(value) + 1)]
-            told = "; ".join(f"{e.low:.3f} to {e.high:.3f}" for e in parts if e is not None)
+            intervals = "; ".join(f"{e.low:.3f} to {e.high:.3f}" for e in parts if e is not None)
             values = ", ".join(f"{x:.4g}" for x in value)
-            lines.append(f"{key}: [{values}]  # {f'95 %: {told}' if told else 'assumed'}")
+            lines.append(f"{key}: [{values}]  # {f'95 %: {intervals}' if intervals else 'assumed'}")
         elif isinstance(value, str | int) and estimate is None:
             lines.append(f"{key}: {value}{_COMMENTS.get(key, '  # assumed')}")
         else:
@@ -122,7 +125,7 @@ def _describe(key: str, estimate: Estimate | None) -> str:
 
 
 def _format_fit_json(fit: SensorFit) -> str:
-    """Return every estimate with its interval, the levels and the notes, as JSON."""
+    """Return all estimates with their intervals, the levels and the notes as JSON."""
 
     def finite(value: float) -> float | None:
         return float(value) if isfinite(value) else None
@@ -142,7 +145,7 @@ def _format_fit_json(fit: SensorFit) -> str:
 
 
 def _format_fit_page(fit: SensorFit, plots: list[FitPlot]) -> str:
-    """Return the page: what could not be told, all numbers with their intervals, and the plots."""
+    """Return the page with the notes, all estimates with their intervals, and the plots, as HTML."""
     rows = "".join(
         f'<tr><td>{escape(key)}</td><td class="number">{format_fitted_number(e.value, e.high - e.low)}</td>'
         f'<td class="number">{escape(format_fitted_interval(e))}</td>'

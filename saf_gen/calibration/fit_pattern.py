@@ -1,32 +1,42 @@
-"""The parts of a response map: profiles of columns and rows, edges, twist, what goes with the dark, dust, white noise.
+"""Decomposition of a response map: column and row profiles, edges, twist, part due to dark charge, dust, white rest.
 
-The map is taken apart as the sensor puts it together (``saf_gen/camera/fixed_pattern.py``), and the noise of its
-pixels is taken off each part. White response and threshold spread are one: a rate is charge over threshold.
+The parts are those from which the sensor model builds a map (``saf_gen/camera/fixed_pattern.py``), and the measurement
+noise of the pixels is subtracted from each. White response and threshold spread cannot be separated, because a rate
+is charge divided by threshold.
 """
 
 from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.polynomial import legendre
 from scipy import stats
 
 from saf_gen.calibration.estimates import NORMAL_95, Estimate, normal_estimate_of_fit, root_estimate_of_fit
 from saf_gen.calibration.pattern_statistics import ROBUST
+from saf_gen.camera.fixed_pattern import legendre_basis_over_pixels
 
 DEGREE = 4
-"""Legendre polynomials up to this degree are told from the white noise of a profile."""
+"""Highest degree of the Legendre polynomials that separate the smooth part of a profile from its white noise."""
 DEEP = 5.0
-"""Robust standard deviations below the rest from which a pixel is taken to lie under dust."""
+"""A pixel more than this number of robust standard deviations below the rest counts as lying under dust."""
 _ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class PatternFit:
-    """Estimates by key of the sensor, with ``white_and_threshold_rms``, the spread that response and threshold share.
+    """The parts of a response map, relative to its mean.
 
-    rest : what profiles, edges, twist and dark leave, (H, W), NaN where a pixel is dead.
-    columns, rows : the profiles, (W,) and (H,).
+    Attributes
+    ----------
+    estimates : dict of str to Estimate
+        Estimates by key of the sensor, and ``white_and_threshold_rms``, the joint rms of white response and threshold
+        spread.
+    rest : ndarray, shape (H, W)
+        Residual after profiles, twist and the part due to dark charge; NaN if the response of a pixel is unknown.
+    columns : ndarray, shape (W,)
+        Profile of the columns.
+    rows : ndarray, shape (H,)
+        Profile of the rows.
     """
 
     estimates: dict[str, Estimate]
@@ -40,9 +50,12 @@ def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndar
 
     Parameters
     ----------
-    response : relative response over threshold, (H, W), NaN where it is unknown.
-    error : its standard error, pixel by pixel.
-    dark : dark rate of each pixel over the mean of the chip, (H, W).
+    response : ndarray, shape (H, W)
+        Relative response of each pixel, divided by its threshold; NaN if unknown.
+    error : ndarray, shape (H, W)
+        Standard error of each response.
+    dark : ndarray, shape (H, W)
+        Dark rate of each pixel, divided by the mean dark rate of the chip.
     """
     known = np.isfinite(response)
     inner = known.copy()
@@ -55,7 +68,7 @@ def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndar
     shaped, twist_map = np.zeros_like(relative), _twist(response.shape)
     twist = 0.0
     white = float(np.nanstd(relative))
-    for _ in range(_ROUNDS):  # dark and dust stand in the mean of a line: they are taken off first
+    for _ in range(_ROUNDS):  # dark charge and dust shift the mean of a line, so they are removed first
         usable = inner & (np.abs(relative - shaped - per_dark.value * excess) < DEEP * white)
         bare = np.where(usable, relative - per_dark.value * excess - twist * twist_map, np.nan)
         profiles = _profiles(bare)
@@ -70,17 +83,19 @@ def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndar
     left = rest - per_dark.value * excess
     core = inner & (np.abs(left) < DEEP * white)
     estimates = _fit_white(left[core] ** 2, dark[core], noise=noise, size=response.shape)
-    whole = float(np.mean(left[core] ** 2))  # of a pixel: white, what goes with its dark charge, and noise
-    estimates["white_and_threshold_rms"] = _with_dark_part(estimates["white_and_threshold_rms"], per_dark)
+    pixel_variance = float(np.mean(left[core] ** 2))  # variance of a pixel: white, spread with dark charge, and noise
+    estimates["white_and_threshold_rms"] = _correct_for_dark_part(estimates["white_and_threshold_rms"], per_dark)
     for name, profile, length in (
         ("column", profiles[0], response.shape[0]), ("row", profiles[1], response.shape[1])
     ):  # fmt: skip
-        estimates |= _fit_profile(name, profile[1:], noise=whole / max(length - 1, 1), whole=profile.size)
+        estimates |= _fit_profile(
+            name, profile[1:], noise=pixel_variance / max(length - 1, 1), full_length=profile.size
+        )
     estimates["response_twist_rms"] = normal_estimate_of_fit(
-        abs(twist), sqrt(whole / core.sum()), how="the product of both tilts in the response map", least=0
+        abs(twist), sqrt(pixel_variance / core.sum()), how="the product of both tilts in the response map", minimum=0
     )
     if per_dark.how:
-        estimates["response_per_dark"] = _less_threshold(
+        estimates["response_per_dark"] = _subtract_threshold_part(
             per_dark, estimates["white_and_threshold_rms"], variance=float(np.var(excess[core & (excess < 9)]))
         )
     edges = {"response_first_column": (profiles[0], left[1:, 0]), "response_first_row": (profiles[1], left[0, 1:])}
@@ -88,25 +103,19 @@ def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndar
         off = edge[np.isfinite(edge)] - profile[0] + _edge(profile)
         estimates[key] = normal_estimate_of_fit(
             float(np.median(off)) if off.size else 0.0,
-            1.2533 * sqrt(whole / max(off.size, 1) + _white_of(profile) ** 2),
+            1.2533 * sqrt(pixel_variance / max(off.size, 1) + _white_noise_rms(profile) ** 2),
             how="the edge against the profile beside it",
         )
     estimates |= _fit_dust(left[inner] / white, white)
     return PatternFit(estimates, np.where(known, left, np.nan), profiles[0], profiles[1])
 
 
-def legendre_basis_to_fit(length: int, degree: int) -> np.ndarray:
-    """Return Legendre polynomials of degree 1 to ``degree`` at pixel centres, of mean square 1 (length, degree)."""
-    centre = (2 * np.arange(length) + 1) / length - 1
-    return legendre.legvander(centre, degree)[:, 1:] * np.sqrt(2 * np.arange(1, degree + 1) + 1)
-
-
 def _twist(shape: tuple[int, ...]) -> np.ndarray:
-    return legendre_basis_to_fit(shape[0], 1) * legendre_basis_to_fit(shape[1], 1).T
+    return legendre_basis_over_pixels(shape[0], 1) * legendre_basis_over_pixels(shape[1], 1).T
 
 
 def _profiles(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return additive profiles of columns and rows of a map with holes; 0 where a whole line is missing."""
+    """Return the additive profiles of columns and rows of a map with NaNs; a line without any value gets 0."""
     columns, rows = np.zeros(map_.shape[1]), np.zeros(map_.shape[0])
     held = np.isfinite(map_)
     values = np.where(held, map_, 0.0)
@@ -119,7 +128,11 @@ def _profiles(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _slope(rest: np.ndarray, excess: np.ndarray) -> Estimate:
-    """Return how the rest rises with dark charge: least squares with a robust error, without hot pixels beyond 10."""
+    """Return the slope of the rest against ``excess``, the relative dark rate minus 1.
+
+    The fit is by least squares with a heteroscedasticity-robust standard error, and leaves out pixels with more than
+    10 times the mean dark rate. If all pixels have one dark rate, the estimate is 0 and its ``how`` is empty.
+    """
     use = excess < 9
     x = excess[use] - excess[use].mean()
     total = float(x @ x)
@@ -132,31 +145,32 @@ def _slope(rest: np.ndarray, excess: np.ndarray) -> Estimate:
     )
 
 
-def _with_dark_part(rest: Estimate, per_dark: Estimate) -> Estimate:
-    """Return the joint spread of response and threshold from the rest that dark leaves.
+def _correct_for_dark_part(rest: Estimate, per_dark: Estimate) -> Estimate:
+    """Return the joint rms of white response and threshold spread, corrected for the fitted dependence on dark charge.
 
-    What goes with dark charge goes with that over the threshold too, (1 + … + c·(d − 1))/θ = (1 − c + …)/θ + c·d/θ: of
-    the spread of thresholds only the part 1 − c is in the rest. It is not known how much of the rest is that of
-    thresholds: half of the variance is put in, and the bounds are nothing and all.
+    The dark rate of a pixel is its dark charge divided by its threshold. The response (1 + … + c·(d − 1))/θ is
+    (1 − c + …)/θ + c·d/θ, so the fit against the measured dark rate d/θ leaves only the fraction 1 − c of the threshold
+    spread in the rest. How much of the rest is threshold spread is unknown: the value assumes half of the variance,
+    and the bounds assume none and all of it.
     """
     c = min(max(per_dark.value, 0.0), 0.5)
     return Estimate(rest.value / sqrt(1 - c), rest.low, rest.high / (1 - c), rest.how)
 
 
-def _less_threshold(slope: Estimate, joint: Estimate, *, variance: float) -> Estimate:
-    """Return the rise of response with dark charge without what thresholds add to it.
+def _subtract_threshold_part(slope: Estimate, joint: Estimate, *, variance: float) -> Estimate:
+    """Return the slope of the response against dark charge without the contribution of the threshold spread.
 
-    A low threshold makes a pixel fast in light and in the dark: a threshold spread of variance w² adds w²/``variance``
-    to the slope, ``variance`` that of relative dark rates. Of w² half of the joint variance is put in, and the bounds
-    are 0 and all.
+    A pixel with a low threshold fires faster both in light and in the dark. A threshold spread of variance w² therefore
+    adds w²/``variance`` to the slope, where ``variance`` is that of the relative dark rates. The value assumes that w²
+    is half of the joint variance, and the bounds assume none and all of it.
     """
-    half, most = joint.value**2 / 2 / variance, joint.high**2 / variance
-    ends = [max(x, 0.0) for x in (slope.value - half, slope.low - most, slope.high)]
+    half, full = joint.value**2 / 2 / variance, joint.high**2 / variance
+    ends = [max(x, 0.0) for x in (slope.value - half, slope.low - full, slope.high)]
     return Estimate(ends[0], ends[1], ends[2], f"{slope.how}; a threshold spread may be part of it")
 
 
 def _fit_white(squares: np.ndarray, dark: np.ndarray, *, noise: float, size: tuple[int, ...]) -> dict[str, Estimate]:
-    """Return the white rest, and how much of it grows with the dark: squares = white² + noise + spread²·dark²."""
+    """Return the rms of the white rest, and the spread per dark rate: squares = white² + noise + spread²·dark²."""
     freedom = (size[0] - 2) * (size[1] - 2) / ((size[0] - 1) * (size[1] - 1))
     use = dark < 6
     x = np.stack([np.ones(use.sum()), dark[use] ** 2], axis=1)
@@ -186,22 +200,26 @@ def _fit_white(squares: np.ndarray, dark: np.ndarray, *, noise: float, size: tup
     return found
 
 
-def _fit_profile(name: str, profile: np.ndarray, *, noise: float, whole: int) -> dict[str, Estimate]:
-    """Return the rms of a profile without its first pixel, and the fraction of its variance by Legendre degree."""
+def _fit_profile(name: str, profile: np.ndarray, *, noise: float, full_length: int) -> dict[str, Estimate]:
+    """Return the rms and white rms of a profile, and the fraction of its variance by Legendre degree.
+
+    ``profile`` lacks its first line, and ``full_length`` is its length with it; ``noise`` is the variance that the
+    noise of its pixels adds.
+    """
     length, degree = profile.size, min(DEGREE, profile.size - 2)
-    basis = np.concatenate([np.ones((length, 1)), legendre_basis_to_fit(whole, degree)[1:]], axis=1)
+    basis = np.concatenate([np.ones((length, 1)), legendre_basis_over_pixels(full_length, degree)[1:]], axis=1)
     solve = np.linalg.pinv(basis)
     terms = solve @ profile
     off = profile - basis @ terms
     scatter = float(off @ off) / max(length - degree - 1, 1)  # white noise of the profile and of its pixels
-    own = max(scatter - noise, 0.0)
+    white_variance = max(scatter - noise, 0.0)
     error = np.sqrt(np.diag(solve @ solve.T) * scatter)[1:]
     squares = np.maximum(terms[1:] ** 2 - error**2, 0.0)
-    square = float(squares.sum() + own)
+    square = float(squares.sum() + white_variance)
     spread = sqrt(float((4 * terms[1:] ** 2 * error**2).sum()) + 2 * scatter**2 / max(length - degree - 1, 1))
     rms = root_estimate_of_fit(square, spread, how=f"the mean of every {name}, the noise of its pixels taken off")
     free = max(length - degree - 1, 1)
-    seen = (scatter, max(scatter, noise))  # less than the pixels' noise is chance, and bounds no better than none would
+    seen = (scatter, max(scatter, noise))  # a scatter below the pixels' noise is chance and must not tighten the bound
     ends = [
         max(part * free / float(q) - noise, 0.0)
         for part, q in zip(seen, stats.chi2.ppf([0.975, 0.025], free), strict=True)
@@ -209,7 +227,7 @@ def _fit_profile(name: str, profile: np.ndarray, *, noise: float, whole: int) ->
     found = {
         f"response_{name}_rms": rms,
         f"{name}_white_rms": Estimate(
-            sqrt(own), sqrt(ends[0]), sqrt(ends[1]), f"what Legendre fits leave of the {name}s"
+            sqrt(white_variance), sqrt(ends[0]), sqrt(ends[1]), f"what Legendre fits leave of the {name}s"
         ),
     }
     for at in range(degree):
@@ -221,29 +239,30 @@ def _fit_profile(name: str, profile: np.ndarray, *, noise: float, whole: int) ->
 
 
 def _edge(profile: np.ndarray) -> float:
-    """Return what a profile's Legendre fit is less at its first pixel than the profile there."""
+    """Return the first value of a profile minus the Legendre fit of the other values, extrapolated to it."""
     degree = min(DEGREE, profile.size - 2)
-    basis = np.concatenate([np.ones((profile.size, 1)), legendre_basis_to_fit(profile.size, degree)], axis=1)
+    basis = np.concatenate([np.ones((profile.size, 1)), legendre_basis_over_pixels(profile.size, degree)], axis=1)
     terms = np.linalg.pinv(basis[1:]) @ profile[1:]
     return float(profile[0] - basis[0] @ terms)
 
 
-def _white_of(profile: np.ndarray) -> float:
+def _white_noise_rms(profile: np.ndarray) -> float:
     return float(np.std(np.diff(profile[1:]))) / sqrt(2)
 
 
 def _fit_dust(rest: np.ndarray, white: float) -> dict[str, Estimate]:
-    """Return the fraction of pixels under dust and the light that it takes, from those far below the rest.
+    """Return the fraction of pixels under dust and the rms fraction of light that it blocks.
 
-    ``rest`` is in robust standard deviations. Shadows are half-normal; those that are shallower than :data:`DEEP` are
-    not seen, and added by the law.
+    ``rest`` is in robust standard deviations, of which one is the relative response ``white``. The depths of shadows
+    are taken as half-normal. Only shadows deeper than :data:`DEEP` can be recognised; the law gives the number of the
+    others. With fewer than 5 deep pixels the fraction is not corrected, and there is no depth.
     """
     rest = rest[np.isfinite(rest)]
     deep = -rest[rest < -DEEP] * white
     how = f"pixels more than {DEEP:g} robust standard deviations below the rest"
     if deep.size < 5:
-        most = stats.chi2.ppf(0.975, 2 * (deep.size + 1)) / 2 / rest.size
-        return {"dust_fraction": Estimate(deep.size / rest.size, 0.0, float(most), how)}
+        high = stats.chi2.ppf(0.975, 2 * (deep.size + 1)) / 2 / rest.size
+        return {"dust_fraction": Estimate(deep.size / rest.size, 0.0, float(high), how)}
     start = DEEP * white
     tried = np.geomspace(start / 4, 1.0, 400)
     likelihood = np.array([stats.halfnorm.logpdf(deep, scale=s).sum() - deep.size * stats.halfnorm.logsf(start, scale=s)

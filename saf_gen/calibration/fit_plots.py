@@ -1,4 +1,4 @@
-"""The plots of a fit: what was measured beside what the fitted laws say."""
+"""Plots of a sensor fit: measurements and the fitted laws."""
 
 import io
 import re
@@ -13,27 +13,27 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from scipy import stats
 
-from saf_gen.calibration.dark_rates import dark_probabilities_to_fit
+from saf_gen.calibration.dark_rates import fitted_dark_probabilities
 from saf_gen.calibration.fit_sensor import SensorFit
-from saf_gen.calibration.interval_noise import difference_variance_to_fit
+from saf_gen.calibration.interval_noise import fitted_difference_variance
 from saf_gen.calibration.spike_kernel import LAGS
 from saf_gen.calibration.spike_statistics import SERIES_FRAMES
 from saf_gen.core.figure_style import COLOURS, STYLE, use_plot_style
 
-SEEN, LAW = COLOURS[:2]
+MEASURED, LAW = COLOURS[:2]
 _STYLE: dict[Any, Any] = {**STYLE, "figure.facecolor": "white", "svg.hashsalt": "fit"}
 
 
 @dataclass(frozen=True)
 class FitPlot:
-    """A plot as SVG for a page, and what it shows."""
+    """A plot as SVG text, and its caption."""
 
     svg: str
     caption: str
 
 
 def draw_sensor_fit_plots(fit: SensorFit) -> list[FitPlot]:
-    """Return the plots of a fit, in the order of a page."""
+    """Return the plots of a fit, in the order in which the page shows them."""
     plots: list[tuple[str, str, Callable[[Axes, SensorFit], None]]] = [
         ("Response map", "Response over threshold of each pixel, over its mean; grey: unknown.", _response),
         (
@@ -70,14 +70,14 @@ def draw_sensor_fit_plots(fit: SensorFit) -> list[FitPlot]:
             figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
             text = buffer.getvalue()
             text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
-            for found in set(re.findall(r' id="([^"]+)"', text)):  # ids of one page differ from plot to plot
+            for found in set(re.findall(r' id="([^"]+)"', text)):  # ids must be unique within the page of all plots
                 text = re.sub(rf'(id="|#){re.escape(found)}(?=["\)])', rf"\g<1>{title.replace(' ', '')}-{found}", text)
             drawn.append(FitPlot(text, caption))
     return drawn
 
 
 def _write_powers_as_numbers(axes: Axes) -> None:
-    """Label logarithmic axes in plain numbers: mathematics is not set, because names may hold a dollar sign."""
+    """Label logarithmic axes with plain numbers: mathtext is switched off, because names may contain a dollar sign."""
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() != "linear":
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -93,7 +93,9 @@ def _response(axes: Axes, fit: SensorFit) -> None:
 
 
 def _profile(axes: Axes, profile: np.ndarray, *, name: str) -> None:
-    axes.plot(np.arange(1, profile.size), 100 * profile[1:], color=SEEN, lw=0.9)  # the first has a number of its own
+    axes.plot(
+        np.arange(1, profile.size), 100 * profile[1:], color=MEASURED, lw=0.9
+    )  # the first line is fitted separately
     axes.set_xlabel(name)
     axes.set_ylabel("off the mean, %")
 
@@ -105,7 +107,7 @@ def _rest(axes: Axes, fit: SensorFit) -> None:
     if not width > 0:
         return
     edges = np.linspace(-12 * width, 12 * width, 121)
-    axes.stairs(np.histogram(np.clip(rest, edges[0], edges[-1]), edges)[0], edges, color=SEEN, label="pixels")
+    axes.stairs(np.histogram(np.clip(rest, edges[0], edges[-1]), edges)[0], edges, color=MEASURED, label="pixels")
     middle = (edges[1:] + edges[:-1]) / 2
     law = stats.norm.pdf(middle, scale=width) * rest.size * (edges[1] - edges[0])
     axes.plot(middle[law > 0.3], law[law > 0.3], color=LAW, ls=(0, (5, 1.5)), label="normal law")
@@ -118,10 +120,10 @@ def _dark(axes: Axes, fit: SensorFit) -> None:
     counts = fit.dark.counts.ravel()
     frames = fit.dark.shape[0]
     edges = np.unique(np.concatenate([[0], np.round(np.geomspace(1, counts.max() + 2, 50))])).astype(int)
-    axes.stairs(np.histogram(counts, edges - 0.5)[0] / np.diff(edges), edges - 0.5, color=SEEN, label="pixels")
+    axes.stairs(np.histogram(counts, edges - 0.5)[0] / np.diff(edges), edges - 0.5, color=MEASURED, label="pixels")
     found = fit.dark_fit
     tail = float(stats.norm.sf(np.log(fit.sensor.dark_hot_factor) / found.log_sd.value))
-    p = dark_probabilities_to_fit(
+    p = fitted_dark_probabilities(
         np.arange(edges[-1]),
         median=found.median * frames,
         log_sd=found.log_sd.value,
@@ -144,17 +146,17 @@ def _noise(axes: Axes, fit: SensorFit) -> None:
         used = (found.counts >= 16) & np.isfinite(found.interval)
         numbers, squares = found.numbers[used], found.squares[used]
         lags = [lag for lag in range(LAGS) if numbers[:, lag].sum() >= 100]
-        seen = [squares[:, lag].sum() / numbers[:, lag].sum() for lag in lags]
+        measured = [squares[:, lag].sum() / numbers[:, lag].sum() for lag in lags]
         law = [
             np.average(
-                difference_variance_to_fit(
+                fitted_difference_variance(
                     found.interval[used], noise, lag=1 << lag, loss=loss, stretch=fit.variations[name].stretch
                 ),
                 weights=numbers[:, lag],
             )
             for lag in lags
         ]
-        axes.plot([1 << lag for lag in lags], seen, "osD^vPX*"[at % 8], color=SEEN, ms=4, label=name)
+        axes.plot([1 << lag for lag in lags], measured, "osD^vPX*"[at % 8], color=MEASURED, ms=4, label=name)
         axes.plot([1 << lag for lag in lags], law, color=LAW, ls=(0, (5, 1.5)), lw=1)
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
@@ -181,7 +183,7 @@ def _line(axes: Axes, fit: SensorFit) -> None:
     mean = np.bincount(index, off[use], minlength=20) / np.maximum(number, 1)
     spread = np.sqrt(np.bincount(index, (off[use] - mean[index]) ** 2, minlength=20)) / np.maximum(number, 1)
     middle = (edges[1:] + edges[:-1]) / 2
-    axes.errorbar(middle, 100 * mean, 100 * 1.96 * spread, fmt="o", color=SEEN, ms=3, lw=1)
+    axes.errorbar(middle, 100 * mean, 100 * 1.96 * spread, fmt="o", color=MEASURED, ms=3, lw=1)
     axes.axhline(0, color=LAW, ls=(0, (5, 1.5)), lw=1)
     axes.set_xlabel("response over the mean")
     axes.set_ylabel(f"{names[-1]} over {names[0]}, off the law, %")

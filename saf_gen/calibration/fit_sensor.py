@@ -1,6 +1,6 @@
 """A sensor fitted to flat fields and a dark recording.
 
-What each parameter is known from, and what cannot be told apart, is worked out in docs/explanation/sensors.md.
+docs/explanation/sensors.md derives which recording determines each parameter, and which parameters cannot be separated.
 """
 
 from collections.abc import Callable
@@ -8,10 +8,9 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from math import floor, inf, sqrt
 
 import numpy as np
-from scipy import stats
 
 from saf_gen.calibration.dark_rates import DarkFit, fit_dark_recording
-from saf_gen.calibration.estimates import Estimate, root_estimate_of_fit
+from saf_gen.calibration.estimates import Estimate, binomial_interval_of_fit, root_estimate_of_fit
 from saf_gen.calibration.fit_pattern import DEGREE, PatternFit, fit_sensor_pattern
 from saf_gen.calibration.flat_checks import (
     LightVariation,
@@ -21,7 +20,7 @@ from saf_gen.calibration.flat_checks import (
     find_light_variation_of_flat,
 )
 from saf_gen.calibration.interval_noise import START_NOISE, NoiseOfLevels, combine_fitted_noise, fit_interval_noise
-from saf_gen.calibration.linearity import ResponseFit, fit_sensor_response, tell_fitted_saturation
+from saf_gen.calibration.linearity import ResponseFit, fit_sensor_response, infer_fitted_saturation
 from saf_gen.calibration.recordings import Recording
 from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spike_statistics
 from saf_gen.camera import Sensor
@@ -37,14 +36,31 @@ _FITTED_NOISE = ("shot", "dark", "response", "threshold_spread", "threshold_nois
 class SensorFit:
     """A fitted sensor, and how well each of its numbers is known.
 
-    sensor : the sensor, as its YAML file describes it.
-    estimates : by key of the sensor, and of numbers that are none (``interval_noise``, ``white_and_threshold_rms``,
-        ``loss``); keys of the sensor that are not here are those of ``base``.
-    base : name of the sensor that lent what flat fields cannot tell.
-    notes : what could not be told, and what was found odd, one sentence each.
-    flats, dark : statistics of the recordings, by name.
-    variations : how the light of each flat field varied.
-    response, pattern, dark_fit : what the numbers were taken from.
+    Attributes
+    ----------
+    sensor : Sensor
+        The fitted sensor, as written to its YAML file.
+    estimates : dict of str to Estimate
+        Estimates by key of the sensor, and of numbers that are not keys of a sensor, such as ``interval_noise``,
+        ``white_and_threshold_rms`` and ``loss``. All other keys of the sensor have the values of ``base``.
+    base : str
+        Name of the sensor that supplied the parameters that flat fields cannot determine.
+    notes : tuple of str
+        Sentences about numbers that could not be determined and about unusual findings.
+    flats : dict of str to SpikeStatistics
+        Statistics of the flat fields, by the name of the recording.
+    dark : SpikeStatistics
+        Statistics of the dark recording.
+    variations : dict of str to LightVariation
+        Variation of the light of each flat field, by name.
+    response : ResponseFit
+        Fitted response map and levels.
+    pattern : PatternFit
+        Parts of the response map.
+    dark_fit : DarkFit
+        Fitted distribution of the dark rates.
+    levels : dict of str to float
+        Light of each flat field by name, spikes per readout of a mean pixel without dark charge.
     """
 
     sensor: Sensor
@@ -73,30 +89,37 @@ def fit_sensor(
 
     Parameters
     ----------
-    flats : recordings of even light, at levels that differ by a factor of 1.2 or more; the levels need not be known.
-    dark : a recording without light.
-    base : lends what cannot be measured so: pitch, quantum efficiency, wavelength and the like.
-    name : of the fitted sensor.
-    threshold_e : electrons a spike, where they are known; without them shot noise and threshold noise are one.
-    report : receives what is read, and the fraction that is done.
+    flats : list of Recording
+        Recordings of even light, at levels that differ by a factor of 1.2 or more. The levels need not be known.
+    dark : Recording
+        Recording without light.
+    base : Sensor
+        Sensor that supplies what these recordings cannot determine, such as pitch, quantum efficiency and wavelength.
+    name : str, default "fitted"
+        Name of the fitted sensor.
+    threshold_e : float, optional
+        Electrons per spike, if known. Without it, shot noise and threshold noise cannot be separated.
+    report : callable, optional
+        Called with the name of the recording that is read and the fraction of it that is done.
 
     Raises
     ------
-    BadInput : recordings of several cameras; a flat field that is saturated, too dark, too short, not even or not
-    still,
-        or as bright as another; a dark recording that is too short.
+    BadInput
+        If a recording is given twice, or the recordings are not of one camera; if a flat field is saturated, too dark,
+        too short, uneven, moving, flickering strongly, as bright as another, or made with a hard reset; if the dark
+        recording is too short; if ``threshold_e`` gives more shot noise than the intervals have noise.
     """
     recordings = [*flats, dark]
     if len({r.name for r in recordings}) < len(recordings):
-        raise BadInput("a recording is given twice", allowed="flat fields and a dark recording of different files")
+        raise BadInput("a recording is given twice", allowed="flat fields and a dark recording from different files")
     check_calibration_camera({r.name: (r.shape, r.readout_hz) for r in recordings})
 
     def measure(recording: Recording, light: np.ndarray | None = None) -> SpikeStatistics:
         name, again = recording.name, "" if light is None else ", its light divided out"
-        told = None if report is None else lambda done: report(f"{name}{again}", done)
-        return measure_spike_statistics(recording, light=light, report=told)
+        progress = None if report is None else lambda done: report(f"{name}{again}", done)
+        return measure_spike_statistics(recording, light=light, report=progress)
 
-    unlit = measure(dark)
+    dark_statistics = measure(dark)
     measured, variations = {}, {}
     for flat in flats:
         found = measure(flat)
@@ -104,21 +127,21 @@ def fit_sensor(
         variation = find_light_variation_of_flat(
             found, noise=rough if np.isfinite(rough) else START_NOISE, readout_hz=flat.readout_hz
         )
-        check_flat_recording(flat.name, found, dark=unlit.rates, variation=variation)
+        check_flat_recording(flat.name, found, dark=dark_statistics.rates, variation=variation)
         if variation.light is not None:
             found = measure(flat, variation.light)
         measured[flat.name], variations[flat.name] = found, variation
     names = list(measured)
-    check_levels_of_flats(names, np.array([measured[n].mean_rate - unlit.mean_rate for n in names]))
+    check_levels_of_flats(names, np.array([measured[n].mean_rate - dark_statistics.mean_rate for n in names]))
     return _fit(
-        measured, unlit, variations=variations, base=base, name=name, threshold_e=threshold_e,
+        measured, dark_statistics, variations=variations, base=base, name=name, threshold_e=threshold_e,
         dark_name=dark.name, readout_hz=dark.readout_hz,
     )  # fmt: skip
 
 
 def _fit(
     flats: dict[str, SpikeStatistics],
-    unlit: SpikeStatistics,
+    dark_statistics: SpikeStatistics,
     *,
     variations: dict[str, LightVariation],
     base: Sensor,
@@ -130,18 +153,18 @@ def _fit(
     notes: list[str] = []
     lit = list(flats.values())
     dead = np.min([f.counts for f in lit], axis=0) == 0
-    dark_error = np.full(dead.shape, sqrt(1 / 6) / unlit.shape[0])
+    dark_error = np.full(dead.shape, sqrt(1 / 6) / dark_statistics.shape[0])
     loss, noise = base.post_spike_loss if len(lit) == 1 else 0.0, START_NOISE
     for _ in range(3):
-        dark_rates = unlit.rates / (1 - loss * np.minimum(unlit.rates, 0.5))
+        dark_rates = dark_statistics.rates / (1 - loss * np.minimum(dark_statistics.rates, 0.5))
         response = fit_sensor_response(lit, dark_rates, dark_error=dark_error, noise=noise, loss=loss)
-        told = response.loss is not None and response.loss.measured
-        loss = response.loss.value if told and response.loss is not None else base.post_spike_loss
+        is_measured = response.loss is not None and response.loss.measured
+        loss = response.loss.value if is_measured and response.loss is not None else base.post_spike_loss
         joint = _noise_of_levels(flats, variations, loss=loss)
         noise = joint.value
     dark_fit = fit_dark_recording(
-        _counts_without_loss(unlit.counts[~dead], unlit.shape[0], loss=loss),
-        unlit.shape[0],
+        _counts_without_loss(dark_statistics.counts[~dead], dark_statistics.shape[0], loss=loss),
+        dark_statistics.shape[0],
         factor=base.dark_hot_factor,
         exponent=base.dark_hot_exponent,
         where=dark_name,
@@ -181,7 +204,7 @@ def _fit(
         base=base.name,
         notes=tuple(notes),
         flats=flats,
-        dark=unlit,
+        dark=dark_statistics,
         variations=variations,
         response=response,
         pattern=pattern,
@@ -191,7 +214,10 @@ def _fit(
 
 
 def _build(base: Sensor, changes: dict[str, object]) -> Sensor:
-    """Return the base with what was fitted, that noise switched on, within the ranges that a sensor may have."""
+    """Return the base with the fitted values and with the fitted kinds of noise switched on.
+
+    Raises BadInput if a value is outside the range that a sensor allows.
+    """
     plain = {key: [float(x) for x in v] if isinstance(v, list) else v for key, v in changes.items()}
     noise = {**asdict(base.noise), **dict.fromkeys(_FITTED_NOISE, True)}
     noise["reset_jitter"] = bool(plain.get("reset_jitter"))
@@ -214,8 +240,8 @@ def _saturation(
 ) -> dict[str, object]:
     if response.loss is not None:
         estimates["loss"] = response.loss
-    told = tell_fitted_saturation(response.loss)
-    if told is None:
+    inferred = infer_fitted_saturation(response.loss)
+    if inferred is None:
         why = "with one level" if response.loss is None else "at these levels"
         notes.append(
             f"{why} the law of saturation and the reset loss cannot be told: {base.saturation} and {base.reset_loss:g} "
@@ -227,7 +253,7 @@ def _saturation(
             f"the levels disagree by {response.misfit_rms:.2%} rms beyond noise: the light fell differently, or the "
             "law of saturation is another"
         )
-    saturation, reset_loss = told
+    saturation, reset_loss = inferred
     if saturation == "subtract":
         estimates["reset_loss"] = reset_loss
     return {"saturation": saturation, "reset_loss": reset_loss.value}
@@ -241,14 +267,17 @@ def _threshold(
     base: Sensor,
     threshold_e: float | None,
 ) -> dict[str, object]:
-    """Return θ and the threshold noise: of 1/θ + σ² either θ is given, or σ is bounded."""
+    """Add the estimates of the threshold θ and the threshold noise σ, from their measured sum 1/θ + σ².
+
+    If θ is given, σ follows; otherwise only bounds of both are known.
+    """
     value, error = noise
     how = "second differences of spike times, less the shot noise of threshold_e"
     highest = sqrt(value + 2 * error)
     if threshold_e is not None:
         if 1 / threshold_e > value + 5 * error:
             raise BadInput(
-                f"--threshold-e {threshold_e:g} has more shot noise than the intervals have noise",
+                f"--threshold-e {threshold_e:g} gives more shot noise than the measured noise of intervals",
                 allowed=f"at least {1 / value:.4g} electrons",
             )
         estimates["threshold_noise_rms"] = root_estimate_of_fit(value - 1 / threshold_e, error, how=how)
@@ -268,7 +297,7 @@ def _threshold(
 
 
 def _shared_white(estimates: dict[str, Estimate], notes: list[str]) -> dict[str, Estimate]:
-    """Return white response and threshold spread: half of their joint variance each, and the bounds."""
+    """Return the estimates of white response and threshold spread: half of their joint variance each, with bounds."""
     joint = estimates["white_and_threshold_rms"]
     notes.append(
         f"white response and threshold spread cannot be told apart by rates: together {joint.value:.3%} rms, half of "
@@ -281,9 +310,10 @@ def _shared_white(estimates: dict[str, Estimate], notes: list[str]) -> dict[str,
 
 
 def _counts_without_loss(counts: np.ndarray, frames: int, *, loss: float) -> np.ndarray:
-    """Return the counts that dark charge would give if nothing were lost after a spike: n/(1 − ℓ·n/T).
+    """Return the counts that the dark charge would give without a loss after a spike, n/(1 − ℓ·n/T), as integers.
 
-    They are made whole as counts are, by an even phase: that of the golden ratio's multiples, without randomness.
+    They are rounded down after adding a phase that is uniform over 0 to 1, as the sensor does; the phases are multiples
+    of the golden ratio modulo 1, so that the result is deterministic.
     """
     phase = np.arange(counts.size) * ((sqrt(5) - 1) / 2) % 1
     return np.floor(counts / (1 - loss * np.minimum(counts / frames, 0.5)) + phase).astype(np.int64)
@@ -299,13 +329,12 @@ def _spread_per_dark(estimates: dict[str, Estimate]) -> dict[str, Estimate]:
 
 def _dead_fraction(dead: np.ndarray) -> Estimate:
     hits, trials = int(dead.sum()), dead.size
-    low = float(stats.beta.ppf(0.025, hits, trials - hits + 1)) if hits else 0.0
-    high = float(stats.beta.ppf(0.975, hits + 1, trials - hits))
+    low, high = binomial_interval_of_fit(hits, trials)
     return Estimate(hits / trials, low, high, "pixels that never fire in a flat field")
 
 
 def _legendre(estimates: dict[str, Estimate]) -> dict[str, object]:
-    """Return the fractions of the profiles' variance by degree, as the sensor lists them."""
+    """Return the fraction of each profile's variance by Legendre degree, under the sensor's keys."""
     out: dict[str, object] = {}
     for name in ("column", "row"):
         keys = [f"response_{name}_legendre_{degree}" for degree in range(1, DEGREE + 1)]
@@ -313,8 +342,3 @@ def _legendre(estimates: dict[str, Estimate]) -> dict[str, object]:
         total = max(sum(parts), 1.0)
         out[f"response_{name}_legendre"] = [floor(1e4 * part / total) / 1e4 for part in parts]
     return out
-
-
-def _fitted_values(fit: SensorFit) -> dict[str, object]:
-    """Return the keys of the fitted sensor and their values, in the order of a sensor file."""
-    return asdict(fit.sensor)

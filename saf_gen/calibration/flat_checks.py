@@ -1,4 +1,4 @@
-"""What makes a recording unfit as a flat field or as a dark one, each in one line."""
+"""Checks that recordings can serve as the flat fields of one camera."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -7,28 +7,33 @@ from math import sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.calibration.fit_pattern import legendre_basis_to_fit
 from saf_gen.calibration.pattern_statistics import ROBUST, split_pattern_for_statistics
 from saf_gen.calibration.spike_statistics import SERIES_FRAMES, SpikeStatistics
+from saf_gen.camera.fixed_pattern import legendre_basis_over_pixels
 from saf_gen.errors import BadInput
 
 SATURATED_RATE, SATURATED_PIXELS = 0.9, 0.01
-LEAST_SPIKES = 50
-LEVELS_APART = 1.2
-FROM_DARK = 2.0
+MIN_SPIKES = 50
+MIN_LEVEL_RATIO = 1.2
+MIN_DARK_RATIO = 2.0
 PICTURE_CORRELATION, PICTURE_RMS, PICTURE_PROFILE = 0.2, 0.004, 0.2
-MOST_VARIATION = 0.2
+MAX_VARIATION = 0.2
 _SIGNIFICANCE = 1e-4
 _SLOW = 4
 
 
 @dataclass(frozen=True)
 class LightVariation:
-    """How the light of a flat field varied in time.
+    """Variation of the light of a flat field in time.
 
-    light : light of each run of 8 readouts over its mean; None where nothing beyond noise was seen.
-    rms : of these, noise taken off.
-    hz : frequency of the strongest line, 0 where it has at most 4 periods in the recording.
+    Attributes
+    ----------
+    light : ndarray, shape (T div 8,), or None
+        Light of each run of 8 readouts, divided by its mean; None if it did not vary beyond noise.
+    rms : float
+        Rms of the relative light, after subtraction of noise.
+    hz : float
+        Frequency of the strongest line, in hertz; 0 if it has at most 4 periods in the recording.
     """
 
     light: np.ndarray | None
@@ -37,12 +42,18 @@ class LightVariation:
 
     @property
     def stretch(self) -> float:
-        """Mean square of the length of a readout at a spike, in readouts of mean light."""
+        """Mean over spikes of the squared light per readout, relative to the mean light; 1 in steady light."""
         return 1.0 if self.light is None else float(np.mean(self.light**3))
 
 
 def check_calibration_camera(named: dict[str, tuple[tuple[int, int, int], float]]) -> None:
-    """Raise BadInput unless all recordings, (T, H, W) and readouts per second by name, can be of one camera."""
+    """Raise BadInput unless all recordings have the same rows, columns and readout rate.
+
+    Parameters
+    ----------
+    named : dict of str to tuple
+        Shape (T, H, W) and readouts per second of each recording, by its name.
+    """
     (first, (shape, readout_hz)), *others = named.items()
     for name, (other, hz) in others:
         if other[1:] != shape[1:]:
@@ -60,10 +71,20 @@ def check_calibration_camera(named: dict[str, tuple[tuple[int, int, int], float]
 
 
 def find_light_variation_of_flat(statistics: SpikeStatistics, *, noise: float, readout_hz: float) -> LightVariation:
-    """Return how the light varied, from the mean of all pixels, which share the light and not the noise.
+    """Return how the light of a flat field varied in time.
 
-    Two tests at a significance of 1e-4: flicker by the variance of means over 8 readouts, drift by that of 16 long
-    ones. ``noise`` is v = 1/θ + σ² of an interval, or an upper bound of it.
+    The light is estimated from the mean over all pixels, because the pixels share the light but not the noise. Two
+    tests at a significance of 1e-4 decide whether it varied: the variance of means over 8 readouts shows flicker, and
+    the variance of 16 long means shows drift.
+
+    Parameters
+    ----------
+    statistics : SpikeStatistics
+        Statistics of the recording.
+    noise : float
+        Relative variance of an interval, v = 1/θ + σ², or an upper bound of it.
+    readout_hz : float
+        Readouts per second.
     """
     series, mean = statistics.series, float(statistics.series.mean())
     pixels = statistics.counts.size
@@ -89,7 +110,19 @@ def find_light_variation_of_flat(statistics: SpikeStatistics, *, noise: float, r
 def check_flat_recording(
     name: str, statistics: SpikeStatistics, *, dark: np.ndarray, variation: LightVariation
 ) -> None:
-    """Raise BadInput unless a recording can be a flat field; ``dark`` is the dark rate of each pixel (H, W)."""
+    """Raise BadInput unless a recording can serve as a flat field.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording in error messages.
+    statistics : SpikeStatistics
+        Statistics of the recording.
+    dark : ndarray, shape (H, W)
+        Dark rate of each pixel, spikes per readout.
+    variation : LightVariation
+        How the light varied in time.
+    """
     frames, rates = statistics.shape[0], statistics.rates
     saturated = float(np.mean(statistics.counts / frames > SATURATED_RATE))
     if saturated > SATURATED_PIXELS:
@@ -104,30 +137,30 @@ def check_flat_recording(
         raise BadInput(
             f"fires at {level:.3g} spikes per readout, and the dark recording at {floor:.3g}",
             where=name,
-            allowed="a flat field brighter than the dark",
-            hint="are the two exchanged?",
+            allowed="a flat field brighter than the dark recording",
+            hint="check whether the two recordings are exchanged",
         )
-    if level < FROM_DARK * floor:
+    if level < MIN_DARK_RATIO * floor:
         raise BadInput(
-            f"fires at {level:.3g} spikes per readout, only {level / floor:.2g} times the dark",
+            f"fires at {level:.3g} spikes per readout, only {level / floor:.2g} times the dark rate",
             where=name,
-            allowed=f"at least {FROM_DARK:g} times the dark",
+            allowed=f"at least {MIN_DARK_RATIO:g} times the dark rate",
             hint="record it with more light",
         )
     middle = float(np.median(statistics.counts))
-    if middle < LEAST_SPIKES:
-        needed = int(np.ceil(LEAST_SPIKES / max(level, 1e-9)))
+    if middle < MIN_SPIKES:
+        needed = int(np.ceil(MIN_SPIKES / max(level, 1e-9)))
         raise BadInput(
             f"has {middle:.0f} spikes per pixel in {frames} readouts",
             where=name,
-            allowed=f"at least {LEAST_SPIKES}",
+            allowed=f"at least {MIN_SPIKES}",
             hint=f"at this light record at least {needed} readouts",
         )
-    if variation.rms > MOST_VARIATION:
+    if variation.rms > MAX_VARIATION:
         raise BadInput(
             f"its light varies by {variation.rms:.0%} rms in time",
             where=name,
-            allowed=f"steady light, within {MOST_VARIATION:.0%}",
+            allowed=f"steady light, within {MAX_VARIATION:.0%}",
             hint="use a lamp on direct current",
         )
     _check_even(name, np.where(rates > 0, rates - dark, np.nan))
@@ -144,14 +177,14 @@ def _check_even(name: str, response: np.ndarray) -> None:
                 where=name,
                 allowed=f"even light, within {PICTURE_PROFILE:.0%}",
             )
-    correlation, rms = _neighbourly(_without_bow(rest))
+    correlation, rms = _neighbour_correlation(_without_bow(rest))
     if correlation > max(PICTURE_CORRELATION, 6 / sqrt(response.size)) and rms * sqrt(correlation) > PICTURE_RMS:
         raise BadInput(
-            f"shows a picture, or uneven light: pixels {rms:.1%} rms off their column and row agree with their "
-            f"neighbours by {correlation:.2f}",
+            f"shows a picture, or uneven light: pixels differ from their column and row by {rms:.1%} rms, and "
+            f"neighbours have a correlation of {correlation:.2f}",
             where=name,
-            allowed=f"an agreement of at most {PICTURE_CORRELATION:g}, as of a chip's own pattern",
-            hint="take a flat field without a lens, or of an even surface far out of focus",
+            allowed=f"a correlation of at most {PICTURE_CORRELATION:g}, as the fixed pattern of a chip has",
+            hint="record the flat field without a lens, or of an even surface far out of focus",
         )
 
 
@@ -159,46 +192,46 @@ def _check_still(name: str, statistics: SpikeStatistics) -> None:
     first, second = statistics.half_rates
     with np.errstate(invalid="ignore"):
         change = 2 * (second - first) / (first + second)
-    correlation, rms = _neighbourly(np.where(np.isfinite(change), change, 0.0))
+    correlation, rms = _neighbour_correlation(np.where(np.isfinite(change), change, 0.0))
     if correlation > max(PICTURE_CORRELATION, 6 / sqrt(change.size)) and rms * sqrt(correlation) > PICTURE_RMS:
         raise BadInput(
-            f"something moves: neighbouring pixels change together by {rms:.1%} rms from one half to the other",
+            f"something moves: neighbouring pixels change together by {rms:.1%} rms between the two halves",
             where=name,
-            allowed="even light that stands still",
+            allowed="even light without motion",
         )
 
 
 def _check_steps(name: str, statistics: SpikeStatistics) -> None:
-    """Raise BadInput where intervals are whole: the mark of a reset that loses the charge above the threshold."""
+    """Raise BadInput if most mean intervals are integers, the sign of a reset that loses the charge above threshold."""
     interval = statistics.interval[np.isfinite(statistics.interval)]
-    whole = np.abs(interval - np.round(interval)) < 0.003
-    if interval.mean() < 20 and whole.mean() > 0.5 and np.unique(np.round(interval[whole])).size > 1:
+    is_integer = np.abs(interval - np.round(interval)) < 0.003
+    if interval.mean() < 20 and is_integer.mean() > 0.5 and np.unique(np.round(interval[is_integer])).size > 1:
         raise BadInput(
-            f"{whole.mean():.0%} of its pixels have intervals of a whole number of readouts: charge above the "
+            f"{is_integer.mean():.0%} of its pixels have intervals of a whole number of readouts: charge above the "
             "threshold is lost (reset: hard)",
             where=name,
             allowed="a camera that keeps it (reset: subtract)",
-            hint="with a hard reset rates rise in steps, and tell too little of the pixels",
+            hint="use such a camera: with a hard reset, rates rise in steps and say too little about the pixels",
         )
 
 
 def check_levels_of_flats(names: list[str], levels: np.ndarray) -> None:
-    """Raise BadInput where two flat fields have about the same level."""
+    """Raise BadInput if the levels of two flat fields differ by less than a factor of 1.2."""
     order = np.argsort(levels)
     for a, b in pairwise(order.tolist()):
-        if levels[b] < LEVELS_APART * levels[a]:
+        if levels[b] < MIN_LEVEL_RATIO * levels[a]:
             raise BadInput(
                 f"{names[a]} and {names[b]} have the same level: {levels[a]:.3g} and {levels[b]:.3g} spikes per "
                 "readout",
-                allowed=f"levels apart by a factor of {LEVELS_APART:g} or more",
+                allowed=f"levels apart by a factor of {MIN_LEVEL_RATIO:g} or more",
                 hint="leave one out, or record one with more light",
             )
 
 
-def _neighbourly(map_: np.ndarray) -> tuple[float, float]:
-    """Return how pixels of a map agree with those next to them, as a correlation over both directions, and their rms.
+def _neighbour_correlation(map_: np.ndarray) -> tuple[float, float]:
+    """Return the correlation of neighbouring pixels of a map, averaged over both directions, and the rms of the map.
 
-    Values beyond 5 robust standard deviations are cut to that, so that single pixels do not count.
+    Values beyond 5 robust standard deviations from the median are clipped to limit the influence of single pixels.
     """
     off = map_ - np.median(map_)
     robust = ROBUST * np.median(np.abs(off))
@@ -211,8 +244,8 @@ def _neighbourly(map_: np.ndarray) -> tuple[float, float]:
 
 
 def _without_bow(rest: np.ndarray) -> np.ndarray:
-    """Return a map without products of tilts and bows of columns and rows, which lenses and lamps leave."""
-    rows, columns = (legendre_basis_to_fit(n, 2) for n in rest.shape)
+    """Return a map without the products of tilts and bows of columns and rows, which lenses and lamps cause."""
+    rows, columns = (legendre_basis_over_pixels(n, 2) for n in rest.shape)
     for i in range(2):
         for j in range(2):
             shape = rows[:, i : i + 1] * columns[:, j]

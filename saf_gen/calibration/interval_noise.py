@@ -1,14 +1,15 @@
 """The noise of intervals, 1/θ + σ², from second differences of spike times.
 
-The time of a spike is a whole number of readouts: tⱼ = ⌈Sⱼ⌉. Sⱼ grows from spike to spike by m, with the variance
-s² = v·(m − ℓ)², v = 1/θ + σ², ℓ the fraction of a readout lost after a spike. The phase eⱼ = tⱼ − Sⱼ is even over a
-readout and independent of how S grows. So the second difference at a lag of k spikes, t₂ₖ − 2tₖ + t₀, has the variance
+The time of a spike is an integer number of readouts, tⱼ = ⌈Sⱼ⌉. From spike to spike, Sⱼ grows by m on average, with the
+variance s² = v·(m − ℓ)², where v = 1/θ + σ² and ℓ is the fraction of a readout that is lost after a spike. The phase
+eⱼ = tⱼ − Sⱼ is uniform over a readout and independent of the growth of S. The second difference at a lag of k spikes,
+t₂ₖ − 2tₖ + t₀, therefore has the variance
 
     2·k·s² + Var(e₂ₖ − 2eₖ + e₀) = 2·k·s² + 1/2 − 4·O(k) + O(2k)
 
-where O(k) is twice the covariance of two phases k spikes apart, the oscillation of the exact law of intervals at the
-mean k·m and the variance k·s² (docs/explanation/spike-camera.md). It knows neither the mean interval nor a steady drift
-of the light. At long lags the noise outgrows the phases, and O is nothing.
+where O(k) is twice the covariance of two phases k spikes apart: the oscillation of the exact law of intervals at the
+mean k·m and the variance k·s² (docs/explanation/spike-camera.md). The mean interval and a steady drift of the light do
+not add to it. At long lags the noise exceeds the phases, and O vanishes.
 """
 
 from dataclasses import dataclass
@@ -23,44 +24,49 @@ from saf_gen.calibration.spike_statistics import SpikeStatistics
 from saf_gen.camera.counting_law import TERMS, pixel_count_oscillation
 
 START_NOISE = 1e-4
-"""v where nothing is known of it yet, and where a recording does not tell it."""
-_LEAST_PIXELS = 200
+"""Value of v before the first fit, and if the recordings do not determine it."""
+_MIN_PIXELS = 200
 _SIGNIFICANCE = 1e-3
 _ROUNDS = 4
 
 
-def difference_variance_to_fit(
+def fitted_difference_variance(
     interval: np.ndarray, noise: float, *, lag: int, loss: float = 0.0, stretch: float = 1.0
 ) -> np.ndarray:
-    """Return the variance, in readouts², of second differences at a lag of so many spikes.
+    """Return the variance, in readouts², of second differences of spike times at a given lag.
 
     Parameters
     ----------
-    interval : mean interval of each pixel, readouts.
-    noise : v = 1/θ + σ², the relative variance of a threshold.
-    lag : spikes between the three times.
-    loss : ℓ, readouts lost after a spike.
-    stretch : mean square of the length of a readout, where times are stretched by the light; 1 in steady light.
+    interval : ndarray
+        Mean interval of each pixel, readouts.
+    noise : float
+        Relative variance of an interval, v = 1/θ + σ².
+    lag : int
+        Spikes from each of the three times to the next.
+    loss : float, default 0
+        Readouts lost after a spike, ℓ.
+    stretch : float, default 1
+        Mean square of the length of a readout if times are stretched by the light; 1 in steady light.
     """
     grown = noise * (interval - loss) ** 2
     phases = (
         0.5
-        - 4 * oscillation_to_fit(lag * interval, lag * grown)
-        + oscillation_to_fit(2 * lag * interval, 2 * lag * grown)
+        - 4 * fitted_phase_oscillation(lag * interval, lag * grown)
+        + fitted_phase_oscillation(2 * lag * interval, 2 * lag * grown)
     )
     return 2 * lag * grown + stretch * phases
 
 
-def oscillation_to_fit(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return :func:`saf_gen.camera.counting_law.pixel_count_oscillation` of arrays, to 10⁻¹², in a quarter of the time.
+def fitted_phase_oscillation(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Return :func:`saf_gen.camera.counting_law.pixel_count_oscillation` to 10⁻¹², in a quarter of the time.
 
-    Cosines and exponentials of its terms follow from those before: cos(2πkX) is the real part of a k-th power, and
-    e^(−ak²) falls from term to term by a factor that itself falls by one that stays.
+    The cosines and exponentials of the series are computed by recurrence: cos(2πkX) is the real part of a k-th power,
+    and the ratio of consecutive e^(−ak²) falls by a constant factor.
     """
     smallest = float(variance.min(initial=np.inf))
     if smallest > 1.5:  # the first term is below 10⁻¹³
         return np.zeros(mean.shape)
-    if smallest > 0.1:  # a few terms, which are sooner taken one by one
+    if smallest > 0.1:  # for a few terms the direct sum is faster
         return pixel_count_oscillation(mean, variance)
     last = TERMS if smallest <= 0 else min(TERMS, int(np.sqrt(40 / (2 * np.pi**2 * smallest))) + 1)
     turn = np.exp(2j * np.pi * (mean % 1))
@@ -74,39 +80,55 @@ def oscillation_to_fit(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
     return out / np.pi**2
 
 
-def interpolated_variance_to_fit(
+def interpolate_fitted_variance(
     interval: np.ndarray, noise: float, *, lag: int, loss: float = 0.0, stretch: float = 1.0
 ) -> np.ndarray:
-    """Return :func:`difference_variance_to_fit` of many pixels, interpolated between intervals.
+    """Return :func:`fitted_difference_variance` of many pixels, interpolated between intervals.
 
-    The law is smooth over √(lag·noise)·(m − ℓ)/lag of an interval m: steps are a 64th of that, which leaves less
-    than 10⁻⁴ of a readout². With as many steps as pixels it is taken pixel by pixel.
+    At an interval m, the law is smooth over a scale of √(lag·noise)·(m − ℓ)/lag. Steps of a 64th of this scale give an
+    error below 10⁻⁴ readout². If as many steps as pixels are needed, the law is evaluated for each pixel instead.
     """
-    least, most = (max(float(end) - loss, 1e-3) for end in (interval.min(), interval.max()))
-    steps = int(np.log(most / least) / np.sqrt(noise / lag) * 64) + 2
+    low, high = (max(float(end) - loss, 1e-3) for end in (interval.min(), interval.max()))
+    steps = int(np.log(high / low) / np.sqrt(noise / lag) * 64) + 2
     if steps >= interval.size:
-        return difference_variance_to_fit(interval, noise, lag=lag, loss=loss, stretch=stretch)
-    places = loss + np.geomspace(least, most, steps)
-    law = difference_variance_to_fit(places, noise, lag=lag, loss=loss, stretch=stretch)
-    return np.interp(interval, places, law)
+        return fitted_difference_variance(interval, noise, lag=lag, loss=loss, stretch=stretch)
+    grid = loss + np.geomspace(low, high, steps)
+    law = fitted_difference_variance(grid, noise, lag=lag, loss=loss, stretch=stretch)
+    return np.interp(interval, grid, law)
 
 
 def fit_interval_noise(
-    statistics: SpikeStatistics, *, loss: float = 0.0, stretch: float = 1.0, most_lag: int = 1 << LAGS
+    statistics: SpikeStatistics, *, loss: float = 0.0, stretch: float = 1.0, max_lag: int = 1 << LAGS
 ) -> tuple[float, float]:
     """Return v = 1/θ + σ² of a recording in even light, and its standard error.
 
-    The sums of squares of every pixel, at each lag that has enough of them, are matched with what the law says for the
-    pixel's own mean interval: a generalised method of moments (Hansen 1982, doi:10.2307/1912775), whose weights and
-    error are the covariance of the sums over the pixels. ``most_lag`` spikes is the longest lag. Returns (NaN, ∞)
-    where fewer than 200 pixels have 16 spikes, or all intervals are the same.
+    At each lag with enough second differences, the sum of their squares in each pixel is matched with the law at the
+    mean interval of the pixel. This is a generalised method of moments (Hansen 1982, doi:10.2307/1912775); its weights
+    and its error follow from the covariance of the sums over the pixels.
+
+    Parameters
+    ----------
+    statistics : SpikeStatistics
+        Statistics of the recording.
+    loss : float, default 0
+        Readouts lost after a spike, ℓ.
+    stretch : float, default 1
+        Mean square of the length of a readout if times are stretched by the light; 1 in steady light.
+    max_lag : int, default 2048
+        Longest lag to use, in spikes.
+
+    Returns
+    -------
+    tuple of float
+        v and its standard error; (NaN, ∞) if fewer than 200 pixels have at least 16 spikes, or if the sums carry no
+        information, such as when all intervals are equal.
     """
     used = (statistics.counts >= 16) & np.isfinite(statistics.interval)
-    if used.sum() < _LEAST_PIXELS:
+    if used.sum() < _MIN_PIXELS:
         return float("nan"), float("inf")
     interval = statistics.interval[used]
     squares, numbers = statistics.squares[used], statistics.numbers[used]
-    usable = [lag for lag in range(LAGS) if 1 << lag <= min(np.median(statistics.counts[used]) / 8, most_lag)]
+    usable = [lag for lag in range(LAGS) if 1 << lag <= min(np.median(statistics.counts[used]) / 8, max_lag)]
     longest = usable[-1]
     steady = squares[:, longest].sum() - stretch / 2 * numbers[:, longest].sum()
     grown = 2 * (1 << longest) * ((interval - loss) ** 2 * numbers[:, longest]).sum()
@@ -115,7 +137,7 @@ def fit_interval_noise(
         off, slope = _moments(
             interval, squares=squares, numbers=numbers, usable=usable, noise=noise, loss=loss, stretch=stretch
         )
-        kept = _informative(off, slope)
+        kept = _find_informative_lags(off, slope)
         spread = np.cov(off[:, kept], rowvar=False).reshape(len(kept), len(kept))
         weight = np.linalg.pinv(spread, hermitian=True) @ slope[kept]
         information = float(slope[kept] @ weight)
@@ -139,11 +161,15 @@ def _moments(
     loss: float,
     stretch: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what sums of squares exceed the law by, (pixels, lags), and the mean rise of the law with v, (lags,)."""
+    """Return how far the sums of squared second differences exceed their expected values, and the slope of the latter.
+
+    The excess is (pixels, lags). The slope, (lags,), is the derivative of the expected sum with respect to ``noise``,
+    averaged over the pixels.
+    """
     off, slope = np.empty((interval.size, len(usable))), np.empty(len(usable))
     for at, lag in enumerate(usable):
         law, more = (
-            interpolated_variance_to_fit(interval, v, lag=1 << lag, loss=loss, stretch=stretch)
+            interpolate_fitted_variance(interval, v, lag=1 << lag, loss=loss, stretch=stretch)
             for v in (noise, 1.02 * noise)
         )
         off[:, at] = squares[:, lag] - numbers[:, lag] * law
@@ -151,20 +177,26 @@ def _moments(
     return off, slope
 
 
-def _informative(off: np.ndarray, slope: np.ndarray) -> list[int]:
-    """Return the lags that tell at least a hundredth of what the best one tells."""
-    alone = slope**2 / np.maximum(off.var(axis=0), 1e-300)
-    return [at for at in range(slope.size) if alone[at] > 0.01 * alone.max()]
+def _find_informative_lags(off: np.ndarray, slope: np.ndarray) -> list[int]:
+    """Return the lags that carry at least a hundredth of the information of the best lag."""
+    information = slope**2 / np.maximum(off.var(axis=0), 1e-300)
+    return [at for at in range(slope.size) if information[at] > 0.01 * information.max()]
 
 
 @dataclass(frozen=True)
 class NoiseOfLevels:
     """The noise of intervals of several levels together.
 
-    value, error : v = 1/θ + σ², and its standard error.
-    jitter : of the instant of a reset, readouts, which adds the same variance to short intervals and to long ones; None
-        with one level.
-    agree : whether the levels have one v, at a significance of 1e-3, with the jitter.
+    Attributes
+    ----------
+    value : float
+        Relative variance of an interval, v = 1/θ + σ².
+    error : float
+        Standard error of the value.
+    jitter : Estimate or None
+        Reset jitter, readouts, which adds the same variance to short and long intervals; None with one level.
+    agree : bool
+        True if one v and one jitter explain all levels, at a significance of 1e-3.
     """
 
     value: float
@@ -174,9 +206,17 @@ class NoiseOfLevels:
 
 
 def combine_fitted_noise(found: list[tuple[float, float]], lengths: list[float]) -> NoiseOfLevels:
-    """Return the noise of several levels from (v, standard error) of each, and the mean intervals (m − ℓ) there.
+    """Return the joint noise of several levels.
 
-    A jitter of j readouts makes v at a level v + j²/(m − ℓ)². Where the levels do not show it, it is 0, with a bound.
+    A reset jitter of j readouts raises v at a level to v + j²/(m − ℓ)². If the levels show no significant jitter, it is
+    0, with an upper bound.
+
+    Parameters
+    ----------
+    found : list of tuple of float
+        v and its standard error, for each level.
+    lengths : list of float
+        Mean interval without the loss, m − ℓ, for each level, readouts.
     """
     known = [(v, e, length) for (v, e), length in zip(found, lengths, strict=True) if np.isfinite(v) and np.isfinite(e)]
     if not known:
@@ -190,14 +230,14 @@ def combine_fitted_noise(found: list[tuple[float, float]], lengths: list[float])
     how = "the noise of short intervals against that of long ones"
     design = np.stack([np.ones(len(known)), 1 / at**2], axis=1) / errors[:, None]
     spread = np.linalg.pinv(design.T @ design)
-    both = spread @ design.T @ (values / errors)
+    solution = spread @ design.T @ (values / errors)
     wide = sqrt(spread[1, 1])
-    if both[1] > stats.norm.isf(_SIGNIFICANCE / 2) * wide:
-        rest = float(((values / errors - design @ both) ** 2).sum())
+    if solution[1] > stats.norm.isf(_SIGNIFICANCE / 2) * wide:
+        rest = float(((values / errors - design @ solution) ** 2).sum())
         agree = len(known) < 3 or stats.chi2.sf(rest, len(known) - 2) > _SIGNIFICANCE
         return NoiseOfLevels(
-            float(both[0]), sqrt(spread[0, 0]), root_estimate_of_fit(float(both[1]), wide, how=how), bool(agree)
+            float(solution[0]), sqrt(spread[0, 0]), root_estimate_of_fit(float(solution[1]), wide, how=how), bool(agree)
         )
     agree = stats.chi2.sf(off, len(known) - 1) > _SIGNIFICANCE
-    bound = Estimate(0.0, 0.0, sqrt(max(both[1] + NORMAL_95 * wide, 0.0)), how)
+    bound = Estimate(0.0, 0.0, sqrt(max(solution[1] + NORMAL_95 * wide, 0.0)), how)
     return NoiseOfLevels(value, error if agree else error * sqrt(off / (len(known) - 1)), bound, bool(agree))

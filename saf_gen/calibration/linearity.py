@@ -1,13 +1,13 @@
-"""Flat fields of several levels: the response of each pixel, the levels, and what is lost after a spike.
+"""Fit of flat fields at several levels: the response of each pixel, the levels, and the loss after a spike.
 
-At the light λ a pixel of response g and dark rate D has intervals of mean
+At the light λ, a pixel with response g and dark rate D, both in units of its threshold, has the mean interval
 
     m = 1/(λ·g + D) + ℓ
 
-readouts, g and D in units of its own threshold: ℓ readouts' worth of charge are lost after a spike. ℓ is the reset
-loss, or 1 where the readout after a spike is dead. No level is known. But pixels differ in g, and the intervals of
-one level against those of another lie on a line that meets the diagonal at ℓ, where the light would be infinite. So
-two levels are enough, and the steeper the pixels differ, the better ℓ is known.
+in readouts, because the charge of ℓ readouts is lost after each spike. ℓ is the reset loss, or 1 if the readout after a
+spike is dead. The levels are unknown. Pixels differ in g, however, and their intervals at one level against those at
+another lie on a line that meets the diagonal at ℓ, the limit of infinite light. Two levels are therefore enough, and ℓ
+is known better the more the pixels differ.
 """
 
 from dataclasses import dataclass
@@ -20,19 +20,30 @@ from saf_gen.calibration.estimates import Estimate, normal_estimate_of_fit
 from saf_gen.calibration.spike_statistics import SpikeStatistics
 
 _NEWTON = 3
-_LEAST_RELIABILITY = 0.9
+_MIN_RELIABILITY = 0.9
 
 
 @dataclass(frozen=True)
 class ResponseFit:
-    """What flat fields of K levels say together; maps are (H, W), NaN for pixels that did not fire in all of them.
+    """The joint fit of flat fields at K levels.
 
-    response : relative response over threshold, mean 1.
-    error : standard error of each pixel's response.
-    levels : light of each level, spikes per readout of a mean pixel, dark taken off, (K,).
-    loss : ℓ, the readouts lost after a spike; None with one level.
-    misfit : χ² of the pixels about the law over its degrees of freedom, 1 where the law holds; NaN with one level.
-    misfit_rms : rms, over the response, of what the law leaves beyond noise.
+    Maps are NaN for pixels that fired fewer than 16 times in one of the flat fields, or whose dark rate is half or more
+    of their rate there.
+
+    Attributes
+    ----------
+    response : ndarray, shape (H, W)
+        Relative response divided by threshold, mean 1.
+    error : ndarray, shape (H, W)
+        Standard error of each response.
+    levels : ndarray, shape (K,)
+        Light of each level, spikes per readout of a mean pixel without dark charge.
+    loss : Estimate or None
+        Readouts lost after a spike, ℓ; None with one level.
+    misfit : float
+        χ² of the pixels about the law per degree of freedom, 1 if the law holds; NaN with one level.
+    misfit_rms : float
+        Relative rms of the residuals beyond noise; NaN with one level.
     """
 
     response: np.ndarray
@@ -48,16 +59,22 @@ def fit_sensor_response(
 ) -> ResponseFit:
     """Return the response of the pixels, the levels, and the loss after a spike.
 
-    Maximum likelihood with the response of each pixel as an unknown of its own; the interval of ℓ is from the scatter
-    of the pixels (a sandwich: Huber 1967), so that it holds where their noise is not quite the law's.
+    The fit is by maximum likelihood, and the response of each pixel is an unknown. The interval of ℓ comes from the
+    scatter of the pixels (sandwich estimator, Huber 1967), so that it remains valid if the noise of the pixels differs
+    somewhat from the law.
 
     Parameters
     ----------
-    flats : statistics of the flat fields.
-    dark : dark rate of each pixel, spikes per readout, (H, W).
-    dark_error : its standard error.
-    noise : v = 1/θ + σ² of an interval, for the weights of the pixels; it need not be exact.
-    loss : ℓ that is taken where there is only one level.
+    flats : list of SpikeStatistics
+        Statistics of the flat fields.
+    dark : ndarray, shape (H, W)
+        Dark rate of each pixel, spikes per readout.
+    dark_error : ndarray, shape (H, W)
+        Standard error of each dark rate.
+    noise : float
+        Relative variance of an interval, v = 1/θ + σ², for the weights of the pixels; it need not be exact.
+    loss : float, default 0
+        ℓ to start from, and to assume if there is only one level or the pixels differ too little.
     """
     shape = dark.shape
     interval = np.stack([f.interval.ravel() for f in flats])  # (K, P)
@@ -86,7 +103,7 @@ def fit_sensor_response(
         found = normal_estimate_of_fit(
             float(fit.x[-1]), error, how="the line of intervals of one level against another"
         )
-        if _reliability(m, variance) < _LEAST_RELIABILITY:
+        if _reliability(m, variance) < _MIN_RELIABILITY:
             found = Estimate(loss, -np.inf, np.inf, "pixels differ too little from each other", measured=False)
         else:
             loss = found.value
@@ -95,7 +112,7 @@ def fit_sensor_response(
         misfit = float((off**2).sum() / freedom)
         relative_noise = np.sqrt(variance) / m
         misfit_rms = float(np.sqrt(max(misfit - 1, 0) * np.mean(relative_noise**2) / max(len(flats) - 1, 1)))
-    slope = levels[:, None] * (m - loss) ** 2  # of an interval with the response
+    slope = levels[:, None] * (m - loss) ** 2  # change of an interval with the response
     error_map = 1 / np.sqrt((slope**2 / variance).sum(axis=0))
     scale = relative.mean()
     return ResponseFit(
@@ -109,17 +126,17 @@ def fit_sensor_response(
 
 
 def _reliability(m: np.ndarray, variance: np.ndarray) -> float:
-    """Return the fraction of the intervals' variance over the pixels that is not their noise, at the worst level."""
+    """Return the fraction of the variance of intervals over the pixels that is not noise, at the worst level."""
     return float(np.min(1 - variance.mean(axis=1) / np.maximum(m.var(axis=1), 1e-300)))
 
 
 def _profile(
     unknown: np.ndarray, m: np.ndarray, *, dark: np.ndarray, variance: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the law leaves of the intervals, in standard deviations, (K, P), and the response (P,) that leaves
-    least.
+    """Return the residuals of K·P intervals, in standard deviations, and the P responses that minimise them.
 
-    The first level is held at 1: the response is in spikes per readout of that level over its mean.
+    ``unknown`` holds the logarithms of the levels 2 to K, each divided by level 1, and the loss ℓ. Level 1 is the mean
+    of the rates without dark charge there, so that the response is relative to it.
     """
     ratio, loss = np.exp(np.concatenate([[0.0], unknown[:-1]]))[:, None], unknown[-1]
     first = np.mean(1 / (m[0] - loss) - dark)
@@ -138,11 +155,14 @@ def _spread(values: np.ndarray, use: Any, *, shape: tuple[int, ...]) -> np.ndarr
     return out.reshape(shape)
 
 
-def tell_fitted_saturation(loss: Estimate | None) -> tuple[str, Estimate] | None:
-    """Return the law of saturation and the reset loss that a loss after a spike means; None where it tells neither."""
+def infer_fitted_saturation(loss: Estimate | None) -> tuple[str, Estimate] | None:
+    """Return the law of saturation and the reset loss that follow from a loss after a spike.
+
+    None if the loss is unknown or its interval is wider than 0.6 readouts.
+    """
     if loss is None or loss.high - loss.low > 0.6:
         return None
-    if loss.value > 0.9:  # a reset that takes nine tenths of a readout is a dead readout
+    if loss.value > 0.9:  # such a long reset is taken for a dead readout
         return "dead_readout", Estimate(0.0, 0.0, 1.0, "no effect: the readout after a spike is dead", measured=False)
     cut = [min(max(x, 0.0), 1.0) for x in (loss.value, loss.low, loss.high)]
     return "subtract", Estimate(cut[0], cut[1], cut[2], loss.how)

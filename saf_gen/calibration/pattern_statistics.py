@@ -1,4 +1,4 @@
-"""Statistics of the fixed pattern: profiles of columns and rows, the white rest, and the dark."""
+"""Statistics of the fixed pattern: profiles of columns and rows, the white rest, and dark rates."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -6,26 +6,38 @@ from itertools import pairwise
 import numpy as np
 
 BANDS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
-"""Upper ends of the bands of frequency in which a profile's variance is stated, cycles per pixel."""
+"""Upper ends of the frequency bands into which the variance of a profile is divided, cycles per pixel."""
 DEGREES = (1, 2, 4)
-"""Degrees of the Legendre fits whose fraction of a profile's variance is stated."""
+"""Degrees of the Legendre fits for which the explained fraction of a profile's variance is reported."""
 ROBUST = 1.482602218505602
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 @dataclass(frozen=True)
 class PatternStatistics:
-    """The pattern of a map, relative to its mean.
+    """The fixed pattern of a map, relative to its mean.
 
-    mean : mean of the map, in its own unit.
-    rms, column_rms, row_rms, white_rms : of the whole, of the profile of columns and of rows, and of the rest.
-    white_robust_rms : 1.4826 times the median absolute deviation of the rest.
-    white_kurtosis : fourth moment over squared variance, 3 for a normal distribution.
-    beyond_5, beyond_10 : fraction of pixels whose rest is more than so many robust rms away from its median.
-    neighbour_correlation : of the rest with that of the next pixel in its row, both held within 3 robust rms of the
-        median, so that a few specks of dust do not decide it.
-    column_bands, row_bands : fraction of a profile's variance by band of frequency, as :data:`BANDS`.
-    column_degrees, row_degrees : fraction of a profile's variance in Legendre fits of the :data:`DEGREES`.
+    Attributes
+    ----------
+    mean : float
+        Mean of the map, in the unit of the map.
+    rms : float
+        Rms of the map about its mean.
+    column_rms, row_rms, white_rms : float
+        Rms of the profile of columns, of the profile of rows, and of the white rest.
+    white_robust_rms : float
+        1.4826 times the median absolute deviation of the rest.
+    white_kurtosis : float
+        Fourth moment of the rest divided by its squared variance, 3 for a normal distribution.
+    beyond_5, beyond_10 : float
+        Fraction of the pixels whose rest is more than 5 or 10 robust rms away from its median.
+    neighbour_correlation : float
+        Correlation of the rest with that of the next pixel in the row, both clipped to 3 robust rms about the median,
+        so that a few specks of dust do not dominate it.
+    column_bands, row_bands : tuple of float
+        Fraction of a profile's variance in each frequency band of :data:`BANDS`.
+    column_degrees, row_degrees : tuple of float
+        Fraction of a profile's variance that a Legendre fit of each degree in :data:`DEGREES` explains.
     """
 
     mean: float
@@ -46,12 +58,18 @@ class PatternStatistics:
 
 @dataclass(frozen=True)
 class DarkStatistics:
-    """The rates of a dark recording.
+    """Statistics of the rates of a dark recording.
 
-    median, mean : over the pixels, spikes per readout.
-    log_sd : standard deviation of the natural logarithm, over the pixels that fired.
-    hot_fraction : pixels above four times the median.
-    silent_fraction : pixels that never fired.
+    Attributes
+    ----------
+    median, mean : float
+        Median and mean over the pixels, spikes per readout.
+    log_sd : float
+        Standard deviation of the natural logarithm of the rate, over the pixels that fired.
+    hot_fraction : float
+        Fraction of the pixels above four times the median.
+    silent_fraction : float
+        Fraction of the pixels that never fired.
     """
 
     median: float
@@ -62,9 +80,9 @@ class DarkStatistics:
 
 
 def split_pattern_for_statistics(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the profile of columns (W,), that of rows (H,) and the rest (H, W) of a map over its mean, each of mean 0.
+    """Return the column profile (W,), row profile (H,) and rest (H, W) of a map divided by its mean, each of mean 0.
 
-    Pixels that are not finite count as 1.
+    Pixels that are not finite count as equal to the mean of the map.
     """
     relative = map_ / np.nanmean(map_[np.isfinite(map_)])
     relative = np.where(np.isfinite(relative), relative, 1.0)
@@ -73,10 +91,10 @@ def split_pattern_for_statistics(map_: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def band_statistics_of_pattern(profile: np.ndarray) -> tuple[float, ...]:
-    """Return the fraction of a profile's variance in each of :data:`BANDS`, from its periodogram."""
+    """Return the fraction of a profile's variance in each frequency band of :data:`BANDS`, from its periodogram."""
     power = np.abs(np.fft.rfft(profile - profile.mean())) ** 2
     if profile.size % 2 == 0:
-        power[-1] /= 2  # the highest frequency stands once among the two halves of the spectrum, all others twice
+        power[-1] /= 2  # the full spectrum holds the highest frequency once and all others twice
     frequency = np.fft.rfftfreq(profile.size)
     total = power[1:].sum()
     edges = (0.0, *BANDS)
@@ -85,17 +103,17 @@ def band_statistics_of_pattern(profile: np.ndarray) -> tuple[float, ...]:
 
 
 def legendre_statistics_of_pattern(profile: np.ndarray) -> tuple[float, ...]:
-    """Return the fraction of a profile's variance that Legendre fits of each of :data:`DEGREES` hold."""
-    place = np.linspace(-1, 1, profile.size)
+    """Return the fraction of a profile's variance that a Legendre fit of each degree in :data:`DEGREES` explains."""
+    position = np.linspace(-1, 1, profile.size)
     variance = profile.var()
     if not variance > 0:
         return (float("nan"),) * len(DEGREES)
-    fits = [np.polynomial.legendre.Legendre.fit(place, profile, min(d, profile.size - 1))(place) for d in DEGREES]
+    fits = [np.polynomial.legendre.Legendre.fit(position, profile, min(d, profile.size - 1))(position) for d in DEGREES]
     return tuple(float(1 - (profile - fit).var() / variance) for fit in fits)
 
 
 def measure_pattern_statistics(map_: np.ndarray) -> PatternStatistics:
-    """Return the statistics of a map (H, W), such as the rates of a flat field."""
+    """Return the pattern statistics of a map of shape (H, W), such as the rates of a flat field."""
     columns, rows, white = split_pattern_for_statistics(map_)
     deviation = white - np.median(white)
     robust = float(ROBUST * np.median(np.abs(deviation)))
@@ -124,7 +142,7 @@ def measure_pattern_statistics(map_: np.ndarray) -> PatternStatistics:
 
 
 def measure_dark_statistics(rates: np.ndarray) -> DarkStatistics:
-    """Return the statistics of the rates of a dark recording, (H, W), spikes per readout."""
+    """Return the statistics of the rates of a dark recording, given in spikes per readout with shape (H, W)."""
     median = float(np.median(rates))
     fired = rates[rates > 0]
     return DarkStatistics(

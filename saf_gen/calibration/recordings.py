@@ -1,6 +1,6 @@
-"""What statistics are taken of: stream files, raw files of other cameras, and recordings encoded as they are read.
+"""Recordings to measure statistics of: stream files, raw files of other cameras, and simulated recordings.
 
-All of them give packed spikes block by block, in the order of time, so that memory does not grow with their length.
+Each yields packed spikes block by block in the order of time, so that memory does not grow with its length.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,7 +26,7 @@ class Recording(Protocol):
 
     @property
     def name(self) -> str:
-        """What messages and tables call it."""
+        """Name of the recording in messages and tables."""
         ...
 
     @property
@@ -62,7 +62,7 @@ class StreamRecording:
         return self.stream.readout_hz
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """Yield the spikes, as :class:`Recording` says."""
+        """Yield packed spikes, as :meth:`Recording.blocks` does."""
         length = -(-self.shape[0] // 8)
         for first in range(0, length, TIME_BLOCK_BYTES):
             yield self.stream.packed(first, min(first + TIME_BLOCK_BYTES, length))
@@ -70,12 +70,27 @@ class StreamRecording:
 
 @dataclass(frozen=True)
 class EncodedRecording:
-    """A recording that a sensor makes while it is read.
+    """A simulated recording, which is encoded while it is read.
 
-    charge : float32 (K, H, W), photo-electrons per readout at K knots of light.
-    knots : the knot before each readout of a block, and the fraction to the next, from the readouts' numbers.
-    before : readouts encoded and left out first, so that phases are no longer those of the first charge.
-    device_seed : determines the fixed pattern; ``seed``, that of the noise, by default.
+    Parameters
+    ----------
+    name : str
+        Name of the recording in messages and tables.
+    sensor : Sensor
+        The sensor that records.
+    charge : ndarray of float32, shape (K, H, W)
+        Photo-electrons per readout at K knots of time.
+    frames : int
+        Readouts of the recording.
+    seed : int
+        Seed of the noise.
+    knots : callable, optional
+        Maps readout numbers to the knot before each readout and the fraction of the way to the next knot; by default
+        the charge of the first knot holds throughout.
+    before : int, default 0
+        Readouts to encode and discard first, so that the pixels' phases no longer depend on their initial charge.
+    device_seed : int, optional
+        Seed of the fixed pattern; by default ``seed``.
     """
 
     name: str
@@ -98,7 +113,7 @@ class EncodedRecording:
         return self.sensor.readout_hz
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """Yield the spikes, as :class:`Recording` says; each call encodes the same ones."""
+        """Yield packed spikes, as :meth:`Recording.blocks` does; each call encodes the same spikes."""
         encoder = Encoder(self.sensor, self.shape[1:], seed=self.seed, device_seed=self.device_seed)
         stack = np.ascontiguousarray(self.charge[None], np.float32)
         if self.before:
@@ -116,15 +131,28 @@ class EncodedRecording:
 def open_calibration_recording(
     path: str | Path, *, layout: str = "auto", readout_hz: float = 20_000
 ) -> Iterator[StreamRecording]:
-    """Yield the recording in a file: a stream (.h5), or raw frames (any other ending) in a layout of other software.
+    """Open a stream file (.h5 or .hdf5) or a file of raw frames of other software (any other ending) as a recording.
 
-    Raw frames are converted to a temporary stream first. Raises BadInput for a file that is neither.
+    Raw frames are first converted to a temporary stream.
 
     Parameters
     ----------
-    path : the file.
-    layout : layout of raw frames, a name of :data:`saf_gen.stream.interop.RAW_LAYOUTS`, or ``auto``: as the file looks.
-    readout_hz : readouts per second of raw frames, which do not record it.
+    path : str or Path
+        The file.
+    layout : str, default "auto"
+        Layout of raw frames, a name of :data:`saf_gen.stream.interop.RAW_LAYOUTS`; ``auto`` derives it from the file.
+    readout_hz : float, default 20000
+        Readouts per second of raw frames, which do not record it.
+
+    Yields
+    ------
+    StreamRecording
+        The open recording.
+
+    Raises
+    ------
+    BadInput
+        If the file is missing, is neither a stream nor raw frames, or is a sensor file.
     """
     path = Path(path)
     if path.suffix in (".h5", ".hdf5"):

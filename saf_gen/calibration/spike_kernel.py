@@ -1,6 +1,6 @@
-"""The compiled inner loop of the statistics: one pass over packed spikes, pixel by pixel, spike by spike.
+"""Compiled inner loop of the spike statistics: one pass over packed spikes, pixel by pixel and spike by spike.
 
-The state of a pixel is carried from block to block, so that memory does not grow with the length of the recording.
+The state of each pixel is carried from block to block, so that memory does not grow with the length of the recording.
 """
 
 from typing import Any
@@ -10,34 +10,58 @@ import numpy as np
 from saf_gen.core.compiled import compiled
 
 WINDOWS = (8, 10, 20, 50)
-"""Lengths, in readouts, of the windows whose counts are kept; 8 is that of the series of the light."""
+"""Lengths, in readouts, of the windows whose counts are summed; 8 is also the step of the series of the light."""
 LAGS = 11
-"""Second differences of spike times are kept at lags of 1, 2, 4 … 1024 spikes."""
+"""Number of lags of the second differences of spike times: 1, 2, 4 … 1024 spikes."""
 
-# Columns of the state, int64 (P, STATE): the first spike, the latest, the interval before it, the number of spikes,
-# and, for each half of the recording, the first spike, the latest and their number.
+# Columns of the state, int64 (P, STATE): the first spike, the latest spike, the interval before it, the number of
+# spikes, and, for each half of the recording, its first spike, its latest spike and its number of spikes.
 FIRST, LATEST, INTERVAL, NUMBER, HALF = 0, 1, 2, 3, 4
 STATE = HALF + 6
-# Columns of the sums, float64 (P, SUMS): of 2·|d₂ − d₁|/(d₁ + d₂) and its number, of |d₂ − d₁| where both lie in the
-# band of intervals, and its number.
+# Columns of the sums, float64 (P, SUMS): the sum of 2·|d₂ − d₁|/(d₁ + d₂) and its number of terms; the sum of
+# |d₂ − d₁| over pairs with both intervals in the band, and its number of terms.
 CV2, CV2_NUMBER, CHANGE, CHANGE_NUMBER = 0, 1, 2, 3
 SUMS = 4
-# Of each window: its index, its count so far, and the sums of counts and of squared counts of whole windows.
+# Columns for each window length: the index of the current window, its count so far, and the sums of counts and of
+# squared counts over complete windows.
 WINDOW_INDEX, WINDOW_COUNT, WINDOW_SUM, WINDOW_SQUARES = 0, 1, 2, 3
 
 
 @compiled
 def accumulate_spike_statistics(
-    packed: Any, frames: Any, start: Any, middle: Any, whole: Any, times: Any, band: Any,
+    packed: Any, frames: Any, start: Any, middle: Any, complete: Any, times: Any, band: Any,
     state: Any, sums: Any, windows: Any, anchors: Any, squares: Any, numbers: Any
 ) -> Any:  # fmt: skip
-    """Add ``frames`` readouts, of which ``start`` is the first, to the state of every pixel, in place.
+    """Add a block of readouts to the state of every pixel, in place.
 
-    Shapes, with P pixels: packed uint8 (P, bytes); times float64 (frames,), the time of each readout, in readouts of
-    mean light; middle, the first readout of the second half; whole int64 (len(WINDOWS),), readouts in whole windows;
-    band int64 (2,), shortest and longest interval of the band; state int64 (P, STATE); sums float64 (P, SUMS); windows
-    int64 (P, len(WINDOWS), 4); anchors float64 (P, LAGS, 2), the last two spike times at multiples of each lag; squares
-    float64 (P, LAGS) and numbers int64 (P, LAGS): sums of squared second differences, and how many.
+    Parameters
+    ----------
+    packed : ndarray of uint8, shape (P, bytes)
+        Spikes of P pixels, one bit per readout.
+    frames : int
+        Readouts in the block.
+    start : int
+        Number of its first readout in the recording.
+    middle : int
+        First readout of the second half of the recording.
+    complete : ndarray of int64, shape (len(WINDOWS),)
+        Readouts of the recording in complete windows, for each window length.
+    times : ndarray of float64, shape (frames,)
+        Time of each readout of the block, in readouts of mean light.
+    band : ndarray of int64, shape (2,)
+        Shortest and longest interval of the band.
+    state : ndarray of int64, shape (P, STATE)
+        State of each pixel.
+    sums : ndarray of float64, shape (P, SUMS)
+        Sums over pairs of intervals.
+    windows : ndarray of int64, shape (P, len(WINDOWS), 4)
+        Sums over windows.
+    anchors : ndarray of float64, shape (P, LAGS, 2)
+        Last two spike times at multiples of each lag.
+    squares : ndarray of float64, shape (P, LAGS)
+        Sums of squared second differences, by lag.
+    numbers : ndarray of int64, shape (P, LAGS)
+        Number of second differences, by lag.
     """
     for p in range(packed.shape[0]):
         latest, interval, number = state[p, LATEST], state[p, INTERVAL], state[p, NUMBER]
@@ -70,7 +94,7 @@ def accumulate_spike_statistics(
                 state[p, half + 1] = t
                 state[p, half + 2] += 1
                 for w in range(windows.shape[1]):
-                    if t < whole[w]:
+                    if t < complete[w]:
                         index = t // WINDOWS[w]
                         if index != windows[p, w, WINDOW_INDEX]:
                             windows[p, w, WINDOW_SQUARES] += windows[p, w, WINDOW_COUNT] ** 2
@@ -95,6 +119,6 @@ def accumulate_spike_statistics(
 
 
 def finish_spike_statistics(windows: np.ndarray) -> None:
-    """Close the last window of every pixel, in place."""
+    """Add the last window of every pixel to the sums of squares, in place."""
     windows[:, :, WINDOW_SQUARES] += windows[:, :, WINDOW_COUNT] ** 2
     windows[:, :, WINDOW_COUNT] = 0

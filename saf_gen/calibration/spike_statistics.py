@@ -1,7 +1,7 @@
-"""Statistics of a recording in time: rates, intervals, counts in windows, and how its light varied.
+"""Temporal statistics of a recording: rates, intervals, counts in windows, and the variation of its light.
 
-One pass over the spikes gives all of them (``spike_kernel.py``); a second pass is made where the light varied, with the
-times of the readouts in units of the light that fell so far.
+One pass over the spikes computes them all (``spike_kernel.py``). If the light varied, a second pass measures time by
+the accumulated light.
 """
 
 from collections.abc import Callable
@@ -18,27 +18,40 @@ from saf_gen.core.cores import usable_cores
 from saf_gen.errors import BadInput
 
 CHANGE_BAND = (20, 30)
-"""Intervals, in readouts, whose change to the next one is averaged."""
+"""Shortest and longest interval, in readouts, for which the change to the next interval is averaged."""
 SERIES_FRAMES = kernel.WINDOWS[0]
 Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class SpikeStatistics:
-    """What one pass over a recording of P = H·W pixels gives; maps are (H, W).
+    """Temporal statistics of a recording of T frames, H rows and W columns.
 
-    shape : (T, H, W).
-    counts : spikes of each pixel, int64.
-    interval : mean interval between a pixel's spikes, readouts; NaN below two spikes.
-    cv2 : mean of 2·|d₂ − d₁|/(d₁ + d₂) over all neighbouring intervals d₁, d₂; NaN where there are none.
-    interval_change : mean of |d₂ − d₁| where both are of 20 to 30 readouts; NaN where there are none.
-    fano : by window of 10, 20 and 50 readouts: mean over pixels of the variance of counts in time, over their mean.
-    half_rates : rate of each pixel in the first and the second half, (2, H, W), from the intervals within it;
-        NaN below two spikes.
-    series : spikes per pixel and readout in each run of 8 readouts, (T div 8,).
-    series_variance : variance of such a mean that pixels in steady light would have, from the variance of each.
-    squares, numbers : sums of squared second differences of spike times, in readouts² of mean light, and how many, at
-        lags of 1, 2, 4 … spikes, (H, W, LAGS).
+    Attributes
+    ----------
+    shape : tuple of int
+        Shape of the recording, (T, H, W).
+    counts : ndarray of int64, shape (H, W)
+        Spikes of each pixel.
+    interval : ndarray of float64, shape (H, W)
+        Mean interval between the spikes of each pixel, readouts; NaN below two spikes.
+    cv2 : float
+        Mean of 2·|d₂ − d₁|/(d₁ + d₂) over all pairs of consecutive intervals d₁, d₂; NaN if there are no pairs.
+    interval_change : float
+        Mean of |d₂ − d₁| over pairs in which both intervals are 20 to 30 readouts; NaN if there are no such pairs.
+    fano : dict of int to float
+        By window length of 10, 20 and 50 readouts: mean over pixels of the temporal variance of counts, over the mean
+        count.
+    half_rates : ndarray of float64, shape (2, H, W)
+        Rate of each pixel in the first and the second half, from the intervals within it; NaN below two spikes.
+    series : ndarray of float64, shape (T div 8,)
+        Mean spikes per pixel and readout in each run of 8 readouts.
+    series_variance : float
+        Variance that a value of ``series`` would have in steady light, from the variances of the single pixels.
+    squares : ndarray of float64, shape (H, W, LAGS)
+        Sums of squared second differences of spike times at lags of 1, 2, 4 … spikes, in readouts² of mean light.
+    numbers : ndarray of int32, shape (H, W, LAGS)
+        Number of second differences at each lag.
     """
 
     shape: tuple[int, int, int]
@@ -55,13 +68,16 @@ class SpikeStatistics:
 
     @property
     def mean_rate(self) -> float:
-        """Spikes per pixel and readout."""
+        """Mean over the pixels, spikes per readout."""
         return float(self.counts.mean() / self.shape[0])
 
     @property
     def rates(self) -> np.ndarray:
-        """Rate of each pixel: from its intervals, which has a hundredth of the error of a count; from its count below
-        20 spikes."""
+        """Rate of each pixel, spikes per readout, (H, W).
+
+        From 20 spikes on it is computed from the intervals, with a hundredth of the error of a count; below, from the
+        count.
+        """
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(self.counts >= 20, 1 / self.interval, self.counts / self.shape[0])
 
@@ -69,17 +85,21 @@ class SpikeStatistics:
 def measure_spike_statistics(
     recording: Recording, *, light: np.ndarray | None = None, report: Progress | None = None
 ) -> SpikeStatistics:
-    """Return the statistics of a recording.
+    """Return the temporal statistics of a recording.
 
     Parameters
     ----------
-    recording : the spikes.
-    light : light of each run of 8 readouts over its mean, (T div 8,), by which times are stretched; steady by default.
-    report : receives the fraction that is done.
+    recording : Recording
+        The recording to measure.
+    light : ndarray, shape (T div 8,), optional
+        Light of each run of 8 readouts, divided by its mean, by which times are stretched; by default steady.
+    report : callable, optional
+        Called with the fraction that is done.
 
     Raises
     ------
-    BadInput : a recording of fewer than 16 readouts.
+    BadInput
+        If the recording has fewer than 16 readouts.
     """
     frames, height, width = recording.shape
     if frames < 2 * SERIES_FRAMES:
@@ -90,7 +110,7 @@ def measure_spike_statistics(
     windows = np.zeros((pixels, len(kernel.WINDOWS), 4), np.int64)
     anchors, squares = np.zeros((pixels, kernel.LAGS, 2)), np.zeros((pixels, kernel.LAGS))
     numbers = np.zeros((pixels, kernel.LAGS), np.int64)
-    whole = np.array([frames // w * w for w in kernel.WINDOWS])
+    complete = np.array([frames // w * w for w in kernel.WINDOWS])
     times = _stretched_times(light, frames)
     series = np.zeros(-(-frames // SERIES_FRAMES))
     threads = min(usable_cores(), height)
@@ -102,7 +122,7 @@ def measure_spike_statistics(
             count = min(BLOCK_FRAMES, frames - start)
             jobs = [
                 pool.submit(
-                    kernel.accumulate_spike_statistics, packed[a:b], count, start, frames // 2, whole,
+                    kernel.accumulate_spike_statistics, packed[a:b], count, start, frames // 2, complete,
                     times[start : start + count], np.array(CHANGE_BAND), state[a:b], sums[a:b], windows[a:b],
                     anchors[a:b], squares[a:b], numbers[a:b],
                 )
@@ -176,9 +196,10 @@ def _summarise(
 
 
 def flat_areas_for_statistics(rates: np.ndarray) -> np.ndarray:
-    """Return the quarter of the pixels, bool (H, W), where smoothed rates have the smallest gradient over their value.
+    """Return the quarter of the pixels with the smallest relative gradient of the smoothed rates, bool (H, W).
 
-    The rates are smoothed over 3 pixels (standard deviation), so that a pixel's own noise does not choose it.
+    The Gaussian that smooths the rates has a standard deviation of 3 pixels, so that the noise of a pixel does not
+    decide whether it is selected.
     """
     known = np.where(np.isfinite(rates), rates, 0.0)
     smooth = gaussian_filter(known, 3.0)
@@ -187,9 +208,10 @@ def flat_areas_for_statistics(rates: np.ndarray) -> np.ndarray:
 
 
 def rms_statistic_between_halves(statistics: SpikeStatistics) -> float:
-    """Return the temporal rms of a half's rate over its mean, from the difference of two halves, in flat areas.
+    """Return the relative temporal rms of the rate over half a recording, from the two halves, in flat areas.
 
-    The median difference, a change of the light from half to half, is left out.
+    The median difference, which is a change of the light between the halves, is subtracted. NaN if fewer than two
+    pixels in flat areas have rates in both halves.
     """
     first, second = statistics.half_rates
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""The spike camera: sensors, the charge they collect from light, and the spikes they fire."""
+"""The spike camera: sensors, the charge that they collect from light, and the spikes that they fire."""
 
 from saf_gen.camera.encoder import Encoder, encode, encoder_knot_weights
 from saf_gen.camera.exposure import camera_exposure_scale, sensor_charge_of_images, sensor_electrons_per_irradiance

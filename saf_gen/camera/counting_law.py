@@ -1,22 +1,24 @@
-"""How counts of spikes, and intervals between them, are distributed: the exact law.
+"""Exact distribution of spike counts and of intervals between spikes.
 
-A pixel fires whenever its charge has grown by one more threshold, and a spike belongs to the readout in which that
-happens. So a number of whole units is seen of something continuous, from a phase u that is spread evenly over the unit:
+A pixel fires each time its charge has grown by another threshold, and the spike is assigned to the readout in which
+that happens. A continuous quantity X is thus observed as an integer, with a phase u that is uniform over 0 to 1:
 
     N = ⌊X + u⌋        counts: X is the charge of a window in thresholds; intervals: X is an interval in readouts
 
-Given X, N is one of the two whole numbers beside it, with mean X and variance f(1 − f), f the fraction of X. As a
-Fourier series that is f(1 − f) = 1/6 − π⁻² Σₖ cos(2πkX)/k², k = 1, 2, …. With X normal, of mean m and variance s², the
-mean of cos(2πkX) is cos(2πkm)·exp(−2π²k²s²), so
+Given X, N is one of the two nearest integers, with the mean X and the variance f(1 − f), where f is the fractional part
+of X. Its Fourier series is f(1 − f) = 1/6 − π⁻² Σₖ cos(2πkX)/k², k = 1, 2, …. For a normal X with mean m and variance
+s², the mean of cos(2πkX) is cos(2πkm)·exp(−2π²k²s²), and therefore
 
     Var N = s² + 1/6 − π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k²
 
-With θ electrons a spike and a threshold noise of σ, relative to θ, an interval has s² = (1/θ + σ²)·m², the noise of one
-threshold, and a window of m thresholds has s² = (1/θ + σ²)·m, that of m of them. s² + 1/6 is the average over m, and
-the limit for large s: beyond 1/2 it is within 10⁻³.
+With θ electrons per spike and a threshold noise σ relative to θ, an interval of m readouts has s² = (1/θ + σ²)·m², the
+noise of one threshold, and a window of m thresholds has s² = (1/θ + σ²)·m, the noise of m thresholds. The average of
+Var N over m, and its limit for large s, is s² + 1/6; if s exceeds 1/2, the difference is below 10⁻³.
 
-Counting from an even phase: D. R. Cox, Renewal Theory, 1962. The series, that of the Bernoulli polynomial B₂ = 1/6 −
-f(1 − f): https://dlmf.nist.gov/24.8.E1.
+References
+----------
+D. R. Cox, Renewal Theory, 1962 (counting from a uniform phase); https://dlmf.nist.gov/24.8.E1 (the series, which is
+that of the Bernoulli polynomial B₂ = 1/6 − f(1 − f)).
 """
 
 import numpy as np
@@ -25,13 +27,13 @@ from scipy import stats
 from saf_gen.camera.sensor import Sensor
 
 TERMS = 4000
-"""Terms of the series; what is left out is below 1/(π²·TERMS) = 2.5·10⁻⁵, and nothing where s exceeds 0.0004."""
+"""Most terms of the series; the truncation error is below 1/(π²·TERMS) = 2.5·10⁻⁵, and 0 if s exceeds 0.0004."""
 
 
 def pixel_noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
-    """Return 1/θ + σ², the relative variance of the charge of one interval, of the noise that is switched on.
+    """Return 1/θ + σ², the relative variance of the charge of one interval, from the noise that is switched on.
 
-    A reset that jitters by j readouts adds (j·rate)²: j² to the variance of an interval in readouts, at any rate.
+    A reset jitter of j readouts adds (j·rate)², that is, j² to the variance of an interval in readouts at any rate.
     """
     shot = 1 / sensor.threshold_e if sensor.noise.shot else 0.0
     threshold = sensor.threshold_noise_rms**2 if sensor.noise.threshold_noise else 0.0
@@ -39,9 +41,9 @@ def pixel_noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
 
 
 def pixel_count_oscillation(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
-    """Return the last term of the law, from −1/12 to 1/6: what the average over ``mean`` does not know.
+    """Return the last term of the law, −1/12 to 1/6, whose average over ``mean`` is 0.
 
-    ``mean`` and ``variance`` are those of X, numbers or arrays that fit each other.
+    ``mean`` and ``variance`` are those of X, numbers or arrays that broadcast.
     """
     mean, variance = np.broadcast_arrays(np.asarray(mean, np.float64), np.asarray(variance, np.float64))
     out = np.zeros(mean.shape)
@@ -53,14 +55,14 @@ def pixel_count_oscillation(mean: np.ndarray | float, variance: np.ndarray | flo
 
 
 def pixel_count_variance(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
-    """Return the variance of N for X of this mean and variance."""
+    """Return the variance of the integer N if the quantity X that it counts is normal with this mean and variance."""
     return np.asarray(variance) + 1 / 6 - pixel_count_oscillation(mean, variance)
 
 
 def pixel_count_probabilities(mean: float, variance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the whole numbers that N may be, and the probability of each, for a normal X of positive variance.
+    """Return the integers that a count N can be and the probability of each, if X is normal with a positive variance.
 
-    P(N = n) is the mean of max(0, 1 − |X − n|), a second difference of G(x), the mean of max(0, x − X).
+    P(N = n) is the mean of max(0, 1 − |X − n|), which is the second difference of G(x), the mean of max(0, x − X).
     """
     sd = np.sqrt(variance)
     n = np.arange(int(np.floor(mean - 9 * sd)) - 1, int(np.ceil(mean + 9 * sd)) + 2)
@@ -70,14 +72,17 @@ def pixel_count_probabilities(mean: float, variance: float) -> tuple[np.ndarray,
 
 
 def pixel_count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]) -> tuple[float, int]:
-    """Return Pearson's χ² of whole numbers against a law, and its degrees of freedom.
+    """Return Pearson's χ² of observed integers against a law, and its degrees of freedom.
 
-    Cells that expect below 10 are merged into one, and that one into its neighbour if it still does.
+    Cells with an expected count below 10 are merged into one, which is merged into its neighbour if it still expects
+    fewer than 10.
 
     Parameters
     ----------
-    seen : whole numbers, any shape; what lies beyond the numbers of the law counts at their ends.
-    law : consecutive numbers and the probability of each, (n,) and (n,), as :func:`pixel_count_probabilities` returns.
+    seen : ndarray of int, any shape
+        Observed numbers. Numbers outside the range of the law count as its ends.
+    law : tuple of ndarray, shapes (n,) and (n,)
+        Consecutive integers and the probability of each, as :func:`pixel_count_probabilities` returns them.
     """
     numbers, probabilities = law
     seen = np.asarray(seen).ravel()
@@ -85,21 +90,25 @@ def pixel_count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]
     common = probabilities * seen.size >= 10
     expected = np.append(probabilities[common], 1 - probabilities[common].sum()) * seen.size
     found = np.append(found[common], found[~common].sum())
-    if expected[-1] < 10:  # the rest is too rare to be a cell
+    if expected[-1] < 10:  # the merged rest is too rare to be a cell
         expected[-2], found[-2] = expected[-2:].sum(), found[-2:].sum()
         expected, found = expected[:-1], found[:-1]
     return float(((found - expected) ** 2 / expected).sum()), expected.size - 1
 
 
 def pixel_count_p_value(seen: np.ndarray, mean: float, *, variance: float) -> float:
-    """Return the p value of Pearson's test of whole numbers against the law for X of this mean and variance."""
+    """Return the p-value of Pearson's χ² test of observed integers ``seen`` against the exact law of counting.
+
+    ``mean`` and ``variance`` are those of the continuous quantity X that the integers count.
+    """
     return float(stats.chi2.sf(*pixel_count_chi_squared(seen, pixel_count_probabilities(mean, variance))))
 
 
 def pixel_count_deviations(seen: np.ndarray, mean: float, *, variance: float) -> float:
-    """Return how far the variance of ``seen`` about the law's mean lies from the law's, in its standard deviations.
+    """Return the deviation of the variance of ``seen`` from that of the law, in standard deviations.
 
-    The variance of such a mean of squares is (μ₄ − μ₂²)/n, with the law's own moments.
+    The variance of ``seen`` is taken about the mean of the law; the variance of this mean of squares is (μ₄ − μ₂²)/n,
+    with the moments of the law.
     """
     n, p = pixel_count_probabilities(mean, variance)
     expected = pixel_count_variance(mean, variance)

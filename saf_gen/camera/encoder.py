@@ -1,21 +1,22 @@
-"""The encoder: integrate-and-fire pixels of a spike camera, from charge to spikes.
+"""The encoder: integrate-and-fire pixels that turn charge into spikes.
 
-A pixel adds the charge of each readout to the charge it holds. When the sum reaches the threshold, the pixel
-fires at this readout, at most once, subtracts the threshold, and draws the next one:
+A pixel adds the charge of each readout to the charge that it holds. When the sum reaches the threshold, the pixel fires
+at this readout, at most once, subtracts the threshold, and draws the next threshold:
 
     threshold_pixel + N(0, 1)·sqrt(threshold_pixel [shot] + (threshold_noise_rms·threshold_pixel)² [noise])
 
 Shot noise acts through the threshold: Poisson electrons reach a level of n electrons after a mean charge that is
-Gamma(n) distributed, so an inter-spike interval measured in mean charge has a variance of exactly n e-². The noise is
-read from a table of normal noise (noise_table.py); the first phase is uniform in [0, threshold). At most
-``sensor.max_excess_thresholds`` of the charge above the threshold are kept, so that an overload does not echo for long.
-The readout after a spike collects ``1 - sensor.post_spike_loss`` of its charge, including dark charge.
+Gamma(n) distributed, so an interval between spikes, measured in mean charge, has a variance of exactly n e-². The noise
+is read from a table of normal noise (noise_table.py); the first phase is uniform in [0, threshold). At a spike, at most
+``sensor.max_excess_thresholds`` thresholds of excess charge are kept, so that the effect of an overload ends soon. The
+readout after a spike collects the fraction ``1 - sensor.post_spike_loss`` of its charge, including dark charge.
 
-Two terms are off, because no figure is known of them. With ``reset_jitter`` the instant of a reset is uncertain: the
-charge that comes meanwhile adds (reset_jitter·charge per readout)² to the variance of the next threshold. With
-``row_skew`` a row is read before the last one by a fraction e of a readout, and collects 1 - e of this readout's charge
-and e of that before: exact for charge that is linear in time, or constant over each readout; else wrong by at most
-e·(1 - e)/2 ≤ 1/8 of its largest second derivative, per readout². The first readout takes the one before for its equal.
+Two terms are off in all sensors that come with saf_gen, because no values are published. With ``reset_jitter`` the
+instant of a reset is uncertain: the charge that arrives in the meantime adds (reset_jitter·charge per readout)² to the
+variance of the next threshold. With ``row_skew`` a row is read a fraction e of a readout before the last row, and
+collects 1 - e of the charge of this readout and e of that of the previous one. This is exact for charge that is linear
+in time or constant over each readout; otherwise the error is at most e·(1 - e)/2 ≤ 1/8 of the largest second derivative
+of the charge, per readout². The first readout uses its own charge for that of the previous one.
 
 References
 ----------
@@ -40,23 +41,30 @@ from saf_gen.errors import BadInput
 
 
 def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) -> np.ndarray:
-    """Return the spikes of a charge that changes linearly between knots.
+    """Return the spikes that a sensor fires for a charge that changes linearly between knots.
 
     Parameters
     ----------
-    charge : float32 (K, H, W), e- per readout, at least 0, at K knots evenly spaced over [0, frames]; one
-        knot is a constant charge. Readout t integrates the ramp over [t, t + 1]: its value in the middle.
-    sensor : a sensor or its name; the array has the size of ``charge``, not that of the sensor.
-    frames : number of readouts, at least 1.
-    seed : determines the device, its phases and its noise; the same seed gives the same bits on any machine.
+    charge : ndarray of float32, shape (K, H, W)
+        Charge in electrons per readout, at least 0, at K knots evenly spaced over [0, frames]; a single knot is a
+        constant charge. Readout t integrates the charge over [t, t + 1].
+    sensor : Sensor or str
+        A sensor or its name. The array has the size of ``charge``, not that of the sensor.
+    frames : int
+        Number of readouts, at least 1.
+    seed : int
+        Seed of the device, its phases and its noise. The same seed gives the same bits on any machine.
 
     Returns
     -------
-    uint8 (H, W, ceil(frames / 8)); frame t is bit t mod 8, least significant first, of byte t div 8.
+    ndarray of uint8, shape (H, W, ceil(frames / 8))
+        Packed spikes: frame t is bit t mod 8, least significant first, of byte t div 8.
 
     Raises
     ------
-    BadInput : an unknown sensor, a wrong shape, or charge that is negative or not finite.
+    BadInput
+        If the sensor is unknown, ``charge`` has a wrong shape or dtype or is negative or not finite, or ``frames`` is
+        not an integer of at least 1.
     """
     charge = validate_signal("charge", charge)
     if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
@@ -68,7 +76,10 @@ def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) 
 
 
 def encoder_knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the knot before each position 0...1, int64 (T,), and the fraction to the next, float64 (T,)."""
+    """Return the knot before each position, int64 (T,), and the fraction of the way to the next knot, float64 (T,).
+
+    Positions run from 0 at the first of the evenly spaced knots to 1 at the last; others are clipped to this range.
+    """
     knot = np.clip(np.asarray(position, np.float64), 0.0, 1.0) * (knots - 1)
     index = np.minimum(knot.astype(np.int64), max(knots - 2, 0))
     return index, knot - index
@@ -77,17 +88,29 @@ def encoder_knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, 
 class Encoder:
     """A spike camera that records block after block of time and keeps the state of every pixel in between.
 
-    Neither the division into blocks nor the number of threads changes a bit. Memory does not grow with the
+    The spikes depend neither on the division into blocks nor on the number of threads. Memory does not grow with the
     length of the recording.
 
     Parameters
     ----------
-    sensor : the sensor.
-    shape : (rows, columns) of the simulated array.
-    seed : determines phases and noise (one recording).
-    device_seed : determines the fixed pattern (one device); ``seed`` by default.
-    rows : record only these rows; they fire as they would in the whole array.
-    threads : one per core this process may use by default.
+    sensor : Sensor
+        The sensor to simulate.
+    shape : tuple of int
+        Rows and columns of the simulated array.
+    seed : int
+        Seed of phases and noise, which differ between recordings.
+    device_seed : int, optional
+        Seed of the fixed pattern, which identifies a device; by default ``seed``.
+    rows : slice, optional
+        Rows to record; they fire exactly as in the full array. By default all rows are recorded.
+    threads : int, optional
+        Number of threads; by default one per core that this process may use.
+
+    Raises
+    ------
+    BadInput
+        If ``shape`` is not two numbers of at least 1, or ``rows`` is empty or begins at a row that does not begin a
+        block of 64 pixels; the message gives the allowed first rows.
     """
 
     def __init__(
@@ -121,13 +144,13 @@ class Encoder:
             self._before = np.zeros_like(self._lead)
 
     def _select_rows(self, rows: slice) -> None:
-        """Drop all other rows. Noise belongs to blocks of pixels, so the first row must begin one."""
+        """Drop all other rows; the first row must begin a block of pixels, because blocks share their noise."""
         width = self.shape[1]
         first, last, _ = rows.indices(self.shape[0])
         if first >= last or first * width % LANES:
             raise BadInput(
                 f"the rows are {rows}",
-                allowed=f"at least one, the first of them a multiple of {LANES // gcd(width, LANES)}",
+                allowed=f"at least one row, beginning at a multiple of {LANES // gcd(width, LANES)}",
             )
         pixels = slice(first * width, last * width)
         self.shape = last - first, width
@@ -138,28 +161,36 @@ class Encoder:
 
     @property
     def frames(self) -> int:
-        """Number of readouts recorded so far."""
+        """Readouts recorded so far."""
         return self._frames
 
     def encode(self, stack: np.ndarray, *, index: np.ndarray, fraction: np.ndarray, gain: np.ndarray) -> np.ndarray:
-        """Record the next n readouts.
+        """Record the next n readouts and return their spikes.
 
-        Readout t collects, before response and dark charge, the sum over light groups g of
+        Readout t collects, before response and dark charge are applied, the sum over light groups g of
         ``gain[t, g]·((1 - fraction[t])·stack[g, index[t]] + fraction[t]·stack[g, index[t] + 1])``.
 
         Parameters
         ----------
-        stack : float32 (G, K, H, W), e- per readout at gain 1.
-        index, fraction : (n,), the knot before each readout and the fraction to the next one, 0...1.
-        gain : (n, G), the light schedule, at least 0.
+        stack : ndarray of float32, shape (G, K, H, W)
+            Charge of each light group at each knot, electrons per readout at gain 1.
+        index : ndarray of int, shape (n,)
+            Knot before each readout.
+        fraction : ndarray, shape (n,)
+            Fraction of the way to the next knot, 0 to 1.
+        gain : ndarray, shape (n, G)
+            Gain of each light group at each readout, at least 0.
 
         Returns
         -------
-        uint8 (H, W, ceil(n / 8)); n is a multiple of 8 in every call but the last.
+        ndarray of uint8, shape (H, W, ceil(n / 8))
+            Packed spikes, one bit per readout. n must be a multiple of 8 in every call except the last.
 
         Raises
         ------
-        BadInput : arrays that do not fit, values out of range, or a call after one that ended within a byte.
+        BadInput
+            If shapes or dtypes do not match, a value is out of range, or the previous call did not record a multiple of
+            8 readouts.
         """
         if self._frames % 8:
             raise BadInput(
@@ -202,7 +233,7 @@ class Encoder:
 
 
 def _pixel_constants(sensor: Sensor, *, pattern: FixedPattern) -> np.ndarray:
-    """Return the kernel's constants per pixel, float32 (4, P): dark charge, mean threshold, its sd, cap."""
+    """Return constants of each pixel, float32 (4, P): dark charge, mean and sd of the threshold, largest excess."""
     level = pattern.threshold.ravel().astype(np.float64)
     variance = np.zeros_like(level)
     if sensor.noise.shot:
@@ -214,7 +245,7 @@ def _pixel_constants(sensor: Sensor, *, pattern: FixedPattern) -> np.ndarray:
 
 
 def _row_lead(sensor: Sensor, shape: tuple[int, int]) -> np.ndarray | None:
-    """Return how many readouts before the last row each pixel is read, float32 (P,); None if all are read at once."""
+    """Return by how many readouts each pixel is read before the last row, float32 (P,); None without row skew."""
     if not sensor.row_skew:
         return None
     lead = sensor.row_skew * np.linspace(1, 0, shape[0])
@@ -233,7 +264,7 @@ def _checked_schedule(
             allowed=f"(n,), (n,) and (n, {groups}) with n at least 1",
         )
     if not (fraction.min() >= 0 and fraction.max() <= 1):
-        raise BadInput("fraction is outside 0...1", allowed="the fraction from one knot to the next")
+        raise BadInput("fraction is outside 0 to 1", allowed="the fraction of the way to the next knot, 0 to 1")
     last = int((index + (fraction > 0)).max())
     if index.min() < 0 or last >= knots:
         raise BadInput(f"index reaches from knot {index.min()} to knot {last}", allowed=f"0 to {knots - 1}")

@@ -1,10 +1,10 @@
-"""The compiled inner loop of the encoder: 64 pixels at a time, eight readouts, one byte of spikes each.
+"""Compiled inner loop of the encoder: 64 pixels at a time, over eight readouts, which give one byte of spikes each.
 
-Every operation is one IEEE float32 operation in a fixed order, and nothing is fused or reordered (no fastmath), so the
-bits are the same on every machine. Three properties, visible in the machine code, make it fast: the loops over the 64
-lanes have no branch; the state of a pixel stays in registers for eight readouts; and every index is unsigned, because
-numba guards signed ones against being negative, which turns plain loads into gathers. Terms that are switched off are
-None, a type of its own: numba drops their branches before it compiles, so they cost nothing and change no bit.
+All arithmetic is in IEEE float32 in a fixed order, and nothing is fused or reordered (no fastmath), so the bits are the
+same on every machine. Three properties, visible in the machine code, make it fast: the loops over the 64 lanes have no
+branch; the state of a pixel stays in registers for eight readouts; and every index is unsigned, because numba checks
+signed indices for negative values, which turns plain loads into gathers. Terms that are switched off are passed as
+None: numba removes their branches at compile time, so they cost nothing and change no bit.
 """
 
 from math import sqrt
@@ -16,7 +16,7 @@ from numba import njit
 from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE
 from saf_gen.core.compiled import compiled
 
-BLOCK_KEY_STEP = 0xD1342543DE82EF95  # added to the key of the noise from one block of pixels to the next
+BLOCK_KEY_STEP = 0xD1342543DE82EF95  # difference of the noise keys of consecutive blocks of pixels
 
 U = np.uint64
 ZERO, ONE, EIGHT, MASK = U(0), U(1), U(8), U(NOISE_TABLE_SIZE - 1)
@@ -28,7 +28,7 @@ NOTHING = np.float32(-1e30)
 
 @njit(inline="always")
 def _mixed(word: Any) -> Any:
-    """The finaliser of SplitMix64: Steele, Lea and Flood, 2014, doi:10.1145/2660193.2660195."""
+    """Return a word mixed by the finaliser of SplitMix64 (Steele, Lea and Flood 2014, doi:10.1145/2660193.2660195)."""
     word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
     return word ^ (word >> U(31))
@@ -36,7 +36,7 @@ def _mixed(word: Any) -> Any:
 
 @njit(inline="always")
 def _spread(sd: Any, charge: Any, jitter: Any) -> Any:
-    """Return the sd of the next threshold: of its own, and of the charge that a reset which jitters takes or leaves."""
+    """Return the sd of the next threshold: its own noise and, if there is reset jitter, that of the charge at reset."""
     return sd if jitter is None else np.float32(sqrt(sd * sd + (jitter * charge) * (jitter * charge)))
 
 
@@ -45,7 +45,10 @@ def _read(
     held: Any, threshold: Any, weight: Any, byte: Any, flag: Any, charge: Any, noise: Any, mean: Any,
     sd: Any, cap: Any, weight_after: Any, jitter: Any
 ) -> Any:  # fmt: skip
-    """Return a pixel after a readout: charge held, threshold, weight of the next readout, byte of spikes."""
+    """Return the state of a pixel after a readout: charge held, threshold, weight of the next readout, byte of spikes.
+
+    ``flag`` is the bit of this readout in the byte.
+    """
     filled = held + weight * charge
     excess = filled - threshold
     kept = excess if excess < cap else cap
@@ -61,7 +64,7 @@ def _read(
 
 @njit(inline="always")
 def _store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> Any:
-    """Store eight bytes of each pixel, side by side, so that the compiler makes one store of them."""
+    """Store eight consecutive bytes of each pixel in a form that the compiler merges into one store."""
     for i in range(width):
         word = U(tile[i])
         word |= U(tile[L + i]) << U(8)
@@ -89,14 +92,39 @@ def advance_encoder_pixels(
 ) -> Any:  # fmt: skip
     """Advance the pixel blocks ``first <= block < stop`` by all readouts of one call, in place.
 
-    Shapes, with P pixels in blocks of 64: stack float32 (G, K, P) e- per readout; index int64 (T,);
-    low_weight and high_weight float32 (T, G), the weights of knots index and index + 1 (gain included);
-    key uint64, which with the block and the number of a readout (after ``done`` earlier ones) determines the
-    entry of table float32 (NOISE_TABLE_SIZE + 64,) at which its noise begins; response float32 (P,); fixed
-    float32 (4, P): dark charge, mean threshold, its sd, the most charge kept above it; jitter None or the rms of
-    the instant of a reset, readouts; lead None or float32 (P,), readouts by which a pixel is read before the last
-    row, and before float32 (P,), the charge of the readout before this call; state float32 (3, P): charge held,
-    threshold, weight of the next readout's charge; out uint8 (P, ceil(T/8)).
+    Parameters
+    ----------
+    first, stop : int
+        First block of 64 pixels, and the block after the last.
+    stack : ndarray of float32, shape (G, K, P)
+        Charge of each light group at each knot, in P pixels, electrons per readout at gain 1.
+    index : ndarray of int64, shape (T,)
+        Knot before each readout.
+    low_weight, high_weight : ndarray of float32, shape (T, G)
+        Weights of the knots ``index`` and ``index + 1``, gain included.
+    key : uint64
+        Key of the noise. With the block and the number of a readout it determines the entry of ``table`` at which the
+        noise of that readout begins.
+    done : int
+        Readouts recorded in earlier calls.
+    table : ndarray of float32, shape (NOISE_TABLE_SIZE + 64,)
+        Table of normal noise.
+    response : ndarray of float32, shape (P,)
+        Relative response of each pixel.
+    fixed : ndarray of float32, shape (4, P)
+        Dark charge, mean threshold, its standard deviation, and the most charge kept above the threshold.
+    weight_after : float32
+        Fraction of its charge that the readout after a spike collects.
+    jitter : float32 or None
+        Rms of the instant of a reset, readouts.
+    lead : ndarray of float32, shape (P,), or None
+        Readouts by which a pixel is read before the last row.
+    before : ndarray of float32, shape (P,), or None
+        Charge of the previous readout, if there is a ``lead``.
+    state : ndarray of float32, shape (3, P)
+        Charge held, threshold, and weight of the next readout's charge.
+    out : ndarray of uint8, shape (P, ceil(T / 8))
+        Receives the packed spikes.
     """
     groups, knots = U(stack.shape[0]), stack.shape[1]
     pixels, frames = U(stack.shape[2]), U(index.shape[0])
@@ -145,7 +173,7 @@ def advance_encoder_pixels(
                         charge[at + i] = now + lead[start + i] * (last - now)
                         before[start + i] = now
                 entry[s] = _mixed(block_key + (U(done) + t) * U(0x9E3779B97F4A7C15)) & MASK
-            for s in range(count, EIGHT):  # after the end nothing may fire
+            for s in range(count, EIGHT):  # nothing may fire after the last readout
                 for i in range(L):
                     charge[s * L + i] = NOTHING
             p0, p1, p2, p3 = entry[ZERO], entry[ONE], entry[U(2)], entry[U(3)]
@@ -153,7 +181,7 @@ def advance_encoder_pixels(
             for i in range(L):
                 x, y, z = lane[HELD + i], lane[THRESHOLD + i], lane[WEIGHT + i]
                 mean, sd, cap = lane[MEAN + i], lane[SD + i], lane[CAP + i]
-                # Written out, because numba's loops are not unrolled before they are vectorised.
+                # Unrolled by hand, because numba does not unroll loops before it vectorises them.
                 w = np.uint32(0)
                 x, y, z, w = _read(x, y, z, w, 1, charge[i], table[p0 + i], mean, sd, cap, weight_after, jitter)
                 x, y, z, w = _read(x, y, z, w, 2, charge[L + i], table[p1 + i], mean, sd, cap, weight_after, jitter)

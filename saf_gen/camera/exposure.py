@@ -1,9 +1,10 @@
-"""From light to charge: irradiance behind a lens, photo-electrons per readout, and the scale of the exposure.
+"""Conversion of light to charge: irradiance behind a lens, photo-electrons per readout, and the exposure.
 
     E = transmission·π·R²/v²·cos⁴θ·L          Q = E·pitch²·FF·QE·λ/(h·c)/readout_hz
 
-The mean rate of a sensor, in spikes per readout, follows from its mean charge q: q/(threshold + loss·q), at most 1
-(16/17 with ``dead_readout``). ``loss`` is the fraction of its charge that the readout after a spike loses.
+L is radiance, E irradiance, and Q charge. The mean rate of a sensor, in spikes per readout, is q/(threshold + loss·q)
+at the mean charge q, and at most 1 (16/17 with ``dead_readout``). ``loss`` is the fraction of its charge that the
+readout after a spike loses.
 """
 
 from math import frexp, ldexp, pi
@@ -17,20 +18,20 @@ from saf_gen.errors import BadInput
 
 
 class ExposingLens(Protocol):
-    """What the exposure of a sensor depends on in a lens."""
+    """The properties of a lens on which the exposure of a sensor depends."""
 
     @property
     def aperture_radius_m(self) -> float:
-        """Radius of the aperture (m)."""
+        """Radius of the aperture, in metres."""
         ...
 
     @property
     def transmission(self) -> float:
-        """Fraction of the light that the glass lets through."""
+        """Fraction of the light that the lens transmits."""
         ...
 
     def image_distance(self, position: np.ndarray) -> np.ndarray:
-        """Distance (m) from the lens to the sensor at each position."""
+        """Return the distance from the lens to the sensor at each position, in metres."""
         ...
 
 
@@ -42,10 +43,28 @@ def sensor_irradiance_ratio(
     aperture_radius_m: float,
     transmission: float = 1.0,
 ) -> np.ndarray:
-    """Return E/L (sr), transmission·π·R²/v²·cos⁴θ, float64 (K, H, W), for image distances v (K,) in m.
+    """Return the ratio of irradiance to radiance, transmission·π·R²/v²·cos⁴θ, in steradians.
 
-    θ is the angle between the optical axis, through the middle of the array, and the line from the middle of
-    the lens to the middle of the pixel. v includes the bellows factor.
+    θ is the angle between the optical axis, which passes through the middle of the array, and the line from the middle
+    of the lens to the middle of the pixel. The image distance v includes the bellows factor.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the array, (H, W).
+    image_distance : ndarray, shape (K,)
+        Distances v from the lens to the sensor, metres.
+    pitch_m : float
+        Pitch of the pixels, metres.
+    aperture_radius_m : float
+        Radius R of the aperture, metres.
+    transmission : float, default 1
+        Fraction of the light that the lens transmits.
+
+    Returns
+    -------
+    ndarray of float64, shape (K, H, W)
+        E/L of each pixel at each image distance, steradians.
     """
     v2 = np.square(np.asarray(image_distance, np.float64))[:, None, None]
     rows = (np.arange(shape[0]) - (shape[0] - 1) / 2) * pitch_m
@@ -56,7 +75,7 @@ def sensor_irradiance_ratio(
 
 
 def sensor_electrons_per_irradiance(sensor: Sensor) -> float:
-    """Return the photo-electrons per readout for 1 W m⁻² on the sensor."""
+    """Return the photo-electrons per readout and pixel for an irradiance of 1 W m⁻²."""
     energy = sensor.pitch_m**2 * sensor.fill_factor / sensor.readout_hz
     return energy * sensor.quantum_efficiency * sensor.wavelength_m / (h * c)
 
@@ -64,21 +83,29 @@ def sensor_electrons_per_irradiance(sensor: Sensor) -> float:
 def sensor_charge_of_images(
     radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray
 ) -> np.ndarray:
-    """Return the photo-electrons per readout that a focal stack leaves on a sensor.
+    """Return the charge that each image of a focal stack gives on a sensor, in photo-electrons per readout.
 
     Parameters
     ----------
-    radiance : (light, focus, row, col), W m⁻² sr⁻¹ at gain 1.
-    lens : what the light comes through; every :class:`saf_gen.optics.Drive` is one.
-    position : (focus,), where the lens was for each image, fraction of its travel.
+    radiance : ndarray, shape (light, focus, row, col)
+        Radiance at gain 1, W m⁻² sr⁻¹.
+    sensor : Sensor
+        The sensor.
+    lens : ExposingLens
+        The lens, such as any :class:`saf_gen.optics.Drive`.
+    position : ndarray, shape (focus,)
+        Position of the lens for each image, as a fraction of its travel.
 
     Returns
     -------
-    float32 (light, focus, row, col).
+    ndarray of float32, shape (light, focus, row, col)
+        Photo-electrons per readout at gain 1.
 
     Raises
     ------
-    BadInput : shapes that do not fit, a length that is not positive, a transmission outside 0 to 1.
+    BadInput
+        If the shapes do not match, an image distance or the aperture radius is not positive, or the transmission is
+        not above 0 and at most 1.
     """
     radiance, image_distance = np.asarray(radiance), np.asarray(lens.image_distance(position), np.float64)
     aperture_radius_m, transmission = lens.aperture_radius_m, lens.transmission
@@ -108,28 +135,45 @@ def sensor_charge_of_images(
 
 
 def sensor_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Return the spikes per readout at a constant mean charge (e- per readout, with dark charge), any shape.
+    """Return the spikes per readout at a constant mean charge.
 
-    The rate is charge/(threshold + loss·charge), limited by the charge that is kept above the threshold. It
-    is exact for ``reset: subtract``; a hard reset loses the charge above the threshold and gives less.
+    The rate is charge/(threshold + loss·charge), up to the highest rate of the sensor, which is 1 or, with
+    ``dead_readout``, less. It is exact for ``reset: subtract``; a hard reset loses the charge above the threshold and
+    gives a lower rate.
+
+    Parameters
+    ----------
+    charge : ndarray, any shape
+        Mean charge including the dark charge, electrons per readout.
+    sensor : Sensor
+        The sensor.
     """
     charge = np.asarray(charge, np.float64)
     return np.minimum(charge / (sensor.threshold_e + sensor.post_spike_loss * charge), _highest_rate(sensor))
 
 
 def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sensor: Sensor, mean_rate: float) -> float:
-    """Return the factor on the light that makes the target fire at a mean rate, dark current included.
+    """Return the factor by which to scale the light so that the target fires at a mean rate, including dark current.
 
-    The mean is over the target's pixels, by :func:`sensor_firing_rate`. The factor is rounded to 20 bits, so that the
-    order in which a processor sums cannot change a spike. Raises BadInput for an empty target, or a rate that is not
-    above the dark rate, not below the highest rate, or out of reach because part of the target gives no light.
+    The mean of :func:`sensor_firing_rate` is taken over the pixels of the target. The factor is rounded to 20 bits, so
+    that the order in which a processor sums cannot change a spike.
 
     Parameters
     ----------
-    charge_at_best : (H, W), e- per readout of all light groups at the target's best focus, gain 1.
-    target : bool (H, W).
-    sensor : the sensor.
-    mean_rate : spikes per readout.
+    charge_at_best : ndarray, shape (H, W)
+        Charge of all light groups together at the best focus of the target and gain 1, electrons per readout.
+    target : ndarray of bool, shape (H, W)
+        Pixels of the target.
+    sensor : Sensor
+        The sensor.
+    mean_rate : float
+        Mean rate of the target, spikes per readout.
+
+    Raises
+    ------
+    BadInput
+        If the target is empty, or if the rate is not above the dark rate, not below the highest rate, or out of reach
+        because part of the target gives no light.
     """
     light = np.asarray(charge_at_best, np.float64)[np.asarray(target, bool)]
     if light.size == 0:
@@ -154,7 +198,7 @@ def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sen
     low, high = 0.0, charge / light.max()
     while np.mean(sensor_firing_rate(high * light + dark, sensor)) < mean_rate:
         high *= 2
-    for _ in range(64):  # the mean rate rises with the factor: bisection, to the last bits of a double
+    for _ in range(64):  # the mean rate increases with the factor, so bisection converges to double precision
         middle = (low + high) / 2
         if np.mean(sensor_firing_rate(middle * light + dark, sensor)) < mean_rate:
             low = middle
@@ -165,6 +209,10 @@ def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sen
 
 
 def _highest_rate(sensor: Sensor) -> float:
-    """Return the rate under unlimited light: a readout fires, what it left fires, and one readout is dead."""
+    """Return the rate under unlimited light: 1, or less if dead readouts interrupt the firing.
+
+    With ``dead_readout`` a lit readout fires, the thresholds of charge kept from it fire in as many dead readouts, and
+    one more dead readout does not fire.
+    """
     kept = sensor.max_excess_thresholds
     return (kept + 1) / (kept + 2) if sensor.saturation == "dead_readout" else 1.0

@@ -1,8 +1,8 @@
 """The fixed pattern of a device: constant differences between its pixels.
 
-The response is a smooth surface (Legendre polynomials of columns and rows, and the product of both tilts), a first
-column and a first row that differ, white noise of columns, rows and pixels, and a part that goes with dark charge, as
-the calibration map of a real chip shows them: docs/explanation/spike-camera.md.
+The response is the sum of a smooth surface (Legendre polynomials of columns and rows, and the product of both tilts),
+an excess of the first column and the first row, white noise of columns, rows and pixels, and a part in proportion to
+dark charge. The calibration map of a real chip shows these parts: docs/explanation/spike-camera.md.
 """
 
 from dataclasses import dataclass
@@ -15,18 +15,23 @@ from scipy.special import ndtr
 from saf_gen.camera.sensor import Sensor
 from saf_gen.core.seeds import make_generator
 
-# exp, log and sin differ in the last digit between processors: maps are rounded to this fraction of their
-# mean, far above such differences and far below any noise, so that they cannot change a spike.
+# exp, log and sin differ in the last digit between processors. Maps are rounded to this fraction of their mean, far
+# above these differences and far below any noise, so that the differences cannot change a spike.
 _GRID = 2.0**-16
 
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """The maps of a device, float32 (row, col).
+    """The maps of a device, which hold the constant differences between its pixels.
 
-    response : relative photo-response, mean 1 before dust and dead pixels.
-    dark : dark charge at the sensor's temperature, e- per readout.
-    threshold : mean firing threshold, e-.
+    Attributes
+    ----------
+    response : ndarray of float32, shape (H, W)
+        Relative photo-response, mean 1 before dust and dead pixels.
+    dark : ndarray of float32, shape (H, W)
+        Dark charge at the temperature of the sensor, electrons per readout.
+    threshold : ndarray of float32, shape (H, W)
+        Mean threshold, electrons.
     """
 
     response: np.ndarray
@@ -35,10 +40,19 @@ class FixedPattern:
 
 
 def draw_sensor_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> FixedPattern:
-    """Return the maps of the device ``seed`` for any array shape; what is switched off is flat.
+    """Return the maps of a device.
 
-    The profiles span the array that is drawn, whatever its size, so that their spread is the sensor's; the first column
-    and row are those of that array.
+    Imperfections that are switched off give flat maps. The profiles span the array of the given shape, whatever its
+    size, so that their rms is that of the sensor; the first column and row are those of this array.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The sensor.
+    shape : tuple of int
+        Rows and columns of the array, which may differ from those of the sensor.
+    seed : int
+        Number of the device.
     """
     dark = _draw_relative_dark(sensor, shape, seed=seed)
     response = _draw_response(sensor, dark, seed=seed) if sensor.noise.response else np.ones(shape)
@@ -51,25 +65,31 @@ def draw_sensor_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: i
     )
 
 
-def _round_to_grid(map_: np.ndarray, unit: float) -> np.ndarray:
-    return (np.rint(map_ / (unit * _GRID)) * (unit * _GRID) if unit else map_).astype(np.float32)
+def legendre_basis_over_pixels(length: int, degree: int) -> np.ndarray:
+    """Return Legendre polynomials of degree 1 to ``degree`` at the pixel centres, with mean square 1 over the interval.
 
-
-def _draw_profile(length: int, rms: float, *, shares: tuple[float, ...], random: np.random.Generator) -> np.ndarray:
-    """Return Legendre terms with these shares of the variance and random signs, and white noise for the rest."""
-    white = random.standard_normal(length) * sqrt(max(0.0, 1.0 - sum(shares)))
-    signs = random.integers(0, 2, len(shares)) * 2 - 1
-    return rms * (_unit_legendre(length, len(shares)) @ (signs * np.sqrt(shares)) + white)
-
-
-def _unit_legendre(length: int, degree: int) -> np.ndarray:
-    """Return Legendre polynomials of degree 1 to ``degree`` at pixel centres, of mean square 1: (length, degree)."""
+    The result has the shape (length, degree).
+    """
     centre = (2 * np.arange(length) + 1) / length - 1
     return legendre.legvander(centre, degree)[:, 1:] * np.sqrt(2 * np.arange(1, degree + 1) + 1)
 
 
+def _round_to_grid(map_: np.ndarray, unit: float) -> np.ndarray:
+    return (np.rint(map_ / (unit * _GRID)) * (unit * _GRID) if unit else map_).astype(np.float32)
+
+
+def _draw_profile(length: int, rms: float, *, fractions: tuple[float, ...], random: np.random.Generator) -> np.ndarray:
+    """Return a sum of Legendre terms with random signs and of white noise.
+
+    ``fractions`` are the fractions of the variance by degree, from degree 1; the rest of the variance is white noise.
+    """
+    white = random.standard_normal(length) * sqrt(max(0.0, 1.0 - sum(fractions)))
+    signs = random.integers(0, 2, len(fractions)) * 2 - 1
+    return rms * (legendre_basis_over_pixels(length, len(fractions)) @ (signs * np.sqrt(fractions)) + white)
+
+
 def _draw_response(sensor: Sensor, dark: np.ndarray, *, seed: int) -> np.ndarray:
-    """Return the response of the chip, mean 1; ``dark`` is relative to its expectation."""
+    """Return the response of the chip, mean 1; ``dark`` is the dark charge divided by its expected value."""
     rows, columns = dark.shape
     column_random, row_random, white_random, twist_random, dark_random = (
         make_generator("device", seed, f"response {kind}") for kind in ("columns", "rows", "white", "twist", "dark")
@@ -79,10 +99,12 @@ def _draw_response(sensor: Sensor, dark: np.ndarray, *, seed: int) -> np.ndarray
     response = (
         1.0
         + _draw_profile(
-            columns, sensor.response_column_rms, shares=sensor.response_column_legendre, random=column_random
+            columns, sensor.response_column_rms, fractions=sensor.response_column_legendre, random=column_random
         )
-        + _draw_profile(rows, sensor.response_row_rms, shares=sensor.response_row_legendre, random=row_random)[:, None]
-        + twist * _unit_legendre(rows, 1) * _unit_legendre(columns, 1).T
+        + _draw_profile(rows, sensor.response_row_rms, fractions=sensor.response_row_legendre, random=row_random)[
+            :, None
+        ]
+        + twist * legendre_basis_over_pixels(rows, 1) * legendre_basis_over_pixels(columns, 1).T
         + sensor.response_white_rms * white_random.standard_normal(dark.shape)
         + sensor.response_per_dark * (per_dark * dark - 1.0)
     )
@@ -94,7 +116,7 @@ def _draw_response(sensor: Sensor, dark: np.ndarray, *, seed: int) -> np.ndarray
 
 
 def _draw_dust_transmission(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarray:
-    """Return the light that specks let through to each pixel, 0 to 1."""
+    """Return the fraction of light, 0 to 1, that dust lets through to each pixel."""
     random = make_generator("device", seed, "dust")
     covered = random.random(shape) < sensor.dust_fraction * sensor.noise.dust
     depth = np.abs(random.standard_normal(shape)) * sensor.dust_depth_rms
@@ -106,9 +128,9 @@ def _draw_dead(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarr
 
 
 def _draw_relative_dark(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarray:
-    """Return dark charge over its expectation: log-normal, and hot pixels by a Pareto law from the hot level on.
+    """Return dark charge divided by its expected value: log-normal, with a Pareto law for pixels above the hot level.
 
-    The scale is set by the expectation, not by the mean of this array: a device may well be darker.
+    The scale is the expected value and not the mean of this array, because the mean varies between devices.
     """
     sd, factor, exponent = sensor.dark_log_sd, sensor.dark_hot_factor, sensor.dark_hot_exponent
     tail = float(ndtr(-log(factor) / sd)) if sd > 0 else 0.0
@@ -125,5 +147,5 @@ def _draw_threshold(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.
     spread = np.zeros(shape)
     if sensor.noise.threshold_spread:
         spread = make_generator("device", seed, "threshold").standard_normal(shape) * sensor.threshold_spread_rms
-    # At the widest allowed spread (0.2), five standard deviations would reach a threshold of 0.
+    # At the largest allowed spread (0.2), a deviation of -5 standard deviations would give a threshold of 0.
     return _round_to_grid(sensor.threshold_e * np.maximum(1.0 + spread, 0.25), sensor.threshold_e)

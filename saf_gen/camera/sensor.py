@@ -1,4 +1,4 @@
-"""Spike-camera sensors: frozen values read from ``sensors/<name>.yaml`` or from a user's own file."""
+"""Spike-camera sensors: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,17 +15,29 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class NoiseSwitches:
-    """Which imperfections act. Each is switched on its own; its numbers stay in the sensor.
+    """Switches of the sensor's imperfections, each independent of the others.
 
-    shot : Poisson electrons; the charge between two spikes has the variance ``threshold_e`` (e-²).
-    dark : dark current, log-normal over the pixels, with hot pixels.
-    response : photo-response non-uniformity of the chip: profiles of columns and rows, the twist, the first column and
-        row, the white rest, and what goes with dark charge.
-    threshold_spread : thresholds differ between pixels and stay as they are.
-    threshold_noise : the threshold is drawn anew after each spike.
-    dust : some pixels lie in the shadow of a speck.
-    dead : some pixels never fire.
-    reset_jitter : the instant of a reset is uncertain.
+    A switch does not change the numbers of the sensor.
+
+    Parameters
+    ----------
+    shot : bool
+        Poisson noise of electrons; the charge between two spikes has the variance ``threshold_e`` (e-²).
+    dark : bool
+        Dark current, log-normal over the pixels, with hot pixels.
+    response : bool
+        Photo-response non-uniformity of the chip: profiles of columns and rows, the twist, the first column and row,
+        the white rest, and the part in proportion to dark charge.
+    threshold_spread : bool
+        Thresholds differ between pixels and are constant in time.
+    threshold_noise : bool
+        A new random threshold is drawn after each spike.
+    dust : bool, default False
+        Some pixels lie in the shadow of a speck.
+    dead : bool, default False
+        Some pixels never fire.
+    reset_jitter : bool, default False
+        The instant of a reset is uncertain.
     """
 
     shot: Switch
@@ -38,27 +50,27 @@ class NoiseSwitches:
     reset_jitter: Switch = False
 
 
-# The ranges are wide, and narrow enough to refuse a pitch in micrometres, a wavelength in nanometres or an
-# rms in percent.
+# The ranges are wide, but narrow enough to reject a pitch in micrometres, a wavelength in nanometres or an rms in
+# percent.
 MAX_DARK_RATE = 0.5
-PixelCount = Annotated[int, between(1, 16_384, unit="pixels", whole=True)]
+PixelCount = Annotated[int, between(1, 16_384, unit="pixels", integer=True)]
 Celsius = Annotated[float, between(-100, 150, unit="°C")]
 Fraction = Annotated[float, between(0, 1, unit="of all pixels")]
 ResponseRms = Annotated[float, between(0, 0.3, unit="of the mean")]
 ResponseExcess = Annotated[float, between(-0.9, 0.9, unit="of the mean")]
 
 
-def _are_shares(value: Any) -> bool:
+def _are_fractions(value: Any) -> bool:
     fits = isinstance(value, list | tuple) and len(value) <= 8 and all(is_number(x) and 0 <= x <= 1 for x in value)
     return fits and sum(value) <= 1 + 1e-9
 
 
-LegendreShares = Annotated[
+LegendreFractions = Annotated[
     tuple[float, ...],
     PlainValidator(
-        checked(_are_shares, "a list of at most 8 shares, each 0 to 1 and together at most 1", convert=tuple)
+        checked(_are_fractions, "a list of at most 8 fractions, each 0 to 1 and together at most 1", convert=tuple)
     ),
-    "shares of the profile's variance in Legendre polynomials of degree 1, 2, …; the rest is white",
+    "fractions of the profile's variance in Legendre polynomials of degree 1, 2, …; the rest is white",
 ]
 
 
@@ -66,37 +78,87 @@ LegendreShares = Annotated[
 class Sensor:
     """The array of a spike camera: geometry, conversion of light to charge, spiking, and noise.
 
-    Lengths are in metres, charge is in electrons, and rms values are fractions of the mean.
+    Lengths are in metres, charge is in electrons, and rms values are fractions of the mean. Fields with a default may
+    be left out of a sensor file; their effect is then absent. The functions of this module raise BadInput for a value
+    that is not allowed; the constructor and ``dataclasses.replace`` raise a ValueError.
 
-    wavelength_m : light is converted to electrons at this one wavelength.
-    reset : a spike subtracts the threshold from the charge (``subtract``), or clears the charge (``hard``,
-        which makes rates wrong by −4 to −20 %).
-    saturation : with ``subtract``, rate = charge/threshold up to 1; with ``dead_readout`` the readout after a
-        spike collects nothing, and rate = 1/(1 + threshold/charge).
-    reset_loss : fraction of its charge that the readout after a spike loses.
-    dark_rate : mean over the pixels, spikes per readout.
-    dark_hot_fraction : fraction of pixels above ``dark_hot_factor`` × the median, including the tail of the
-        log-normal itself.
-    dark_hot_exponent : hot pixels follow a Pareto law: above x medians lie so many as x to the power of minus this.
-    response_column_rms, response_row_rms : rms of the profile of all columns, and of all rows.
-    response_column_legendre, response_row_legendre : how much of its variance is smooth, degree by degree; a bow
-        is of degree 2, a tilt of degree 1. Their signs are the device's.
-    response_white_rms : what is left is normal and white.
-    response_twist_rms : a tilt of the columns times a tilt of the rows.
-    response_first_column, response_first_row : how much more the pixels at these two edges of the array respond.
-    response_per_dark, response_per_dark_spread : mean rise of a pixel's response for each mean dark charge that it
-        has, and how much that rise differs between pixels, relative rms.
-    dust_fraction, dust_depth_rms : fraction of pixels in the shadow of a speck; the light that it takes, half-normal.
-    dead_fraction : fraction of pixels that never fire.
-    reset_jitter : standard deviation of the instant of a reset, readouts.
-    row_skew : time from the reading of the first row to that of the last, readouts. Frame t is that of the last row.
-    dark_doubling_k, dark_temperature_c, temperature_c : dark current doubles every so many kelvins; ``dark_rate`` holds
-        at the first temperature (°C), the sensor works at the second.
-
-    A key with a default may be left out of a file: the thing is absent then, as it was before there was such a key.
-
-    A value that is not allowed raises BadInput from the functions of this module, and a ValueError from the
-    constructor and from ``dataclasses.replace``.
+    Parameters
+    ----------
+    name : str
+        Name of the sensor.
+    rows, columns : int
+        Size of the array, pixels.
+    pitch_m : float
+        Pitch of the pixels, metres.
+    readout_hz : float
+        Readouts per second.
+    threshold_e : float
+        Mean charge at which a pixel fires, electrons.
+    quantum_efficiency : float
+        Electrons per photon that reaches the light-sensitive area.
+    fill_factor : float
+        Light-sensitive fraction of the area of a pixel.
+    wavelength_m : float
+        The single wavelength at which light is converted to electrons, metres.
+    reset : str
+        ``subtract`` if a spike subtracts the threshold from the charge, or ``hard`` if it clears the charge, which
+        makes rates wrong by −4 to −20 %.
+    saturation : str
+        With ``subtract``, the rate is charge/threshold up to 1. With ``dead_readout``, the readout after a spike
+        collects nothing, and the rate is 1/(1 + threshold/charge).
+    reset_loss : float
+        Fraction of its charge that the readout after a spike loses.
+    dark_rate : float
+        Mean dark rate over the pixels, spikes per readout.
+    dark_log_sd : float
+        Standard deviation of the natural logarithm of the dark charge over the pixels.
+    dark_hot_fraction : float
+        Fraction of the pixels above ``dark_hot_factor`` times the median, including the tail of the log-normal law.
+    dark_hot_factor : float
+        Multiple of the median dark charge above which a pixel is hot.
+    dark_hot_exponent : float
+        Exponent of the Pareto law of hot pixels: the number of pixels above x medians is proportional to x to the
+        power of minus this.
+    response_column_rms, response_row_rms : float
+        Rms of the profile of the columns, and of the rows.
+    response_column_legendre, response_row_legendre : tuple of float
+        Fractions of the variance of the profile in Legendre polynomials of degree 1 (tilt), 2 (bow) and so on; the
+        rest is white noise. The signs of the terms differ between devices.
+    response_white_rms : float
+        Rms of the white rest, which is normal.
+    threshold_spread_rms : float
+        Rms of the differences of the mean threshold between pixels.
+    threshold_noise_rms : float
+        Rms of the random threshold about the mean threshold of its pixel.
+    noise : NoiseSwitches
+        The imperfections that are on.
+    sources : tuple of str
+        Sources of the numbers.
+    response_twist_rms : float, default 0
+        Rms of the twist, a tilt of the columns times a tilt of the rows.
+    response_first_column, response_first_row : float, default 0
+        Excess response of the pixels at these two edges of the array.
+    response_per_dark : float, default 0
+        Mean increase of a pixel's response per mean dark charge of its dark charge.
+    response_per_dark_spread : float, default 0
+        Relative rms over the pixels of that increase.
+    dust_fraction : float, default 0
+        Fraction of the pixels in the shadow of a speck.
+    dust_depth_rms : float, default 0
+        Rms fraction of the light that a speck blocks, half-normal.
+    dead_fraction : float, default 0
+        Fraction of the pixels that never fire.
+    reset_jitter : float, default 0
+        Standard deviation of the instant of a reset, readouts.
+    row_skew : float, default 0
+        Time from the reading of the first row to that of the last, readouts. The time of a frame is that of its last
+        row.
+    dark_doubling_k : float, default 8
+        Rise of temperature that doubles the dark current, kelvins.
+    dark_temperature_c : float, default 25
+        Temperature at which ``dark_rate`` holds, °C.
+    temperature_c : float, default 25
+        Temperature of the sensor, °C.
     """
 
     name: Text
@@ -118,12 +180,12 @@ class Sensor:
     dark_hot_exponent: Annotated[
         float,
         between(1.5, 20, unit="(exponent of the Pareto law of hot pixels)"),
-        "how steeply hot pixels grow rare: above x medians lie so many as x to the power of minus this",
+        "how fast hot pixels become rarer: the number above x medians is proportional to x to the power of minus this",
     ]
     response_column_rms: ResponseRms
-    response_column_legendre: LegendreShares
+    response_column_legendre: LegendreFractions
     response_row_rms: ResponseRms
-    response_row_legendre: LegendreShares
+    response_row_legendre: LegendreFractions
     response_white_rms: ResponseRms
     threshold_spread_rms: Annotated[float, between(0, 0.2, unit="of the mean")]
     threshold_noise_rms: Annotated[float, between(0, 0.2, unit="of the threshold")]
@@ -148,8 +210,8 @@ class Sensor:
             raise BadInput(
                 f"threshold_e is {self.threshold_e:g} with shot noise on",
                 where=f"sensor {self.name}",
-                allowed="at least 25 electrons, where Poisson statistics are close enough to normal",
-                hint="or switch noise.shot off",
+                allowed="at least 25 electrons, because Poisson statistics are then close enough to normal",
+                hint="raise threshold_e, or switch noise.shot off",
             )
         if not self.dark_rate_at_temperature <= MAX_DARK_RATE:
             raise BadInput(
@@ -162,30 +224,34 @@ class Sensor:
 
     @property
     def post_spike_loss(self) -> float:
-        """Fraction of its charge that the readout after a spike loses, whatever the reason."""
+        """Fraction of its charge that the readout after a spike loses: 1 with ``dead_readout``, else ``reset_loss``."""
         return 1.0 if self.saturation == "dead_readout" else self.reset_loss
 
     @property
     def max_excess_thresholds(self) -> int:
-        """The most charge above the threshold that is kept at a spike, in thresholds.
+        """Most charge above the threshold that is kept at a spike, in thresholds.
 
-        The photodiode cannot hold more, so that an overload does not echo for long. One is enough for ``subtract``. The
-        law of ``dead_readout`` needs the charge of a whole readout; with 15 it holds up to a rate of 0.94.
+        The photodiode cannot hold more, so the effect of an overload ends soon. One threshold is enough for
+        ``subtract``. The law of ``dead_readout`` needs the charge of a full readout; with 15 thresholds it holds up to
+        a rate of 0.94.
         """
         return 15 if self.saturation == "dead_readout" else 1
 
     @property
     def dark_rate_at_temperature(self) -> float:
-        """Mean dark rate at ``temperature_c``, spikes per readout, whether it is switched on or not."""
+        """Mean dark rate at ``temperature_c``, spikes per readout, regardless of the switch ``noise.dark``."""
         return self.dark_rate * 2.0 ** ((self.temperature_c - self.dark_temperature_c) / self.dark_doubling_k)
 
     @property
     def mean_dark_e(self) -> float:
-        """Mean dark charge at ``temperature_c`` (e- per readout); 0 when dark current is switched off."""
+        """Mean dark charge at ``temperature_c``, electrons per readout; 0 if dark current is switched off."""
         return self.dark_rate_at_temperature * self.threshold_e if self.noise.dark else 0.0
 
     def with_noise(self, **switches: bool) -> "Sensor":
-        """Return a copy with some noise switched: ``with_noise(shot=False)``; BadInput if unknown."""
+        """Return a copy with some noise switched on or off, such as ``with_noise(shot=False)``.
+
+        Raises BadInput if a switch is unknown.
+        """
         return change_preset_fields(self, {"noise": switches}, where=f"sensor {self.name}")
 
 
@@ -198,20 +264,24 @@ def sensor_names() -> list[str]:
 
 
 def get_sensor(name: str | Path, **changes: Any) -> Sensor:
-    """Return a sensor by name, or from a YAML file of one's own, with some fields changed.
+    """Return a sensor by name or from a user's YAML file, with some fields changed.
 
     Parameters
     ----------
-    name : a name of :func:`sensor_names`, or the path of a .yaml file.
-    **changes : fields of :class:`Sensor` and their new values; ``noise`` may be a mapping of some switches.
+    name : str or Path
+        A name of :func:`sensor_names`, or the path of a .yaml file.
+    **changes : optional
+        Fields of :class:`Sensor` and their new values; ``noise`` may be a mapping of some switches.
 
     Returns
     -------
     Sensor
+        The sensor.
 
     Raises
     ------
-    BadInput : an unknown name or field, or a value that is not allowed.
+    BadInput
+        If a name or field is unknown, or a value is not allowed.
 
     Examples
     --------
@@ -222,8 +292,18 @@ def get_sensor(name: str | Path, **changes: Any) -> Sensor:
 
 
 def parse_sensor(text: str, where: str | Path) -> Sensor:
-    """Return the sensor that the text of a sensor file describes; every stream file holds such a text.
+    """Return the sensor that the text of a sensor file describes; every stream file contains such a text.
 
-    ``where`` stands in messages. Raises BadInput as :func:`get_sensor` does.
+    Parameters
+    ----------
+    text : str
+        The YAML text.
+    where : str or Path
+        Name of the text in error messages.
+
+    Raises
+    ------
+    BadInput
+        If the text is not that of a valid sensor.
     """
     return validate_document(Sensor, parse_yaml(text, where))

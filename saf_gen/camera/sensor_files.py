@@ -1,4 +1,4 @@
-"""Sensor files: their text with its sources, which of their numbers are nominal, and what in them is implausible."""
+"""Sensor files: their text with comments and sources, the keys that are nominal, and implausible values."""
 
 import re
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ _USUAL: dict[str, tuple[float, float, float, str]] = {
     "threshold_noise_rms": (100, 0, 10, "%"),
     "reset_loss": (100, 0, 10, "% of the next readout"),
 }
-"""By key: factor to the unit that is shown, the least and the most that is usual in it, and the unit."""
+"""By key: factor to the displayed unit, the least and the most usual value in that unit, and the unit."""
 _SWITCHED = {
     "dark": ("dark_rate",),
     "response": ("response_column_rms", "response_row_rms", "response_white_rms"),
@@ -39,11 +39,11 @@ _SWITCHED = {
     "threshold_noise": ("threshold_noise_rms",),
     "reset_jitter": ("reset_jitter",),
 }
-"""By switch of noise: the keys that act through it."""
+"""By noise switch: the keys that have an effect only if it is on."""
 
 
 def read_sensor_file_text(name: str | Path) -> str:
-    """Return the text of a sensor's file, comments and sources included; BadInput as :func:`get_sensor` raises it."""
+    """Return the text of a sensor file, with comments and sources; raise BadInput as :func:`get_sensor` does."""
     get_sensor(name)
     return read_text(Path(name) if is_preset_file(name) else PRESETS.folder / f"{name}.yaml")
 
@@ -51,7 +51,8 @@ def read_sensor_file_text(name: str | Path) -> str:
 def nominal_sensor_keys(text: str) -> list[str]:
     """Return the keys of a sensor file whose comments say that they are assumed, derived or nominal.
 
-    A file that is as another one but for some keys names that in its first lines: keys without a comment are as there.
+    A file that equals another one except for some keys names that file in its first lines ("is as in NAME.yaml"); for
+    keys without a comment, the comments of that file count.
     """
     found = [found[1] for found in _NOMINAL.finditer(text)]
     if other := _AS_IN.search(text):
@@ -61,12 +62,12 @@ def nominal_sensor_keys(text: str) -> list[str]:
 
 
 def find_implausible_sensor_keys(sensor: Sensor) -> Iterator[str]:
-    """Yield a line for everything in a sensor that is allowed and unlikely, or that has no effect."""
+    """Yield a line for each value of a sensor that is allowed but unusual, and for each that has no effect."""
     values = asdict(sensor)
-    for key, (factor, least, most, unit) in _USUAL.items():
+    for key, (factor, low, high, unit) in _USUAL.items():
         shown = values[key] * factor
-        if not least <= shown <= most:
-            yield f"{key} is {' '.join(filter(None, (f'{shown:.4g}', unit)))}; usual: {least:g} to {most:g}"
+        if not low <= shown <= high:
+            yield f"{key} is {' '.join(filter(None, (f'{shown:.4g}', unit)))}; usual: {low:g} to {high:g}"
     for switch, keys in _SWITCHED.items():
         on, some = getattr(sensor.noise, switch), any(values[key] > 0 for key in keys)
         if on and not some:

@@ -1,7 +1,7 @@
-"""The command line: it parses arguments, calls the package and prints what it returns.
+"""The command line, which parses arguments, calls the package and prints results.
 
-Each group of commands has a file of its own. A command is a plain function; this module gives it its name.
-Only this folder imports typer, and only this folder prints.
+Each group of commands has its own file. A command is a plain function, and this module gives it its name. Only this
+folder imports typer, and only this folder prints.
 """
 
 import os
@@ -39,7 +39,7 @@ from saf_gen.cli._terminal import out, print_error
 from saf_gen.core.cores import check_address_space
 from saf_gen.errors import SafGenError
 
-__all__ = ["app", "main", "whole_command"]
+__all__ = ["app", "main", "root_command"]
 
 STOPPED_EXIT_CODE = 130
 
@@ -74,7 +74,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "schema": scene_commands.scene_schema_command,
         },
     ),
-    "dataset": ("Make a dataset of streams that are there.", {"index": stream_commands.index_command}),
+    "dataset": ("Make a dataset from existing streams.", {"index": stream_commands.index_command}),
     "recipes": (
         "List and check recipes, and seal a test split until everybody has submitted.",
         {
@@ -96,7 +96,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "leaderboard": (
-        "Rank the methods of several evaluations or on SAF's recordings, compare rankings, or run rows again.",
+        "Rank the methods of several evaluations or on SAF's recordings, compare rankings, and run rows again.",
         {
             "merge": leaderboard_commands.merge_command,
             "compare": leaderboard_commands.compare_rankings_command,
@@ -105,7 +105,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "submit": (
-        "Hand in a method: begin a submission, check one, or write a page of many.",
+        "Submit a method: create a submission, check it, or write a page of all submissions.",
         {
             "new": submit_commands.new_submission_command,
             "check": submit_commands.check_submission_command,
@@ -118,22 +118,22 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     ),
 }
 GROUPS_THAT_TAKE_ARGUMENTS = {"leaderboard": "merge"}
-"""The command of a group that its arguments belong to where they name none: ``leaderboard A B`` merges A and B."""
+"""The command that runs if the arguments of a group do not name one: ``leaderboard A B`` merges A and B."""
 GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.list_methods_command}
-"""The function of a group that is named without a command; other groups show their help."""
+"""The function that runs if a group is given without a command; other groups print their help."""
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
         ("generate", "validate", "fetch", "evaluate", "tune", "leaderboard saf"),
-        "what was done is kept: run the same command again to go on",
+        "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN),
 }
-"""What a stopped command leaves behind, for the commands that write files."""
+"""The message for a stopped command, by command or group; commands that write no files have none."""
 
 
-_NO_ROOM = ": what was done is kept; free some, raise the limit (ulimit -v, -u), or use fewer --workers"
-LEAST_MEMORY = 1 << 30
+_MEMORY_ADVICE = ": finished work is kept; stop other programs, raise the limit (ulimit -v, -u), or use fewer --workers"
+MIN_MEMORY = 1 << 30
 
 
 class _Command(TyperCommand):
@@ -154,7 +154,7 @@ class _GroupThatTakesArguments(_Group):
 
 
 def _hide_type_of_flags(params: list[Any]) -> list[Any]:
-    """Take "<bool>" out of the help of options that have no value."""
+    """Remove "<bool>" from the help of options that have no value."""
     for param in params:
         if getattr(param, "is_bool_flag", False):
             param.metavar = ""
@@ -171,8 +171,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         out.print(f"saf-gen {saf_gen.__version__}")
         raise typer.Exit
 
@@ -205,16 +205,22 @@ for group, (words, commands) in GROUPS.items():
 
 
 @cache
-def whole_command() -> Any:
-    """Return the command with all others in it; typer would build it anew at each call of ``app``."""
+def root_command() -> Any:
+    """Return the command that contains all others; cached, because ``app`` would build it again at each call."""
     return typer.main.get_command(app)
 
 
 def main(argv: list[str] | None = None) -> NoReturn:
-    """Run one command and exit; an error that a user can mend is one line on stderr and exit code 2.
+    """Run one command and exit.
 
-    The command is that of this process by default. Exit codes: 0 success, 1 some sequences failed, 2 wrong input, 130
-    stopped by Ctrl-C, 143 by SIGTERM, as batch systems and containers do before they kill.
+    An error that the user can correct is one line on stderr. The exit code is 0 for success, 1 if some sequences
+    failed, 2 for wrong input, 130 after Ctrl-C, and 143 after SIGTERM, which batch systems and containers send before
+    they kill a process.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        Arguments of the command; by default those of this process.
     """
     stopped: list[int] = []
 
@@ -222,14 +228,14 @@ def main(argv: list[str] | None = None) -> NoReturn:
         stopped.append(128 + number)
         raise KeyboardInterrupt
 
-    in_main_thread = threading.current_thread() is threading.main_thread()  # elsewhere no signal can be handled
+    in_main_thread = threading.current_thread() is threading.main_thread()  # other threads cannot handle signals
     before = signal.signal(signal.SIGTERM, stop) if in_main_thread else None
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without θ or ┃ shows a question mark
     try:
-        check_address_space(LEAST_MEMORY)
-        code = whole_command()(args=argv, standalone_mode=False, prog_name="saf-gen")
+        check_address_space(MIN_MEMORY)
+        code = root_command()(args=argv, standalone_mode=False, prog_name="saf-gen")
         if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C
             words = (sys.argv[1:] if argv is None else argv)[:2]
             left = STOP_MESSAGES.get(" ".join(words)) or STOP_MESSAGES.get("".join(words[:1]))
@@ -238,18 +244,18 @@ def main(argv: list[str] | None = None) -> NoReturn:
     except SafGenError as error:
         code = print_error(str(error), error.exit_code)
     except typer.TyperException as error:
-        message = error.format_message()  # empty if typer showed the help instead, of a group without a command
+        message = error.format_message()  # empty if typer printed the help of a group instead
         at = getattr(getattr(error, "ctx", None), "command_path", "saf-gen")
         code = print_error(f"{message.removesuffix('.')}; see: {at} --help", 2) if message else 0
-    except (SystemExit, BrokenPipeError):  # typer exits so when a pipe closes early, as `| head` does
+    except (SystemExit, BrokenPipeError):  # from typer, if a pipe closes early, as with `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes on exit
         code = 0
     except MemoryError:
-        code = print_error(f"memory ran out{_NO_ROOM}", 1)
+        code = print_error(f"memory ran out{_MEMORY_ADVICE}", 1)
     except RuntimeError as error:
         if "can't start new thread" not in str(error):
             raise
-        code = print_error(f"the system starts no more threads{_NO_ROOM}", 1)
+        code = print_error(f"the system cannot start more threads{_MEMORY_ADVICE}", 1)
     except OSError as error:  # a full disk, or a terminal that was closed
         code = print_error(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
     finally:

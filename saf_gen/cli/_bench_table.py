@@ -1,4 +1,4 @@
-"""What `saf-gen bench` prints: a table of figures with their targets, and one of the grain of each scene."""
+"""Tables of `saf-gen bench`: figures with their targets, and the grain of each scene."""
 
 import math
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ MARKS = {True: "yes", False: "no", None: ""}
 
 
 def print_figures(figures: "Iterable[BenchFigure]") -> None:
-    """Print a table of figures, a line each."""
+    """Print figures as a table with a row for each."""
     columns = [TableColumn("bench"), *(TableColumn(name, folds=True) for name in ("what", "measured", "unit"))]
     print_table(
         [*columns, TableColumn("target"), TableColumn("met")],
@@ -23,7 +23,7 @@ def print_figures(figures: "Iterable[BenchFigure]") -> None:
 
 
 def print_scene_grain(scene: str, figures: "Iterable[BenchFigure]") -> None:
-    """Print the grain of a scene as a table of a row per place, and a line for each figure that has no cell in it."""
+    """Print the grain of a scene as a table with a row per position, and a line for each figure that has no cell."""
     cells: dict[tuple[str, str], BenchFigure] = {}
     lines = []
     for f in figures:
@@ -34,18 +34,18 @@ def print_scene_grain(scene: str, figures: "Iterable[BenchFigure]") -> None:
             lines.append(f"{f.what}: {_with_interval(f)} {f.unit}{target}")
     columns = list(dict.fromkeys(column for _, column in cells))
     rows = []
-    for place in dict.fromkeys(row for row, _ in cells):
-        found = [cells.get((place, column)) for column in columns]
-        rows.append((place, *("" if f is None else _format_cell(f) for f in found)))
+    for position in dict.fromkeys(row for row, _ in cells):
+        found = [cells.get((position, column)) for column in columns]
+        rows.append((position, *("" if f is None else _format_cell(f) for f in found)))
     print_table(
-        [TableColumn("place"), *(TableColumn(name, folds=True, detail=1, justify="right") for name in columns)],
+        [TableColumn("picture"), *(TableColumn(name, folds=True, drop_order=1, justify="right") for name in columns)],
         rows,
         title=f"{scene}: grain in %, each figure above its interval",
-        elsewhere="--json has them",
+        where_to_find="--json prints them",
     )
     missed = sorted({f"{f.target:g} % in {column}" for (_, column), f in cells.items() if f.met is False})
     if missed:
-        out.print(f"! is above its goal: {', '.join(missed)}")
+        out.print(f"! marks figures above their target: {', '.join(missed)}")
     for line in lines:
         out.print(line)
 
@@ -62,7 +62,7 @@ def _with_interval(figure: "BenchFigure") -> str:
 
 
 def _format_cell(figure: "BenchFigure") -> str:
-    """Return a figure above its interval, in at most eleven columns."""
+    """Return a figure and, on the line below, its interval, in at most eleven characters."""
     value = _short(figure.value)
     if figure.met is False:
         value = f"! {value}"
@@ -75,7 +75,7 @@ def _format_cell(figure: "BenchFigure") -> str:
 
 
 def _short(value: float) -> str:
-    """Return a figure in at most five columns: two digits below 1, three above, and what is tiny as that."""
+    """Return a figure in at most five characters: with two digits below 1 and three above, or as <0.01 or >1e5."""
     if not math.isfinite(value):
         return "–" if math.isnan(value) else "∞"
     if value < 0.01:

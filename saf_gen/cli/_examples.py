@@ -1,4 +1,4 @@
-"""Examples that the help of each command ends with; every command has one, and a test parses them all."""
+"""Examples at the end of the help of each command; every command has at least one, and a test parses them all."""
 
 EXAMPLES = {
     "": ("generate quickstart", "evaluate datasets/quickstart", "scenes list", "methods show sd"),
@@ -84,11 +84,11 @@ EXAMPLES = {
     "methods show": ("methods show sd", "methods show sd_code+sgfs_code:dt=50"),
     "methods check": ("methods check sd+argmax",),
 }
-"""By command, without the word saf-gen; "" stands for the program itself."""
+"""Examples by command, without the word saf-gen; "" stands for the program itself."""
 
 
 def help_ending_of_command(command: str) -> str:
-    """Return the examples of a command, or of the commands of a group, as the end of its help."""
+    """Return the end of the help of a command or group: its examples, and the first one of each command of a group."""
     lines = list(EXAMPLES.get(command, ()))
     lines += [found[0] for name, found in EXAMPLES.items() if command and name.startswith(f"{command} ")]
     return "\n".join(["Examples:", *(f"  saf-gen {line}" for line in lines)])

@@ -1,4 +1,4 @@
-"""Print a leaderboard in the terminal."""
+"""Leaderboards in the terminal."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -13,15 +13,18 @@ if TYPE_CHECKING:
 
 
 def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: "Sequence[Record]" = ()) -> None:
-    """Print the columns that there is room for, and the notes that ``records`` call for."""
+    """Print the columns of a leaderboard that fit, and the notes that apply to ``records``."""
     from saf_gen.leaderboard import compose_leaderboard_notes, list_shown_leaderboard_columns
 
     shown = list_shown_leaderboard_columns(rows)
     print_table(
-        [TableColumn(c.header, detail=c.detail, justify=c.justify, together=c.group if c.light else "") for c in shown],
+        [
+            TableColumn(c.header, drop_order=c.detail, justify=c.justify, group=c.group if c.light else "")
+            for c in shown
+        ],
         [[column.format_value(row) for column in shown] for row in rows],
         title=title,
-        elsewhere="leaderboard.md and the page have them, and so has a pipe",
+        where_to_find="leaderboard.md, the page and a pipe show them",
     )
     for note in compose_leaderboard_notes(rows, records) if records else ():
         out.print(note)

@@ -1,6 +1,7 @@
-"""Tables that fit the terminal: prose is folded, then columns are left out, and no name and no figure is ever cut."""
+"""Tables that fit the terminal: prose is folded, then columns are left out, but names and figures are never cut."""
 
 import json
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,21 +17,32 @@ from saf_gen.cli._terminal import out
 from saf_gen.errors import escape_controls
 
 PROSE_WIDTH = 22
-"""Characters that a line of a folded column has at least, where its texts are as long."""
+"""Least width of a folded column in characters, unless all its texts are shorter."""
 
 
 @dataclass(frozen=True)
 class TableColumn:
-    """One column: its heading, whether its texts may be folded, and how soon it is left out where there is no room.
+    """A column of a table.
 
-    ``detail`` 0 is never left out; of the others the highest goes first, and what is level with one that has no room
-    stays where there is room. Columns with the same ``together`` are shown or left out together.
+    Parameters
+    ----------
+    header : str
+        Heading; with _ for blanks it is also the key of the column in JSON.
+    folds : bool, default False
+        Whether texts may be folded.
+    drop_order : int, default 0
+        Order in which columns are left out if the table is too wide: the highest number first, and 0 never. Of columns
+        with the same number, those that fit are shown.
+    group : str, optional
+        Columns with the same text here are shown or left out together.
+    justify : {"left", "right"}, default "left"
+        Alignment of the texts.
     """
 
     header: str
     folds: bool = False
-    detail: int = 0
-    together: str = ""
+    drop_order: int = 0
+    group: str = ""
     justify: Literal["left", "right"] = "left"
 
 
@@ -39,13 +51,23 @@ def print_table(
     rows: Iterable[Sequence[str | Text]],
     *,
     title: str = "",
-    elsewhere: str = "",
+    where_to_find: str = "",
     as_json: bool = False,
 ) -> None:
-    """Print a table as wide as it is into a pipe or file, and to a terminal so that it fits.
+    """Print a table, at full width to a pipe or file, and fitted to the width of a terminal.
 
-    ``elsewhere`` says where the columns stand that had to be left out. ``as_json`` prints
-    :func:`list_objects_to_print` instead.
+    Parameters
+    ----------
+    columns : sequence of TableColumn
+        All columns.
+    rows : iterable of sequence of str or Text
+        Texts of each row, one per column.
+    title : str, optional
+        Text above the table.
+    where_to_find : str, optional
+        Clause that states where to find the columns that are left out.
+    as_json : bool, default False
+        Print :func:`list_objects_to_print` as JSON instead.
     """
     if as_json:
         print_json(list_objects_to_print(columns, rows))
@@ -65,19 +87,21 @@ def print_table(
     out.print(_build(columns, shown, cells=cells, title=title, fold_all=fold_all))
     left_out = [column.header for column in columns if column not in shown]
     if left_out:
-        out.print(f"No room here for: {', '.join(left_out)}{f' ({elsewhere})' if elsewhere else ''}")
+        out.print(
+            f"Columns that do not fit here: {', '.join(left_out)}{f' ({where_to_find})' if where_to_find else ''}"
+        )
 
 
 def _choose_columns(
     columns: Sequence[TableColumn], *, fits: Callable[[Sequence[TableColumn]], bool]
 ) -> list[TableColumn]:
-    """Return the columns that there is room for, detail by detail, up to the first one that does not fit whole."""
-    shown = [column for column in columns if column.detail == 0]
-    for detail in sorted({column.detail for column in columns} - {0}):
-        level = [column for column in columns if column.detail == detail]
-        groups = dict.fromkeys(column.together or column.header for column in level)
+    """Return the columns that fit, in order; if a column does not fit, all of a larger ``drop_order`` are left out."""
+    shown = [column for column in columns if column.drop_order == 0]
+    for order in sorted({column.drop_order for column in columns} - {0}):
+        level = [column for column in columns if column.drop_order == order]
+        groups = dict.fromkeys(column.group or column.header for column in level)
         for group in groups:
-            wider = [c for c in columns if c in shown or (c in level and (c.together or c.header) == group)]
+            wider = [c for c in columns if c in shown or (c in level and (c.group or c.header) == group)]
             if fits(wider):
                 shown = wider
         if not all(column in shown for column in level):
@@ -88,13 +112,18 @@ def _choose_columns(
 def list_objects_to_print(
     columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]]
 ) -> list[dict[str, str]] | dict:
-    """Return a table for JSON: an object per row, its keys the headings with _ for blanks.
+    """Return a table for JSON, with an object per row whose keys are the headings with _ for blanks.
 
-    Two columns without headings are one object.
+    A table of two columns without headings is a single object of keys and values.
     """
     keys = [column.header.replace(" ", "_") for column in columns]
     texts = [[str(cell) for cell in row] for row in rows]
     return [dict(zip(keys, row, strict=True)) for row in texts] if any(keys) else dict(texts)
+
+
+def finite_value_to_print(value: float) -> float | None:
+    """Return a value for JSON, with None for infinite values and NaN."""
+    return value if math.isfinite(value) else None
 
 
 def print_json(document: Any, path: Path | None = None) -> None:
@@ -116,8 +145,8 @@ def _build(
 ) -> Table:
     named = any(column.header for column in columns)
     table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD if named else None, show_header=named)
-    places = [i for i, column in enumerate(columns) if column in shown]
-    for i in places:
+    indices = [i for i, column in enumerate(columns) if column in shown]
+    for i in indices:
         column = columns[i]
         texts = [column.header, *(str(row[i]) for row in cells)]
         folds = column.folds or fold_all
@@ -126,15 +155,15 @@ def _build(
             justify=column.justify,
             no_wrap=not folds,
             overflow="fold",
-            min_width=None if fold_all else _least_width(texts, folds=folds),
+            min_width=None if fold_all else _min_width(texts, folds=folds),
         )
     for row in cells:
-        table.add_row(*(row[i] for i in places))
+        table.add_row(*(row[i] for i in indices))
     return table
 
 
-def _least_width(texts: Sequence[str], *, folds: bool) -> int:
-    """Return the characters that a column must have: its longest word, where texts are folded, or its longest text."""
+def _min_width(texts: Sequence[str], *, folds: bool) -> int:
+    """Return the least width of a column in characters: its longest text, or its longest word if texts are folded."""
     longest = max(cell_len(line) for text in texts for line in text.splitlines() or [""])
     words = (word for text in texts for word in text.split())
     return max(min(PROSE_WIDTH, longest), *map(cell_len, words), 0) if folds else longest

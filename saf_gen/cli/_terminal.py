@@ -1,4 +1,4 @@
-"""The two consoles, the line of an error, and progress as bars or as lines of a log."""
+"""The consoles for stdout and stderr, error lines, and progress as bars or as lines of a log."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -18,20 +18,20 @@ from saf_gen.errors import escape_controls
 
 
 class _PlainConsole(Console):
-    """A console on which no text steers the terminal: colours come from styles alone."""
+    """A console on which text cannot control the terminal: colours come from styles only."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=escape_controls(segment.text, keep="\n"))
 
 
-# Names are printed verbatim: brackets in a path are not markup.
+# No markup, because names are printed verbatim: brackets in a path are not markup.
 out = _PlainConsole(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)
 err = _PlainConsole(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
 LOG_EVERY_S = 30.0
 LEVEL_STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
-"""How the level of a finding is shown, of a scene or of a submission."""
+"""Style of each level of a finding in a scene or a submission."""
 RecipeName = Annotated[str, typer.Argument(help="A recipe that comes with saf_gen, by name, or a recipe file.")]
 ClusterAddress = Annotated[
     str | None, typer.Option("--cluster", help="Address of a Dask scheduler to run on, such as tcp://host:8786.")
@@ -61,9 +61,9 @@ def print_progress_bars() -> Iterator[Progress]:
 
 
 def make_terminal_reporter(verb: str, bars: Progress) -> Callable[[int, int, str], None]:
-    """Return a function that reports (steps done, total steps, current step).
+    """Return a function that reports progress, called with (steps done, total steps, current step).
 
-    It moves a bar on a terminal, and prints a line every half minute where stderr is a file.
+    It updates a bar on a terminal, and prints a line every half minute if stderr is not a terminal.
     """
     task, printed = bars.add_task(verb, total=1), monotonic()
 

@@ -30,7 +30,7 @@ def generate_command(
     shard: Annotated[str, typer.Option(help="I/N: generate every N-th sequence, starting with the I-th.")] = "1/1",
     variant: Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")] = "auto",
     keep_slices: Annotated[
-        str, typer.Option(help="Time slices of moving scenes to keep in the end: all, closed-loop or none.")
+        str, typer.Option(help="Time slices of moving scenes to keep at the end: all, closed-loop or none.")
     ] = "all",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print what would be made, and make nothing.")] = False,
 ) -> None:
@@ -47,17 +47,19 @@ def generate_command(
     work = resolve_recipe(recipe, part=parse_shard_of_command(shard), split=split)
     name_generated_benchmark(work)
     target = find_path(folder or Path("datasets") / work.recipe.name)
-    in_store = plan_for_store(work, target) if isinstance(target, StorePath) else None
-    to_render = in_store.stacks if in_store else work.stacks_to_render(Path(str(target)), keep_slices)
+    store_plan = plan_for_store(work, target) if isinstance(target, StorePath) else None
+    to_render = store_plan.stacks if store_plan else work.stacks_to_render(Path(str(target)), keep_slices)
     if to_render and not cluster:
-        _look_for_renderer(variant, dry_run=dry_run)
+        _warn_if_slow_renderer(variant, dry_run=dry_run)
     for line in find_coarse_recipe_sampling(work):
         err.print(f"warning: {line}")
-    if in_store and in_store.upload_bytes:
-        size = in_store.scratch_bytes
-        err.print(f"scratch: at most about {_gigabytes(size)} in {in_store.scratch}, deleted when all is in the store")
+    if store_plan and store_plan.upload_bytes:
+        size = store_plan.scratch_bytes
+        err.print(
+            f"scratch: at most about {_gigabytes(size)} in {store_plan.scratch}, deleted once the store has everything"
+        )
     if dry_run:
-        _print_plan(work, target, keep_slices=keep_slices, in_store=in_store)
+        _print_plan(work, target, keep_slices=keep_slices, store_plan=store_plan)
         return
     with print_progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
@@ -69,12 +71,12 @@ def generate_command(
             if name not in tasks:
                 tasks[name] = bars.add_task(name, total=1.0)
             bars.update(tasks[name], completed=done)
-            if done >= 1:  # a bar for each of thousands would hide those that move, and slow the run down
+            if done >= 1:  # thousands of finished bars would hide the moving ones and slow the run down
                 finished.add(name)
                 bars.remove_task(tasks.pop(name))
                 err.print(f"done: {name}")
 
-        result = (generate_to_store if in_store else make)(
+        result = (generate_to_store if store_plan else make)(
             work,
             target,  # type: ignore[arg-type]  # each takes its own kind of path
             workers=workers,
@@ -99,10 +101,10 @@ def generate_command(
         raise typer.Exit(result.exit_code)
 
 
-def _look_for_renderer(variant: str, *, dry_run: bool) -> None:
-    """Say on stderr that scenes will be rendered slowly, where nobody asked for that.
+def _warn_if_slow_renderer(variant: str, *, dry_run: bool) -> None:
+    """Warn on stderr if scenes will be rendered slowly although the user did not choose that.
 
-    Without any renderer a dry run says so, and all else raises BadInput.
+    If there is no renderer, a dry run prints this, and any other run raises BadInput.
     """
     try:
         from saf_gen.render import backend
@@ -116,7 +118,7 @@ def _look_for_renderer(variant: str, *, dry_run: bool) -> None:
 
 
 def parse_shard_of_command(text: str) -> tuple[int, int]:
-    """Return (I, N) of "I/N"; raise BadInput where it is not that."""
+    """Return (I, N) of the text "I/N"; raise BadInput if the text has another form."""
     index, _, count = text.partition("/")
     if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
         raise BadInput(f"--shard is {text!r}", allowed="I/N with I from 1 to N, such as 2/8")
@@ -128,36 +130,36 @@ def _gigabytes(size: float) -> str:
 
 
 def _print_plan(
-    work: "ResolvedRecipe", target: AnyPath, *, keep_slices: str, in_store: "StorePlan | None" = None
+    work: "ResolvedRecipe", target: AnyPath, *, keep_slices: str, store_plan: "StorePlan | None" = None
 ) -> None:
     from saf_gen.generate.job_order import KEEP_SLICES
 
-    def is_there(sequence: "PlannedSequence") -> bool:
-        return sequence.id in in_store.there if in_store else (target / sequence.file).exists()
+    def is_made(sequence: "PlannedSequence") -> bool:
+        return sequence.id in store_plan.in_store if store_plan else (target / sequence.file).exists()
 
     planned, frames = [sequence.planned for sequence in work.sequences], f"{work.recipe.camera.frames:,}"
-    columns = TableColumn("sequence"), TableColumn("split"), TableColumn("frames", detail=1)
+    columns = TableColumn("sequence"), TableColumn("split"), TableColumn("frames", drop_order=1)
     print_table(
-        [*columns, TableColumn("seed", detail=2), TableColumn("there already")],
-        [(s.id, s.split, frames, str(s.seed), "yes" if is_there(s) else "no") for s in planned],
+        [*columns, TableColumn("seed", drop_order=2), TableColumn("exists")],
+        [(s.id, s.split, frames, str(s.seed), "yes" if is_made(s) else "no") for s in planned],
         title=f"{work.recipe.name}: {len(planned)} sequences in {target}",
-        elsewhere="in a wider terminal or a pipe",
+        where_to_find="a wider terminal or a pipe shows them",
     )
     here = Path(str(target))
-    if in_store:
-        work, here = in_store.missing, in_store.scratch
-        missing = in_store.stacks
+    if store_plan:
+        work, here = store_plan.missing, store_plan.scratch
+        missing = store_plan.stacks
     else:
         missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(here, keep_slices).items()]
-    out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all are there'}")
+    out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all exist'}")
     seconds, needed = work.estimate_seconds(here, keep_slices), work.estimate_bytes(here, keep_slices)
     sizes = {choice: work.kept_slice_bytes(choice) for choice in KEEP_SLICES}
     if sizes["all"]:
         listed = ", ".join(f"{choice} {_gigabytes(size)}" for choice, size in sizes.items())
-        out.print(f"time slices kept in the end: {listed}; chosen: --keep-slices {keep_slices}")
-    if in_store:
-        out.print(f"to upload to {target}: about {_gigabytes(in_store.upload_bytes)}")
-        needed = in_store.scratch_bytes
+        out.print(f"time slices kept at the end: {listed}; chosen: --keep-slices {keep_slices}")
+    if store_plan:
+        out.print(f"to upload to {target}: about {_gigabytes(store_plan.upload_bytes)}")
+        needed = store_plan.scratch_bytes
     out.print(f"disk still needed: about {_gigabytes(needed)}; time: about {seconds:.0f} s on two cores with LLVM")
 
 
@@ -168,6 +170,6 @@ def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder,
     count, problems = verify_streams_of_dataset(dataset)
     for name, problem in problems.items():
         print_error(f"{name}: {problem}", 1)
-    out.print(f"{count - len(problems)} of {count} sequences are whole")
+    out.print(f"{count - len(problems)} of {count} sequences are intact")
     if problems:
         raise typer.Exit(1)

@@ -22,9 +22,15 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 TRACKS = ("recorded", "closed_loop")
-Track = Annotated[str, typer.Option(help="recorded: all see the same recording; closed_loop: each commands the lens.")]
-ActuatorName = Annotated[str | None, typer.Option(help="Closed loop: name or .yaml file (default: voice_coil).")]
-BudgetMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds until judged (default: all recorded).")]
+Track = Annotated[
+    str, typer.Option(help="recorded: methods share one recording; closed_loop: each method commands the lens.")
+]
+ActuatorName = Annotated[
+    str | None, typer.Option(help="Closed loop: actuator, by name or .yaml file (default: voice_coil).")
+]
+BudgetMs = Annotated[
+    float | None, typer.Option(help="Closed loop: budget in milliseconds (default: the length of the recording).")
+]
 SweepMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds per sweep (default: half the budget).")]
 
 
@@ -32,7 +38,7 @@ def evaluate_command(
     source: Annotated[Path, typer.Argument(help="Dataset folder or stream file, here or at s3://BUCKET/NAME.")],
     *,
     split: Annotated[str | None, typer.Option(help="Evaluate only this split.")] = None,
-    scene_motion: Annotated[str | None, typer.Option(help="Evaluate only static, or only dynamic, sequences.")] = None,
+    scene_motion: Annotated[str | None, typer.Option(help="Evaluate only static or only dynamic sequences.")] = None,
     method: Annotated[
         list[str] | None,
         typer.Option(help="MEASURE+SEARCH with options after a colon, or @FILE of a tuned method; repeatable."),
@@ -42,7 +48,9 @@ def evaluate_command(
     ] = None,
     predictions: Annotated[
         Path | None,
-        typer.Option(help="File of answers computed elsewhere, one line of JSON each; judged alone without --method."),
+        typer.Option(
+            help="File of answers computed elsewhere, a JSON line each; without --method, only they are judged."
+        ),
     ] = None,
     folder: OutFolder = None,
     track: Track = "recorded",
@@ -53,9 +61,11 @@ def evaluate_command(
         str, typer.Option(help="Where methods look: target (its bounding box), frame, or both.")
     ] = "target",
     cluster: ClusterAddress = None,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Write figures as PDF too, a column of a paper wide.")] = False,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Also write figures as PDF, in the width of a paper's column.")
+    ] = False,
 ) -> None:
-    """Run focus methods over recordings, rank them, and write tables, figures and a page."""
+    """Run focus methods on recordings, rank them, and write tables, figures and a page."""
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.method_spec import parse_method, read_method_list
@@ -65,7 +75,7 @@ def evaluate_command(
     from saf_gen.leaderboard.report import write_evaluation_report
 
     for one in method or ():
-        parse_method(one)  # code that is named here may be named by a list and by tuned files too
+        parse_method(one)  # lists and tuned files may name code only if it is named here
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
     protocol = protocol_from_command_options(track, actuator=actuator, budget=budget, sweep=sweep)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
@@ -90,14 +100,14 @@ def evaluate_command(
             cluster=cluster,
             tell=err.print,
         )
-    print_what_was_kept(kept)
+    print_kept_results(kept)
     rows = rank_methods(result.records)
     sequences = len({record.sequence for record in result.records})
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
     title = data.resolve().name
     written = write_evaluation_report(target, rows=rows, evaluation=result, title=title, pdf=pdf)
     kept.remove()
-    print_leaderboard(  # after the files: a pipe that closes early, as `| head` does, ends the program
+    print_leaderboard(  # after writing files, because a pipe that closes early, as with `| head`, ends the program
         rows,
         records=result.records,
         title=f"{data}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
@@ -109,22 +119,28 @@ def evaluate_command(
         raise typer.Exit(1)
 
 
-def print_what_was_kept(kept: "KeptSequences") -> None:
-    """Say how many sequences an earlier run, which was stopped, had evaluated."""
-    if kept.taken:
-        err.print(f"{kept.taken} sequence{'' if kept.taken == 1 else 's'} had been evaluated by a run that was stopped")
+def print_kept_results(kept: "KeptSequences") -> None:
+    """Print on stderr how many sequences an earlier run had evaluated before it was stopped."""
+    if kept.reused:
+        err.print(
+            f"{kept.reused} sequence{'' if kept.reused == 1 else 's'} had been evaluated by a run that was stopped"
+        )
 
 
 def protocol_from_command_options(
     track: str, *, actuator: str | None, budget: float | None, sweep: float | None
 ) -> "ClosedLoopProtocol | None":
-    """Return the closed-loop protocol, times given in milliseconds; None for the recorded track."""
+    """Return the closed-loop protocol of command options, whose times are in ms, or None for the recorded track."""
     if track not in TRACKS:
         raise unknown("track", track, allowed=TRACKS)
     if track == "recorded":
-        for option, given in (("actuator", actuator), ("budget", budget), ("sweep", sweep)):
-            if given is not None:
-                raise BadInput(f"--{option} {given} on a recording", allowed="with --track closed_loop", hint="add it")
+        for option, value in (("actuator", actuator), ("budget", budget), ("sweep", sweep)):
+            if value is not None:
+                raise BadInput(
+                    f"--{option} {value} is given for the recorded track",
+                    allowed="with --track closed_loop",
+                    hint="add --track closed_loop",
+                )
         return None
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
     from saf_gen.optics.actuators import get_actuator
@@ -144,7 +160,7 @@ def score_command(
     csv: Annotated[Path | None, typer.Option("--out", help="CSV file to write (default: the terminal).")] = None,
     region: Annotated[str, typer.Option(help="Where to look: frame, or target (its bounding box).")] = "frame",
 ) -> None:
-    """Score consecutive blocks of a stream, as CSV with the first frame of each block and its score."""
+    """Score consecutive blocks of a stream, as CSV with the first frame and the score of each block."""
     from saf_gen.benchmark.evaluate import score_evaluated_blocks
     from saf_gen.core.files import write_text_atomically
     from saf_gen.stream.stream_file import open_stream

@@ -1,4 +1,4 @@
-"""The commands of the group ``leaderboard``: evaluations merged into one table, and rows run again."""
+"""The commands of the group ``leaderboard``, which merge and compare evaluations and run their rows again."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ def merge_command(
             if folder.resolve() == (run if run.is_dir() else run.parent).resolve():
                 raise BadInput(
                     f"--out {str(folder)!r} is one of the evaluations",
-                    allowed="a folder of its own: what is read stays as it is",
+                    allowed="another folder: the evaluations are not changed",
                 )
         check_folder_writable(folder)
     board = read_leaderboard(*runs)
@@ -55,7 +55,7 @@ def compare_rankings_command(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say how far the ranking of methods hangs on a condition: Kendall's tau under two of its bins, with intervals.
+    """Show how much the ranking of methods depends on a condition: Kendall's tau of pairs of bins, with intervals.
 
     Several evaluations may differ in the sensor of their datasets and in the region where methods look.
     """
@@ -71,7 +71,7 @@ def compare_rankings_command(
     if not found:
         out.print(
             f"Nothing to compare: {f'the condition {by!r}' if by else 'each condition'} has one bin, "
-            "or fewer than three methods have answers under two."
+            "or fewer than three methods have answers under two bins."
         )
         return
     _print_agreement(found, title="Rankings by success within 1 DoF under two conditions")
@@ -82,7 +82,7 @@ def _print_agreement(found: "Sequence[RankAgreement]", *, title: str) -> None:
     from saf_gen.leaderboard.table_formats import AGREEMENT_HEADERS, format_rank_agreement
 
     print_table(
-        [TableColumn(name, justify="left" if n in (0, 1, 2, 9) else "right", detail=int(n in (3, 4)), folds=n == 9)
+        [TableColumn(name, justify="left" if n in (0, 1, 2, 9) else "right", drop_order=int(n in (3, 4)), folds=n == 9)
          for n, name in enumerate(AGREEMENT_HEADERS)],
         map(format_rank_agreement, found),
         title=title,
@@ -97,15 +97,15 @@ def rank_on_saf_folder_command(
         list[Path] | None, typer.Option(help="Evaluation of other data to compare rankings with; repeatable.")
     ] = None,
     method: Annotated[
-        list[str] | None, typer.Option(help="MEASURE+SEARCH (default: all that stand in --beside); repeatable.")
+        list[str] | None, typer.Option(help="MEASURE+SEARCH (default: all methods of --beside); repeatable.")
     ] = None,
     methods: Annotated[Path | None, typer.Option(help="File with one method per line.")] = None,
-    rate: Annotated[float, typer.Option(help="Readouts per second; such files do not record it.")] = 20_000.0,
+    rate: Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")] = 20_000.0,
     as_json: AsJson = False,
 ) -> None:
-    """Rank methods on SAF's recordings by its authors' protocol, beside ours and beside other evaluations.
+    """Rank methods on SAF's recordings by its authors' protocol and by ours, next to other evaluations.
 
-    Their protocol: blocks of dt frames, the last frame of the best block, a truth chosen by hand.
+    The authors' protocol uses blocks of dt frames, the last frame of the best block, and a truth chosen by hand.
     """
     from saf_gen.benchmark.method_spec import parse_method, read_method_list
     from saf_gen.core.files import check_folder_writable
@@ -121,7 +121,7 @@ def rank_on_saf_folder_command(
     from saf_gen.leaderboard.saf_protocol import rank_methods_on_saf_folder, remove_kept_results_of_ranking
 
     for one in method or ():
-        parse_method(one)  # code that is named here may be named by a list too
+        parse_method(one)  # a list may name code only if it is named here
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
     check_folder_writable(target)
     with print_progress_bars() as bars:
@@ -132,7 +132,7 @@ def rank_on_saf_folder_command(
             beside=beside or (),
             readout_hz=rate,
             progress=make_terminal_reporter("rank", bars),
-            tell=err.print,
+            notify=err.print,
         )
     rows = rank_methods(ranking.own.records)
     written = write_evaluation_report(target / "ours", rows=rows, evaluation=ranking.own, title=folder.resolve().name)
@@ -140,10 +140,13 @@ def rank_on_saf_folder_command(
     remove_kept_results_of_ranking(target)
     headers = list_saf_ranking_headers(ranking)
     print_table(
-        [TableColumn(name, justify="left" if n == 1 else "right", detail=int(n > 3)) for n, name in enumerate(headers)],
+        [
+            TableColumn(name, justify="left" if n == 1 else "right", drop_order=int(n > 3))
+            for n, name in enumerate(headers)
+        ],
         map(format_saf_ranking_row, ranking.rows),
         title=describe_saf_ranking(ranking),
-        elsewhere=f"{target / 'ranking.md'} has them",
+        where_to_find=f"{target / 'ranking.md'} shows them",
         as_json=as_json,
     )
     if as_json:
@@ -161,22 +164,23 @@ def rank_on_saf_folder_command(
 def verify_evaluation_command(
     folder: Annotated[Path, typer.Argument(help="Evaluation folder.")],
     source: Annotated[
-        Path | None, typer.Option("--on", help="Its dataset or stream (default: the folder above).")
+        Path | None, typer.Option("--on", help="Dataset or stream that was evaluated (default: the folder above).")
     ] = None,
     *,
     method: Annotated[
         list[str] | None,
-        typer.Option(help="Method of a file that made a row and that you trust, as file.py:Class+argmax; repeatable."),
+        typer.Option(help="Method of a row from a file that you trust, such as file.py:Class+argmax; repeatable."),
     ] = None,
     actuator: ActuatorName = None,
     budget: BudgetMs = None,
     sweep: SweepMs = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the methods of an evaluation again, and say of each row whether its answers are found again.
+    """Run the methods of an evaluation again, and report for each row whether the answers are the same.
 
-    Writes verification.json into the folder; the table that `saf-gen leaderboard` makes of it then says re-run here,
-    re-run elsewhere, differs or claimed. Options of a closed loop are those it was evaluated with.
+    The command writes verification.json into the folder. In tables that `saf-gen leaderboard` makes of this evaluation,
+    each row is then marked as re-run here, re-run elsewhere, differs or claimed. For a closed loop, give the options of
+    the evaluation.
     """
     from saf_gen.benchmark.records import read_records
     from saf_gen.core.files import check_folder_writable

@@ -1,29 +1,28 @@
 """The commands ``init``, ``bench`` and ``doctor``."""
 
-import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.progress import TaskID
 
 import saf_gen
 from saf_gen.cli._bench_table import print_figures, print_scene_grain
-from saf_gen.cli._tables import TableColumn, print_json, print_table
+from saf_gen.cli._tables import TableColumn, finite_value_to_print, print_json, print_table
 from saf_gen.cli._terminal import AsJson, err, out, print_error, print_progress_bars
 from saf_gen.errors import BadInput
 
 
 def init_command(
-    folder: Annotated[Path, typer.Argument(help="Folder to work in; it is made if it is missing.")] = Path(),
+    folder: Annotated[Path, typer.Argument(help="Folder to work in, which is created if it is missing.")] = Path(),
     *,
-    forget: Annotated[bool, typer.Option("--forget", help="Trust its scenes no longer; no file is removed.")] = False,
+    forget: Annotated[bool, typer.Option("--forget", help="Stop trusting its scenes; no file is removed.")] = False,
 ) -> None:
-    """Make a folder yours to work in: its scenes are found by name there, and their code is trusted.
+    """Register a folder to work in: its scenes are found by name there, and their code is trusted.
 
-    A scene of its own then stands in for one of the same name that comes with saf_gen. Until a folder is registered,
-    no script in its scenes/ runs: read what somebody else sent you first.
+    A scene of the folder then replaces one of the same name that comes with saf_gen. Until the folder is registered,
+    no script in its scenes/ runs, so read scripts that others sent you first.
     """
     from saf_gen.core.files import unwritable_file_error
     from saf_gen.scene.scene_folder import CARD_FILE
@@ -32,40 +31,42 @@ def init_command(
     scenes = folder / "scenes"
     shown = scenes.resolve()
     if forget:
-        gone = forget_scene_folder(scenes)
-        out.print(f"{shown} is {'no longer' if gone else 'not'} registered; its files are as they were", soft_wrap=True)
+        was_registered = forget_scene_folder(scenes)
+        out.print(
+            f"{shown} is {'no longer' if was_registered else 'not'} registered; its files are unchanged", soft_wrap=True
+        )
         return
     try:
         scenes.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable_file_error(scenes, error) from error
-    new = register_scene_folder(scenes)
-    out.print(f"{shown} {'is' if new else 'was'} registered{'' if new else ' already'}", soft_wrap=True)
-    if own := sorted(card.parent.name for card in scenes.glob(f"*/{CARD_FILE}")):
-        out.print(f"scenes found by name in {folder.resolve()}: {', '.join(own)}", soft_wrap=True)
+    is_new = register_scene_folder(scenes)
+    out.print(f"{shown} {'is' if is_new else 'was'} registered{'' if is_new else ' already'}", soft_wrap=True)
+    if scene_names := sorted(card.parent.name for card in scenes.glob(f"*/{CARD_FILE}")):
+        out.print(f"scenes found by name in {folder.resolve()}: {', '.join(scene_names)}", soft_wrap=True)
     out.print("next: saf-gen scenes new my_scene; saf-gen generate quickstart")
 
 
 def bench_command(
     names: Annotated[
         list[str] | None,
-        typer.Argument(help="stack, grain, encode, stream, windows, score, rates, job (default: all)."),
+        typer.Argument(help="Benches: stack, grain, encode, stream, windows, score, rates, job (default: all)."),
     ] = None,
     *,
     scenes: Annotated[
-        list[str] | None, typer.Option("--scene", help="Scene for the bench grain; repeat for more (default: all).")
+        list[str] | None, typer.Option("--scene", help="Scene for the bench grain; repeatable (default: all).")
     ] = None,
     folder: Annotated[
         Path | None,
-        typer.Option("--out", help="Folder that keeps the grain of each scene: the same command then goes on there."),
+        typer.Option("--out", help="Folder that keeps the grain of each scene, so that the same command can resume."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Measure speed, file size and memory at full size, each beside its target (about twenty minutes)."""
+    """Measure speed, file size and memory at full size, and compare them with their targets (about twenty minutes)."""
     if names and "grain" not in names and (scenes or folder):
         option = "--scene" if scenes else "--out"
         raise BadInput(f"{option} is for the bench grain, which is not among {', '.join(names)}", hint="leave it out")
-    from saf_gen.acceptance.speed import BenchFigure, BenchSize, SceneFound, run_benches
+    from saf_gen.acceptance.speed import BenchFigure, BenchSize, SceneResult, run_benches
     from saf_gen.scene.scene_folder import find_scene
 
     for scene in scenes or ():
@@ -82,7 +83,7 @@ def bench_command(
 
         shown: list[BenchFigure] = []
 
-        def show(scene: SceneFound) -> None:
+        def show(scene: SceneResult) -> None:
             figures = [f for f in scene.found if isinstance(f, BenchFigure)]
             if figures and not as_json:
                 shown.extend(figures)
@@ -94,8 +95,11 @@ def bench_command(
         size = BenchSize(scenes=tuple(scenes or ()))
         results = run_benches(names or [], size, folder=folder, report=report, show=show)
     if as_json:
-        figures = [_finite({**asdict(figure), "met": figure.met}) for figure in results.figures]
-        print_json(figures)
+        values = [{**asdict(figure), "met": figure.met} for figure in results.figures]
+        finite = [
+            {k: finite_value_to_print(v) if isinstance(v, float) else v for k, v in one.items()} for one in values
+        ]
+        print_json(finite)
     elif results.figures:
         print_figures(f for f in results.figures if f not in shown)
     for remark in results.remarks:
@@ -106,13 +110,8 @@ def bench_command(
         raise typer.Exit(1 if results.figures else max(e.exit_code for e in results.failed.values()))
 
 
-def _finite(figure: dict[str, Any]) -> dict[str, Any]:
-    """Return a figure for JSON, which has no word for what is infinite or no number."""
-    return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in figure.items()}
-
-
 def doctor_command(*, as_json: AsJson = False) -> None:
-    """Show what this machine renders with, and what would make it faster."""
+    """Show the renderer, hardware and versions of this machine, and what would make it faster."""
     from saf_gen.acceptance.speed.machine_check import describe_machine_to_bench
 
     described, advice = describe_machine_to_bench()

@@ -17,7 +17,7 @@ from saf_gen.errors import BadInput
 if TYPE_CHECKING:
     from saf_gen.benchmark.conformance import CheckResult
 
-COST = "additions, multiplications and roots per pixel, of 400 x 250 pixels where it depends on their number"
+COST_MEANING = "additions, multiplications and roots per pixel, for 400 x 250 pixels if it depends on their number"
 STYLES = {"pass": "green", "warn": "yellow", "fail": "bold red"}
 
 
@@ -56,7 +56,7 @@ def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> 
     if as_json:
         print_json(listed)
         return
-    out.print(f"Cost: {COST}. Show one in full: saf-gen methods show NAME.")
+    out.print(f"Cost: {COST_MEANING}. Show one in full: saf-gen methods show NAME.")
     out.print("A method is MEASURE+SEARCH, such as sd_code+sgfs_code:dt=50; check one: saf-gen methods check NAME.")
     out.print("NAME_n divides a measure by brightness. NAME_tfi scores the intervals between spikes instead of counts.")
 
@@ -86,7 +86,7 @@ def show_method_command(
 
 def check_method_command(
     name: Annotated[str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, or @FILE of a tuned method.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check that a method ends, keeps to travel and budget, repeats its answers, and never crashes."""
     from saf_gen.benchmark.conformance import check_conformance_by_name as run

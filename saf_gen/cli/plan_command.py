@@ -1,4 +1,4 @@
-"""The command ``plan``: what recipes take, before anything is made."""
+"""The command ``plan``, which estimates the work of recipes before anything is made."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -21,17 +21,19 @@ def plan_command(
     *,
     split: Annotated[str | None, typer.Option(help="Plan only this split.")] = None,
     shard: Annotated[str, typer.Option(help="I/N: plan every N-th sequence, starting with the I-th.")] = "1/1",
-    workers: Annotated[int, typer.Option(min=1, max=256, help="Sequences that a machine records at a time.")] = 1,
-    machines: Annotated[int, typer.Option(min=1, max=10_000, help="Machines that one scheduler has.")] = 1,
+    workers: Annotated[
+        int, typer.Option(min=1, max=256, help="Number of sequences that a machine records at the same time.")
+    ] = 1,
+    machines: Annotated[int, typer.Option(min=1, max=10_000, help="Number of machines of one scheduler.")] = 1,
     keep_slices: Annotated[
-        str, typer.Option(help="Time slices of moving scenes to keep in the end: all, closed-loop or none.")
+        str, typer.Option(help="Time slices of moving scenes to keep at the end: all, closed-loop or none.")
     ] = "all",
     rates: Annotated[
-        Path | None, typer.Option(help="What `saf-gen bench rates --json` printed (default: two cores with LLVM).")
+        Path | None, typer.Option(help="Output of `saf-gen bench rates --json` (default: two cores with LLVM).")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Tell the jobs, hours and disk that recipes take from nothing; nothing is made."""
+    """Estimate the jobs, hours and disk space that recipes take from the beginning, without making anything."""
     from saf_gen.generate.cost import MachineRates, read_rates_for_plan
     from saf_gen.generate.work_plan import plan_recipe_work
 
@@ -54,11 +56,11 @@ def plan_command(
         [
             TableColumn("recipe"),
             *(TableColumn(name, justify="right") for name in ("sequences", "jobs", "time", "disk")),
-            *(TableColumn(name, detail=1, justify="right") for name in ("stacks", "rendering", "recording")),
-            *(TableColumn(name, detail=2, justify="right") for name in ("scheduler", "disk at most")),
+            *(TableColumn(name, drop_order=1, justify="right") for name in ("stacks", "rendering", "recording")),
+            *(TableColumn(name, drop_order=2, justify="right") for name in ("scheduler", "disk at most")),
         ],
         [*rows, *([_row("together", total)] if len(rows) > 1 else [])],
-        elsewhere="--json has them",
+        where_to_find="--json prints them",
     )
     out.print(_describe(plans, workers=workers, machines=machines, is_measured=rates is not None))
 
@@ -79,10 +81,10 @@ def _row(name: str, values: "dict[str, float]") -> tuple[str, ...]:
 def _describe(plans: "list[WorkPlan]", *, workers: int, machines: int, is_measured: bool) -> str:
     machine = "of the rates given" if is_measured else "with two cores of 2.8 GHz and LLVM"
     who = "One machine" if machines == 1 else f"{machines} machines under one scheduler, each"
-    text = f"{who} {machine}, {workers} recorded at a time; rendering and recording are hours of one machine."
+    text = f"{who} {machine}, recording {workers} at a time; rendering and recording are in hours of one machine."
     few = sum(one.sequences for one in plans if one.drawn < one.sequences)
     drawn = sum(one.drawn for one in plans if one.drawn < one.sequences)
-    return text + (f" {drawn:,} sequences stand for {few:,}." if few else "")
+    return text + (f" {drawn:,} sequences represent {few:,}." if few else "")
 
 
 def _format_time(seconds: float) -> str:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def list_recipes_command(*, as_json: AsJson = False) -> None:
-    """List the recipes that come with saf_gen: ``saf-gen generate NAME`` makes one."""
+    """List the recipes that come with saf_gen; ``saf-gen generate NAME`` makes the dataset of one."""
     from saf_gen.generate.recipe import read_recipe
     from saf_gen.generate.shipped_recipes import find_recipe, recipe_names
 
@@ -31,7 +31,7 @@ def _format_splits(recipe: "Recipe") -> str:
 
 
 def check_recipe_command(recipe: RecipeName) -> None:
-    """Check a recipe and the scenes, sensor and files that it names; nothing is generated."""
+    """Check a recipe and the scenes, sensor and files that it names, without generating anything."""
     from saf_gen.generate.benchmark_digest import digest_resolved_recipe, name_generated_benchmark
     from saf_gen.generate.coarse_sampling import find_coarse_recipe_sampling
     from saf_gen.generate.resolve import resolve_recipe
@@ -57,16 +57,19 @@ def seal_command(
     path: Annotated[Path | None, typer.Option("--out", help="File to write (default: RECIPE-sealed.yaml).")] = None,
     secret: Annotated[Path | None, typer.Option(help="File for the secret (default: RECIPE.secret).")] = None,
 ) -> None:
-    """Hide a recipe's seed: publish the sealed recipe before, and the secret after everybody has submitted."""
+    """Hide the seed of a recipe, to publish the sealed recipe before submissions and the secret after them."""
     from saf_gen.generate.recipe import read_recipe
     from saf_gen.generate.sealing import seal_recipe
 
     read_recipe(recipe)
     sealed = path or recipe.with_stem(f"{recipe.stem}-sealed")
-    kept = secret or recipe.with_suffix(".secret")
-    seed = seal_recipe(recipe, sealed, secret_file=kept)
+    secret_path = secret or recipe.with_suffix(".secret")
+    seed = seal_recipe(recipe, sealed, secret_file=secret_path)
     out.print(f"{sealed}   (publish it: it commits to {seed.sealed})", soft_wrap=True)
-    out.print(f"{kept}   (the secret, which stands for a new seed: show nobody, lose no copy)", soft_wrap=True)
+    out.print(
+        f"{secret_path}   (the secret, which stands for a new seed: show it to nobody, and do not lose it)",
+        soft_wrap=True,
+    )
 
 
 def unseal_command(
@@ -75,12 +78,12 @@ def unseal_command(
     *,
     path: Annotated[Path | None, typer.Option("--out", help="File to write (default: RECIPE-open.yaml).")] = None,
 ) -> None:
-    """Open a sealed recipe with its secret, which is checked against what the recipe commits to."""
+    """Open a sealed recipe with its secret, which must be the one that the recipe commits to."""
     from saf_gen.core.config.document import read_text
     from saf_gen.generate.recipe import read_recipe
     from saf_gen.generate.sealing import unseal_recipe
 
-    text = read_text(Path(secret), most=4096) if Path(secret).is_file() else secret
+    text = read_text(Path(secret), max_bytes=4096) if Path(secret).is_file() else secret
     opened = path or recipe.with_stem(f"{recipe.stem.removesuffix('-sealed')}-open")
     unseal_recipe(recipe, opened, secret=text.strip())
     out.print(f"{opened}: seed {read_recipe(opened).seed}   (next: saf-gen generate {opened})", soft_wrap=True)

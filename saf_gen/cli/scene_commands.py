@@ -35,16 +35,16 @@ Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar
 
 
 def list_scenes_command(*, as_json: AsJson = False) -> None:
-    """List the scenes that can be found."""
+    """List the scenes that are found by name."""
     from saf_gen.scene.scene_folder import find_scene, scene_names
 
     columns = [TableColumn("scene")]
     columns += [TableColumn(header, folds=True) for header in ("title", "light groups", "lens")]
     cards = [find_scene(name).card for name in scene_names()]
     print_table(
-        [*columns, TableColumn("licence", detail=1)],
+        [*columns, TableColumn("licence", drop_order=1)],
         [(card.id, card.title, ", ".join(card.lights), card.lens.summary, card.licence) for card in cards],
-        elsewhere="in scenes/NAME/scene.yaml",
+        where_to_find="scenes/NAME/scene.yaml has them",
         as_json=as_json,
     )
 
@@ -57,13 +57,13 @@ def new_scene_command(
         Path | None,
         typer.Option(
             "--from",
-            help="Exported scene.xml to copy, or a mesh (.obj, .ply, .glb, .gltf, .stl) to place; the card is written.",
+            help="Exported scene.xml to copy, or mesh (.obj, .ply, .glb, .gltf, .stl) to place; its card is written.",
         ),
     ] = None,
 ) -> None:
     """Create a scene in ./scenes from a commented template that renders as it is.
 
-    A ./scenes that holds no scene yet is registered, as by `saf-gen init`.
+    If ./scenes is empty or missing, it is registered as by `saf-gen init`.
     """
     from saf_gen.authoring.template import create_scene_from_export, create_scene_from_template
     from saf_gen.scene.scene_folder import scene_roots
@@ -74,7 +74,7 @@ def new_scene_command(
     empty = not any(root.glob("*"))
     if exported is not None:
         if xml:
-            raise BadInput("--xml and --from are both given", hint="keep one: --from takes XML anyway")
+            raise BadInput("--xml and --from are both given", hint="leave --xml out: --from also takes a scene.xml")
         written = create_scene_from_export(exported, name, root=root)
     else:
         written = create_scene_from_template(name, root, kind="xml" if xml else "script")
@@ -85,7 +85,9 @@ def new_scene_command(
         out.print(f"registered: {root.resolve()}; saf-gen init --forget undoes it", soft_wrap=True)
     elif not trusted:
         out.print("next: saf-gen init, if you trust the code of all scenes in ./scenes")
-    out.print(f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}; and its licence in scene.yaml")
+    out.print(
+        f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}; then write its licence into scene.yaml"
+    )
 
 
 def check_scenes_command(
@@ -98,7 +100,7 @@ def check_scenes_command(
 ) -> None:
     """Check scenes: geometry, units, focus range, light, detail, focus curve, motion, licence."""
     with defer_interrupts():
-        import saf_gen.authoring.checks  # noqa: F401  (its renderer must not be interrupted while it loads)
+        import saf_gen.authoring.checks  # noqa: F401  (the renderer must not be interrupted while it loads)
         from saf_gen.camera import get_sensor
     from saf_gen.scene.scene_folder import scene_names
 
@@ -143,7 +145,7 @@ def _check_here(scenes: "list[Scene]", camera: "Sensor", *, variant: str) -> "It
 def _check_on_cluster(
     scenes: "list[Scene]", camera: "Sensor", *, variant: str, address: str
 ) -> "Iterator[tuple[Scene, SceneFinding]]":
-    """Yield the findings of each scene as a worker has made them; the workers must see the scenes' folders."""
+    """Yield the findings of each scene as workers return them; workers need access to the folders of the scenes."""
     from saf_gen.authoring.checks import SceneFinding
     from saf_gen.authoring.checks.check_job import CheckSceneJob
     from saf_gen.core.execution import Cluster, run_jobs
@@ -155,7 +157,7 @@ def _check_on_cluster(
     with print_progress_bars() as bars:
         task = bars.add_task("check", total=len(jobs))
         for job, result, error in run_jobs(
-            jobs, workers=1, report=lambda name, done: bars.update(task, advance=1), cluster=machines, tell=err.print
+            jobs, workers=1, report=lambda name, done: bars.update(task, advance=1), cluster=machines, notify=err.print
         ):
             for finding in (SceneFinding("cluster", "error", str(error)),) if error else result:
                 yield job.scene, finding
@@ -219,7 +221,7 @@ def gallery_command(
 
 
 def _scene(name: str) -> "Scene":
-    """Return a scene by its name, or by its folder where ``name`` contains a path."""
+    """Return a scene by its name, or by its folder if ``name`` is a path."""
     from saf_gen.scene.scene_folder import find_scene, load_scene_folder
 
     folder = Path(name)

@@ -1,6 +1,5 @@
 """The commands ``sensors list``, ``show``, ``check``, ``compare`` and ``fit``."""
 
-import math
 import re
 from contextlib import ExitStack
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import Progress, TaskID
 
-from saf_gen.cli._tables import TableColumn, print_json, print_table
+from saf_gen.cli._tables import TableColumn, finite_value_to_print, print_json, print_table
 from saf_gen.cli._terminal import AsJson, OutFolder, err, out, print_progress_bars
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput, escape_controls
@@ -20,11 +19,11 @@ if TYPE_CHECKING:
     from saf_gen.calibration.recordings import Recording
 
 Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense, sps1000, or auto.")]
-Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not record it.")]
+Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not contain it.")]
 
 
 def list_sensors_command(*, as_json: AsJson = False) -> None:
-    """List the sensors: array, readout rate, and which of their numbers nobody has measured."""
+    """List sensors with their array, their readout rate, and the numbers that nobody has measured."""
     from saf_gen.camera import get_sensor, sensor_names
     from saf_gen.camera.sensor_files import nominal_sensor_keys, read_sensor_file_text
 
@@ -38,14 +37,14 @@ def list_sensors_command(*, as_json: AsJson = False) -> None:
 
 
 def show_sensor_command(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML file.")]) -> None:
-    """Print the file of a sensor, with the source of each number beside it; a copy is a sensor of your own."""
+    """Print the file of a sensor, with the source of each number; edit a copy to make your own sensor."""
     from saf_gen.camera.sensor_files import read_sensor_file_text
 
     out.file.write(escape_controls(read_sensor_file_text(name), keep="\n\t"))
 
 
 def check_sensor_command(file: Annotated[Path, typer.Argument(help="Sensor file (.yaml).")]) -> None:
-    """Check a sensor file: keys, units and ranges, and one line for each number that is unlikely or has no effect."""
+    """Check keys, units and ranges of a sensor file, and report each number that is unlikely or has no effect."""
     from saf_gen.camera import get_sensor
     from saf_gen.camera.sensor_files import find_implausible_sensor_keys
 
@@ -62,19 +61,19 @@ def compare_command(
     ] = None,
     *,
     published: Annotated[
-        str | None, typer.Option(help="Compare this sensor with what is published of real cameras.")
+        str | None, typer.Option(help="Compare this sensor with published figures of real cameras.")
     ] = None,
-    mean_rate: Annotated[float, typer.Option(help="Mean rate of light fields that sensors are given.")] = 0.2,
+    mean_rate: Annotated[float, typer.Option(help="Mean rate, in spikes per readout, of the light for sensors.")] = 0.2,
     layout: Layout = "auto",
     rate: Rate = 20_000.0,
-    seed: Annotated[int, typer.Option(help="Decides the devices and their noise.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the devices and their noise.")] = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Show statistics side by side: rates, intervals, counts, fixed pattern, dark.
+    """Compare statistics of sensors and recordings: rates, intervals, counts, fixed pattern and dark rate.
 
-    Two sensors are given the same even light, the dark, and bars of light that move.
+    Two sensors get the same even light, no light, and moving bars of light.
 
-    Beside a recording a sensor is given the light that the recording shows, smoothed.
+    If a sensor is compared with a recording, it gets the light that the recording shows, smoothed.
     """
     from saf_gen.calibration.comparison import (
         compare_recording_statistics,
@@ -82,27 +81,33 @@ def compare_command(
         sensor_statistics_as_published,
     )
 
-    given = names or []
-    if len(given) != (0 if published is not None else 2):
+    compared = names or []
+    if len(compared) != (0 if published is not None else 2):
         raise BadInput(
-            f"{len(given)} {'name is' if len(given) == 1 else 'names are'} given",
-            allowed="two to compare, or none with --published SENSOR",
+            f"{len(compared)} {'name is' if len(compared) == 1 else 'names are'} given",
+            allowed="two names to compare, or --published SENSOR without names",
         )
     with print_progress_bars() as bars:
         if published is not None:
             from saf_gen.camera import get_sensor
 
             real, sources = published_sensor_statistics()
-            ours = sensor_statistics_as_published(get_sensor(published), seed=seed, report=_reporter(bars, published))
-            columns, heads = [real, ours], ["published", Path(published).stem]
+            modelled = sensor_statistics_as_published(
+                get_sensor(published), seed=seed, report=_reporter(bars, published)
+            )
+            columns, heads = [real, modelled], ["published", Path(published).stem]
         else:
-            columns = _columns(given, bars, mean_rate=mean_rate, layout=layout, rate=rate, seed=seed)
-            heads, sources = [Path(name).name for name in given], {}
+            columns = _compared_statistics(compared, bars, mean_rate=mean_rate, layout=layout, rate=rate, seed=seed)
+            heads, sources = [Path(name).name for name in compared], {}
     rows = compare_recording_statistics(columns)
     if as_json:
         named = dict(zip(("a", "b"), heads, strict=True))
         values = [
-            {"key": row.key, "statistic": row.label, **{k: _finite(v) for k, v in zip("ab", row.values, strict=True)}}
+            {
+                "key": row.key,
+                "statistic": row.label,
+                **{k: finite_value_to_print(v) for k, v in zip("ab", row.values, strict=True)},
+            }
             for row in rows
         ]
         document = {**named, "sources": sources, "statistics": values}
@@ -124,17 +129,16 @@ def fit_command(
     dark: Annotated[Path | None, typer.Option(help="Recording without light.")] = None,
     name: Annotated[str, typer.Option(help="Name of the fitted sensor, and of its files.")] = "fitted",
     threshold_e: Annotated[
-        float | None,
-        typer.Option(help="Electrons per spike, where they are known: tells threshold noise from shot noise."),
+        float | None, typer.Option(help="Electrons per spike, if known; separates threshold noise from shot noise.")
     ] = None,
-    base: Annotated[str, typer.Option(help="Sensor that lends what flat fields cannot tell.")] = "vidar_400x250",
+    base: Annotated[str, typer.Option(help="Sensor with the values that flat fields do not give.")] = "vidar_400x250",
     folder: OutFolder = None,
     layout: Layout = "auto",
     rate: Rate = 20_000.0,
 ) -> None:
-    """Fit a sensor to flat fields and a dark recording: a sensor file with intervals, and a page of plots.
+    """Fit a sensor to flat fields and a dark recording; write a sensor file with intervals, and a page of plots.
 
-    One recording of anything, without --dark, gives bounds and no file.
+    A single recording of anything, without --dark, gives bounds and no file.
     """
     from saf_gen.calibration.fit_files import write_sensor_fit
     from saf_gen.calibration.fit_sensor import fit_sensor
@@ -142,7 +146,7 @@ def fit_command(
     from saf_gen.camera import get_sensor
     from saf_gen.core.files import check_folder_writable
 
-    lender, target = get_sensor(base), folder or Path()
+    base_sensor, target = get_sensor(base), folder or Path()
     check_folder_writable(target)
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", name):
         raise BadInput(f"--name is {name!r}", allowed="letters, digits, _, . and -: it names files")
@@ -152,16 +156,21 @@ def fit_command(
         raise BadInput(
             f"{len(flats)} flat fields and no dark recording are given",
             allowed="--dark FILE",
-            hint="cover the lens and record; one recording alone gives bounds",
+            hint="record with the lens covered; one recording alone gives bounds",
         )
     with ExitStack() as stack, print_progress_bars() as bars:
         opened = [stack.enter_context(open_calibration_recording(f, layout=layout, readout_hz=rate)) for f in flats]
         if dark is None:
             _print_bounds(opened[0], _reporter(bars, "fit"))
             return
-        unlit = stack.enter_context(open_calibration_recording(dark, layout=layout, readout_hz=rate))
+        dark_recording = stack.enter_context(open_calibration_recording(dark, layout=layout, readout_hz=rate))
         found = fit_sensor(
-            list(opened), unlit, base=lender, name=name, threshold_e=threshold_e, report=_reporter(bars, "fit")
+            list(opened),
+            dark_recording,
+            base=base_sensor,
+            name=name,
+            threshold_e=threshold_e,
+            report=_reporter(bars, "fit"),
         )
         written = write_sensor_fit(found, target)
     _print_estimates(found.estimates, f"sensor {name}")
@@ -170,19 +179,20 @@ def fit_command(
     for path in written:
         out.print(str(path), soft_wrap=True)
     out.print(
-        f"next: saf-gen sensors check {written[0]}; sensor: {written[0].name} in a recipe beside it", soft_wrap=True
+        f"next: saf-gen sensors check {written[0]}; sensor: {written[0].name} in a recipe of the same folder",
+        soft_wrap=True,
     )
 
 
 def _print_bounds(recording: "Recording", report: "Report") -> None:
-    """Print what one recording of anything bounds."""
+    """Print the bounds that a single recording of anything gives."""
     from saf_gen.calibration.bounds import fit_bounds_of_sensor
     from saf_gen.calibration.spike_statistics import measure_spike_statistics
 
     measured = measure_spike_statistics(recording, report=lambda done: report(recording.name, done))
     _print_estimates(fit_bounds_of_sensor(measured, where=recording.name), f"bounds from {recording.name}")
     out.print(
-        "note: without a dark recording and flat fields of two levels there are bounds only, and no file is written"
+        "note: without a dark recording and flat fields of two levels, only bounds are known, and no file is written"
     )
 
 
@@ -200,13 +210,13 @@ def _print_estimates(estimates: "dict[str, Estimate]", title: str) -> None:
         for key, found in estimates.items()
     ]
     heads = TableColumn("key"), TableColumn("value", justify="right"), TableColumn("95 %")
-    print_table([*heads, TableColumn("from", folds=True, detail=1)], rows, title=title)
+    print_table([*heads, TableColumn("from", folds=True, drop_order=1)], rows, title=title)
 
 
-def _columns(
+def _compared_statistics(
     names: list[str], bars: Progress, *, mean_rate: float, layout: str, rate: float, seed: int
 ) -> list["Figures"]:
-    """Return the statistics of two things, each a sensor or a recording."""
+    """Return the statistics of each sensor or recording in ``names``, in that order."""
     from saf_gen.calibration.comparison import encode_again_for_statistics, recording_statistics, sensor_statistics
     from saf_gen.calibration.recordings import open_calibration_recording
     from saf_gen.camera import get_sensor, sensor_names
@@ -214,7 +224,7 @@ def _columns(
     sensors = {name: get_sensor(name) for name in names if is_preset_file(name) or name in sensor_names()}
     for name in names:
         if name not in sensors and not Path(name).suffix:
-            get_sensor(name)  # no file is meant: the error names the sensors there are
+            get_sensor(name)  # not the name of a file, so the error lists the known sensors
     if len(sensors) == len(set(names)):
         return [
             sensor_statistics(sensors[name], rate=mean_rate, seed=seed, report=_reporter(bars, name)) for name in names
@@ -238,7 +248,7 @@ def _columns(
 
 
 def _reporter(bars: Progress, name: str) -> "Report":
-    """Return a function that moves one bar for each recording that is measured."""
+    """Return a function that updates a bar for each recording that is measured."""
     tasks: dict[str, TaskID] = {}
 
     def report(what: str, done: float) -> None:
@@ -249,8 +259,3 @@ def _reporter(bars: Progress, name: str) -> "Report":
         bars.update(tasks[what], completed=done)
 
     return report
-
-
-def _finite(value: float) -> float | None:
-    """Return a value for JSON, which has no word for what is no number."""
-    return value if math.isfinite(value) else None

@@ -14,15 +14,16 @@ def pack_command(
     *,
     shard_mb: Annotated[int, typer.Option(min=1, help="Size of a shard, in MB.")] = 1000,
     stacks: Annotated[
-        bool, typer.Option("--stacks", help="Pack focal stacks too: the closed loop needs them.")
+        bool, typer.Option("--stacks", help="Also pack focal stacks, which the closed loop needs.")
     ] = False,
     licence: Annotated[
-        list[str] | None, typer.Option(help="SPDX name, such as CC-BY-4.0; repeatable (default: the scenes').")
+        list[str] | None,
+        typer.Option(help="SPDX name, such as CC-BY-4.0; repeatable (default: licences of the scenes)."),
     ] = None,
-    url: Annotated[str, typer.Option(help="Where it will be published, for its card.")] = "",
-    creator: Annotated[str, typer.Option(help="Who publishes it, for its card.")] = "",
+    url: Annotated[str, typer.Option(help="Address of the published dataset, for its card.")] = "",
+    creator: Annotated[str, typer.Option(help="Creator of the dataset, for its card.")] = "",
 ) -> None:
-    """Pack a dataset into tar shards with an index of digests, to be published."""
+    """Pack a dataset for publication, into tar shards with an index of digests."""
     from saf_gen.stream.sharing import pack_dataset
 
     with print_progress_bars() as bars:
@@ -42,7 +43,7 @@ def pack_command(
     out.print(f"sha256 of its index: {packed.index_sha256}", soft_wrap=True)
     out.print(f"next: saf-gen fetch {folder} --sha256 {packed.index_sha256}", soft_wrap=True)
     if packed.missing:
-        err.print(f"its card has no {' and no '.join(packed.missing)}: --{', --'.join(packed.missing)}")
+        err.print(f"its card has no {' and no '.join(packed.missing)}; add --{', --'.join(packed.missing)}")
 
 
 def fetch_command(
@@ -51,7 +52,7 @@ def fetch_command(
     folder: OutFolder = None,
     sha256: Annotated[str, typer.Option(help="SHA-256 that the index must have, as its publisher states it.")] = "",
 ) -> None:
-    """Fetch a packed dataset, check every file, and unpack it; the same command goes on after a stop."""
+    """Fetch a packed dataset, check every file and unpack it, or resume a fetch that was stopped."""
     from saf_gen.stream.sharing import fetch_dataset
 
     with print_progress_bars() as bars:
@@ -63,5 +64,5 @@ def fetch_command(
             report=lambda done, total: bars.update(task, completed=done, total=total),
         )
     count = sum(len(shard.members) for shard in index.shards)
-    out.print(f"{count} files, {index.total_bytes / 1e6:,.1f} MB, every digest right")
+    out.print(f"{count} files, {index.total_bytes / 1e6:,.1f} MB, every digest correct")
     out.print(f"dataset: {target}   (next: saf-gen evaluate {target})", soft_wrap=True)

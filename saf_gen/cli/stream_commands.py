@@ -10,8 +10,8 @@ from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import AsJson, err, out
 from saf_gen.errors import BadInput, unknown
 
-Rate = Annotated[float, typer.Option(help="Readouts per second; such files do not record it.")]
-Key = Annotated[str | None, typer.Option(help="Name of the array, where a .npz or .mat file has several.")]
+Rate = Annotated[float, typer.Option(help="Readouts per second, which such files do not contain.")]
+Key = Annotated[str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several.")]
 FocusLog = Annotated[
     Path | None, typer.Option(help="Lens log: CSV with frame,position or seconds,position (0 to 1 of the travel).")
 ]
@@ -19,20 +19,22 @@ TruthText = Annotated[
     str | None, typer.Option(help="True focus: a position (0.42), or a frame of the lens log (frame:812).")
 ]
 DepthOfFocus = Annotated[
-    tuple[float, float] | None, typer.Option(help="Positions, near and far, between which the target is sharp.")
+    tuple[float, float] | None, typer.Option(help="Near and far positions between which the target is sharp.")
 ]
 
 
 def import_command(
     file: Annotated[Path, typer.Argument(help="Raw frames, a .npy, .npz or .mat file, or SAF's folder of recordings.")],
-    target: Annotated[Path, typer.Option("--out", help="Stream file to write; of a folder the folder to write.")],
+    target: Annotated[Path, typer.Option("--out", help="Stream file to write; if FILE is a folder, folder to write.")],
     *,
     layout: Annotated[
-        str, typer.Option(help="Raw: 416, dense, sps1000. Arrays: frames, packed (eight to a byte). Or auto.")
+        str, typer.Option(help="auto; for raw files 416, dense, sps1000; for arrays frames, packed (eight per byte).")
     ] = "auto",
     frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to import (default: all).")] = None,
     rate: Rate = 20_000.0,
-    flip: Annotated[bool | None, typer.Option(help="Rows are stored bottom first (default: as in the layout).")] = None,
+    flip: Annotated[
+        bool | None, typer.Option(help="The bottom row is stored first (default: as in the layout).")
+    ] = None,
     key: Key = None,
     focus: FocusLog = None,
     light: Annotated[
@@ -41,50 +43,54 @@ def import_command(
     truth: TruthText = None,
     depth_of_focus: DepthOfFocus = None,
 ) -> None:
-    """Convert a recording of another program to a stream, with what is known of its lens and focus."""
+    """Convert a recording from another program to a stream, with its lens log, light log and true focus if given."""
     from saf_gen.stream import interop
 
     if file.is_dir():
-        given = {"--layout": layout != "auto", "--frames": frames, "--flip": flip is not None, "--key": key,
+        options = {"--layout": layout != "auto", "--frames": frames, "--flip": flip is not None, "--key": key,
                  "--focus": focus, "--light": light, "--truth": truth, "--depth-of-focus": depth_of_focus}  # fmt: skip
-        _import_saf_folder(file, target, rate=rate, refused=[name for name, value in given.items() if value])
+        _import_saf_folder(file, target, rate=rate, refused=[name for name, value in options.items() if value])
         return
     if file.suffix.lower() in interop.ARRAY_ENDINGS:
         named = None if layout == "auto" else layout
         array = interop.SpikeArray(file, key=key, layout=named, frames=frames, flip=bool(flip))
-        known = _read_known(array.shape[0], rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
-        known |= _read_light(light, array.shape[0], rate=rate)
-        digest, kind = array.write(target, readout_hz=rate, **known), array.layout
+        fields = _read_lens_log_and_truth(
+            array.shape[0], rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus
+        )
+        fields |= _read_light(light, array.shape[0], rate=rate)
+        digest, kind = array.write(target, readout_hz=rate, **fields), array.layout
     else:
         if key is not None:
-            raise BadInput(f"--key {key} of a raw file", where=str(file), allowed="with .npz and .mat files")
-        looks = _looks_like(file)
-        kind = (looks or interop.sniff_imported_layout(file)) if layout == "auto" else layout
+            raise BadInput(f"--key {key} is given for a raw file", where=str(file), allowed="with .npz and .mat files")
+        guessed = _guess_layout(file)
+        kind = (guessed or interop.sniff_imported_layout(file)) if layout == "auto" else layout
         count = interop.count_raw_frames(file, kind, frames=frames)
-        known = _read_known(count, rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
-        known |= _read_light(light, count, rate=rate)
-        if looks not in (None, kind):
-            err.print(f"{file} looks like layout {looks}, and is read as {kind}")
+        fields = _read_lens_log_and_truth(count, rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
+        fields |= _read_light(light, count, rate=rate)
+        if guessed not in (None, kind):
+            err.print(f"{file} looks like layout {guessed}, but is read as {kind}")
         digest = interop.import_raw_frames(
-            file, target, layout=kind, frames=frames, readout_hz=rate, flip=flip, **known
+            file, target, layout=kind, frames=frames, readout_hz=rate, flip=flip, **fields
         )
-    _print_made(target, f"read as layout {kind}, sha256 {digest[:16]}")
+    _print_written_stream(target, f"read as layout {kind}, sha256 {digest[:16]}")
 
 
 def _import_saf_folder(folder: Path, target: Path, *, rate: float, refused: list[str]) -> None:
     from saf_gen.stream.interop.saf_folder import import_saf_folder
 
     if refused:
-        raise BadInput(f"{refused[0]} is given with a folder", allowed="--rate", hint="its config.xlsx says the rest")
+        raise BadInput(
+            f"{refused[0]} is given with a folder", allowed="--rate", hint="leave it out: config.xlsx has the rest"
+        )
     made = 0
     for path in import_saf_folder(folder, target, readout_hz=rate):
         made += 1
-        _print_made(path, "read as layout 416")
-    err.print("config.xlsx does not say where the lens was: it is taken to move evenly from 0 to 1")
-    out.print(f"{made} recordings: saf-gen dataset index {target}")
+        _print_written_stream(path, "read as layout 416")
+    err.print("config.xlsx has no lens positions: the lens is assumed to move evenly from 0 to 1")
+    out.print(f"{made} recordings; next: saf-gen dataset index {target}")
 
 
-def _print_made(stream: Path, how: str) -> None:
+def _print_written_stream(stream: Path, how: str) -> None:
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:
@@ -92,21 +98,21 @@ def _print_made(stream: Path, how: str) -> None:
     out.print(f"{count} frames of {columns}×{rows} in {stream}, {how}")
 
 
-def _read_known(
+def _read_lens_log_and_truth(
     frames: int, *, rate: float, focus: Path | None, truth: str | None, depth_of_focus: tuple[float, float] | None
 ) -> dict[str, Any]:
-    """Return the fields of a stream that a lens log and a truth give."""
+    """Return the fields of a stream that follow from a lens log and a true focus."""
     from saf_gen.stream.interop import import_lens_log, import_truth_from_text
 
-    known: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     if focus is not None:
-        known["focus_position"] = import_lens_log(focus, frames=frames, readout_hz=rate)
+        fields["focus_position"] = import_lens_log(focus, frames=frames, readout_hz=rate)
     if truth is not None:
-        lens = known.get("focus_position")
-        known["truth"] = import_truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus)
+        lens = fields.get("focus_position")
+        fields["truth"] = import_truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus)
     elif depth_of_focus is not None:
         raise BadInput("--depth-of-focus is given without --truth", hint="add the position of best focus")
-    return known
+    return fields
 
 
 def _read_light(light: Path | None, frames: int, *, rate: float) -> dict[str, Any]:
@@ -118,8 +124,8 @@ def _read_light(light: Path | None, frames: int, *, rate: float) -> dict[str, An
     return {"gain": np.stack(list(gains.values()), axis=1), "light_names": tuple(gains)}
 
 
-def _looks_like(file: Path) -> str | None:
-    """Return the layout that a file seems to have; None where it cannot be told, or the import says what is wrong."""
+def _guess_layout(file: Path) -> str | None:
+    """Return the layout that a file seems to have, or None if it is unclear; the import reports what is wrong."""
     from saf_gen.stream.interop import sniff_imported_layout
 
     try:
@@ -132,36 +138,42 @@ def encode_command(
     pictures: Annotated[Path, typer.Argument(help="Folder of images, a video, or a .npy, .npz or .mat file.")],
     target: Annotated[Path, typer.Option("--out", help="Stream file to write.")],
     *,
-    rate: Annotated[float | None, typer.Option(help="Pictures per second (default: as the video says).")] = None,
-    linear: Annotated[bool, typer.Option("--linear", help="Values are linear light; else they are sRGB.")] = False,
-    sensor: Annotated[str, typer.Option(help="Sensor by name or file; its array gets the pictures' size.")] = (
+    rate: Annotated[float | None, typer.Option(help="Pictures per second (default: the rate of the video).")] = None,
+    linear: Annotated[bool, typer.Option("--linear", help="Values are linear light instead of sRGB.")] = False,
+    sensor: Annotated[str, typer.Option(help="Sensor, by name or file; its array gets the size of the pictures.")] = (
         "vidar_400x250"
     ),
     mean_rate: Annotated[float, typer.Option(help="Spikes per pixel and readout of the mean picture.")] = 0.2,
-    frames: Annotated[int | None, typer.Option(min=1, help="Readouts (default: up to the last picture).")] = None,
+    frames: Annotated[
+        int | None, typer.Option(min=1, help="Number of readouts (default: up to the last picture).")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the device and its noise.")] = 0,
     key: Key = None,
     focus: FocusLog = None,
     truth: TruthText = None,
     depth_of_focus: DepthOfFocus = None,
 ) -> None:
-    """Turn pictures into spikes by the model of the sensor; between two pictures light is a cross-fade of both."""
+    """Turn pictures into spikes with the model of a sensor, cross-fading light from each picture to the next."""
     from saf_gen.camera import get_sensor
-    from saf_gen.stream.interop.encode_pictures import SLOW, encode_pictures_as_stream, prepare_stream_of_pictures
+    from saf_gen.stream.interop.encode_pictures import (
+        SLOW_READOUTS,
+        encode_pictures_as_stream,
+        prepare_stream_of_pictures,
+    )
     from saf_gen.stream.interop.picture_frames import open_imported_pictures
 
     source = open_imported_pictures(pictures, linear=linear, key=key)
     plan = prepare_stream_of_pictures(source, get_sensor(sensor), rate_hz=rate, mean_rate=mean_rate, frames=frames)
     hz = plan.sensor.readout_hz
-    known = _read_known(plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
-    if plan.count > 1 and plan.readouts_per_picture > SLOW:
+    fields = _read_lens_log_and_truth(plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
+    if plan.count > 1 and plan.readouts_per_picture > SLOW_READOUTS:
         err.print(
-            f"{plan.readouts_per_picture:.0f} readouts to a picture: what moves is faded from one place to the next, "
-            "and a focus between two is a mix of both, not physics"
+            f"{plan.readouts_per_picture:.0f} readouts per picture: moving objects fade from one position to the next, "
+            "and a focus between two pictures is a mixture of both, not physics"
         )
-    encode_pictures_as_stream(plan, target, seed=seed, **known)
+    encode_pictures_as_stream(plan, target, seed=seed, **fields)
     values = "linear light" if linear else "sRGB decoded"
-    _print_made(target, f"from {plan.count} pictures at {plan.rate_hz:g} Hz, {values}")
+    _print_written_stream(target, f"from {plan.count} pictures at {plan.rate_hz:g} Hz, {values}")
 
 
 def export_command(
@@ -169,10 +181,10 @@ def export_command(
     target: Annotated[Path, typer.Option("--out", help="Raw file to write.")],
     *,
     layout: Annotated[
-        str | None, typer.Option(help="Layout of the file: 416, dense or sps1000 (default: as the array has it).")
+        str | None, typer.Option(help="Layout of the file: 416, dense or sps1000 (default: by the size of the array).")
     ] = None,
     reader: Annotated[
-        str | None, typer.Option("--for", help="Software that is to read it: spikecv, spike-zoo, saf or rsir.")
+        str | None, typer.Option("--for", help="Software that will read the file: spikecv, spike-zoo, saf or rsir.")
     ] = None,
     flip: Annotated[bool | None, typer.Option(help="Store the bottom row first (default: as in the layout).")] = None,
 ) -> None:
@@ -181,7 +193,9 @@ def export_command(
     from saf_gen.stream.stream_file import open_stream
 
     if reader is not None and layout is not None:
-        raise BadInput("--layout and --for are both given", hint="keep one: a reader has its layout")
+        raise BadInput(
+            "--layout and --for are both given", hint="keep one: --for selects the layout that the reader expects"
+        )
     if reader is not None and reader not in READERS:
         raise unknown("reader", reader, allowed=READERS)
     if layout is None:
@@ -191,30 +205,32 @@ def export_command(
 
 
 def index_command(
-    folder: Annotated[Path, typer.Argument(help="Folder of streams (.h5), in it or in folders of splits.")],
+    folder: Annotated[Path, typer.Argument(help="Folder with streams (.h5), or with a folder of streams per split.")],
     *,
-    split: Annotated[str, typer.Option(help="Split of the streams that lie in the folder itself.")] = "test",
+    split: Annotated[str, typer.Option(help="Split of the streams that are directly in the folder.")] = "test",
 ) -> None:
-    """Make a folder of streams a dataset, which evaluate takes: write its manifest."""
+    """Make a folder of streams a dataset for `saf-gen evaluate`, by writing its manifest."""
     from saf_gen.stream.dataset_index import index_streams_of_folder
 
     manifest = index_streams_of_folder(folder, split=split)
-    out.print(f"{len(manifest.sequences)} sequences in splits {', '.join(manifest.splits)}: saf-gen evaluate {folder}")
+    out.print(
+        f"{len(manifest.sequences)} sequences in splits {', '.join(manifest.splits)}; next: saf-gen evaluate {folder}"
+    )
 
 
 def inspect_command(
     stream: Annotated[Path, typer.Argument(help="Stream file, or s3://BUCKET/NAME.")], *, as_json: AsJson = False
 ) -> None:
-    """Describe a stream: what is in it (length, rates, light, lens, true focus), and how it was made."""
-    from saf_gen.stream.description import describe_stream_content, describe_stream_making
+    """Describe the content of a stream (length, rates, light, lens, true focus) and how it was made."""
+    from saf_gen.stream.description import describe_stream_content, describe_stream_provenance
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:
-        content, making = describe_stream_content(opened), describe_stream_making(opened)
+        content, provenance = describe_stream_content(opened), describe_stream_provenance(opened)
     columns = TableColumn(""), TableColumn("", folds=True)
     if as_json:
-        print_table(columns, [*content.items(), *making.items()], as_json=True)
+        print_table(columns, [*content.items(), *provenance.items()], as_json=True)
         return
     print_table(columns, content.items(), title=str(opened.path))
     out.print()
-    print_table(columns, making.items(), title="how it was made")
+    print_table(columns, provenance.items(), title="how it was made")

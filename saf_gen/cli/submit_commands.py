@@ -12,22 +12,24 @@ from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, OutFolder, out, print_er
 
 
 def new_submission_command(
-    folder: Annotated[Path, typer.Argument(help="Folder of the submission; its name is the method's.")],
+    folder: Annotated[Path, typer.Argument(help="Folder of the submission, with the name of the method.")],
 ) -> None:
-    """Write submission.yaml, in which a line explains each key."""
+    """Write submission.yaml, with a line that explains each key."""
     from saf_gen.leaderboard.submission import create_submission
 
     out.print(str(create_submission(folder)), soft_wrap=True)
-    out.print(f"next: fill it in, put your method beside it, and saf-gen submit check {folder}", soft_wrap=True)
+    out.print(
+        f"next: fill it in, put your method into its folder, and run saf-gen submit check {folder}", soft_wrap=True
+    )
 
 
 def check_submission_command(
     folder: Annotated[Path, typer.Argument(help="Folder of the submission.")],
     *,
-    dataset: Annotated[Path | None, typer.Option("--on", help="The dataset whose split test was judged.")] = None,
+    dataset: Annotated[Path | None, typer.Option("--on", help="Dataset whose split test was evaluated.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say what a submission lacks, and what in it does not fit together; none of its code is run."""
+    """Report what a submission lacks and what in it is inconsistent, without running its code."""
     from saf_gen.leaderboard.submission import check_submission
 
     found = list(check_submission(folder, dataset=dataset))
@@ -44,12 +46,12 @@ def check_submission_command(
 
 
 def submissions_page_command(
-    folder: Annotated[Path, typer.Argument(help="Folder in which each submission has a folder of its own.")],
+    folder: Annotated[Path, typer.Argument(help="Folder that has a folder for each submission.")],
     target: OutFolder = None,
 ) -> None:
-    """Write a page of all submissions, ranked, with their dates and whose rows are found again; no code of theirs runs.
+    """Write a page that ranks all submissions, with dates and verified rows, without running their code.
 
-    Writes index.html and submissions.md into the folder itself unless --out names another.
+    The command writes index.html and submissions.md into the folder, unless --out names another one.
     """
     from saf_gen.core.files import check_folder_writable
     from saf_gen.leaderboard.report.submissions_page import write_submissions_page

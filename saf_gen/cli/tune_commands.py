@@ -1,4 +1,4 @@
-"""The command ``tune``, which finds a method's constants and writes a file that records cite."""
+"""The command ``tune``, which finds the constants of a method and writes a file that records cite."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +12,7 @@ from saf_gen.cli.evaluate_commands import (
     BudgetMs,
     SweepMs,
     Track,
-    print_what_was_kept,
+    print_kept_results,
     protocol_from_command_options,
 )
 from saf_gen.errors import BadInput
@@ -20,7 +20,7 @@ from saf_gen.errors import BadInput
 
 def tune_command(
     dataset: Annotated[Path, typer.Argument(help="Dataset folder.")],
-    method: Annotated[str, typer.Option(help="MEASURE+SEARCH; options given after a colon are kept.")],
+    method: Annotated[str, typer.Option(help="MEASURE+SEARCH; options after a colon are not changed.")],
     *,
     try_: Annotated[
         list[str], typer.Option("--try", help="measure.KEY=VALUE,... or search.KEY=VALUE,...; repeatable.")
@@ -34,17 +34,17 @@ def tune_command(
     region: Annotated[str, typer.Option(help="Where methods look: target (its bounding box) or frame.")] = "target",
     cluster: ClusterAddress = None,
 ) -> None:
-    """Try every combination of values on a split, and write the best; `@FILE` then names the method."""
+    """Evaluate every combination of values on a split, and write the best one; `@FILE` then names this method."""
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.tuned_method import format_tuned_method
     from saf_gen.core.files import check_folder_writable, write_atomically
     from saf_gen.leaderboard.tuning import tune_method as run
 
     values: dict[str, list[str]] = {}
-    for given in try_:
-        key, equals, rest = given.partition("=")
+    for text in try_:
+        key, equals, rest = text.partition("=")
         if not equals or key in values:
-            raise BadInput(f"--try {given!r}", allowed="KEY=VALUE,VALUE,... and each key once")
+            raise BadInput(f"--try is {text!r}", allowed="KEY=VALUE,VALUE,..., with each key once")
         values[key] = rest.split(",")
     check_folder_writable(file.parent)
     kept = KeptSequences(file.with_name(f".{file.name}.unfinished"))
@@ -59,9 +59,9 @@ def tune_command(
             progress=make_terminal_reporter("tune", bars),
             keep=kept,
             cluster=cluster,
-            tell=err.print,
+            notify=err.print,
         )
-    print_what_was_kept(kept)
+    print_kept_results(kept)
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
     with write_atomically(file) as part:
         part.write_text(format_tuned_method(tuned), encoding="utf-8")

@@ -6,9 +6,7 @@ from typing import Annotated
 import typer
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import make_terminal_reporter, out, print_error, print_progress_bars
-
-WIDTH = 80
+from saf_gen.cli._terminal import AsJson, make_terminal_reporter, out, print_error, print_progress_bars
 
 
 def validate_command(
@@ -16,17 +14,17 @@ def validate_command(
     quick: Annotated[bool, typer.Option("--quick", help="Run small sizes, in about a minute.")] = False,
     only: Annotated[
         list[str] | None,
-        typer.Option("--only", help="Check, or subject such as noise; repeat for more (default: all)."),
+        typer.Option("--only", help="Name of a check, or subject such as noise; repeatable (default: all)."),
     ] = None,
     folder: Annotated[
-        Path, typer.Option("--out", help="Folder for validation.md and its pictures; the same command goes on there.")
+        Path, typer.Option("--out", help="Folder for validation.md and its pictures; the same command resumes there.")
     ] = Path("datasets/validation"),
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Hold the product against theory, other code and itself (eleven minutes), and write a page of what came out."""
+    """Validate saf_gen against theory, other code and itself (eleven minutes), and write a page of results."""
     from saf_gen.acceptance.validation import choose_validation_checks
-    from saf_gen.acceptance.validation.page import tolerance_used_in_validation, write_validation_page
     from saf_gen.acceptance.validation.runner import run_validation_checks
+    from saf_gen.acceptance.validation.validation_page import tolerance_used_in_validation, write_validation_page
     from saf_gen.core.extras import RENDERER, require_extra
 
     checks = choose_validation_checks(only or [])
@@ -59,6 +57,6 @@ def validate_command(
         elif verdict.outcome == "skipped":
             print_error(f"{verdict.name} was skipped: {verdict.reason}", 0)
         elif verdict.outcome != "passed":
-            print_error(f"{verdict.name} {verdict.outcome}: {verdict.reason or 'it found no figure'}", 1)
+            print_error(f"{verdict.name} {verdict.outcome}: {verdict.reason or 'it gave no figure'}", 1)
     if any(verdict.outcome in ("failed", "broken") for verdict in verdicts):
         raise typer.Exit(1)

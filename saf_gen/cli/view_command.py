@@ -15,17 +15,19 @@ def view_command(
     kind: Annotated[
         str, typer.Option("--as", help="tfp (counts of a window), tfi (from intervals), or spikes (one readout).")
     ] = "tfp",
-    window: Annotated[int | None, typer.Option(min=1, help="Frames in a window (default: 100, or a tenth).")] = None,
+    window: Annotated[
+        int | None, typer.Option(min=1, help="Frames per window (default: 100, or a tenth of a short view).")
+    ] = None,
     first: Annotated[int, typer.Option("--from", min=0, help="First frame of the view.")] = 0,
-    stop: Annotated[int | None, typer.Option("--to", min=1, help="Frame after the last (default: all).")] = None,
+    stop: Annotated[int | None, typer.Option("--to", min=1, help="Frame after the last one (default: all).")] = None,
     every: Annotated[
-        int | None, typer.Option(min=1, help="Frames from a picture to the next (default: evenly).")
+        int | None, typer.Option(min=1, help="Frames from one picture to the next (default: evenly spaced).")
     ] = None,
     measure: Annotated[list[str] | None, typer.Option(help="Focus measure whose curve is drawn; repeatable.")] = None,
     region: Annotated[str, typer.Option(help="Where measures look: target (its box is drawn) or frame.")] = "target",
     fps: Annotated[float, typer.Option(help="Pictures per second of .gif, .mp4 and .html.")] = 12.0,
 ) -> None:
-    """Draw a stream: its pictures, with lens, light, truth and scores beside them."""
+    """Draw pictures of a stream, together with its lens position, light, truth and scores."""
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.stream_file import open_stream
 

@@ -1,1 +1,1 @@
-"""What every other layer may use: windows and regions of a recording, bits, files, random streams, processor cores."""
+"""Tools that every other layer may use: windows and regions of a recording, bits, files, random streams, cores."""

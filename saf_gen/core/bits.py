@@ -1,9 +1,10 @@
-"""Spikes as bits along time: pack and unpack frames, count spikes in windows, transpose bit matrices.
+"""Spikes as bits along time: functions that pack and unpack frames, count spikes and transpose bit matrices.
 
 Time-packed spikes are uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of byte t div 8. This
-order suits a disk: the bytes of one pixel are alike and deflate well. In memory the same bytes are *planes*, uint8
-(bytes, H, W): a window of all pixels is one contiguous run then, and counting it is five times faster. The kernels
-release Python's lock, use one thread, and do not check their arguments; the modules that take arrays from users do.
+order suits a disk, because the bytes of one pixel are alike and compress well. In memory the same bytes are stored as
+*planes*, uint8 (bytes, H, W): a window of all pixels is then contiguous, and counting its spikes is five times faster.
+The kernels release Python's global interpreter lock, run on one thread, and do not check their arguments; the modules
+that receive arrays from users do.
 """
 
 import numba
@@ -21,7 +22,7 @@ def _add_counts(planes, first, stop, counts):
             mask &= 255 >> (7 - ((stop - 1) & 7))
         for y in range(counts.shape[0]):
             for x in range(counts.shape[1]):
-                # Sums of 2, 4 and 8 neighbouring bits; without branches and tables LLVM vectorises them.
+                # Add up 2, 4, then 8 neighbouring bits; LLVM vectorises this, because it needs no branches or tables.
                 v = np.uint8(planes[b, y, x] & np.uint8(mask))
                 v = np.uint8(v - ((v >> np.uint8(1)) & np.uint8(0x55)))
                 v = np.uint8((v & np.uint8(0x33)) + ((v >> np.uint8(2)) & np.uint8(0x33)))
@@ -29,7 +30,7 @@ def _add_counts(planes, first, stop, counts):
 
 
 def sum_bits_of_planes(planes: np.ndarray, counts: np.ndarray, *, first: int, stop: int) -> None:
-    """Add the spikes in frames ``first <= t < stop`` of ``planes`` (bytes, h, w) to uint32 ``counts``."""
+    """Add the spikes in frames ``first <= t < stop`` of ``planes`` (bytes, h, w) to ``counts``, uint32 (h, w)."""
     if stop > first:
         _add_counts(planes, first, stop, counts)
 
@@ -48,7 +49,7 @@ def _add_train_counts(words, width, firsts, stops, counts):
                         v &= np.uint64(0xFFFFFFFFFFFFFFFF) << np.uint64(first & 63)
                     if i == last >> 6:
                         v &= np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(63 - (last & 63))
-                    # Sums of 2, 4 and 8 neighbouring bits, then of all bytes: LLVM knows it as one instruction.
+                    # Add up 2, 4, then 8 neighbouring bits, then all bytes; LLVM turns this into one instruction.
                     v -= (v >> np.uint64(1)) & np.uint64(0x5555555555555555)
                     v = (v & np.uint64(0x3333333333333333)) + ((v >> np.uint64(2)) & np.uint64(0x3333333333333333))
                     v = (v + (v >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
@@ -57,9 +58,10 @@ def _add_train_counts(words, width, firsts, stops, counts):
 
 
 def sum_bits_of_trains(trains: np.ndarray, counts: np.ndarray, *, firsts: np.ndarray, stops: np.ndarray) -> None:
-    """Add the spikes of windows of time-packed ``trains`` uint8 (h, w, bytes) to ``counts`` (windows, h, w).
+    """Add the spikes in windows of the time-packed ``trains``, uint8 (h, w, bytes), to ``counts`` (windows, h, w).
 
-    Window k is ``firsts[k] <= t < stops[k]``, int64, not empty. Pixel goes by pixel, while its train is in the cache.
+    Window k is ``firsts[k] <= t < stops[k]``, int64, and is not empty. All windows of a pixel are counted before the
+    next pixel, while its spike train is in the cache.
     """
     flat = np.ascontiguousarray(trains).reshape(-1)
     if flat.size % 8:
@@ -80,7 +82,7 @@ def _pack(frames, planes):
 
 
 def pack_bits(frames: np.ndarray) -> np.ndarray:
-    """Return frames (n, h, w), zero or not, time-packed, uint8 (h, w, ceil(n/8)); unused last bits are 0."""
+    """Return frames (n, h, w), zero or not, packed along time as uint8 (h, w, ceil(n/8)); unused last bits are 0."""
     planes = np.empty((-(-frames.shape[0] // 8), *frames.shape[1:]), np.uint8)
     _pack(frames, planes)
     return np.ascontiguousarray(planes.transpose(1, 2, 0))
@@ -96,13 +98,13 @@ def _unpack(planes, first, frames):
 
 
 def unpack_bits(planes: np.ndarray, frames: np.ndarray, *, first: int) -> None:
-    """Fill ``frames`` uint8 (n, h, w) with frames ``first <= t < first + n`` of ``planes`` (bytes, h, w)."""
+    """Fill ``frames``, uint8 (n, h, w), with frames ``first <= t < first + n`` of ``planes``, uint8 (bytes, h, w)."""
     _unpack(planes, first, frames)
 
 
 @numba.njit(nogil=True, cache=True)
 def _transpose_word(word):
-    # Transpose of an 8x8 bit matrix held in 64 bits: swaps blocks of 1, 2 and 4 bits across the diagonal
+    # Transpose an 8x8 bit matrix held in 64 bits by swapping blocks of 1, 2 and 4 bits across the diagonal
     # (H. S. Warren, Hacker's Delight, 2nd ed., section 7-3).
     t = (word ^ (word >> np.uint64(7))) & np.uint64(0x00AA00AA00AA00AA)
     word = word ^ t ^ (t << np.uint64(7))
@@ -126,9 +128,9 @@ def _transpose(rows, trains):
 
 
 def transpose_bits_to_trains(rows: np.ndarray) -> np.ndarray:
-    """Return a bit matrix transposed: uint8 (n, B) to uint8 (8 B, ceil(n/8)), least significant bit first.
+    """Return the transpose of a bit matrix uint8 (n, B) as uint8 (8 B, ceil(n/8)), least significant bit first.
 
-    Row t of ``rows`` is one frame of a foreign file; row p of the result is bit p of the frames over time.
+    Row t of ``rows`` is one frame of a foreign file; row p of the result is bit p of all frames over time.
     """
     trains = np.empty((8 * rows.shape[1], -(-rows.shape[0] // 8)), np.uint8)
     _transpose(rows, trains)

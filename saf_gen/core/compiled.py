@@ -1,4 +1,4 @@
-"""Inner loops compiled by numba."""
+"""Compilation of inner loops by numba."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,8 +7,8 @@ from numba import njit
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function that runs without Python's lock; machine code is cached on disk if possible."""
+    """Compile a function so that it runs without Python's global interpreter lock; cache it on disk if possible."""
     try:
         return njit(nogil=True, cache=True)(function)
-    except RuntimeError:  # numba found no folder that it may write: a read-only installation
+    except RuntimeError:  # numba found no folder that it may write to: the installation is read-only
         return njit(nogil=True)(function)

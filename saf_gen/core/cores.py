@@ -1,4 +1,4 @@
-"""The machine that saf_gen runs on: its cores, its name, and the signals that stop a program."""
+"""The machine that saf_gen runs on: its cores, memory and description, and the signals that stop a program."""
 
 import os
 import platform
@@ -15,33 +15,33 @@ from saf_gen.errors import BadInput
 
 
 def usable_cores() -> int:
-    """Return the cores that this process may use; a container or scheduler may allow fewer than there are."""
+    """Return the number of cores that this process may use; a container or scheduler may allow fewer than exist."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1  # macOS has no affinity
 
 
-def check_address_space(least: int) -> None:
-    """Raise BadInput where this process may address fewer than ``least`` bytes of memory.
+def check_address_space(min_bytes: int) -> None:
+    """Raise BadInput if this process may address fewer than ``min_bytes`` bytes of memory.
 
-    Libraries that count and render then wait for ever, or end the process without a word.
+    With less memory, the libraries that count and render wait for ever or end the process without a message.
     """
     try:
         import resource
     except ImportError:  # not a Unix
         return
     soft, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if resource.RLIM_INFINITY != soft < least:
+    if resource.RLIM_INFINITY != soft < min_bytes:
         raise BadInput(
-            f"this process may take {soft >> 20:,} MiB of memory (ulimit -v)",
-            allowed=f"{least >> 20:,} MiB and more",
+            f"this process may use only {soft >> 20:,} MiB of memory (ulimit -v)",
+            allowed=f"{min_bytes >> 20:,} MiB or more",
             hint="raise the limit, or ask your batch system for more",
         )
 
 
 @cache
 def describe_machine() -> str:
-    """Return one line of what running times depend on; it names neither the host nor its user."""
+    """Return one line about what running times depend on; it names neither the host nor its user."""
     return (
         f"{_processor()}, {usable_cores()} cores, {platform.system()}, "
         f"Python {platform.python_version()}, numpy {np.__version__}"
@@ -61,7 +61,7 @@ def _processor() -> str:
 def defer_interrupts() -> Iterator[None]:
     """Delay Ctrl-C until the end of the block; processes started in the block ignore it.
 
-    Dr.Jit and Mitsuba, interrupted while they load, raise errors of their own or abort.
+    Dr.Jit and Mitsuba raise their own errors or abort if they are interrupted while they load.
     """
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -72,21 +72,22 @@ def defer_interrupts() -> Iterator[None]:
 
 @contextmanager
 def defer_termination() -> Iterator[None]:
-    """Delay Ctrl-C and SIGTERM until the end of the block, whichever thread they reach.
+    """Delay Ctrl-C and SIGTERM until the end of the block, whichever thread receives them.
 
-    For a block that starts no process. In another thread than the main one signals are not handled, nor delayed.
+    Use this for a block that starts no process. In any thread but the main one, signals are neither handled nor
+    delayed.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
+    received: list[int] = []
     before = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         for number in before:
-            signal.signal(number, lambda number, frame: came.append(number))
+            signal.signal(number, lambda number, frame: received.append(number))
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        for number in came[:1]:
+        for number in received[:1]:
             signal.raise_signal(number)

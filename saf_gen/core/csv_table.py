@@ -1,6 +1,6 @@
-"""Small CSV tables that a recipe names by their path, read together with the recipe.
+"""Small CSV tables that a recipe names by their path and that are read together with the recipe.
 
-Their text becomes part of the recipe: an edited table makes another recipe, and a table that is moved away
+The text of a table becomes part of the recipe: an edited table makes a different recipe, and moving a table away
 later does no harm.
 """
 
@@ -13,36 +13,36 @@ import numpy as np
 
 from saf_gen.errors import BadInput, closest
 
-LARGEST_BYTES = 4 << 20  # every file of the dataset holds a copy
+MAX_TABLE_BYTES = 4 << 20  # every file of the dataset contains a copy
 
 
-def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
-    """Return the text of the file ``name`` in ``folder`` or below it.
+def read_text_in_folder(folder: str | Path, name: str, *, where: str = "") -> str:
+    """Return the text of the file ``name`` in ``folder`` or one of its subfolders.
 
-    ``where`` is the file and line that name it. Raises BadInput for a path that leads out of the folder, also
-    by a link, and for a file that is missing, larger than 4 MiB, or not UTF-8 text.
+    ``where`` is the file and line in which the name was found. Raises BadInput if the path leads out of the folder,
+    also through a link, or the file is missing, larger than 4 MiB, or not UTF-8 text.
     """
     root = Path(folder).resolve()
     try:
         path = (root / name).resolve()
-    except (OSError, RuntimeError, ValueError) as error:  # a circle of links, or a name with a zero byte
-        raise BadInput(f"{name!r} cannot be followed: {error}", where=where) from error
+    except (OSError, RuntimeError, ValueError) as error:  # circular links, or a name with a zero byte
+        raise BadInput(f"{name!r} cannot be resolved: {error}", where=where) from error
     if not path.is_relative_to(root):
         raise BadInput(
-            f"{name!r} lies outside the folder of the file that names it",
+            f"{name!r} is outside the folder of the file that names it",
             where=where,
-            allowed=f"a file in {root}, or below it",
+            allowed=f"a file in {root} or its subfolders",
             hint="copy it there",
         )
     try:
         if path.exists() and not path.is_file():
             raise BadInput(f"{name!r} is a folder, a pipe or a device", where=where, allowed="a file")
-        if path.stat().st_size > LARGEST_BYTES:
+        if path.stat().st_size > MAX_TABLE_BYTES:
             raise BadInput(
                 f"{name!r} has {path.stat().st_size} bytes",
                 where=where,
-                allowed=f"at most {LARGEST_BYTES}",
-                hint="thin it out: between two rows the table is a straight line",
+                allowed=f"at most {MAX_TABLE_BYTES}",
+                hint="remove rows: values between two rows are interpolated linearly",
             )
         return path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
     except FileNotFoundError:
@@ -54,25 +54,25 @@ def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
 
 
 def parse_csv_table(file: object, names: tuple[str, ...]) -> tuple[np.ndarray, ...]:
-    """Return the columns of a table as a recipe hands it over, ``{"path": ..., "text": ...}``.
+    """Return the columns of a table that a recipe holds as ``{"path": ..., "text": ...}``.
 
-    Raises BadInput where ``file`` is something else, and as :func:`parse_csv_columns` does.
+    Raises BadInput if ``file`` is anything else, or if :func:`parse_csv_columns` refuses the text.
     """
     if not (isinstance(file, Mapping) and set(file) == {"path", "text"}):
-        allowed = "in a recipe the path of a CSV file; else {'path': ..., 'text': ...}"
+        allowed = "the path of a CSV file in a recipe; elsewhere {'path': ..., 'text': ...}"
         raise BadInput(f"file is {file!r}", allowed=allowed)
     return parse_csv_columns(file["text"], names, name=file["path"])
 
 
 @lru_cache(maxsize=64)
 def parse_csv_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.ndarray, ...]:
-    """Return the columns of a CSV text, float64 (N,) each, read-only; the first one rises from row to row.
+    """Return the columns of a CSV text as read-only arrays, float64 (N,) each; the first one rises from row to row.
 
-    The first line holds the ``names`` in their order. Empty lines and lines that begin with # are skipped.
-    ``name`` is the name of the file in errors.
+    The first line contains the ``names``, in order. Empty lines and lines that begin with # are skipped. ``name`` is
+    the name of the file in errors.
 
-    Raises BadInput with the line for another heading, a row that does not fit, a value that is not a finite
-    number, a first column that does not rise, or a table without rows.
+    Raises BadInput, with the line, if the heading differs, a row has another number of cells, a value is not a finite
+    number, the first column does not rise, or the table has no rows.
     """
     rows: list[list[float]] = []
     heading = ""
@@ -91,7 +91,7 @@ def parse_csv_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[
         row = [_number(cell, column, where=where) for cell, column in zip(cells, names, strict=True)]
         if rows and not row[0] > rows[-1][0]:
             raise BadInput(
-                f"{names[0]} goes from {rows[-1][0]:g} to {row[0]:g}", where=where, allowed="a rising column"
+                f"{names[0]} goes from {rows[-1][0]:g} to {row[0]:g}", where=where, allowed="a column that rises"
             )
         rows.append(row)
     if not rows:

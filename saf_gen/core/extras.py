@@ -1,4 +1,4 @@
-"""Packages that an installation may lack: those of the extras in pyproject.toml, imported only where they are used."""
+"""Packages that an installation may lack: those of the extras in pyproject.toml, imported only when they are used."""
 
 import hashlib
 import platform
@@ -11,13 +11,14 @@ from saf_gen.errors import BadInput
 
 RENDERER = ("mitsuba", "drjit")
 RESULT_PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "h5py", "isal", "OpenEXR")
-"""Packages whose versions may change results, and which every stream therefore names."""
+"""Packages whose versions may change results; every stream therefore records them."""
 
 
 def require_extra(extra: str, *packages: str, of: str) -> None:
     """Check that the packages of an extra are installed, without importing them.
 
-    ``of`` says what needs them, such as "rendering". Raises BadInput with the installation that brings them.
+    ``of`` says what needs them, such as "rendering". Raises BadInput, with the command that installs them, if one is
+    missing.
     """
     missing = [name for name in packages if find_spec(name) is None]
     if missing:
@@ -37,9 +38,10 @@ def installed_version(package: str) -> str:
 
 @cache
 def installed_versions() -> dict[str, str]:
-    """Return what results may depend on: the version of Python and of each of RESULT_PACKAGES, and of saf_gen.
+    """Return the versions that results may depend on: those of Python, of RESULT_PACKAGES and of saf_gen.
 
-    ``saf_gen`` is 12 digits of a sha256 over its source: two checkouts may have one version, and other code.
+    The version under the key ``saf_gen`` is the first 12 digits of the SHA-256 of its source, because two checkouts
+    may have the same version number and different code.
     """
     package = Path(__file__).resolve().parent.parent
     sha = hashlib.sha256()

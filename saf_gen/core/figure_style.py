@@ -1,7 +1,7 @@
-"""The style of figures (colours, dashes, markers, fonts), and their output as SVG for a file or a page.
+"""The style of figures (colours, dashes, markers, fonts) and their output as SVG for a file or a page.
 
-Every figure has a canvas of its own, so nothing depends on a screen or on the state of pyplot. Text stays
-text. Within a page every colour is a CSS variable, so that one drawing serves light and dark schemes.
+Every figure has its own canvas, so nothing depends on a screen or on the state of pyplot. Text in an SVG remains text.
+On a page every colour is a CSS variable, so that one drawing serves light and dark colour schemes.
 """
 
 import io
@@ -18,12 +18,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-COLUMN = 3.5  # inches: of a paper with two columns
-WIDTH = 4.4  # inches: a figure is readable on a phone, and two or three stand side by side on a desk
+COLUMN = 3.5  # inches: one column of a paper with two
+WIDTH = 4.4  # inches: readable on a phone, and two or three figures fit side by side on a desktop screen
 MAX_MEASURES = 8
-"""Most measures in one figure; more could not be distinguished."""
+"""Largest number of measures in one figure; more could not be distinguished."""
 INK, SOFT, BAND, GREY, PAPER = "#1f2328", "#6b7280", "#e8c547", "#d5d8dc", "#ffffff"
-# Okabe and Ito's colours differ for every kind of colour vision; dashes and markers repeat the distinction.
+# Okabe and Ito's colours can be distinguished with every kind of colour vision; dashes and markers help as well.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#111111", "#e69f00", "#8c6d31")
 DASHES: tuple[Any, ...] = (
     "-",
@@ -64,7 +64,7 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "figure.facecolor": "none",
     "svg.fonttype": "none",
-    "text.parse_math": False,  # a name may hold a dollar sign
+    "text.parse_math": False,  # a name may contain a dollar sign
 }
 COLUMN_STYLE: dict[Any, Any] = {
     **STYLE,
@@ -74,13 +74,13 @@ COLUMN_STYLE: dict[Any, Any] = {
     "figure.facecolor": "white", "pdf.fonttype": 42,  # a font that can be embedded and edited
     "svg.hashsalt": "figure",
 }  # fmt: skip
-"""For files that go into a paper, a column (3.5 inches) or two (7.16) wide."""
+"""Style of figures for a paper, one column (3.5 inches) or two columns (7.16 inches) wide."""
 _DIGITS = re.compile(r"(?<![\w#.])-?\d+\.\d{3,}(?![\w.])")
 
 
 @dataclass(frozen=True)
 class PlotStyle:
-    """The style of one measure or light, in every figure of a page."""
+    """The style of one measure or light in every figure of a page."""
 
     colour: str
     dashes: Any
@@ -93,7 +93,7 @@ class PlotStyle:
 
 
 def assign_plot_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
-    """Return a style for each name, by its rank: MAX_MEASURES colours, and MAX_MEASURES² styles in all."""
+    """Return a style for each name, in their order; there are MAX_MEASURES colours and MAX_MEASURES² styles."""
     styles = {}
     for i, name in enumerate(dict.fromkeys(names)):
         j = (i + i // MAX_MEASURES) % MAX_MEASURES  # a repeated colour has other dashes and another marker
@@ -103,9 +103,9 @@ def assign_plot_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
 
 @contextmanager
 def use_plot_style(style: dict[Any, Any] = STYLE) -> Iterator[None]:
-    """Return a context with matplotlib's settings for our figures; it restores the earlier settings.
+    """Set matplotlib's settings for our figures in a ``with`` block, and restore the earlier settings after it.
 
-    A name may be in letters that the font lacks: an SVG holds it as text, in the reader's font, so no warning is given.
+    Letters that the font lacks cause no warning, because an SVG stores names as text, shown in the reader's font.
     """
     with matplotlib.rc_context(style), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "(?s)Glyph .* missing from font", UserWarning)
@@ -113,13 +113,13 @@ def use_plot_style(style: dict[Any, Any] = STYLE) -> Iterator[None]:
 
 
 def hide_plot_spines(axes: Axes, *sides: str) -> None:
-    """Hide these sides of the frame of the axes."""
+    """Hide these sides of the frame around the axes, such as "top"."""
     for side in sides:
         axes.spines[side].set_visible(False)
 
 
 def plot_to_svg(figure: Figure, *, name: str) -> str:
-    """Return the text of an SVG file; the same figure and name give the same text."""
+    """Return the figure as the text of an SVG file; the same figure and name give the same text."""
     buffer = io.StringIO()
     with use_plot_style({**STYLE, "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
@@ -127,9 +127,10 @@ def plot_to_svg(figure: Figure, *, name: str) -> str:
 
 
 def inline_svg(svg: str, *, label: str) -> str:
-    """Return the SVG as an element of a page, with the page's colours and font and no id of another figure.
+    """Return the SVG as an element of a page, with the colours and the font of the page.
 
-    ``label`` describes it to readers who do not see it.
+    Ids that nothing refers to are removed, because other figures on the page have them too. ``label`` describes the
+    figure to readers who cannot see it.
     """
     text = svg[svg.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", "", text, flags=re.DOTALL)

@@ -1,7 +1,7 @@
-"""Files and folders that are written whole or not at all.
+"""Files and folders that are written completely or not at all.
 
-What is not whole yet has a hidden name, ``.NAME.TOKEN.MACHINE.PID.part``, which tells what process writes it. Whoever
-writes into a folder removes what processes that have ended left there.
+An unfinished file or folder has a hidden name, ``.NAME.TOKEN.MACHINE.PID.part``, which identifies the process that
+writes it. Before a process writes to a folder, it removes the unfinished files that ended processes have left there.
 """
 
 import errno
@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from hashlib import file_digest
 from pathlib import Path
 
 from saf_gen.core.object_store import check_on_disk
@@ -24,16 +25,18 @@ ABANDONED_S = 86_400.0
 """Seconds without a change after which a temporary file of another machine, whose processes are unknown, is removed."""
 _TEMPORARY = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{8}\.(?P<machine>[A-Za-z0-9-]+)\.(?P<pid>\d+)\.part")
 LOCKING = "HDF5_USE_FILE_LOCKING"
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+"""The first bytes of an HDF5 file."""
 
 
 @contextmanager
 def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary file beside ``path`` to write to; at the end it is synced to disk and renamed.
+    """Yield the path of a temporary file next to ``path``, which is synced to disk and renamed to ``path`` at the end.
 
-    The folder is made where it is missing. On an exception the temporary file is removed and an older
-    ``path`` stays. Several processes, on several machines, may write the same path: the last one wins, whole.
+    A missing folder is created. If an exception is raised, the temporary file is removed and an older ``path`` remains.
+    Several processes, on several machines, may write the same path: the complete file of the last one remains.
 
-    Raises BadInput when the disk is full or the folder cannot be written.
+    Raises BadInput if the disk is full or the folder cannot be written to.
     """
     final = Path(path)
     check_on_disk(final)
@@ -48,26 +51,36 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     except OSError as error:
         raise unwritable_file_error(final, error) from error
     finally:
-        with suppress(OSError):  # removed already, or its folder is not a folder
+        with suppress(OSError):  # it is already removed, or its parent is not a folder
             part.unlink(missing_ok=True)
 
 
 def file_name_as_text(name: str) -> str:
-    """Return the name of a file as text that files can hold: bytes that are no UTF-8 become escapes."""
+    """Return a file name as text that can be written to a file: bytes that are not UTF-8 become escapes."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
+def sha256_of_file(path: Path) -> str:
+    """Return the SHA-256 of a file; raise BadInput if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise BadInput(f"cannot be read: {error.strerror}", where=str(path)) from error
+
+
 def write_text_atomically(path: str | os.PathLike[str], text: str) -> None:
-    """Write a UTF-8 text file that is there whole or not at all; raises as :func:`write_atomically` does."""
+    """Write a UTF-8 text file completely or not at all; raise BadInput as :func:`write_atomically` does."""
     with write_atomically(path) as part:
         part.write_text(text, encoding="utf-8")
 
 
 @contextmanager
 def write_folder_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary folder beside ``path`` to fill; at the end it is renamed to ``path``, which is new or empty.
+    """Yield a temporary folder next to ``path`` to fill, which is renamed to ``path`` at the end.
 
-    Raises BadInput when the disk is full or a folder cannot be written.
+    ``path`` must not exist or must be an empty folder. Raises BadInput if the disk is full or a folder cannot be
+    written to.
     """
     final = Path(path)
     try:
@@ -80,7 +93,7 @@ def write_folder_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
-    """Yield a new folder under a temporary name beside ``path``; it is removed at the end."""
+    """Yield a new folder with a temporary name next to ``path``; it is removed at the end."""
     check_on_disk(path)
     part = temporary_file_name(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -93,13 +106,13 @@ def temporary_folder(path: Path) -> Iterator[Path]:
 
 
 def rename_durably(old: Path, new: Path) -> None:
-    """Rename a file or a folder, in the place of an older file ``new``, so that it outlasts a crash of the machine."""
+    """Rename a file or folder, replacing an older file ``new``, so that the change survives a crash of the machine."""
     old.replace(new)
     sync_folder(new.parent)
 
 
 def sync_folder(folder: Path) -> None:
-    """Write the names in a folder to disk, where its file system can."""
+    """Write the names in a folder to disk, if its file system supports this."""
     with suppress(OSError):
         opened = os.open(folder, os.O_RDONLY)
         try:
@@ -109,7 +122,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def free_disk_bytes(folder: Path) -> int:
-    """Return the bytes that are free where ``folder`` lies, or would be made."""
+    """Return the number of free bytes on the disk that holds ``folder``, which need not exist yet."""
     return shutil.disk_usage(_nearest_existing(folder)).free
 
 
@@ -118,20 +131,20 @@ def _nearest_existing(folder: Path) -> Path:
 
 
 def check_folder_writable(folder: Path) -> None:
-    """Raise BadInput where ``folder`` could not be made or written to; nothing is made."""
+    """Raise BadInput if ``folder`` could not be created or written to; nothing is created."""
     check_on_disk(folder)
-    there = _nearest_existing(folder)
-    if not there.is_dir():
-        raise unwritable_file_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(there)))
-    if not os.access(there, os.W_OK):
-        raise unwritable_file_error(folder, PermissionError(errno.EACCES, "", str(there)))
+    existing = _nearest_existing(folder)
+    if not existing.is_dir():
+        raise unwritable_file_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(existing)))
+    if not os.access(existing, os.W_OK):
+        raise unwritable_file_error(folder, PermissionError(errno.EACCES, "", str(existing)))
 
 
 def check_file_system(folder: Path) -> None:
-    """Raise BadInput where files in ``folder`` cannot be put in the place of others, synced or locked as HDF5 does.
+    """Raise BadInput if files in ``folder`` cannot be synced to disk, locked as HDF5 locks them, or replaced by others.
 
-    Some file systems over a network or an object store cannot; half-written files would be taken for whole. Two small
-    files are written and removed.
+    Some file systems on a network or an object store cannot do this, and half-written files would be mistaken for
+    complete ones. The check writes two small files and removes them.
     """
     new, old = temporary_file_name(folder / "new"), temporary_file_name(folder / "old")
     step = ""
@@ -144,8 +157,8 @@ def check_file_system(folder: Path) -> None:
             os.fsync(file.fileno())
             step = "lock files"
             if os.environ.get(LOCKING, "").upper() not in ("FALSE", "BEST_EFFORT"):
-                _lock_as_hdf5_does(file.fileno())
-        step = "put a file in the place of another"
+                _lock_like_hdf5(file.fileno())
+        step = "replace a file by another"
         new.replace(old)
         if old.read_bytes() != b"new":
             raise OSError(errno.EIO, "")
@@ -154,8 +167,8 @@ def check_file_system(folder: Path) -> None:
             raise unwritable_file_error(folder, error) from error
         raise BadInput(
             f"the file system of {folder} cannot {step}: {os.strerror(error.errno or errno.EIO)}",
-            allowed="one with atomic renaming, such as ext4, XFS, NFS, Lustre or BeeGFS",
-            hint=f"set {LOCKING}=FALSE where one process alone writes a file" if step == "lock files" else "",
+            allowed="a file system with atomic renaming, such as ext4, XFS, NFS, Lustre or BeeGFS",
+            hint=f"set {LOCKING}=FALSE if only one process writes each file" if step == "lock files" else "",
         ) from error
     finally:
         for path in (new, old):
@@ -163,37 +176,37 @@ def check_file_system(folder: Path) -> None:
                 path.unlink(missing_ok=True)
 
 
-def _lock_as_hdf5_does(file: int) -> None:
+def _lock_like_hdf5(file: int) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        if error.errno != errno.ENOSYS:  # where there are no locks at all HDF5 goes on without
+        if error.errno != errno.ENOSYS:  # HDF5 works without locks if the system has none at all
             raise
 
 
 def unwritable_file_error(path: Path, error: OSError) -> BadInput:
-    """Return the error for a file that cannot be written; folders with a hidden name are told by their final one."""
+    """Return the error for a file that cannot be written; it shows final names in place of temporary ones."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    hint = "free space and run the same command again: it goes on" if full else "choose another folder"
+    hint = "free disk space and run the same command again to go on" if full else "choose another folder"
     names = (found["name"] if (found := _TEMPORARY.fullmatch(name)) else name for name in path.parts)
     return BadInput(f"{Path(*names)} cannot be written: {reason}", hint=hint)
 
 
 def undeletable_file_error(path: Path, error: OSError) -> BadInput:
-    """Return the error for a file, or something in a folder, that cannot be deleted."""
+    """Return the error for a folder in which files cannot be deleted."""
     reason = os.strerror(error.errno) if error.errno else str(error)
-    return BadInput(f"{path}: nothing can be deleted there: {reason}", hint="change its permissions")
+    return BadInput(f"files in {path} cannot be deleted: {reason}", hint="change its permissions")
 
 
-def remove_leftover_files(folder: Path, *, below: bool = False) -> None:
-    """Remove the temporary files and folders in ``folder`` whose process has ended; with ``below`` in its folders too.
+def remove_leftover_files(folder: Path, *, recursive: bool = False) -> None:
+    """Remove the temporary files and folders in ``folder``, with ``recursive`` also below it, whose process has ended.
 
-    Of those that another machine wrote the age decides.
+    Those that another machine wrote are removed if nothing has changed in them for ABANDONED_S seconds.
     """
-    for part in (folder.rglob if below else folder.glob)(".*.part"):
-        with suppress(OSError):  # another process was quicker, or it belongs to another user
-            if not _is_left_behind(part):
+    for part in (folder.rglob if recursive else folder.glob)(".*.part"):
+        with suppress(OSError):  # another process has removed it already, or it belongs to another user
+            if not _is_leftover(part):
                 continue
             if part.is_dir():
                 shutil.rmtree(part, ignore_errors=True)
@@ -206,7 +219,7 @@ def _remove_leftovers_once(folder: Path) -> None:
     remove_leftover_files(folder)
 
 
-def _is_left_behind(part: Path) -> bool:
+def _is_leftover(part: Path) -> bool:
     found = _TEMPORARY.fullmatch(part.name)
     if found is None:
         return False
@@ -216,15 +229,15 @@ def _is_left_behind(part: Path) -> bool:
 
 
 def temporary_file_name(final: Path) -> Path:
-    """Return a new name beside ``final``, which says what process writes it; what is left there is removed later."""
-    # The token keeps apart containers with equal names and processes, and shards that render the same stack.
+    """Return a new name next to ``final`` that identifies this process; a file left under it is removed later."""
+    # The token distinguishes containers with equal names and process ids, and shards that render the same stack.
     return final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_machine()}.{os.getpid()}.part")
 
 
 def _machine() -> str:
-    """Return the name of this machine as part of a file name, with the number of the container's own processes."""
+    """Return the name of this machine, with the number of its process namespace, as part of a file name."""
     try:
-        namespace = f"-{Path('/proc/self/ns/pid').stat().st_ino:x}"  # processes of another one cannot be seen here
+        namespace = f"-{Path('/proc/self/ns/pid').stat().st_ino:x}"  # a container sees only processes in its own
     except OSError:  # not Linux
         namespace = ""
     return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:40] + namespace
@@ -236,5 +249,5 @@ def _is_running(pid: int) -> bool:
     except ProcessLookupError:
         return False
     except OSError:
-        return True  # the process of another user
+        return True  # it is the process of another user
     return True

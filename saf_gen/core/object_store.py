@@ -1,8 +1,9 @@
-"""Files in object stores, ``s3://bucket/folder/name``, which are read like files on a disk: the one door to fsspec.
+"""Files in object stores, ``s3://bucket/folder/name``, which are read like files on a disk.
 
-Objects are read by ranges, and an object that is replaced or deleted meanwhile is told, never mixed. Endpoint and
-credentials come from the environment and the files that all programs for S3 read (``AWS_ENDPOINT_URL``,
-``AWS_ACCESS_KEY_ID``, ``AWS_PROFILE``, ...). :mod:`saf_gen.core.object_transfers` writes objects.
+Only this module imports fsspec. Objects are read by ranges; if an object is replaced or deleted while it is read,
+reading fails and never mixes two versions. Endpoint and credentials come from the environment and the files that all
+programs for S3 read (``AWS_ENDPOINT_URL``, ``AWS_ACCESS_KEY_ID``, ``AWS_PROFILE``, ...).
+:mod:`saf_gen.core.object_transfers` writes objects.
 """
 
 import gc
@@ -22,18 +23,24 @@ from saf_gen.core.extras import require_extra
 from saf_gen.errors import BadInput
 
 SCHEMES = {"s3": "s3fs"}
-"""The package that fsspec needs for each scheme; it is that of the extra of the same name."""
+"""The package that fsspec needs for each scheme; the extra with the name of the scheme installs it."""
 _ADDRESS = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]+):/{1,2}(?P<key>.*)", re.DOTALL)
 FIRST_RANGE, LARGEST_RANGE, KEPT_RANGES = 1 << 16, 1 << 20, 8
-"""Bytes of a range where reading jumps, at most where it goes on, and how many ranges an open object keeps."""
+"""Bytes of a range after a jump, most bytes that are read ahead, and number of ranges that an open object keeps."""
 
 
 @dataclass(frozen=True, order=True)
 class StorePath:
-    """The path of an object, or of a folder of objects; it offers what readers ask of a ``pathlib.Path``.
+    """The path of an object, or of a folder of objects, with the methods of ``pathlib.Path`` that readers use.
 
-    ``key`` is all that follows ``scheme://``: the bucket, and the name in it. All methods raise BadInput where the
-    store cannot be asked.
+    Every method that queries the store raises BadInput if the query fails.
+
+    Attributes
+    ----------
+    scheme : str
+        Kind of store, such as "s3".
+    key : str
+        Everything that follows ``scheme://``: the bucket, and the name in it.
     """
 
     scheme: str
@@ -52,35 +59,35 @@ class StorePath:
 
     @property
     def stem(self) -> str:
-        """The name without what follows its last dot."""
+        """The name without its suffix."""
         return PurePosixPath(self.key).stem
 
     @property
     def suffix(self) -> str:
-        """What follows the last dot of the name, with it."""
+        """The part of the name from its last dot on."""
         return PurePosixPath(self.key).suffix
 
     @property
     def parent(self) -> "StorePath":
-        """The folder that holds this; that of a bucket is the bucket."""
+        """The folder that contains this path; a bucket is its own parent."""
         above = str(PurePosixPath(self.key).parent)
         return self if above in (".", "/") else StorePath(self.scheme, above)
 
     @property
     def bucket(self) -> str:
-        """The first part of the path."""
+        """The name of the bucket: the first part of the path."""
         return self.key.split("/", 1)[0]
 
     def with_name(self, name: str) -> "StorePath":
-        """Return the path of another name in the same folder."""
+        """Return the path with another name in the same folder."""
         return StorePath(self.scheme, str(PurePosixPath(self.key).with_name(name)))
 
     def resolve(self) -> Self:
-        """Return the same path: an object has one name."""
+        """Return the same path, because an object has only one name."""
         return self
 
     def file_system(self) -> Any:
-        """Return fsspec's file system; raises BadInput where the package of this scheme is missing."""
+        """Return fsspec's file system; raise BadInput if the package for this scheme is missing."""
         require_extra(self.scheme, "fsspec", SCHEMES[self.scheme], of=f"{self.scheme}://")
         import fsspec
 
@@ -88,7 +95,7 @@ class StorePath:
         return fsspec.filesystem(self.scheme, **options)
 
     def exists(self) -> bool:
-        """Return whether there is an object or a folder of this name."""
+        """Return whether an object or a folder of this name exists."""
         return self._facts() is not None
 
     def is_file(self) -> bool:
@@ -96,7 +103,7 @@ class StorePath:
         return (self._facts() or {}).get("type") == "file"
 
     def is_dir(self) -> bool:
-        """Return whether this is a folder that holds objects, or a bucket."""
+        """Return whether this is a folder that contains objects, or a bucket."""
         return (self._facts() or {}).get("type") == "directory"
 
     def _facts(self) -> dict[str, Any] | None:
@@ -110,7 +117,7 @@ class StorePath:
                 return None
 
     def stat(self) -> os.stat_result:
-        """Return size and time of an object; raises BadInput where there is none."""
+        """Return the size and the modification time of an object; raise BadInput if it does not exist."""
         facts = self._facts()
         if facts is None or facts["type"] != "file":
             raise BadInput("there is no such object", where=str(self))
@@ -119,25 +126,25 @@ class StorePath:
         return os.stat_result((stat.S_IFREG, 0, 0, 1, 0, 0, facts["size"], seconds, seconds, seconds))
 
     def iterdir(self) -> Iterator["StorePath"]:
-        """Yield what lies in a folder."""
+        """Yield the objects and folders in this folder."""
         with self.report_problems():
             found = self.file_system().ls(self.key, detail=False)
         yield from (StorePath(self.scheme, key.strip("/")) for key in found)
 
     def open(self, mode: str = "rb") -> "ObjectReader":
-        """Open an object for reading; its content is that of now, or reading ends in BadInput."""
+        """Open an object for reading; reading raises BadInput if its content changes after this call."""
         with self.report_problems():
             raw = self.file_system().open(self.key, mode, cache_type="none")
             return ObjectReader(self, raw, raw.seek(0, io.SEEK_END))
 
     def read_text(self, encoding: str = "utf-8") -> str:
-        """Return the text of an object; ends of lines become a newline."""
+        """Return the text of an object, with every line end as a newline."""
         with self.open() as raw:
             return io.TextIOWrapper(io.BytesIO(raw.read()), encoding=encoding).read()
 
     @contextmanager
     def report_problems(self) -> Iterator[None]:
-        """Turn whatever a store's client raises into one line."""
+        """Turn every exception of a store's client into a BadInput of one line."""
         try:
             yield
         except BadInput:
@@ -151,10 +158,10 @@ AnyPath = Path | StorePath
 
 
 def find_path(source: "str | os.PathLike[str] | StorePath") -> AnyPath:
-    """Return the path that a text names: ``s3://bucket/name`` in an object store, all else on a disk.
+    """Return the path that a text names: ``s3://bucket/name`` in an object store, anything else on a disk.
 
-    A Path that was made of such an address, and has lost one of its slashes, is understood too. Raises BadInput for the
-    address of something else.
+    A Path that was made from such an address, and has lost one of its slashes, is understood too. Raises BadInput if
+    the address has another scheme or names no bucket.
     """
     if isinstance(source, StorePath):
         return source
@@ -164,36 +171,36 @@ def find_path(source: "str | os.PathLike[str] | StorePath") -> AnyPath:
         return Path(source)
     scheme = found["scheme"].lower()
     if scheme not in SCHEMES:
-        hint = "saf-gen fetch takes packed datasets from http servers" if scheme in ("http", "https") else ""
+        hint = "download packed datasets with saf-gen fetch" if scheme in ("http", "https") else ""
         allowed = f"{', '.join(f'{one}://' for one in SCHEMES)}, or a path on a disk"
-        raise BadInput(f"{scheme}:// is no kind of address that is known", where=text, allowed=allowed, hint=hint)
+        raise BadInput(f"{scheme}:// is not a known kind of address", where=text, allowed=allowed, hint=hint)
     key = str(PurePosixPath(found["key"].strip("/")))
     if key in (".", "") or ".." in PurePosixPath(key).parts:
-        raise BadInput("names no bucket", where=text, allowed=f"{scheme}://BUCKET/FOLDER")
+        raise BadInput("the address names no bucket", where=text, allowed=f"{scheme}://BUCKET/FOLDER")
     return StorePath(scheme, key)
 
 
 def check_on_disk(path: Path) -> None:
-    """Raise BadInput for a path that names an object store: files are written there by ``generate`` alone."""
+    """Raise BadInput for a path in an object store, because only ``generate`` writes files there."""
     if not path.is_absolute() and isinstance(found := find_path(path), StorePath):
         raise BadInput(
-            f"{found} is in an object store", allowed="a path on a disk; `saf-gen generate` alone writes to stores"
+            f"{found} is in an object store", allowed="a path on a disk; only `saf-gen generate` writes to stores"
         )
 
 
-class _Garbage:
+class _CollectionPause:
     """Keeps Python from collecting garbage while HDF5 waits for an object, in any number of threads.
 
-    HDF5 reads under a lock of h5py. The store's client answers from a thread of its own; if a collection there found
-    something of h5py, it would wait for that lock for ever.
+    HDF5 reads under a lock of h5py, and the store's client answers from another thread. If that thread collected an
+    object of h5py as garbage, it would wait for the lock for ever.
     """
 
     def __init__(self) -> None:
         self._lock, self._waiting, self._collects = threading.Lock(), 0, True
 
     @contextmanager
-    def left_alone(self) -> Iterator[None]:
-        """Collect nothing until the end of the ``with`` statement."""
+    def paused(self) -> Iterator[None]:
+        """Collect no garbage until the end of the ``with`` block."""
         with self._lock:
             if not self._waiting:
                 self._collects = gc.isenabled()
@@ -208,14 +215,24 @@ class _Garbage:
                     gc.enable()
 
 
-_GARBAGE = _Garbage()
+_COLLECTION_PAUSE = _CollectionPause()
 
 
 class ObjectReader(io.RawIOBase):
-    """An open object: ranges that grow as reading goes on, and stay small where it jumps.
+    """An open object, read by ranges that grow while reading is continuous and are small after a jump.
 
-    It keeps the last eight ranges, a MiB each unless more is asked for at once. ``problem`` is what went wrong while
-    HDF5 read, which tells that in other words; ``fetched`` counts bytes and ``requests`` ranges.
+    It keeps the last eight ranges, each of at most 1 MiB unless more is requested at once.
+
+    Attributes
+    ----------
+    path : StorePath
+        Path of the object.
+    size : int
+        Bytes of the object.
+    problem : BadInput or None
+        The last error of the store, which HDF5 reports in other words.
+    fetched, requests : int
+        Numbers of bytes and of ranges fetched so far.
     """
 
     def __init__(self, path: StorePath, raw: Any, size: int) -> None:
@@ -233,16 +250,16 @@ class ObjectReader(io.RawIOBase):
         return True
 
     def tell(self) -> int:
-        """Return where the next byte is read."""
+        """Return the position of the next byte to read."""
         return self._at
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """Move to another byte, and return its number."""
+        """Move to another position, and return it, in bytes from the beginning."""
         self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self.size}[whence]
         return self._at
 
     def readinto(self, buffer: Any) -> int:
-        """Fill a buffer, but for what lies after the end; raises BadInput where the object cannot be read."""
+        """Fill a buffer and return the number of bytes read, fewer at the end; raise BadInput if reading fails."""
         out = memoryview(buffer).cast("B")
         count = max(0, min(len(out), self.size - self._at))
         done = 0
@@ -255,7 +272,7 @@ class ObjectReader(io.RawIOBase):
         return count
 
     def _range_at(self, at: int, needed: int) -> tuple[int, bytes]:
-        """Return a range that holds the byte ``at``, fetched with at least ``needed`` bytes where it is not kept."""
+        """Return start and content of a range that contains byte ``at``; fetch at least ``needed`` bytes if need be."""
         ahead = FIRST_RANGE
         for start, data in self._ranges:
             if start <= at < start + len(data):
@@ -264,11 +281,11 @@ class ObjectReader(io.RawIOBase):
                 ahead = min(2 * len(data), LARGEST_RANGE)
         length = min(max(needed, ahead), self.size - at)
         try:
-            with self.path.report_problems(), _GARBAGE.left_alone():
+            with self.path.report_problems(), _COLLECTION_PAUSE.paused():
                 self._raw.seek(at)
                 data = self._raw.read(length)
                 if len(data) != length:
-                    raise BadInput(f"ends at byte {at + len(data):,} of {self.size:,}", where=str(self.path))
+                    raise BadInput(f"the object ends at byte {at + len(data):,} of {self.size:,}", where=str(self.path))
         except BadInput as problem:
             self.problem = problem
             raise
@@ -277,7 +294,7 @@ class ObjectReader(io.RawIOBase):
         return at, data
 
     def close(self) -> None:
-        """Forget what was read."""
+        """Close the object and drop the kept ranges."""
         if not self.closed:
             self._ranges.clear()
             with suppress(OSError):
@@ -290,7 +307,7 @@ _NO_CREDENTIALS = ("NoCredentialsError", "PartialCredentialsError", "CredentialR
 
 
 def _explain(path: StorePath, error: Exception) -> BadInput:
-    """Return what a store's client raised as one line; clients have errors of their own, which are told by name."""
+    """Return the exception of a store's client as a BadInput of one line; types of clients are recognised by name."""
     names, where = [kind.__name__ for kind in type(error).__mro__], str(path)
     if "FileExpired" in names or "PreconditionFailed" in str(error):
         return BadInput("was replaced while it was read", where=where, hint="run the same command again")
@@ -302,13 +319,13 @@ def _explain(path: StorePath, error: Exception) -> BadInput:
         hint = "set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE"
         return BadInput(f"no credentials for it: {error}", where=where, hint=hint)
     if isinstance(error, PermissionError):
-        hint = "look at AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and what they may do"
-        return BadInput(f"the store refuses: {_last_words(error)}", where=where, hint=hint)
+        hint = "check AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and their permissions"
+        return BadInput(f"the store refuses: {_error_message(error)}", where=where, hint=hint)
     if any(name in names for name in _NO_ANSWER):
-        hint = "look at AWS_ENDPOINT_URL and AWS_DEFAULT_REGION"
-        return BadInput(f"the store does not answer: {_last_words(error)}", where=where, hint=hint)
-    return BadInput(f"the store cannot be used: {_last_words(error)}", where=where)
+        hint = "check AWS_ENDPOINT_URL and AWS_DEFAULT_REGION"
+        return BadInput(f"the store does not answer: {_error_message(error)}", where=where, hint=hint)
+    return BadInput(f"the store cannot be used: {_error_message(error)}", where=where)
 
 
-def _last_words(error: Exception) -> str:
+def _error_message(error: Exception) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__

@@ -1,8 +1,8 @@
-"""Whole files from a disk to an object store and back, each checked; uploads that were broken off are removed.
+"""Transfers of files between a disk and an object store, each checked, and removal of interrupted uploads.
 
-An object appears when all of it has arrived, never in part. That it is what was sent, its ETag tells where the store
-gives the MD5 of what it holds, of the parts of large objects too. Other stores, and those that encrypt with keys of
-their own, give another ETag: then the object is read back and compared.
+An object appears once all of it has arrived, never in part. If the store gives the MD5 of the content as the ETag (for
+a large object, that of its parts), the ETag shows that the object is what was sent. Other stores, and those that
+encrypt with their own keys, give other ETags: then the object is read back and compared.
 """
 
 import hashlib
@@ -15,34 +15,34 @@ from saf_gen.core.object_store import LARGEST_RANGE, StorePath
 from saf_gen.errors import BadInput
 
 PART_BYTES = 50 << 20
-"""An object of twice as many goes up in parts of so many."""
+"""Bytes of a part; an object of at least twice as many is uploaded in parts."""
 
 
 def check_store_writable(folder: StorePath) -> None:
-    """Raise BadInput where no object can be written to a folder, read and deleted; a small one is."""
+    """Raise BadInput unless a small object can be written to a folder, read back and deleted."""
     if folder.is_file():
         raise BadInput("this is an object", where=str(folder), allowed="a folder")
     probe = folder / temporary_file_name(Path("probe")).name
     with probe.report_problems():
         files = probe.file_system()
         files.pipe_file(probe.key, b"probe")
-        there = files.cat_file(probe.key)
+        returned = files.cat_file(probe.key)
         files.rm_file(probe.key)
-    if there != b"probe":
-        raise BadInput("the store does not give back what is written to it", where=str(folder))
+    if returned != b"probe":
+        raise BadInput("the store does not return what was written to it", where=str(folder))
 
 
 def list_objects(folder: StorePath) -> set[str]:
-    """Return the names of all objects below a folder, relative to it."""
+    """Return the names of all objects in a folder and its subfolders, relative to the folder."""
     with folder.report_problems():
         found = folder.file_system().find(folder.key) if folder.is_dir() else []
     return {key.strip("/").removeprefix(f"{folder.key}/") for key in found}
 
 
 def upload_file(file: Path, target: StorePath) -> None:
-    """Write a file to an object and check that the object is the same.
+    """Write a file to an object and check that the content of the object is the same.
 
-    Raises BadInput where it cannot be written, or is not the same; then there is none.
+    Raises BadInput if the object cannot be written or its content differs; no object remains then.
     """
     with target.report_problems():
         files = target.file_system()
@@ -50,42 +50,46 @@ def upload_file(file: Path, target: StorePath) -> None:
         facts = files.info(target.key)
         size = file.stat().st_size
         if facts["size"] == size and (
-            facts.get("ETag", "").strip('"') in _etags(file) or _reads_the_same(file, target)
+            facts.get("ETag", "").strip('"') in _etags(file) or _has_same_content(file, target)
         ):
             return
         files.rm_file(target.key)
-    raise BadInput("the object is not what was uploaded, and was deleted", where=str(target), hint="run again")
+    raise BadInput(
+        "the object differs from the uploaded file and was deleted",
+        where=str(target),
+        hint="run the same command again",
+    )
 
 
 def download_file(source: StorePath, file: Path) -> None:
-    """Write an object to a file, whole or not at all; raises BadInput where it cannot be read."""
+    """Write an object to a file, completely or not at all; raise BadInput if the object cannot be read."""
     with write_atomically(file) as part, source.report_problems():
         source.file_system().get_file(source.key, str(part))
 
 
 def _etags(file: Path) -> set[str]:
-    """Return the ETags that a store may give an object of this content: of one upload, or of one in parts."""
-    whole, parts = hashlib.md5(usedforsecurity=False), []
+    """Return the ETags that a store may give to this content, uploaded at once or in parts."""
+    full, parts = hashlib.md5(usedforsecurity=False), []
     with file.open("rb") as opened:
         while part := opened.read(PART_BYTES):
-            whole.update(part)
+            full.update(part)
             parts.append(hashlib.md5(part, usedforsecurity=False).digest())
-    return {whole.hexdigest(), f"{hashlib.md5(b''.join(parts), usedforsecurity=False).hexdigest()}-{len(parts)}"}
+    return {full.hexdigest(), f"{hashlib.md5(b''.join(parts), usedforsecurity=False).hexdigest()}-{len(parts)}"}
 
 
-def _reads_the_same(file: Path, target: StorePath) -> bool:
-    with file.open("rb") as here, target.open() as there:
-        while block := here.read(LARGEST_RANGE):
-            if there.read(len(block)) != block:
+def _has_same_content(file: Path, target: StorePath) -> bool:
+    with file.open("rb") as local, target.open() as remote:
+        while block := local.read(LARGEST_RANGE):
+            if remote.read(len(block)) != block:
                 return False
-        return not there.read(1)
+        return not remote.read(1)
 
 
-def abort_unfinished_uploads(folder: StorePath, *, ours: Container[str]) -> tuple[int, int]:
-    """Abort uploads in parts that a killed run has left below a folder, since a store keeps and charges their parts.
+def abort_unfinished_uploads(folder: StorePath, *, own_names: Container[str]) -> tuple[int, int]:
+    """Abort uploads in parts that a killed run left below a folder, because a store keeps and charges for the parts.
 
-    ``ours`` are the objects that this run alone writes; those of others are aborted after a day. Returns how many were
-    aborted, and how many are left.
+    ``own_names`` are the names of the objects that only this run writes; uploads of other objects are aborted after a
+    day. Returns how many uploads were aborted and how many remain.
     """
     if folder.scheme != "s3":
         return 0, 0
@@ -96,7 +100,7 @@ def abort_unfinished_uploads(folder: StorePath, *, ours: Container[str]) -> tupl
         listed = files.call_s3("list_multipart_uploads", Bucket=folder.bucket, Prefix=f"{name}/" if name else "")
         for upload in listed.get("Uploads", ()):
             key = upload["Key"]
-            if key.removeprefix(f"{name}/") in ours or upload["Initiated"] < before:
+            if key.removeprefix(f"{name}/") in own_names or upload["Initiated"] < before:
                 files.call_s3("abort_multipart_upload", Bucket=folder.bucket, Key=key, UploadId=upload["UploadId"])
                 aborted += 1
             else:

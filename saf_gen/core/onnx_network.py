@@ -1,4 +1,4 @@
-"""Networks in ONNX files: the one door to onnxruntime, which the extra ``onnx`` brings."""
+"""Networks in ONNX files; only this module imports onnxruntime, which the extra ``onnx`` installs."""
 
 import hashlib
 from collections.abc import Iterator
@@ -12,25 +12,28 @@ import numpy as np
 from saf_gen.core.extras import require_extra
 from saf_gen.errors import BadInput
 
-MAX_BYTES = 1 << 26
+MAX_NETWORK_BYTES = 1 << 26
 DECIMALS = 4
-"""Outputs are rounded to these: processors sum in another order, and an answer is to be the same on all of them."""
+"""Decimals of the outputs: processors add in different orders, and an answer should be the same on all of them."""
 
 
 class OnnxNetwork:
-    """A network that is read from an ONNX file once, and run on one thread.
+    """A network that is read once from an ONNX file and run on one thread.
 
     Parameters
     ----------
-    path : the file, at most 64 MiB, with all weights in it.
+    path : str or Path
+        ONNX file of at most 64 MiB that contains all weights.
 
     Attributes
     ----------
-    version : 12 digits of a SHA-256 over the file. A search that keeps it in a field has it in its records.
+    version : str
+        First 12 digits of the SHA-256 of the file. A search that stores it in a field has it in its records.
 
     Raises
     ------
-    BadInput : without onnxruntime, and for a file that is missing, too large or no network.
+    BadInput
+        If onnxruntime is not installed, or the file is missing, too large or not a network.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -40,19 +43,32 @@ class OnnxNetwork:
         self._session = _load(content, str(path))
 
     def __call__(self, **inputs: np.ndarray) -> list[np.ndarray]:
-        """Return the outputs, in the network's order, for its inputs by name, which are given as float32.
+        """Return the outputs of the network, in its order.
 
-        Floating outputs are float64, rounded to four decimals. Raises BadInput for inputs of other names or shapes.
+        Parameters
+        ----------
+        **inputs : ndarray
+            Inputs by the names that the network gives them; they are converted to float32.
+
+        Returns
+        -------
+        list of ndarray
+            Floating-point outputs are float64, rounded to four decimals; others keep their dtype.
+
+        Raises
+        ------
+        BadInput
+            If the network has no inputs of these names and shapes.
         """
-        with _told(f"{self.path} does not run"):
+        with _errors_as_bad_input(f"{self.path} cannot be run"):
             found = self._session.run(None, {name: np.asarray(value, np.float32) for name, value in inputs.items()})
         return [each.astype(np.float64).round(DECIMALS) if each.dtype.kind == "f" else each for each in found]
 
 
 def _read(path: Path) -> bytes:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise BadInput(f"{path} is larger than {MAX_BYTES >> 20} MiB", allowed="a small network")
+        if path.stat().st_size > MAX_NETWORK_BYTES:
+            raise BadInput(f"{path} is larger than {MAX_NETWORK_BYTES >> 20} MiB", allowed="a small network")
         return path.read_bytes()
     except OSError as error:
         raise BadInput(f"{path} cannot be read: {error.strerror}", allowed="a network in an ONNX file") from error
@@ -65,13 +81,13 @@ def _load(content: bytes, where: str) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
-    with _told(f"{where} is no network that onnxruntime {onnxruntime.__version__} reads"):
+    with _errors_as_bad_input(f"{where} is not a network that onnxruntime {onnxruntime.__version__} can read"):
         return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
 
 @contextmanager
-def _told(problem: str) -> Iterator[None]:
-    """Turn what onnxruntime raises, exceptions of its own without a common class, into one line."""
+def _errors_as_bad_input(problem: str) -> Iterator[None]:
+    """Turn exceptions of onnxruntime, which have no common base class, into a BadInput of one line."""
     try:
         yield
     except Exception as error:

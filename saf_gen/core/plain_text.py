@@ -1,4 +1,4 @@
-"""Names of strangers on pages, in figures and in Markdown: shown as they are written, whatever they hold."""
+"""Untrusted names on pages, in figures and in Markdown, shown as they are written, whatever they contain."""
 
 from dataclasses import fields, is_dataclass, replace
 from html import escape
@@ -10,14 +10,14 @@ _ESCAPES = {**{sign: f"\\{sign}" for sign in "\\|`*[]"}, **{sign: escape(sign) f
 
 
 def escape_markdown(text: str) -> str:
-    """Return the text on one line, so that Markdown shows it as it is: no HTML, no link, no column of its own."""
+    """Return the text on one line, escaped so that Markdown shows it as it is: no HTML, link or table column."""
     return "".join(_ESCAPES.get(sign, sign) for sign in escape_controls(" ".join(text.split())))
 
 
 def escape_all_text(item: Any) -> Any:
-    """Return a text, a tuple or a dataclass with every text in it written by :func:`saf_gen.errors.escape_controls`.
+    """Return a text, tuple or dataclass in which :func:`saf_gen.errors.escape_controls` has escaped every text.
 
-    What has nothing to escape is returned itself. Mappings and lists stay as they are.
+    An item with nothing to escape is returned itself. Mappings and lists are returned unchanged.
     """
     if isinstance(item, str):
         return escape_controls(item)

@@ -1,4 +1,4 @@
-"""Windows of frames, regions of pixels, and the bounding box of the target, checked."""
+"""Checked windows of frames, regions of pixels, and the bounding box of the target."""
 
 import operator
 
@@ -7,15 +7,15 @@ import numpy as np
 from saf_gen.errors import BadInput
 
 Region = tuple[slice, slice]
-"""Rows and columns, with step 1."""
+"""Slices of rows and columns, with step 1."""
 REGIONS = ("target", "frame")
 """Where a method may look: the bounding box of the target, or the whole frame."""
 
 
 def validate_window(first: int, stop: int, *, total: int, what: str = "frames", where: str = "") -> range:
-    """Return the window ``first <= t < stop`` of ``total`` frames; ``what`` names what is counted.
+    """Return the window ``first <= t < stop`` of ``total`` frames as a range; ``what`` names what is counted.
 
-    Raises BadInput unless both are whole numbers, 0 <= first < stop <= total.
+    Raises BadInput unless both ends are whole numbers with 0 <= first < stop <= total.
     """
     try:
         window = range(operator.index(first), operator.index(stop))
@@ -33,28 +33,28 @@ def validate_window(first: int, stop: int, *, total: int, what: str = "frames", 
 def validate_region(region: Region | None, size: tuple[int, int], *, where: str = "") -> Region:
     """Return ``region`` with both ends filled in; None means the whole frame of ``size`` (rows, columns).
 
-    Raises BadInput for a region that is empty or leaves the frame, and for steps.
+    Raises BadInput if the region is empty, leaves the frame, or has a step other than 1.
     """
     bounds = []
-    given = region or (slice(None), slice(None))
-    for span, most, axis in zip(given, size, ("rows", "columns"), strict=True):
+    spans = region or (slice(None), slice(None))
+    for span, length, axis in zip(spans, size, ("rows", "columns"), strict=True):
         first = 0 if span.start is None else operator.index(span.start)
-        stop = most if span.stop is None else operator.index(span.stop)
-        if not 0 <= first < stop <= most or span.step not in (None, 1):
+        stop = length if span.stop is None else operator.index(span.stop)
+        if not 0 <= first < stop <= length or span.step not in (None, 1):
             raise BadInput(
-                f"the region's {axis} are {span}", where=where, allowed=f"0 <= first < stop <= {most}, step 1"
+                f"the region's {axis} are {span}", where=where, allowed=f"0 <= first < stop <= {length}, step 1"
             )
         bounds.append(slice(first, stop))
     return bounds[0], bounds[1]
 
 
 def region_shape(region: Region) -> tuple[int, int]:
-    """Return the rows and columns of a region with both ends filled in."""
+    """Return the numbers of rows and columns of a region whose ends are filled in."""
     return region[0].stop - region[0].start, region[1].stop - region[1].start
 
 
 def mask_bounding_box(target: np.ndarray) -> Region:
-    """Return the bounding box of a target mask, bool (H, W); raises BadInput for an empty one."""
+    """Return the bounding box of a target mask, bool (H, W); raise BadInput if it marks no pixel."""
     mask = np.asarray(target, dtype=bool)
     if mask.ndim != 2 or not mask.any():
         raise BadInput(

@@ -1,8 +1,8 @@
-"""Random streams named by their purpose.
+"""Random streams that are named by their purpose.
 
-The name is a list such as (recipe seed, sequence, stage), and hashed as a list: ``("a", "bc")`` and
-``("ab", "c")`` differ. Neither workers nor time nor order enter, so every sequence of a dataset can be made
-again alone, on any machine, with the same numbers.
+A name is a list such as (recipe seed, sequence, stage) and is hashed as a list, so ``("a", "bc")`` and ``("ab", "c")``
+differ. A stream does not depend on workers, time or order, so every sequence of a dataset can be made again alone, on
+any machine, with the same numbers.
 """
 
 import hashlib
@@ -16,11 +16,11 @@ def _digest(name: tuple[str | int, ...]) -> bytes:
 
 
 def make_generator(*name: str | int) -> np.random.Generator:
-    """Return the PCG64 generator of this name."""
+    """Return the PCG64 generator with this name."""
     words = np.frombuffer(_digest(name), dtype="<u4")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([int(w) for w in words])))
 
 
 def derive_seed(*name: str | int) -> int:
-    """Return the 63-bit integer of this name, a seed for a compiled kernel or a file."""
+    """Return the 63-bit integer that this name gives, as a seed for a compiled kernel or a file."""
     return int.from_bytes(_digest(name)[:8], "little") >> 1

@@ -1,7 +1,7 @@
-"""The arrays of the whole chain: axes, dtype and unit of each.
+"""The arrays of the processing chain, with the axes, dtype and unit of each.
 
-Axes are always in the order light, focus, time, row, column. Arrays that come from users are checked with
-:func:`validate_signal`.
+Axes are always in the order light, focus, time, row, column. :func:`validate_signal` checks arrays that come from
+users.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Signal:
-    """One array of the chain: names of its axes, dtype, unit, meaning."""
+    """One array of the processing chain: names of its axes, dtype, unit, and meaning."""
 
     name: str
     axes: tuple[str, ...]
@@ -43,9 +43,9 @@ SIGNALS = {
 
 
 def validate_signal(name: str, array: np.ndarray) -> np.ndarray:
-    """Return ``array`` as the signal ``name``: the same values, in the dtype of SIGNALS and in C order.
+    """Return ``array`` as the signal ``name``: the same values, with the dtype that SIGNALS gives, in C order.
 
-    Raises BadInput where the number of axes differs, or values are not numbers that the dtype can hold.
+    Raises BadInput if the number of axes is wrong, or the values are not numbers that the dtype can hold.
     """
     signal = SIGNALS[name]
     array = np.asarray(array)

@@ -8,13 +8,13 @@ T = TypeVar("T")
 
 
 class Stopwatch:
-    """Adds up in ``seconds`` how long the calls made through it took, including those that raised."""
+    """Adds up, in ``seconds``, the durations of the calls made through it, including those that raised."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
 
     def time(self, call: Callable[..., T], *args: Any, **kwargs: Any) -> T:
-        """Return what the call returns, or raise what it raises."""
+        """Call ``call`` with the arguments, and return what it returns or raise what it raises."""
         begin = perf_counter()
         try:
             return call(*args, **kwargs)

@@ -1,4 +1,4 @@
-"""What saf_gen keeps for this user: a folder, and a secret that tells this user's files from those of others."""
+"""The folder of saf_gen for this user, and a secret that distinguishes this user's files from those of others."""
 
 import hmac
 import os
@@ -13,9 +13,9 @@ SIGNATURE_BYTES = 32
 
 
 def user_folder() -> Path | None:
-    """Return ``saf_gen`` in ``$XDG_CONFIG_HOME`` or ``~/.config``; it need not exist.
+    """Return the folder ``saf_gen`` in ``$XDG_CONFIG_HOME`` or ``~/.config``, which need not exist.
 
-    Returns None for a user without a home folder, such as the arbitrary one of a container.
+    Returns None for a user without a home folder, such as the arbitrary user of a container.
     """
     configured = os.environ.get("XDG_CONFIG_HOME", "")
     base = Path(configured if Path(configured).is_absolute() else os.path.expanduser("~/.config"))  # noqa: PTH111
@@ -23,19 +23,22 @@ def user_folder() -> Path | None:
 
 
 def sign_as_user(data: bytes) -> bytes | None:
-    """Return SIGNATURE_BYTES that only this user can make of the data (HMAC-SHA-256); None without a folder for it."""
+    """Return a signature of the data, of SIGNATURE_BYTES, that only this user can make (HMAC-SHA-256).
+
+    Returns None if the user's secret can be neither read nor created.
+    """
     secret = _secret()
     return None if secret is None else hmac.digest(secret, data, "sha256")
 
 
 def is_signed_by_user(data: bytes, signature: bytes) -> bool:
-    """Return whether this user has signed the data."""
+    """Return whether ``signature`` is this user's signature of the data."""
     expected = sign_as_user(data)
     return expected is not None and hmac.compare_digest(expected, signature)
 
 
 def _secret() -> bytes | None:
-    """Return the user's secret, which is made where there is none; None where it can be neither read nor made."""
+    """Return the user's secret, created if it is missing; None if it can be neither read nor created."""
     folder = user_folder()
     if folder is None:
         return None

@@ -1,1 +1,1 @@
-"""From a recipe to a dataset: draw the sequences, render their focal stacks, record their streams."""
+"""From a recipe to a dataset: draws the sequences, renders their focal stacks, and records their streams."""

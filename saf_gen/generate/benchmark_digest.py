@@ -1,4 +1,4 @@
-"""The digest of a benchmark: what a published recipe must keep, so that results under its name compare."""
+"""The digest of a benchmark, which a published recipe must keep so that results under its name can be compared."""
 
 import hashlib
 import json
@@ -9,10 +9,11 @@ from saf_gen.generate.resolve import ResolvedRecipe
 
 
 def digest_resolved_recipe(resolved: ResolvedRecipe) -> str:
-    """Return the SHA-256 of all that decides the spikes of a recipe, in every split.
+    """Return the SHA-256 of everything that decides the spikes of a recipe, in every split.
 
-    Recipe, members and files of its scenes, sensor, and the versions of the models of lens, light and sensor enter. The
-    renderer does not: LLVM and CUDA differ in the last digits of a picture (docs/explanation/one-pass.md).
+    It covers the recipe, the members and files of its scenes, the sensor, and the versions of the models of lens, light
+    and sensor. It does not cover the renderer, because LLVM and CUDA differ in the last digits of a picture
+    (docs/explanation/one-pass.md).
     """
     decisive = [
         (s.fingerprint(""), [spec.key for spec in s.closed_loop_stack.specs] if s.closed_loop_stack else [])
@@ -22,9 +23,9 @@ def digest_resolved_recipe(resolved: ResolvedRecipe) -> str:
 
 
 def name_generated_benchmark(resolved: ResolvedRecipe) -> str:
-    """Return the name and digest of the frozen benchmark that a recipe makes, as streams carry it; '' for any other.
+    """Return the name and digest of a recipe's frozen benchmark, as streams store them; '' if it makes none.
 
-    Raises BadInput for a recipe that has the name of a frozen benchmark and would give other spikes.
+    Raises BadInput if the recipe has the name of a frozen benchmark but would give different spikes.
     """
     name = resolved.recipe.name
     frozen = read_frozen_benchmarks().get(name)
@@ -33,7 +34,7 @@ def name_generated_benchmark(resolved: ResolvedRecipe) -> str:
     digest = digest_resolved_recipe(resolved)
     if digest != frozen.digest:
         raise BadInput(
-            f"the benchmark {name!r} is frozen, and this recipe would give other spikes: digest {digest:.12}…",
+            f"the benchmark {name!r} is frozen, but this recipe would give different spikes: digest {digest:.12}…",
             allowed=f"{frozen.digest:.12}…, as on {frozen.since}",
             hint="give the recipe another name, or use the recipe and the scenes that come with saf_gen",
         )

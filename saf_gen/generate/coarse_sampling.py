@@ -1,4 +1,4 @@
-"""Recipes that sample focus or time more coarsely than their scenes need: pictures between two samples are mixed."""
+"""Warnings about recipes that sample focus or time too coarsely; pictures between two samples are interpolated."""
 
 import math
 
@@ -6,46 +6,46 @@ import numpy as np
 
 from saf_gen.generate.resolve import ResolvedRecipe
 
-FEWEST = 2.0
-"""Positions within a depth of focus. Between two of them pictures are mixed: with two in a depth of focus, one of both
-is always within a quarter of it. Recipes that come with saf_gen have 3.6 to 10.5."""
+MIN_POSITIONS = 2.0
+"""Fewest focus positions per depth of focus. Pictures between two positions are interpolated; with two positions per
+depth of focus, the nearer one is always within a quarter of it. Recipes that come with saf_gen have 3.6 to 10.5."""
 
 
 def find_coarse_recipe_sampling(resolved: ResolvedRecipe) -> list[str]:
-    """Return a line for each scene with too few focus positions, and for each with fewer time slices than its card."""
+    """Return a line of text for each scene with too few focus positions, or fewer time slices than its card states."""
     return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved)]
 
 
 def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:
-    """Return a line for each scene whose depth of focus, in the middle of the travel, holds too few positions."""
+    """Return a line for each scene with too few positions in the depth of focus at the middle of the travel."""
     lines = []
     scenes = {sequence.scene.id: sequence.time_stack.specs[0] for sequence in resolved.sequences}
     for name, spec in scenes.items():
         depth = np.array([float(spec.drive.focus_depth(0.5))])
         low, high = spec.drive.depth_of_focus(depth, spec.pitch_m, wavelength_m=spec.wavelength_m)
-        held = (high - low) * (spec.positions - 1)
-        if held < FEWEST:
-            enough = math.ceil(FEWEST / (high - low)) + 1
+        count = (high - low) * (spec.positions - 1)
+        if count < MIN_POSITIONS:
+            enough = math.ceil(MIN_POSITIONS / (high - low)) + 1
             lines.append(
-                f"focus.positions is {spec.positions}: the depth of focus of {name} holds {held:.1f} of them, "
-                f"and focus curves show the steps between; {enough} would do"
+                f"focus.positions is {spec.positions}: the depth of focus of {name} contains only {count:.1f} of them, "
+                f"so focus curves show steps; use {enough} or more"
             )
     return lines
 
 
 def _find_coarse_slices(resolved: ResolvedRecipe) -> list[str]:
-    """Return a line for each moving scene that the recipe gives fewer time slices per second than its card does."""
-    given = resolved.recipe.render.slices_per_s
+    """Return a line for each moving scene with fewer time slices per second in the recipe than on its card."""
+    rate = resolved.recipe.render.slices_per_s
     moving = {s.scene.id: s.scene.card for s in resolved.sequences if s.time_stack.is_moving}
     lines = []
     for name, card in moving.items():
-        if given is None or card.slices_per_s is None or given >= card.slices_per_s:
+        if rate is None or card.slices_per_s is None or rate >= card.slices_per_s:
             continue
-        error = card.estimate_interpolation_error(given)
+        error = card.estimate_interpolation_error(rate)
         lines.append(
-            f"render.slices_per_s is {given:g}: half way between two slices {name} shows both of them"
+            f"render.slices_per_s is {rate:g}: half way between two time slices {name} is shown as a mixture of both"
             + ("" if error is None else f", with an error of about {error:.2g} of the mean brightness")
-            + f"; its card has {card.slices_per_s:g}"
+            + f"; its card states {card.slices_per_s:g}"
             + ("" if error is None else f", for an error of {card.interpolation_error:g}")
         )
     return lines

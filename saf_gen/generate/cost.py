@@ -1,4 +1,4 @@
-"""What stacks and recordings cost: seconds on a machine of known rates, and bytes of disk."""
+"""The cost of stacks and recordings: seconds on a machine with known rates, and bytes of disk."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -9,33 +9,44 @@ from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import StackSpec
 
 SLICE_BYTES_PER_VALUE = {"filtered": 1.3, "plain": 1.5}
-"""By estimator, upper bounds. Filtered, 16 samples: 1.15 to 1.29 in the middle 200 × 125 pixels of fan, crossroad and
-cardiac_muscle, under each of their lights, at three positions and at all 129. Plain, 15 % of noise: 1.3 to 1.5."""
+"""Bytes per stored value of a time slice, by estimator; upper bounds. Filtered, with 16 samples: 1.15 to 1.29 in the
+middle 200 × 125 pixels of fan, crossroad and cardiac_muscle, under each of their lights, at three positions and at all
+129. Plain, with 15 % of noise: 1.3 to 1.5."""
 SLICE_GEOMETRY_BYTES = 3.0  # per pixel, an upper bound: up to 2.8 in the middle of fan
-STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound of what a stream takes on disk
+STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound for a stream on disk
 FILTERED_TIME = 3.1
-"""Time of a sample by the filtered estimator over a plain one: the mean of saf_bench-v2's 985 slices of test.
+"""Time of a sample of the filtered estimator over that of a plain one: the mean of the 985 test slices of saf_bench-v2.
 
 By scene it is 1.3 (fabric), 1.6 to 2 (two_depths, gears), 2.7 to 3.5 (cardiac_muscle, crossroad, rain_window), and 11
-where the target is seen through a glass bottle."""
-HINT = "saf-gen bench rates --json > FILE makes one"
+for a target that is seen through a glass bottle."""
+HINT = "make one with saf-gen bench rates --json > FILE"
 
 
 @dataclass(frozen=True)
 class MachineRates:
-    """How fast a machine works; the defaults are of two cores of 2.8 GHz with LLVM.
+    """The speed of a machine at each kind of work; the defaults are those of two cores of 2.8 GHz with LLVM.
 
     Attributes
     ----------
-    cores : cores that rendering uses, and that recordings side by side share.
-    paths_per_s : plain light paths traced and splatted per second, by all cores.
-    load_s : seconds to load a scene, for each light group of each stack.
-    plane_s_per_pixel : seconds to sum and store one pixel at one focus position.
-    pixel_frames_per_s : pixels times frames that one worker encodes, stores and verifies per second.
-    pixel_frames_per_core_s : the same, per second of a processor, which many workers side by side cannot exceed.
-    job_s : seconds that the scheduler spends on a job, whatever it does: measured on 100,000 jobs that do nothing.
-    sequence_s : seconds in which one process draws a sequence, and lists its file in the manifest in the end.
-    start_s : seconds for processes, kernels and contact sheets: quickstart takes 25 s, of which its work is 9.
+    cores : float
+        Cores that rendering uses, and that parallel recordings share.
+    paths_per_s : float
+        Plain light paths that all cores together trace and splat per second.
+    load_s : float
+        Seconds to load a scene, for each light group of each stack.
+    plane_s_per_pixel : float
+        Seconds to sum and store one pixel at one focus position.
+    pixel_frames_per_s : float
+        Pixels times frames that one worker encodes, stores and verifies per second.
+    pixel_frames_per_core_s : float
+        Pixels times frames per second of processor time, a limit that many parallel workers cannot exceed.
+    job_s : float
+        Seconds that the scheduler spends on any job, measured on 100,000 jobs that do nothing.
+    sequence_s : float
+        Seconds that one process needs to draw a sequence and, at the end, to list its file in the manifest.
+    start_s : float
+        Seconds to start processes, load kernels and draw contact sheets: quickstart takes 25 s, of which its work
+        takes 9 s.
     """
 
     cores: float = 2
@@ -49,11 +60,11 @@ class MachineRates:
     start_s: float = 15.0
 
     def recorded_per_s(self, workers: int) -> float:
-        """Return the pixels times frames that so many workers of the machine record per second."""
+        """Return the pixels times frames that ``workers`` workers on this machine record per second."""
         return min(workers * self.pixel_frames_per_s, max(1.0, self.cores) * self.pixel_frames_per_core_s)
 
     def render_seconds(self, spec: StackSpec) -> float:
-        """Return about how many seconds the rendering of a stack takes."""
+        """Return the approximate time to render a stack, in seconds."""
         pixels = spec.rows * spec.columns
         sample = (FILTERED_TIME if spec.estimator == "filtered" else 1.0) / self.paths_per_s
         planes = spec.rendered_count * self.plane_s_per_pixel
@@ -61,9 +72,9 @@ class MachineRates:
 
 
 def read_rates_for_plan(path: str | Path) -> MachineRates:
-    """Return the rates in the output of ``saf-gen bench rates --json``; what it does not measure has its default.
+    """Return the rates in the output of ``saf-gen bench rates --json``; rates that are not in it have their defaults.
 
-    Raises BadInput for a file that is not that.
+    Raises BadInput if the file holds no rates, or a rate that is not a number above 0.
     """
     found = read_json(path, hint=HINT).data
     names = {field.name for field in fields(MachineRates)}
@@ -78,17 +89,17 @@ def read_rates_for_plan(path: str | Path) -> MachineRates:
             rates[figure["what"]] = float(value)
     if not rates:
         allowed = f"figures of the bench rates: {', '.join(sorted(names))}"
-        raise BadInput("the file holds no rates of a machine", where=str(path), allowed=allowed, hint=HINT)
+        raise BadInput("the file holds no machine rates", where=str(path), allowed=allowed, hint=HINT)
     return MachineRates(**rates)
 
 
 def plan_stack_bytes(specs: Iterable[StackSpec]) -> int:
-    """Return about how many bytes of disk stacks take, depth and target with them."""
+    """Return the approximate disk space of stacks, including their depth maps and targets, in bytes."""
     return sum(map(_stored_bytes, specs))
 
 
 def plan_stream_bytes(pixel_frames: float) -> int:
-    """Return about how many bytes of disk streams of so many pixels times frames take."""
+    """Return the approximate disk space of streams with this many pixels times frames, in bytes."""
     return int(pixel_frames * STREAM_BITS_PER_PIXEL_FRAME / 8)
 
 

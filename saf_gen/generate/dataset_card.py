@@ -1,4 +1,4 @@
-"""The dataset card: README.md, which begins as the Hugging Face Hub reads it, and croissant.json for programs."""
+"""The dataset card: README.md, with the front matter of the Hugging Face Hub, and croissant.json for programs."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -57,7 +57,7 @@ To evaluate focus methods on it, from this folder: `saf-gen evaluate .`; to publ
 
 
 def _describe_motion(motion: dict[str, Any]) -> str:
-    """Return a lens motion as Markdown: `hand` (bandwidth_hz 10, seed 3)."""
+    """Return a lens motion as Markdown, such as `hand` (bandwidth_hz 10, seed 3)."""
     if is_config_range(motion):
         return " or ".join(_describe_motion(one) for one in config_range_extremes(motion))
     options = ", ".join(f"{key} {_describe_value(value)}" for key, value in motion.items() if key != "kind")
@@ -79,7 +79,7 @@ def _describe_scene(card: SceneCard) -> str:
 def write_generated_dataset_card(
     folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]
 ) -> None:
-    """Write README.md and croissant.json into a dataset folder that has its manifest, each whole or not at all."""
+    """Write README.md and croissant.json to a dataset folder that has its manifest, each completely or not at all."""
     cards = list(scenes)
     licences = read_licences_for_croissant(card.licence for card in cards)
     splits = Counter(entry.split for entry in manifest.sequences)

@@ -1,4 +1,4 @@
-"""The jobs of one run of ``generate``: which may start at once, and which follow when one has ended."""
+"""The jobs of one run of ``generate``: those that may start at once, and those that follow when a job has ended."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -15,11 +15,11 @@ from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack
 
 KEEP_SLICES = ("all", "closed-loop", "none")
-"""Which time slices stay: all; those that a closed-loop run needs; none, and none are rendered for the closed loop."""
+"""Which time slices are kept: all; those that a closed-loop run needs; or none, so that none are rendered for it."""
 
 
 def validate_generated_slices_kept(keep_slices: str) -> str:
-    """Return the choice; raise BadInput where there is no such."""
+    """Return ``keep_slices``; raise BadInput if it is not one of KEEP_SLICES."""
     if keep_slices not in KEEP_SLICES:
         raise unknown("choice of time slices to keep:", keep_slices, allowed=KEEP_SLICES)
     return keep_slices
@@ -28,7 +28,7 @@ def validate_generated_slices_kept(keep_slices: str) -> str:
 def find_stacks_to_generate(
     resolved: ResolvedRecipe, folder: Path, *, keep_slices: str
 ) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
-    """Return the stacks that lack a piece, or their grain where they are to be recorded from, with their sequences."""
+    """Return the stacks that lack a piece, or lack the grain that a recording needs, each with its sequences."""
     found = resolved.stacks_to_render(folder, keep_slices)
     for stack, users in resolved.sequences_by_stack().items():
         if stack not in found and _lacks_grain(stack, users, folder=folder):
@@ -37,7 +37,7 @@ def find_stacks_to_generate(
 
 
 def _lacks_grain(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
-    """Return whether a stack that is to be recorded from has no grain measured, as after a run that was stopped."""
+    """Return whether sequences are to be recorded from a stack without measured grain, as after a stopped run."""
     missing = any(not (folder / sequence.planned.file).exists() for sequence in users)
     return missing and not stack.has_grain(folder / "stacks")
 
@@ -45,12 +45,26 @@ def _lacks_grain(stack: TimeResolvedStack, users: list[ResolvedSequence], *, fol
 class JobOrder:
     """The order of the jobs that a dataset folder still needs.
 
-    Stacks that are missing are rendered, and what is recorded from each follows. A recording whose time slices were
-    deleted is read first: only if its file is damaged are they rendered again. Slices that ``keep_slices`` does not
-    keep are deleted when the last recording that needs them, of the whole recipe, is made.
+    Missing stacks are rendered, and the recordings from each stack follow. A recording whose time slices were deleted
+    is read first, and the slices are rendered again only if its file is damaged. Slices that ``keep_slices`` does not
+    keep are deleted once every recording of the whole recipe that needs them is made.
 
-    ``to_render`` is what :func:`find_stacks_to_generate` found. ``choose_backend`` returns the backend to render with;
-    it is called once, where something must be rendered.
+    Parameters
+    ----------
+    resolved : ResolvedRecipe
+        The recipe.
+    folder : Path
+        The dataset folder.
+    to_render : dict of TimeResolvedStack to list of ResolvedSequence
+        Result of :func:`find_stacks_to_generate`.
+    recorder : Recorder
+        Records the sequences.
+    keep_slices : str
+        One of KEEP_SLICES.
+    workers : int
+        Number of sequences that are recorded at a time.
+    choose_backend : callable
+        Returns the backend to render with; called at most once, when something must be rendered.
     """
 
     def __init__(
@@ -73,7 +87,7 @@ class JobOrder:
         self._rendered_again: set[TimeResolvedStack] = set()
 
     def first_jobs(self) -> list[Job]:
-        """Return the jobs that wait for no other."""
+        """Return the jobs that do not wait for another job."""
         jobs: list[Job] = [self._render_job(stack, users[0]) for stack, users in self._to_render.items()]
         for stack in self._by_stack:
             if stack not in self._to_render:
@@ -81,7 +95,7 @@ class JobOrder:
         return [*jobs, *self._jobs_that_delete_unrecorded()]
 
     def jobs_after(self, job: Job, result: Any) -> list[Job]:
-        """Return the jobs that may start now that one has succeeded."""
+        """Return the jobs that may start now that ``job`` has succeeded with ``result``."""
         if isinstance(job, RenderJob):
             return self._record_jobs(job.time_stack)
         if not isinstance(job, RecordJob):
@@ -122,7 +136,7 @@ class JobOrder:
 
     @cached_property
     def _deletable(self) -> dict[frozenset[str], list[StackSpec]]:
-        """The slices that are not to be kept, by the ids of all sequences of the recipe that are recorded from them."""
+        """The slices that are not kept, by the ids of all sequences of the recipe that are recorded from them."""
         if self._keep_slices == "all":
             return {}
         users: defaultdict[StackSpec, set[str]] = defaultdict(set)
@@ -143,7 +157,7 @@ class JobOrder:
 
     @cached_property
     def _deletable_by_user(self) -> dict[str, list[frozenset[str]]]:
-        """The groups of ``_deletable`` by the id of each of their sequences."""
+        """The keys of ``_deletable``, by the id of each sequence in them."""
         found: defaultdict[str, list[frozenset[str]]] = defaultdict(list)
         for users in self._deletable:
             for user in users:
@@ -151,20 +165,20 @@ class JobOrder:
         return found
 
     @cached_property
-    def _ours(self) -> frozenset[str]:
+    def _ids_of_this_run(self) -> frozenset[str]:
         """The ids of the sequences of this run."""
         return frozenset(s.planned.id for s in self._resolved.sequences)
 
     def _jobs_that_delete(self, just_finished: str) -> list[Job]:
-        """Return the deletion of every group of slices whose recordings in this run are all made by now."""
+        """Return jobs that delete the groups of slices whose recordings in this run are all made by now."""
         return [
             self._delete_job(users, self._deletable[users])
             for users in self._deletable_by_user.get(just_finished, ())
-            if users & self._ours <= self._finished
+            if users & self._ids_of_this_run <= self._finished
         ]
 
     def _jobs_that_delete_unrecorded(self) -> list[Job]:
-        """Return the deletion of slices that only a closed-loop run would need, left by an earlier run."""
+        """Return jobs that delete slices that an earlier run left and only a closed-loop run would need."""
         specs = [spec for spec in self._deletable.get(frozenset(), []) if (self._stacks / spec.key).exists()]
         return [self._delete_job(frozenset(), specs)] if specs else []
 

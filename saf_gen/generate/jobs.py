@@ -1,4 +1,4 @@
-"""The kinds of work of a dataset, as values that can be sent to another process."""
+"""The kinds of jobs that make a dataset, as values that can be sent to another process."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,23 +7,35 @@ from typing import Any
 from saf_gen.core.cores import defer_interrupts, usable_cores
 from saf_gen.core.execution import ReportProgress
 from saf_gen.core.files import undeletable_file_error, unwritable_file_error
+from saf_gen.generate.finished_recordings import digest_generated_recording
 from saf_gen.generate.plan import PlannedSequence
 from saf_gen.generate.recorder import Recorder
-from saf_gen.generate.recordings import digest_generated_recording
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 
-ALMOST = 0.99
-"""How far a piece of work is when all is computed; it is done, 1, when its files have their names."""
+COMPUTED_FRACTION = 0.99
+"""Progress of a piece of work once everything is computed; it becomes 1 when its files have their final names."""
 
 
 @dataclass(frozen=True)
 class RenderJob:
-    """Renders what a time-resolved stack lacks on disk, and returns the names of the pieces rendered.
+    """Renders the pieces of a time-resolved stack that are missing on disk, and returns their names.
 
-    ``label`` names the stack in messages, ``stacks`` is the folder of stacks, ``backend`` renders. ``measure_grain``
-    measures the grain of what is stored, too.
+    Attributes
+    ----------
+    label : str
+        Name of the stack in messages.
+    scene : Scene
+        Scene of the stack.
+    time_stack : TimeResolvedStack
+        The stack.
+    stacks : Path
+        Folder of stacks.
+    backend : str
+        Rendering backend.
+    measure_grain : bool, default True
+        Whether to measure the grain of the stored pictures too.
     """
 
     label: str
@@ -46,26 +58,26 @@ class RenderJob:
         return self.backend == "cuda"
 
     def run(self, report: ReportProgress) -> list[str]:
-        from saf_gen.render import render_missing_stacks  # only a process that renders pays for loading Mitsuba
+        from saf_gen.render import render_missing_stacks  # so that only a process that renders loads Mitsuba
         from saf_gen.render.second_render import measure_grain_by_second_render
 
-        told: set[str] = set()
+        reported: set[str] = set()
 
         def progress(piece: str, done: float) -> None:
-            told.add(f"{self.name} · {piece}")
-            report(f"{self.name} · {piece}", ALMOST * done)
+            reported.add(f"{self.name} · {piece}")
+            report(f"{self.name} · {piece}", COMPUTED_FRACTION * done)
 
-        def tell_done() -> None:
-            for piece in sorted(told):
+        def report_done() -> None:
+            for piece in sorted(reported):
                 report(piece, 1.0)
 
         options: dict[str, Any] = {"root": self.stacks, "backend_name": self.backend}
         try:
             pieces = render_missing_stacks(self.scene, self.time_stack.specs, **options, progress=progress)
-            tell_done()
+            report_done()
             if self.measure_grain:
                 measure_grain_by_second_render(self.scene, self.time_stack.specs, **options, progress=progress)
-                tell_done()
+                report_done()
             return pieces
         except OSError as error:
             raise unwritable_file_error(self.stacks, error) from error
@@ -73,9 +85,17 @@ class RenderJob:
 
 @dataclass(frozen=True)
 class RecordResult:
-    """A finished sequence: the digest of its content, and whether an earlier run had already made it.
+    """The result of a job that records a sequence.
 
-    With ``lacks_slices`` it is not finished: its file is damaged, and the time slices have been deleted meanwhile.
+    Attributes
+    ----------
+    content_sha256 : str
+        Digest of the content of the recording; '' if it lacks slices.
+    kept : bool
+        Whether an earlier run had already made the recording.
+    lacks_slices : bool, default False
+        Whether the recording is not finished, because its file is missing or damaged and its time slices have been
+        deleted.
     """
 
     content_sha256: str
@@ -85,9 +105,9 @@ class RecordResult:
 
 @dataclass(frozen=True)
 class RecordJob:
-    """Records one sequence, or finds it recorded: same fingerprint, and content that matches its digest.
+    """Records one sequence, unless a recording with the same fingerprint exists and its content matches its digest.
 
-    ``side_by_side`` jobs have the cores of the machine that runs them.
+    ``side_by_side`` is the number of jobs that divide the cores of the machine that runs them.
     """
 
     recorder: Recorder
@@ -122,7 +142,7 @@ class RecordJob:
                     path=self.path,
                     fingerprint=self.fingerprint,
                     threads=max(1, usable_cores() // self.side_by_side),
-                    progress=lambda done: report(self.name, ALMOST * done),
+                    progress=lambda done: report(self.name, COMPUTED_FRACTION * done),
                 )
             except OSError as error:
                 raise unwritable_file_error(self.path, error) from error
@@ -132,11 +152,11 @@ class RecordJob:
 
 @dataclass(frozen=True)
 class DeleteJob:
-    """Deletes time slices once every recording made from them has been read back and is whole; returns the bytes freed.
+    """Deletes time slices if every recording made from them can be read back undamaged; returns the bytes freed.
 
-    ``needed_by`` are path and fingerprint of these recordings: of the whole recipe, not of one shard or split alone.
-    If one of them is missing, damaged or another, nothing is deleted and the result is 0. The notes of slices stay, so
-    that their recordings are known to be made from them; where there are no recordings, notes go too.
+    ``needed_by`` holds the path and fingerprint of these recordings, those of all shards and splits of the recipe. If
+    one of them is missing, damaged or has another fingerprint, nothing is deleted and the result is 0. The notes of the
+    slices stay, to show that the recordings are made from them; if there are no recordings, the notes are deleted too.
     """
 
     label: str
@@ -167,9 +187,10 @@ class DeleteJob:
 
 @dataclass(frozen=True)
 class ChooseBackendJob:
-    """Chooses the backend to render with, of those ``requested``, where it runs.
+    """Chooses the backend to render with on the machine on which the job runs.
 
-    Returns its name, and whether it renders diffraction.
+    ``requested`` is the name of a backend or "auto". The result is the name of the chosen backend, and whether it
+    renders diffraction.
     """
 
     requested: str
@@ -182,7 +203,7 @@ class ChooseBackendJob:
 
     def run(self, report: ReportProgress) -> tuple[str, bool]:
         with defer_interrupts():
-            from saf_gen.render import backend  # loads Mitsuba: only where something must be rendered
+            from saf_gen.render import backend  # loads Mitsuba, so only when something must be rendered
 
         chosen = backend.choose_render_backend(self.requested)
         return chosen, backend.can_render_waves(chosen)

@@ -1,4 +1,4 @@
-"""From a recipe to its planned sequences: every open number drawn, every random stream named."""
+"""From a recipe to its planned sequences: draws every open number, and names every random stream."""
 
 import hashlib
 import json
@@ -17,10 +17,16 @@ from saf_gen.plugins.lights import draw_light_schedule
 
 @dataclass(frozen=True)
 class SceneFamily:
-    """What a plan must know of a scene, from its card.
+    """The facts about a scene that a plan needs, from its card.
 
-    ``params`` are its parameters and their ranges, ``moves`` tells whether anything in it moves, and
-    ``illuminance_lux`` is the target's illuminance at gain 1 by light group.
+    Attributes
+    ----------
+    params : mapping
+        Parameters of the scene, with their values or ranges.
+    moves : bool
+        Whether anything in the scene moves.
+    illuminance_lux : mapping of str to float
+        Illuminance of the target at gain 1, by light group.
     """
 
     params: Mapping[str, Any] = field(default_factory=dict)
@@ -32,18 +38,28 @@ class SceneFamily:
 class PlannedSequence:
     """One recording to make, with all numbers drawn.
 
-    Parameters
+    Attributes
     ----------
-    id : name within the dataset.
-    split, scene, light : names, as in the recipe.
-    member : number of the member of the scene's family within the split, from 0.
-    params : that member's parameters.
-    scene_motion : "static" or "dynamic".
-    repeat : number of the repeat, from 0.
-    seed : names the random streams of this recording alone.
-    schedule : ``{kind: ..., ...}`` by light group; '' stands for all groups.
-    motion : ``{kind: ..., ...}`` of the lens.
-    mean_rate : spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
+    id : str
+        Name within the dataset.
+    split, scene, light : str
+        Names, as in the recipe.
+    member : int
+        Number of the member of the scene's family within the split, from 0.
+    params : dict
+        Parameters of that member.
+    scene_motion : str
+        "static" or "dynamic".
+    repeat : int
+        Number of the repeat, from 0.
+    seed : int
+        Seed of the random streams of this recording alone.
+    schedule : dict
+        Light schedule, ``{kind: ..., ...}``, by light group; '' stands for all groups.
+    motion : dict
+        Lens motion, ``{kind: ..., ...}``.
+    mean_rate : float or None
+        Spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
     """
 
     id: str
@@ -60,28 +76,29 @@ class PlannedSequence:
     mean_rate: float | None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the sequence as plain data under the keys of files, where ``member`` is "variant"."""
+        """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant"."""
         return {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
 
     @property
     def file(self) -> str:
-        """Path within the dataset."""
+        """Path of the stream file within the dataset."""
         return f"{self.split}/{self.id}.h5"
 
     @property
     def label(self) -> str:
-        """What people call the captured scene: its name, the member, and whether it moves."""
+        """Name of the captured scene in messages: its name, the member, and whether it moves."""
         member = f"{self.scene} {self.member}" if self.params else self.scene
         return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
 
 
 def make_recipe_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
-    """Return the recipe's sequences in the order of splits, scenes, static and dynamic, lights, repeats.
+    """Return the sequences of a recipe, in the order of splits, scenes, static and dynamic, lights, repeats.
 
-    ``families`` are by scene; a scene without one has no parameters, does not move, and has no illuminance.
+    ``families`` holds the scene families by scene; a scene without one has no parameters, does not move, and has no
+    illuminance.
 
-    Raises BadInput for a parameter that a scene does not have or that does not fit its card, for motion where
-    nothing moves, and where two sequences would have one id.
+    Raises BadInput if the recipe sets a parameter that a scene does not have, or a value that its card does not allow,
+    if a split asks for motion but nothing moves, or if two sequences would have the same id.
     """
     families = families or {}
     sequences = []
@@ -89,7 +106,7 @@ def make_recipe_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None 
         moving = [s for s in split.scenes if s not in split.at_rest and families.get(s, SceneFamily()).moves]
         if "dynamic" in split.scene_motion and not moving:
             raise BadInput(
-                f"split {split_name!r} asks for dynamic, and nothing moves in {', '.join(split.scenes)}",
+                f"split {split_name!r} asks for dynamic, but nothing moves in {', '.join(split.scenes)}",
                 allowed="scene_motion: [static]",
                 hint="or add a scene whose card has motion; see: saf-gen scenes list",
             )
@@ -107,7 +124,7 @@ def make_recipe_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None 
 
 
 def _check_ids(sequences: list[PlannedSequence]) -> None:
-    """Raise BadInput for an id that stands twice: a manifest that lists it cannot be read again."""
+    """Raise BadInput if two sequences have the same id, because a manifest that lists both cannot be read again."""
     first: dict[str, PlannedSequence] = {}
     for s in sequences:
         one = first.setdefault(s.id, s)
@@ -125,7 +142,7 @@ def _plan_sequence(
 ) -> PlannedSequence:
     name = "-".join([scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"])
     stream = (recipe.seed, split, name)
-    # One lens motion for all lights, so that they compare and share the stacks of a moving scene.
+    # All lights have the same lens motion, so that they can be compared and share the stacks of a moving scene.
     under_any_light = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
     member = repeat % recipe.splits[split].variants
     return PlannedSequence(
@@ -149,7 +166,7 @@ def _plan_sequence(
 
 
 def _draw_params(recipe: Recipe, split: str, *, scene: str, family: SceneFamily, member: int) -> dict[str, Any]:
-    """Return the parameters of one member of a scene's family: the same under every light."""
+    """Return the parameters of one member of a scene's family, which are the same under every light."""
     chosen = recipe.scene_params.get(scene, {})
     for key in chosen:
         if key not in family.params:
@@ -162,14 +179,14 @@ def _draw_params(recipe: Recipe, split: str, *, scene: str, family: SceneFamily,
 
 
 def _check_fits(value: Any, card: Any, *, what: str) -> None:
-    """Raise BadInput where a recipe's value, or one end of its range, does not fit the card's.
+    """Raise BadInput if a recipe's value, or one end of its range, does not fit the value on the scene card.
 
-    A choice on the card lists all values: a scene would build another one as one of these, or fail. A number
-    may lie outside the card's range, which is only what the author draws from and has checked; the scene's
-    own ``build`` refuses what it cannot build.
+    A choice on the card lists all allowed values: for another value, the scene would build the same as for one of
+    these, or fail. A number may be outside the range on the card, which is only the range that the author draws from
+    and has checked; the scene's ``build`` refuses what it cannot build.
     """
     if is_config_range(card) and "choice" in card:
-        # Compared as text: to a script true is not 1, and 3.0 is not a count.
+        # Values are compared as text, because Python takes true for 1 and 3.0 for 3, but a scene's script may not.
         known = [json.dumps(one, ensure_ascii=False) for one in card["choice"]]
         between = is_config_range(value) and "choice" not in value
         for one in config_range_extremes(value):
@@ -187,9 +204,9 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
 
 
 def recipe_fingerprint(recipe: Recipe) -> str:
-    """Return the SHA-256 of a recipe's values; its order of keys, comments and file name do not enter."""
+    """Return the SHA-256 of the values of a recipe. Comments, file name and the order of keys have no effect on it."""
     values = recipe.model_dump(mode="json")
     for split in values["splits"].values():
         if not split["at_rest"]:
-            del split["at_rest"]  # a recipe without it has the fingerprint that it had before there was such a key
+            del split["at_rest"]  # a recipe without this key keeps the fingerprint from before the key existed
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()

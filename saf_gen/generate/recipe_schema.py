@@ -9,13 +9,13 @@ COMMON: dict[str, Schema] = {
     "unit": {"enum": list(UNITS)},
     "lux_at_gain_1": {"type": "number", "exclusiveMinimum": 0},
 }
-"""Values of the keys that every light schedule takes."""
+"""Schemas of the keys that every light schedule takes."""
 
 
 def make_recipe_schema() -> Schema:
-    """Return the JSON Schema (draft 2020-12) of a recipe, with every light schedule and lens motion there is."""
+    """Return the JSON Schema (draft 2020-12) of a recipe, with every registered light schedule and lens motion."""
     schema = model_to_json_schema(Recipe, "saf_gen recipe")
-    common = {key: {"anyOf": [COMMON[key], OPEN], "description": said} for key, said in COMMON_KEYS.items()}
+    common = {key: {"anyOf": [COMMON[key], OPEN], "description": text} for key, text in COMMON_KEYS.items()}
     light = define_config_schema(schema, "lights", common=common)
     by_group = {
         "type": "object",

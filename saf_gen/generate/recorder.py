@@ -1,4 +1,4 @@
-"""Records one sequence: its focal stacks under its light schedule, seen by the spike camera, as a stream."""
+"""Recording of a sequence: the spike camera sees the sequence's focal stacks under its lights and writes a stream."""
 
 import json
 import math
@@ -20,15 +20,23 @@ from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.recorded_grain import PROVENANCE_KEY
 from saf_gen.stream.stream_writer import StreamWriter
 
-BLOCK_FRAMES = 2000  # of spikes in memory at a time: 25 MB packed at 400x250, whatever the length
+BLOCK_FRAMES = 2000  # frames in memory at a time: 25 MB of packed spikes at 400x250, however long the recording
 
 
 @dataclass(frozen=True)
 class Recorder:
     """Records sequences of one dataset.
 
-    ``frames`` is the readouts per sequence; ``device_seed`` names the fixed pattern of this very device, the same in
-    all sequences; ``provenance`` are texts to store in every file.
+    Attributes
+    ----------
+    sensor : Sensor
+        Sensor of the spike camera.
+    frames : int
+        Readouts per sequence.
+    device_seed : int
+        Seed of the fixed pattern of the device, which is the same in all sequences.
+    provenance : dict of str to str
+        Texts to store in every stream file.
     """
 
     sensor: Sensor
@@ -48,17 +56,17 @@ class Recorder:
     ) -> str:
         """Encode a sequence into the stream file ``path`` and return its content_sha256.
 
-        Spikes are made and written in time blocks, so memory does not grow with the length.
+        Spikes are made and written in blocks of time, so memory does not grow with the length of the recording.
 
-        Raises BadInput for a light group that the scene does not have, a motion that does not fit the
-        recording, a target that is never seen, or an exposure out of reach.
+        Raises BadInput if the schedule names a light group that the scene does not have, the motion does not fit the
+        recording, the target is never seen, or the exposure is out of reach.
         """
         time_stack, hz = plane_source.time_stack, self.sensor.readout_hz
         spec = time_stack.specs[0]
         position = motion_positions_at_readouts(sequence.motion, self.frames, readout_hz=hz)
         charge_source = ChargeSource(plane_source, self.sensor)
         truth = find_true_focus_of_stack(plane_source, position)
-        self._expose(charge_source, sequence.mean_rate, truth=truth)
+        self._scale_light(charge_source, sequence.mean_rate, truth=truth)
         gain = light_group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
         grain = stack_grain_along_recording(plane_source, truth, position=position, gain=gain)
         metadata = Metadata(
@@ -90,11 +98,11 @@ class Recorder:
                     progress(run.end / self.frames)
         return writer.content_sha256
 
-    def _expose(self, charge_source: ChargeSource, mean_rate: float | None, *, truth: Truth) -> None:
-        """Scale the light so that the target fires at ``mean_rate`` where the lens passes the true focus."""
+    def _scale_light(self, charge_source: ChargeSource, mean_rate: float | None, *, truth: Truth) -> None:
+        """Scale the light so that the target fires at ``mean_rate`` when the lens passes the true focus."""
         if mean_rate is None:
             return
-        # The response and threshold of the target's own pixels: their mean is not that of the whole array.
+        # Use the response and threshold of the target's pixels, whose mean differs from that of the whole array.
         target = np.asarray(truth.target)
         device = draw_sensor_fixed_pattern(self.sensor, target.shape, seed=self.device_seed)
         sensitivity = device.response * (self.sensor.threshold_e / device.threshold)

@@ -1,4 +1,4 @@
-"""Resolves a recipe: finds its scenes and sensor, draws its sequences, and names the focal stacks of each.
+"""Resolution of a recipe: finds its scenes and sensor, draws its sequences, and names the focal stacks of each.
 
 Everything is decided and checked here; :mod:`saf_gen.generate.run` then renders and records.
 """
@@ -14,9 +14,9 @@ from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput, located, unknown
 from saf_gen.generate.cost import MachineRates, plan_stack_bytes, plan_stream_bytes
+from saf_gen.generate.finished_recordings import has_generated_recording
 from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_recipe_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.generate.recordings import has_generated_recording
 from saf_gen.generate.shipped_recipes import find_recipe
 from saf_gen.plugins.lights import light_group_gains
 from saf_gen.plugins.motions import motion_positions_at_readouts
@@ -26,19 +26,34 @@ from saf_gen.stack.time_resolved import (
     TimeResolvedStack,
     focus_windows_of_stack_slices,
     frames_of_stack_slices,
-    moments_that_shade_stack_slices,
+    shading_moments_of_stack_slices,
 )
 
 MODEL = 4
-"""Raised whenever the same stack, recipe and seed would give other spikes: old files are then made anew."""
+"""Version of the models, raised whenever the same stack, recipe and seed would give different spikes; files of an older
+version are made again."""
 
 
 @dataclass(frozen=True)
 class ResolvedSequence:
-    """One planned sequence, the member of the scene's family before its lens, and its focal stacks.
+    """One planned sequence, its scene, and its focal stacks.
 
-    ``closed_loop_stack`` holds those of a closed-loop run, where ``time_stack`` does not serve it too. All sequences of
-    a recipe share ``sensor``, ``frames`` and ``recipe_seed``.
+    Attributes
+    ----------
+    planned : PlannedSequence
+        The sequence.
+    scene : Scene
+        The member of the scene's family that is recorded.
+    time_stack : TimeResolvedStack
+        Focal stacks of the recording.
+    closed_loop_stack : TimeResolvedStack or None
+        Focal stacks of a closed-loop run; None if it needs none, or uses ``time_stack``.
+    sensor : Sensor
+        Sensor of the recipe.
+    frames : int
+        Readouts of each sequence of the recipe.
+    recipe_seed : int
+        Seed of the recipe.
     """
 
     planned: PlannedSequence
@@ -51,20 +66,20 @@ class ResolvedSequence:
 
     @property
     def closed_loop_slices(self) -> TimeResolvedStack | None:
-        """The time slices that a closed-loop run needs; None where nothing moves or no slice holds all positions."""
+        """The time slices that a closed-loop run needs; None if nothing moves or no slice holds all positions."""
         if self.time_stack.is_moving and self.time_stack.holds_full_travel:
             return self.time_stack
         return self.closed_loop_stack
 
     def stack_label(self, stack: TimeResolvedStack) -> str:
-        """Return what progress bars and listings call a stack of this sequence."""
-        is_whole = stack.is_moving and stack.holds_full_travel
-        return f"{self.planned.label}{', all positions' if is_whole else ''}"
+        """Return the name of a stack of this sequence in progress bars and listings."""
+        has_full_travel = stack.is_moving and stack.holds_full_travel
+        return f"{self.planned.label}{', all positions' if has_full_travel else ''}"
 
     def fingerprint(self, stack_digest: str) -> str:
-        """Return the SHA-256 of everything that decides the spikes: a file with another fingerprint is made again."""
+        """Return the SHA-256 of everything that decides the spikes; a file with another fingerprint is made again."""
         stack, sensor = self.time_stack, asdict(self.sensor)
-        del sensor["name"], sensor["sources"]  # words, not numbers
+        del sensor["name"], sensor["sources"]  # texts do not change the spikes
         decisive = {
             "model": MODEL,
             "sequence": self.planned.as_dict(),
@@ -78,9 +93,20 @@ class ResolvedSequence:
 
 @dataclass(frozen=True)
 class ResolvedRecipe:
-    """A recipe with everything found and checked, before anything is made.
+    """A recipe with everything that it names found and checked, before anything is made.
 
-    ``plan`` holds all sequences of the recipe, ``sequences`` those of the split and shard asked for.
+    Attributes
+    ----------
+    recipe : Recipe
+        The recipe.
+    plan : tuple of ResolvedSequence
+        All sequences of the recipe.
+    sequences : tuple of ResolvedSequence
+        Sequences of the requested split and shard.
+    scenes : dict of str to Scene
+        Scenes of the recipe, by name.
+    sensor : Sensor
+        Sensor of the recipe.
     """
 
     recipe: Recipe
@@ -100,11 +126,11 @@ class ResolvedRecipe:
         """Return the recipe with ``diffraction: false``."""
 
         def geometric(sequence: ResolvedSequence) -> ResolvedSequence:
-            whole = sequence.closed_loop_stack
+            slices = sequence.closed_loop_stack
             return replace(
                 sequence,
                 time_stack=sequence.time_stack.without_diffraction(),
-                closed_loop_stack=whole.without_diffraction() if whole else None,
+                closed_loop_stack=slices.without_diffraction() if slices else None,
             )
 
         render = self.recipe.render.model_copy(update={"diffraction": False})
@@ -118,10 +144,10 @@ class ResolvedRecipe:
     def stacks_to_render(
         self, folder: Path, keep_slices: str = "all"
     ) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
-        """Return the stacks that are not whole in this dataset folder; those of recordings come first.
+        """Return the stacks that are incomplete in this dataset folder; those of recordings come first.
 
-        Time slices that were deleted after all their recordings had been made are not among them, unless the closed
-        loop needs them and ``keep_slices`` is not "none".
+        Time slices that were deleted after all their recordings had been made are left out, unless the closed loop
+        needs them and ``keep_slices`` is not "none".
         """
         stacks = folder / "stacks"
         found = {
@@ -137,14 +163,14 @@ class ResolvedRecipe:
         return found | {stack: users for stack, users in for_closed_loop.items() if stack.find_missing(stacks)}
 
     def _is_recorded(self, stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
-        """Whether all recordings from time slices whose notes are still there are made; their content is not read."""
+        """Return whether the notes of all time slices exist and all recordings are made; spikes are not read."""
         if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
             return False
         digest = stack.digest(folder / "stacks")
         return all(has_generated_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
 
     def kept_slice_bytes(self, keep_slices: str) -> int:
-        """Return about how many bytes the time slices of these sequences take that ``keep_slices`` keeps in the end."""
+        """Return the approximate size of the time slices that ``keep_slices`` keeps in the end, in bytes."""
         kept: set[StackSpec] = set()
         for sequence in self.sequences:
             if keep_slices == "all" and sequence.time_stack.is_moving:
@@ -154,12 +180,12 @@ class ResolvedRecipe:
         return plan_stack_bytes(kept)
 
     def estimate_bytes(self, folder: Path, keep_slices: str = "all") -> int:
-        """Return about how many bytes of disk the work still to do takes while it is done, rounded up."""
+        """Return the approximate disk space that the remaining work takes while it runs, in bytes, rounded up."""
         missing = self._missing_stacks(folder, keep_slices)
         return plan_stack_bytes(missing) + plan_stream_bytes(self._missing_pixel_frames(folder))
 
     def estimate_seconds(self, folder: Path, keep_slices: str = "all") -> float:
-        """Return roughly how many seconds the work still to do takes on two cores with LLVM."""
+        """Return the approximate time of the remaining work on two cores with LLVM, in seconds."""
         rates = MachineRates()
         rendering = sum(map(rates.render_seconds, self._missing_stacks(folder, keep_slices)))
         working = rendering + self._missing_pixel_frames(folder) / rates.recorded_per_s(1)
@@ -187,14 +213,25 @@ def resolve_recipe(
 
     Parameters
     ----------
-    recipe_path : the recipe's YAML file, or the name of a recipe that comes with saf_gen.
-    part : (I, N), 1-based: take every N-th sequence from the I-th on.
-    split : take the sequences of this split alone.
-    most_repeats : take no more repeats of each split than so many, as a plan of a large recipe does.
+    recipe_path : str or Path
+        YAML file of the recipe, or the name of a recipe that comes with saf_gen.
+    part : tuple of int, default (1, 1)
+        Shard (I, N), with I from 1: the I-th sequence and every N-th one after it.
+    split : str, optional
+        Use only the sequences of this split.
+    most_repeats : int, optional
+        Largest number of repeats to use from each split, for plans of large recipes.
+
+    Returns
+    -------
+    ResolvedRecipe
+        The recipe with its scenes, its sensor and its sequences.
 
     Raises
     ------
-    BadInput : for whatever does not fit, with the recipe's path and, where the recipe itself is wrong, the line.
+    BadInput
+        If the recipe, a scene or the sensor is missing or invalid, or if they do not fit together; the error names the
+        recipe and, if the recipe itself is wrong, the line.
     """
     recipe_path = find_recipe(recipe_path)
     recipe, where = read_recipe(recipe_path), str(recipe_path)
@@ -214,7 +251,7 @@ def resolve_recipe(
     }
     with located(where):
         planned = make_recipe_plan(recipe, families)
-    # This takes milliseconds, and finds what does not fit before hours of rendering.
+    # This takes milliseconds, and finds errors before hours of rendering.
     frames, hz = recipe.camera.frames, sensor.readout_hz
     for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
         with located(where, prefix=f"light {s.light!r} on {s.scene}: "):
@@ -230,7 +267,7 @@ def resolve_recipe(
 
 
 def _distinct(sequences: list[PlannedSequence], key: Callable[[PlannedSequence], Any]) -> list[PlannedSequence]:
-    """Return the first sequence of each key; constant light, for one, is the same for many."""
+    """Return the first sequence for each key, because many share one, such as constant light."""
     first: dict[str, PlannedSequence] = {}
     for sequence in sequences:
         first.setdefault(json.dumps(key(sequence), sort_keys=True), sequence)
@@ -240,7 +277,7 @@ def _distinct(sequences: list[PlannedSequence], key: Callable[[PlannedSequence],
 def _resolve_sequences(
     planned: list[PlannedSequence], recipe: Recipe, *, scenes: dict[str, Scene], sensor: Sensor
 ) -> Iterable[ResolvedSequence]:
-    stacks: dict[str, tuple[Scene, TimeResolvedStack, TimeResolvedStack | None]] = {}  # one for many lights
+    stacks: dict[str, tuple[Scene, TimeResolvedStack, TimeResolvedStack | None]] = {}  # shared by lights
     for sequence in planned:
         key = json.dumps([sequence.scene, sequence.params, sequence.scene_motion, sequence.motion])
         if key not in stacks:
@@ -252,7 +289,7 @@ def _resolve_sequences(
 def _resolve_stacks(
     sequence: PlannedSequence, recipe: Recipe, *, scene: Scene, sensor: Sensor
 ) -> tuple[TimeResolvedStack, TimeResolvedStack | None]:
-    """Return the stack of the recording, and that of a closed-loop run where it is another one."""
+    """Return the stack of the recording, and the stack of a closed-loop run or None if that needs no other one."""
     card, frames, hz = scene.card, recipe.camera.frames, sensor.readout_hz
     with located("", prefix=f"scene {scene.id}: "):
         spec = StackSpec.from_scene(
@@ -274,22 +311,22 @@ def _resolve_stacks(
     windows = focus_windows_of_stack_slices(position, starts, positions=spec.positions)
     times = [start / hz for start in starts]
     filtered = recipe.render.estimator == "filtered"
-    moments = moments_that_shade_stack_slices(times) if filtered else [()] * len(times)
+    moments = shading_moments_of_stack_slices(times) if filtered else [()] * len(times)
     slices = (
-        replace(spec, samples=recipe.render.samples_per_slice, time_s=time_s, window=window, moments_s=told)
-        for time_s, window, told in zip(times, windows, moments, strict=True)
+        replace(spec, samples=recipe.render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
+        for time_s, window, shading_moments in zip(times, windows, moments, strict=True)
     )
     stack = TimeResolvedStack(starts, tuple(slices))
-    whole_frames = recipe.render.all_positions_s * hz
-    if whole_frames >= frames:
+    full_travel_frames = recipe.render.all_positions_s * hz
+    if full_travel_frames >= frames:
         return stack.with_full_travel(), None
-    # The recording does not use the slices at all positions: paths spread over all positions leave more
-    # noise, and focus measures would see an edge where the noise changes.
-    return stack, stack.truncated_to(whole_frames).with_full_travel() if whole_frames else None
+    # The recording does not use the slices at all positions, because paths that are spread over all positions leave
+    # more noise, and focus measures would see an edge where the noise changes.
+    return stack, stack.truncated_to(full_travel_frames).with_full_travel() if full_travel_frames else None
 
 
 def _read_sensor(recipe: Recipe, folder: Path) -> Sensor:
-    """Return the recipe's sensor, by name or by the path of a file relative to the recipe's folder."""
+    """Return the recipe's sensor, given by name or by the path of a file relative to the recipe's folder."""
     camera = recipe.camera
     named = folder / camera.sensor if is_preset_file(camera.sensor) else camera.sensor
     changes = {"reset": camera.reset, "saturation": camera.saturation}

@@ -1,4 +1,4 @@
-"""From a recipe to a dataset: render what is missing, record what is missing, list what is there."""
+"""From a recipe to a dataset: renders missing stacks, records missing sequences, and lists the finished ones."""
 
 import json
 import platform
@@ -34,10 +34,24 @@ BACKENDS = ("auto", "cuda", "llvm", "scalar")
 
 @dataclass(frozen=True)
 class GenerationResult:
-    """What one run made: pieces of stacks rendered, sequences recorded and kept, and failures by job name.
+    """The result of one run of :func:`generate`.
 
-    ``without_diffraction`` says that the renderer left waves out although the recipe does not ask for that.
-    ``freed_bytes`` is the disk that deleted time slices took.
+    Attributes
+    ----------
+    folder : Path or StorePath
+        Folder of the dataset.
+    manifest : Manifest
+        Manifest of the dataset after the run.
+    rendered : list of str
+        Names of the pieces of stacks that this run rendered.
+    recorded, kept : list of str
+        Ids of the sequences that this run recorded, and of those that an earlier run had made.
+    failed : dict of str to SafGenError
+        Errors of the jobs that failed, by the name of the job.
+    without_diffraction : bool, default False
+        Whether the renderer left waves out although the recipe does not ask for that.
+    freed_bytes : int, default 0
+        Bytes of disk that the deleted time slices took.
     """
 
     folder: AnyPath
@@ -51,7 +65,7 @@ class GenerationResult:
 
     @property
     def exit_code(self) -> int:
-        """0: no failure; 1: some sequences failed; 2: nothing could be made, because of bad input alone."""
+        """0 if nothing failed; 2 if no sequence exists and all failures are bad input; 1 after any other failure."""
         if not self.failed:
             return 0
         bad_input = all(isinstance(error, BadInput) for error in self.failed.values())
@@ -69,30 +83,46 @@ def generate(
     report: ReportProgress = lambda name, done: None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> GenerationResult:
-    """Make a dataset, or what is missing of it.
+    """Make a dataset, or the parts of it that are missing.
 
-    A run may be stopped at any moment and started again: finished stacks and sequences are verified and kept,
-    unfinished files never got their names. Failures of single jobs are in the result.
+    A run may be stopped at any moment and started again: finished stacks and sequences are verified and kept, and
+    unfinished files never get their final names. Failures of single jobs are part of the result.
 
     Parameters
     ----------
-    resolved : what :func:`saf_gen.generate.resolve.resolve_recipe` returns.
-    folder : the dataset's folder; by default ``datasets`` and the recipe's name.
-    workers : sequences recorded at a time, each on an equal part of the cores.
-    variant : the rendering backend: "auto", "cuda", "llvm" or "scalar".
-    cluster : address of a Dask scheduler whose workers do the jobs, instead of this machine's cores; they must see the
-        folder under the same path and have the same versions.
-    keep_slices : the time slices of moving scenes that stay when all that is recorded from them is made and whole:
-        "all"; "closed-loop", those that a closed-loop run needs; or "none", and none are rendered for the closed loop.
-    report : is called with the name of a job and the fraction of it that is done, 0...1.
-    tell : is called with a line for people: a job that is run again since its process died, a cluster without workers.
+    resolved : ResolvedRecipe
+        Result of :func:`saf_gen.generate.resolve.resolve_recipe`.
+    folder : str or Path, optional
+        Folder of the dataset; by default ``datasets/NAME``, with the name of the recipe.
+    workers : int, default 1
+        Number of sequences recorded at a time, each on an equal part of the cores.
+    variant : str, default "auto"
+        Rendering backend: "auto", "cuda", "llvm" or "scalar".
+    cluster : str, optional
+        Address of a Dask scheduler whose workers run the jobs instead of this machine's cores; they must see the folder
+        under the same path and have the same versions.
+    keep_slices : str, default "all"
+        Time slices of moving scenes to keep once everything that is recorded from them is made and verified: "all";
+        "closed-loop", those that a closed-loop run needs; or "none", and none are rendered for the closed loop.
+    report : callable, optional
+        Called with the name of a job and the fraction of it that is done, 0 to 1.
+    tell : callable, optional
+        Called with a line of text for the user, such as about a job that is run again because its process died, or a
+        cluster without workers.
+
+    Returns
+    -------
+    GenerationResult
+        Manifest of the dataset, what was rendered, recorded and kept, and the errors of jobs that failed.
 
     Raises
     ------
-    BadInput : before anything is made: for an unknown backend or choice of slices, for a backend that cannot run here,
-        for a folder that cannot be used, here or on a worker, and for a recipe that has the name of a frozen benchmark
-        and would give other spikes.
-    SafGenError : where the scheduler of the cluster is lost; the manifest lists what was finished before.
+    BadInput
+        Before anything is made, if the backend or the choice of slices is unknown, the backend cannot run here, the
+        folder cannot be used, here or on a worker, or the recipe has the name of a frozen benchmark but would give
+        different spikes.
+    SafGenError
+        If the scheduler of the cluster is lost; the manifest lists what was finished before.
     """
     if variant not in BACKENDS:
         raise unknown("variant", variant, allowed=BACKENDS)
@@ -103,7 +133,7 @@ def generate(
     benchmark = name_generated_benchmark(resolved)
 
     def choose_backend() -> tuple[str, bool]:
-        return choose_recipe_renderer(variant, cluster=machines, tell=tell)
+        return choose_recipe_renderer(variant, cluster=machines, notify=tell)
 
     backend_name, renders_waves = choose_backend() if to_render else (variant, True)
     leave_out = not renders_waves and resolved.recipe.render.diffraction is not False
@@ -113,7 +143,7 @@ def generate(
         resolved, benchmark = resolved.without_diffraction(), ""
         to_render = find_stacks_to_generate(resolved, folder, keep_slices=keep_slices)
     _check_folder(resolved, folder, keep_slices=keep_slices)
-    remove_leftover_files(folder, below=True)
+    remove_leftover_files(folder, recursive=True)
     recorder = Recorder(
         sensor=resolved.sensor,
         frames=resolved.recipe.camera.frames,
@@ -134,7 +164,7 @@ def generate(
     failed: dict[str, SafGenError] = {}
     freed = 0
     ended = run_jobs(
-        order.first_jobs(), workers=workers, report=report, follow_up=order.jobs_after, cluster=machines, tell=tell
+        order.first_jobs(), workers=workers, report=report, follow_up=order.jobs_after, cluster=machines, notify=tell
     )
     try:
         with closing(ended):
@@ -156,28 +186,30 @@ def generate(
             f"{lost}; {listed} of {len(resolved.plan)} sequences are whole and listed; start a scheduler and run the "
             "same command again to go on"
         ) from lost
-    recorded, kept = ([name for name, was_there in recordings.items() if was_there == one] for one in (False, True))
+    recorded, kept = ([name for name, was_kept in recordings.items() if was_kept == one] for one in (False, True))
     manifest = _write_manifest(resolved, folder)
     _write_previews(resolved, folder)
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out, freed)
 
 
-def choose_recipe_renderer(requested: str, *, cluster: Cluster | None, tell: Callable[[str], None]) -> tuple[str, bool]:
+def choose_recipe_renderer(
+    requested: str, *, cluster: Cluster | None, notify: Callable[[str], None]
+) -> tuple[str, bool]:
     """Return the backend to render with, here or on a worker of the cluster, and whether it renders diffraction."""
     job = ChooseBackendJob(requested)
     if cluster is None:
         return job.run(lambda name, done: None)
-    (_, result, error), *_ = run_jobs([job], workers=1, report=lambda name, done: None, cluster=cluster, tell=tell)
+    (_, result, error), *_ = run_jobs([job], workers=1, report=lambda name, done: None, cluster=cluster, notify=notify)
     if error is not None:
         raise error
     return result
 
 
 def _check_waves(resolved: ResolvedRecipe, backend: tuple[str, bool]) -> str:
-    """Return the backend; raise BadInput where stacks have diffraction that it cannot render."""
+    """Return the name of the backend; raise BadInput if stacks have diffraction that it cannot render."""
     chosen, renders_waves = backend
     if not renders_waves and resolved.recipe.render.diffraction is not False:
-        raise _no_waves_error(chosen, "deleted time slices had")
+        raise _no_waves_error(chosen, "the deleted time slices had")
     return chosen
 
 
@@ -202,13 +234,13 @@ def _provenance(resolved: ResolvedRecipe, benchmark: str) -> dict[str, str]:
 
 
 def check_same_recipe_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Manifest | None:
-    """Return the manifest in a folder, None where there is none; raise BadInput where it is of another dataset."""
+    """Return the manifest in a folder, or None if it is missing; raise BadInput if it is of another dataset."""
     if not (folder / "manifest.json").exists():
         return None
     manifest = read_manifest(folder)
     if manifest.name != resolved.recipe.name:
         raise BadInput(
-            f"{folder} holds the dataset {manifest.name!r}, the recipe makes {resolved.recipe.name!r}",
+            f"{folder} holds the dataset {manifest.name!r}, but the recipe makes {resolved.recipe.name!r}",
             hint="give another folder with --out",
         )
     return manifest
@@ -220,16 +252,16 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -
     needed, free = resolved.estimate_bytes(folder, keep_slices), free_disk_bytes(folder)
     if needed > free:
         raise BadInput(
-            f"the dataset needs about {needed / 1e6:,.0f} MB in {folder}, {free / 1e6:,.0f} MB are free",
-            hint="free some, or give another folder with --out",
+            f"the dataset needs about {needed / 1e6:,.0f} MB in {folder}, but only {free / 1e6:,.0f} MB are free",
+            hint="free disk space, or give another folder with --out",
         )
     folder.mkdir(parents=True, exist_ok=True)
     check_file_system(folder)
 
 
 def _write_previews(resolved: ResolvedRecipe, folder: Path) -> None:
-    """Write a contact sheet of every still scene whose focal stack is whole and that has none yet."""
-    from saf_gen.authoring.preview import write_scene_preview  # loads matplotlib, which a dry run does without
+    """Write the missing contact sheets of still scenes whose focal stacks are complete."""
+    from saf_gen.authoring.preview import write_scene_preview  # loads matplotlib, which a dry run does not need
 
     for stack in resolved.sequences_by_stack():
         spec = stack.specs[0]
@@ -240,10 +272,10 @@ def _write_previews(resolved: ResolvedRecipe, folder: Path) -> None:
 
 
 def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
-    """Write manifest.json and README.md over the finished sequences of the recipe, those of other shards too.
+    """Write manifest.json and README.md for the finished sequences of the recipe, including those of other shards.
 
-    The files themselves are read: nothing is listed that this recipe would make otherwise, and shards that
-    end at the same time cannot lose each other's sequences.
+    The stream files themselves are read, so that nothing is listed that this recipe would make differently, and shards
+    that end at the same time cannot lose each other's sequences.
     """
     stacks = folder / "stacks"
     digests: dict[TimeResolvedStack, str | None] = {}
@@ -259,7 +291,7 @@ def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
 def write_generated_manifest(
     resolved: ResolvedRecipe, folder: Path, *, entries: list[SequenceEntry], stacks: Path
 ) -> Manifest:
-    """Write manifest.json, README.md and croissant.json over these sequences; notes in ``stacks`` name the renderer."""
+    """Write manifest.json, README.md and croissant.json for these sequences; notes in ``stacks`` name the renderer."""
     specs = (spec for stack in resolved.sequences_by_stack() for spec in stack.specs)
     backends: set[str] = set().union(*(StackStore(stacks, spec).backends() for spec in specs))
     manifest = Manifest(
@@ -278,9 +310,9 @@ def write_generated_manifest(
 def find_generated_entry(
     sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str | None
 ) -> SequenceEntry | None:
-    """Return a sequence's line in the manifest; None where its file is missing, cut, or of another recipe.
+    """Return the entry of a sequence for the manifest; None if its file is missing, truncated, or of another recipe.
 
-    ``stack_digest`` is None where the stacks have been deleted; what the file says of them counts then.
+    ``stack_digest`` is None if the stacks have been deleted; the digest that the file stores is used then.
     """
     planned = sequence.planned
     try:

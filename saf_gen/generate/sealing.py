@@ -1,8 +1,8 @@
-"""Sealed recipes: a test split whose members and noise nobody knows until its secret is opened.
+"""Sealed recipes: a test split whose members and noise nobody knows until its secret is published.
 
-A recipe's ``seed`` names every random number. Sealed, it is a commitment, SHA-256 over secret and salt, which is
-published before anybody submits. Whoever is given the secret later sees that it fits, generates the split, and compares
-digests. Scenes, lights and sizes of the split stand in the recipe all the time.
+The ``seed`` of a recipe names every random number. A sealed seed is a commitment, the SHA-256 of secret and salt, which
+is published before anybody submits. Everyone who receives the secret later can check that it fits, generate the split,
+and compare digests. The scenes, lights and sizes of the split are in the recipe all the time.
 """
 
 import hashlib
@@ -21,18 +21,18 @@ from saf_gen.errors import BadInput
 
 _DIGITS = 32
 """Hexadecimal digits of a salt; a secret and a commitment have twice as many."""
-UNSEAL = "saf-gen recipes unseal RECIPE --secret FILE, once the secret is published"
+UNSEAL = "run saf-gen recipes unseal RECIPE --secret FILE once the secret is published"
 
 
 class SealedSeed(FrozenModel):
-    """The ``seed`` of a sealed recipe; with its ``secret`` it is open, and stands for one number."""
+    """The ``seed`` of a sealed recipe; together with its ``secret`` it stands for one number."""
 
     sealed: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-    """SHA-256 over the bytes of secret and salt, one after the other."""
+    """SHA-256 of the bytes of the secret, followed by those of the salt."""
     salt: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     """16 random bytes, public from the beginning."""
     secret: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
-    """32 random bytes, public in the end."""
+    """32 random bytes, published in the end."""
 
 
 class _WithSealedSeed(FrozenModel):
@@ -40,9 +40,9 @@ class _WithSealedSeed(FrozenModel):
 
 
 def open_sealed_recipe_seed(document: Document) -> None:
-    """Replace the sealed ``seed`` of a recipe by the number that its secret stands for; other recipes stay as they are.
+    """Replace the sealed ``seed`` of a recipe by the number that it stands for; leave other recipes unchanged.
 
-    Raises BadInput, with the line, for a seed without its secret, and for a secret that does not fit.
+    Raises BadInput, with the line, if a sealed seed has no secret, or a secret that does not fit.
     """
     if not _is_sealed(document):
         return
@@ -51,24 +51,24 @@ def open_sealed_recipe_seed(document: Document) -> None:
         raise BadInput("this recipe is sealed", where=document.locate("seed"), hint=UNSEAL)
     _check_secret(seed, seed.secret, where=document.locate("seed", "secret"))
     digest = hashlib.sha256(b"saf-gen sealed seed" + bytes.fromhex(seed.salt) + bytes.fromhex(seed.secret)).digest()
-    document.data["seed"] = int.from_bytes(digest[:8]) >> 1  # 63 bits, as a recipe's seed has
+    document.data["seed"] = int.from_bytes(digest[:8]) >> 1  # 63 bits, like the seed of any recipe
 
 
 def seal_recipe(recipe: Path, sealed: Path, *, secret_file: Path) -> SealedSeed:
-    """Write a recipe whose seed is sealed, and the new secret into a file that only its owner may read.
+    """Write a copy of a recipe with a sealed seed, and the new secret to a file that only its owner may read.
 
-    Returns the seed, which is still without its secret. Raises BadInput for a recipe that is sealed already, whose seed
-    is not on a line of its own, or for a file that is there already.
+    Returns the sealed seed, without its secret. Raises BadInput if the recipe is sealed already or its seed is not on a
+    line of its own, or if one of the files exists already.
     """
     document = read_yaml(recipe)
     if _is_sealed(document):
         raise BadInput("this recipe is sealed already", where=document.locate("seed"))
     for path in (sealed, secret_file):
         if path.exists():
-            hint = "choose another name: a secret is made once"
+            hint = "choose another name: sealed recipes and secrets are never overwritten"
             if not sealed.exists():  # the secret is written first: a run was stopped, or the sealed recipe was moved
                 hint += f"; or remove it, if no recipe was ever published with it: there is no {sealed}"
-            raise BadInput(f"{path} is there already", hint=hint)
+            raise BadInput(f"{path} exists already", hint=hint)
     salt, secret = secrets.token_hex(_DIGITS // 2), secrets.token_hex(_DIGITS)
     seed = SealedSeed(sealed=_commitment(secret, salt), salt=salt)
     text = _replace_seed(document, f'{{sealed: "{seed.sealed}", salt: "{seed.salt}"}}')
@@ -80,17 +80,17 @@ def seal_recipe(recipe: Path, sealed: Path, *, secret_file: Path) -> SealedSeed:
 
 
 def unseal_recipe(recipe: Path, opened: Path, *, secret: str) -> None:
-    """Write a sealed recipe together with its secret, as ``saf-gen generate`` takes it.
+    """Write a sealed recipe together with its secret, as ``saf-gen generate`` accepts it.
 
-    Raises BadInput for a recipe that is not sealed, a secret that does not fit, and a file that is there already.
+    Raises BadInput if the recipe is not sealed, the secret does not fit, or the file exists already.
     """
     document = read_yaml(recipe)
     if not _is_sealed(document):
-        raise BadInput("this recipe is not sealed", where=str(recipe), hint="it generates as it is")
+        raise BadInput("this recipe is not sealed", where=str(recipe), hint="generate it as it is")
     seed = _read_seed(document)
     _check_secret(seed, secret, where=document.locate("seed"))
     if opened.exists():
-        raise BadInput(f"{opened} is there already", hint="choose another name with --out")
+        raise BadInput(f"{opened} exists already", hint="choose another name with --out")
     text = f'{{sealed: "{seed.sealed}", salt: "{seed.salt}", secret: "{secret}"}}'
     write_text_atomically(opened, _replace_seed(document, text))
 
@@ -117,7 +117,7 @@ def _check_secret(seed: SealedSeed, secret: str, *, where: str) -> None:
 
 
 def _replace_seed(document: Document, seed: str) -> str:
-    """Return the text of a recipe with another ``seed``, comments and all."""
+    """Return the text of a recipe, including its comments, with another ``seed``."""
     lines = document.path.read_text(encoding="utf-8").splitlines(keepends=True)
     at = int(document.locate("seed").rpartition(":")[2]) - 1
     found = re.fullmatch(r"(seed:\s*)(\{[^{}]*\}|[^\s#]+)(\s*(?:#.*)?\n?)", lines[at])

@@ -1,4 +1,4 @@
-"""Recipes by name: those that come with saf_gen."""
+"""The recipes that come with saf_gen, by name."""
 
 from pathlib import Path
 
@@ -12,10 +12,10 @@ def recipe_names() -> list[str]:
 
 
 def find_recipe(recipe: str | Path) -> Path:
-    """Return the file of a recipe that comes with saf_gen, by its name, or of any recipe, by its path.
+    """Return the file of a recipe: one that comes with saf_gen by its name, any other by its path.
 
-    A file of the working directory is found by its path alone (text such as "./mine"), so that a name means the
-    same everywhere. Raises BadInput for an unknown name; a path is returned as it is.
+    A file in the working directory must be given as a path, such as "./mine", so that a name means the same everywhere.
+    Raises BadInput for an unknown name; a path is returned unchanged.
     """
     name = str(recipe)
     if Path(name).suffix or Path(name).name != name:

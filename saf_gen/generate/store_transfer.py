@@ -1,4 +1,4 @@
-"""What goes between a dataset in an object store and the scratch folder in which it is made."""
+"""Transfers between a dataset in an object store and the scratch folder in which it is made."""
 
 import threading
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,15 +14,16 @@ from saf_gen.generate.run import check_same_recipe_dataset, find_generated_entry
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry
+from saf_gen.stream.sharing.croissant import CARD_NAME
 
 TRANSFERS = 4
-"""Files that go up or down at a time; each of them may take 150 MB of memory."""
-CARDS = ("README.md", "croissant.json", MANIFEST_NAME)
-"""What is said of the dataset, in the order in which it goes up: the manifest comes last."""
+"""Number of files that are uploaded or downloaded at a time; each may take 150 MB of memory."""
+CARDS = ("README.md", CARD_NAME, MANIFEST_NAME)
+"""Files that describe the dataset, in the order in which they are uploaded: the manifest comes last."""
 
 
 class StoreTransfer:
-    """Moves stacks, streams and manifests of one dataset; ``stop`` ends what goes up after the current files."""
+    """Moves stacks, streams and manifests of one dataset; setting ``stop`` ends uploads after the current files."""
 
     def __init__(self, resolved: ResolvedRecipe, store: StorePath, scratch: Path, *, report: ReportProgress) -> None:
         self._resolved, self._store, self._scratch, self._report = resolved, store, scratch, report
@@ -31,10 +32,10 @@ class StoreTransfer:
         self.stop = threading.Event()
 
     def find_entries(self, listed: Mapping[str, SequenceEntry]) -> dict[str, SequenceEntry]:
-        """Return the sequences of the recipe that the store holds, by id; ``listed`` is what its manifest says.
+        """Return the sequences of the recipe that the store holds, by id; ``listed`` are those in its manifest.
 
-        The notes of all stacks are fetched, as they tell what a sequence of this recipe must be made from. Streams that
-        the manifest does not list so are opened, by ranges.
+        The notes of all stacks are fetched, because they determine what a sequence of this recipe must be made from.
+        Streams that the manifest does not list with the right fingerprint are opened, and read by ranges.
         """
         keys = {spec.key for sequence in self._resolved.plan for spec in sequence.time_stack.specs}
         self._fetch(name for name in self._objects if name.endswith(".json") and _stack_key(name) in keys)
@@ -54,7 +55,7 @@ class StoreTransfer:
         return found
 
     def fetch_stacks(self, batch: Sequence[ResolvedSequence]) -> None:
-        """Fetch what the store holds of the stacks of these sequences, so that it is not rendered again."""
+        """Fetch the pieces of these sequences' stacks that the store holds, so that they are not rendered again."""
         keys = {spec.key for spec in stacks_of_generated_sequences(batch)}
         self._fetch(name for name in self._objects if _stack_key(name) in keys)
 
@@ -63,51 +64,53 @@ class StoreTransfer:
         with ThreadPoolExecutor(TRANSFERS) as pool:
             list(pool.map(lambda name: download_file(self._store / name, self._scratch / name), missing))
 
-    def send_up(
+    def upload_batch(
         self,
         batch: Sequence[ResolvedSequence],
         finished: Sequence[SequenceEntry],
         *,
-        there: Mapping[str, SequenceEntry],
+        in_store: Mapping[str, SequenceEntry],
     ) -> None:
-        """Send up the stacks of a batch and its finished streams, delete them here, and list all that is there."""
+        """Upload the stacks and the finished streams of a batch, delete them here, and publish the new manifest.
+
+        ``in_store`` holds all sequences that the store then has, by id.
+        """
         specs = stacks_of_generated_sequences(batch)
         of_stacks = [path for spec in specs for path in (self._stacks / spec.key).glob("[!.]*")]
         of_stacks += [path for spec in specs if (path := self._scratch / "preview" / f"{spec.key}.png").exists()]
         streams = [self._scratch / entry.file for entry in finished]
         for files in (of_stacks, streams):
             with ThreadPoolExecutor(TRANSFERS) as pool:
-                list(pool.map(self._send, files))
+                list(pool.map(self._upload, files))
         if self.stop.is_set():
             return
         for stream in streams:
             stream.unlink(missing_ok=True)
         for spec in specs:
-            StackStore(self._stacks, spec).delete_pictures()  # notes stay: the manifest names what rendered them
-        self.publish(there, with_others=True)
+            StackStore(self._stacks, spec).delete_pictures()  # notes stay, because the manifest names the renderer
+        self.publish(in_store, with_others=True)
 
-    def _send(self, file: Path) -> None:
+    def _upload(self, file: Path) -> None:
         name = file.relative_to(self._scratch).as_posix()
-        if self.stop.is_set() or (name in self._objects and _stack_key(name)):  # fetched from there
+        if self.stop.is_set() or (name in self._objects and _stack_key(name)):  # it was fetched from the store
             return
-        report = self._report if file.suffix == ".h5" else lambda name, done: None  # a stack may have 1,000 pieces
+        report = self._report if file.suffix == ".h5" else lambda name, done: None  # stacks may have 1,000 pieces
         report(f"upload {name}", 0.0)
         upload_file(file, self._store / name)
         report(f"upload {name}", 1.0)
 
-    def publish(self, there: Mapping[str, SequenceEntry], *, with_others: bool) -> Manifest:
-        """Write the manifest and the cards of the sequences that are there, in the store too; the manifest comes last.
+    def publish(self, in_store: Mapping[str, SequenceEntry], *, with_others: bool) -> Manifest:
+        """Write the manifest and the cards for the sequences in the store, and upload them, the manifest last.
 
-        ``with_others`` keeps what other shards of the recipe have listed meanwhile.
+        With ``with_others``, sequences that other shards of the recipe have listed in the meantime are kept.
         """
-        known = dict(there)
+        known = dict(in_store)
         now = check_same_recipe_dataset(self._resolved, self._store) if with_others else None
         if now is not None and now.recipe_fingerprint == recipe_fingerprint(self._resolved.recipe):
             known = {entry.id: entry for entry in now.sequences} | known
         entries = [known[s.planned.id] for s in self._resolved.plan if s.planned.id in known]
-        card = CARDS[1]
-        if card in self._objects:
-            self._fetch([card])  # it holds the date of the first publication
+        if CARD_NAME in self._objects:
+            self._fetch([CARD_NAME])  # it holds the date of the first publication
         manifest = write_generated_manifest(self._resolved, self._scratch, entries=entries, stacks=self._stacks)
         for name in CARDS:
             upload_file(self._scratch / name, self._store / name)
@@ -115,7 +118,7 @@ class StoreTransfer:
 
 
 def stacks_of_generated_sequences(sequences: Iterable[ResolvedSequence]) -> list[StackSpec]:
-    """Return all stacks of sequences, those of the closed loop too, each once."""
+    """Return all stacks of these sequences, including those of the closed loop, each once."""
     found: dict[StackSpec, None] = {}
     for sequence in sequences:
         for stack in (sequence.time_stack, sequence.closed_loop_slices):
@@ -124,11 +127,11 @@ def stacks_of_generated_sequences(sequences: Iterable[ResolvedSequence]) -> list
 
 
 def names_of_generated_pictures(specs: Iterable[StackSpec]) -> set[str]:
-    """Return the names of the objects that hold the pictures of stacks."""
+    """Return the names of the objects that hold the pictures of these stacks."""
     return {f"stacks/{spec.key}/{piece}.exr" for spec in specs for piece in StackStore(Path(), spec).pieces}
 
 
 def _stack_key(name: str) -> str:
-    """Return the key of the stack that an object belongs to; '' for none."""
+    """Return the key of the stack to which an object belongs; '' if it belongs to none."""
     parts = name.split("/")
     return parts[1] if len(parts) == 3 and parts[0] == "stacks" else ""

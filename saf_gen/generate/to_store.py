@@ -1,9 +1,9 @@
 """From a recipe to a dataset in an object store, through a scratch folder on this machine that stays small.
 
-The dataset is made in batches, of whole focal stacks and what is recorded from them. While one is made, the one before
-goes up: its stacks, then its streams, each checked when it has arrived; then it is deleted here, and the manifest that
-lists it is written. So a manifest never lists what is not whole, and a run that was killed goes on from what is in the
-store and in the scratch folder.
+The dataset is made in batches of complete focal stacks and the recordings made from them. While a batch is made, the
+previous one is uploaded: first its stacks, then its streams, each checked when it has arrived. The batch is then
+deleted here, and the manifest that lists it is written. A manifest therefore never lists incomplete files, and a run
+that was killed continues from what is in the store and in the scratch folder.
 """
 
 import hashlib
@@ -26,21 +26,29 @@ from saf_gen.generate.store_transfer import StoreTransfer, names_of_generated_pi
 from saf_gen.stack.focal_stack import StackSpec
 
 BATCH_BYTES = 8_000_000_000
-"""Stacks and streams of a batch, about; a stack that is larger, with its streams, is a batch of its own."""
+"""Approximate size of the stacks and streams of a batch; a larger stack with its streams makes up a batch alone."""
 
 
 @dataclass(frozen=True)
 class StorePlan:
-    """What a run would do for a dataset in a store.
+    """The work of a run that makes a dataset in a store.
 
-    there : ids of the sequences that the store holds, by the names of its objects.
-    missing : the recipe with all other sequences.
-    stacks : labels of the stacks to render.
-    upload_bytes, scratch_bytes : what goes up, and what lies in the folder ``scratch`` at a time, at most, about.
+    Attributes
+    ----------
+    scratch : Path
+        Scratch folder on this machine.
+    in_store : frozenset of str
+        Ids of the sequences that the store holds, judged by the names of its objects.
+    missing : ResolvedRecipe
+        The recipe with all other sequences.
+    stacks : list of str
+        Labels of the stacks to render.
+    upload_bytes, scratch_bytes : int
+        Approximate numbers of bytes to upload, and of bytes in the scratch folder when it is fullest.
     """
 
     scratch: Path
-    there: frozenset[str]
+    in_store: frozenset[str]
     missing: ResolvedRecipe
     stacks: list[str]
     upload_bytes: int
@@ -48,14 +56,14 @@ class StorePlan:
 
 
 def plan_for_store(resolved: ResolvedRecipe, store: StorePath) -> StorePlan:
-    """Return what a run would do; nothing is written, in the store or here.
+    """Return what a run would do, without writing anything in the store or here.
 
-    Raises BadInput where the store cannot be asked, or holds another dataset.
+    Raises BadInput if the store cannot be queried, or holds another dataset.
     """
     check_same_recipe_dataset(resolved, store)
     objects = list_objects(store)
-    there = frozenset(s.planned.id for s in resolved.sequences if s.planned.file in objects)
-    missing = [s for s in resolved.sequences if s.planned.id not in there]
+    in_store = frozenset(s.planned.id for s in resolved.sequences if s.planned.file in objects)
+    missing = [s for s in resolved.sequences if s.planned.id not in in_store]
     users = {stack: s for s in reversed(missing) for stack in (s.closed_loop_slices, s.time_stack) if stack}
     labels = [
         user.stack_label(stack)
@@ -65,7 +73,7 @@ def plan_for_store(resolved: ResolvedRecipe, store: StorePath) -> StorePlan:
     sizes = [_count_bytes(batch) for batch in split_recipe_into_batches(missing)]
     return StorePlan(
         scratch=find_generate_scratch(resolved, store),
-        there=there,
+        in_store=in_store,
         missing=replace(resolved, sequences=tuple(missing)),
         stacks=labels[::-1],
         upload_bytes=sum(sizes),
@@ -74,7 +82,7 @@ def plan_for_store(resolved: ResolvedRecipe, store: StorePath) -> StorePlan:
 
 
 def find_generate_scratch(resolved: ResolvedRecipe, store: StorePath) -> Path:
-    """Return the folder of this machine in which these sequences are made; another shard has another."""
+    """Return the folder on this machine in which these sequences are made; each shard has a different one."""
     ids = "\n".join(s.planned.id for s in resolved.sequences)
     name = quote(f"{store.scheme}-{store.key}", safe="")
     return Path("datasets") / f".{name}.{hashlib.sha256(ids.encode()).hexdigest()[:8]}"
@@ -91,50 +99,59 @@ def generate_to_store(
     report: ReportProgress = lambda name, done: None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> GenerationResult:
-    """Make a dataset in an object store, or what is missing of it there.
+    """Make a dataset in an object store, or the parts of it that are missing there.
 
-    What the store holds of this recipe is kept: by the word of the manifest where it lists a stream with the right
-    fingerprint, else by what the stream says of itself. ``saf-gen verify`` reads all of it.
+    Sequences of this recipe that the store holds are kept. The manifest is trusted if it lists a stream with the right
+    fingerprint; otherwise the metadata of the stream decide. ``saf-gen verify`` reads all spikes.
 
     Parameters
     ----------
-    resolved : what :func:`saf_gen.generate.resolve.resolve_recipe` returns.
-    store : the dataset's folder in the store, as :func:`saf_gen.core.object_store.find_path` returns it.
-    workers, variant, cluster, keep_slices, report, tell : as for :func:`saf_gen.generate.run.generate`; uploads are
-        reported too. The workers of a cluster must see the scratch folder, which lies in the working folder.
+    resolved : ResolvedRecipe
+        Result of :func:`saf_gen.generate.resolve.resolve_recipe`.
+    store : StorePath
+        Folder of the dataset in the store, as :func:`saf_gen.core.object_store.find_path` returns it.
+    workers, variant, cluster, keep_slices, report, tell : optional
+        See :func:`saf_gen.generate.run.generate`; uploads are reported too. The workers of a cluster must see the
+        scratch folder, which is in the working directory.
+
+    Returns
+    -------
+    GenerationResult
+        Result of the run, with the store as its folder.
 
     Raises
     ------
-    BadInput : as ``generate`` does, and where the store cannot be written to or fails; the same call goes on from what
-        is there by then.
+    BadInput
+        As ``generate`` does, and if the store cannot be written to or fails; the same call then continues from what the
+        store already holds.
     """
     scratch = find_generate_scratch(resolved, store).resolve()
     before = check_same_recipe_dataset(resolved, store)
     check_store_writable(store)
     check_folder_writable(scratch)
-    aborted, left = abort_unfinished_uploads(store, ours={s.planned.file for s in resolved.sequences})
+    aborted, left = abort_unfinished_uploads(store, own_names={s.planned.file for s in resolved.sequences})
     if aborted or left:
-        tell(f"uploads that were broken off: {aborted} removed, {left} that may be of other runs left")
+        tell(f"interrupted uploads: {aborted} removed, {left} left that may belong to other runs")
     listed = {entry.id: entry for entry in before.sequences} if before else {}
     transfer = StoreTransfer(resolved, store, scratch, report=report)
-    there = transfer.find_entries(listed)
+    in_store = transfer.find_entries(listed)
     leave_out = False
-    if any(s.planned.id not in there for s in resolved.sequences) and resolved.recipe.render.diffraction is None:
+    if any(s.planned.id not in in_store for s in resolved.sequences) and resolved.recipe.render.diffraction is None:
         scratch.mkdir(parents=True, exist_ok=True)
         machines = None if cluster is None else Cluster(cluster, scratch, writes=True)
-        leave_out = not choose_recipe_renderer(variant, cluster=machines, tell=tell)[1]
+        leave_out = not choose_recipe_renderer(variant, cluster=machines, notify=tell)[1]
     if leave_out:
         resolved = resolved.without_diffraction()
         transfer = StoreTransfer(resolved, store, scratch, report=report)
-        there = transfer.find_entries(listed)
-    if any(there.get(name) != entry for name, entry in listed.items()):
-        transfer.publish(there, with_others=False)  # what is made again is not listed meanwhile
-    kept = [s.planned.id for s in resolved.sequences if s.planned.id in there]
+        in_store = transfer.find_entries(listed)
+    if any(in_store.get(name) != entry for name, entry in listed.items()):
+        transfer.publish(in_store, with_others=False)  # sequences to be made again are not listed meanwhile
+    kept = [s.planned.id for s in resolved.sequences if s.planned.id in in_store]
     parts: list[GenerationResult] = []
-    with ThreadPoolExecutor(1, "upload") as behind:
-        going_up: Future[None] | None = None
+    with ThreadPoolExecutor(1, "upload") as upload_pool:
+        upload: Future[None] | None = None
         try:
-            for batch in split_recipe_into_batches([s for s in resolved.sequences if s.planned.id not in there]):
+            for batch in split_recipe_into_batches([s for s in resolved.sequences if s.planned.id not in in_store]):
                 transfer.fetch_stacks(batch)
                 part = generate(
                     replace(resolved, plan=tuple(batch), sequences=tuple(batch)),
@@ -147,13 +164,15 @@ def generate_to_store(
                     tell=tell,
                 )
                 parts.append(part)
-                if going_up is not None:
-                    going_up.result()
-                there |= {entry.id: entry for entry in part.manifest.sequences}
-                going_up = behind.submit(transfer.send_up, batch, part.manifest.sequences, there=dict(there))
-            if going_up is not None:
-                going_up.result()
-            manifest = transfer.publish(there, with_others=True)
+                if upload is not None:
+                    upload.result()
+                in_store |= {entry.id: entry for entry in part.manifest.sequences}
+                upload = upload_pool.submit(
+                    transfer.upload_batch, batch, part.manifest.sequences, in_store=dict(in_store)
+                )
+            if upload is not None:
+                upload.result()
+            manifest = transfer.publish(in_store, with_others=True)
         except BaseException:
             transfer.stop.set()
             raise
@@ -173,7 +192,7 @@ def generate_to_store(
 
 
 def split_recipe_into_batches(sequences: Iterable[ResolvedSequence]) -> list[list[ResolvedSequence]]:
-    """Return sequences in batches of about BATCH_BYTES, so that no stack belongs to two of them."""
+    """Return the sequences in batches of about BATCH_BYTES, such that no stack belongs to two batches."""
     group_of: dict[StackSpec, list[ResolvedSequence]] = {}
     for sequence in sequences:
         group, specs = [sequence], stacks_of_generated_sequences([sequence])
@@ -185,13 +204,13 @@ def split_recipe_into_batches(sequences: Iterable[ResolvedSequence]) -> list[lis
                 group = other
         group_of |= dict.fromkeys(specs, group)
     batches: list[list[ResolvedSequence]] = []
-    room = 0
+    remaining = 0
     for group in {id(one): one for one in group_of.values()}.values():
         size = _count_bytes(group)
-        if not batches or size > room:
-            batches, room = [*batches, []], BATCH_BYTES
+        if not batches or size > remaining:
+            batches, remaining = [*batches, []], BATCH_BYTES
         batches[-1].extend(group)
-        room -= size
+        remaining -= size
     return batches
 
 

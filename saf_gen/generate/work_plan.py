@@ -1,7 +1,7 @@
-"""What a recipe asks for before anything is made: jobs, hours and disk, and how long machines take together.
+"""The work that a recipe needs, before anything is made: jobs, hours, disk, and the time on several machines.
 
-A recipe of many sequences is not drawn whole. A few repeats of each scene, motion and split stand for all of them:
-what they are recorded from costs the same, and their number is known.
+For a recipe with many sequences, only a few repeats of each scene, motion and split are drawn. They represent the
+others, because the stacks from which they are recorded cost the same, and their number is known.
 """
 
 import heapq
@@ -15,16 +15,25 @@ from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, resolve_recipe
 from saf_gen.generate.shipped_recipes import find_recipe
 
-MOST_DRAWN = 5_000
-"""Most sequences that a plan draws one by one."""
-REPEATS_THAT_STAND_FOR_ALL = 8
+MAX_DRAWN = 5_000
+"""Largest number of sequences that a plan draws one by one."""
+SAMPLED_REPEATS = 8
 
 
 @dataclass(frozen=True)
 class StackWork:
-    """Stacks that cost the same, rendered one by one, and the recordings made from all of them together.
+    """A group of stacks that take equally long to render, and the recordings that are made from them.
 
-    ``render_s`` are the seconds of one stack, by one machine; the bytes are of all.
+    Attributes
+    ----------
+    stacks : int
+        Number of stacks, which are rendered one by one.
+    render_s : float
+        Seconds that one machine takes to render one stack.
+    stack_bytes, kept_bytes : int
+        Bytes of all these stacks, and of those that are kept.
+    recordings : int
+        Number of recordings made from all these stacks together.
     """
 
     stacks: int
@@ -36,18 +45,25 @@ class StackWork:
 
 @dataclass(frozen=True)
 class WorkPlan:
-    """What a recipe takes, from nothing.
+    """The work, time and disk space that it takes to make a recipe from nothing.
 
     Attributes
     ----------
-    name : of the recipe.
-    sequences, stacks, jobs : their numbers; a stack is a job, and so is a recording.
-    render_s, record_s : seconds of work on one machine.
-    seconds : from the start to the end, on all machines, with the scheduler.
-    scheduler_s : seconds of one process that are in ``seconds``: to draw and list sequences, and to hand out jobs,
-        the latter at the same time as the machines work.
-    peak_bytes, disk_bytes : disk while it is made, and what stays in the end.
-    drawn : sequences that were drawn; where they are fewer than ``sequences``, they stand for the others.
+    name : str
+        Name of the recipe.
+    sequences, stacks, jobs : int
+        Their numbers; each stack and each recording is a job.
+    render_s, record_s : float
+        Seconds of rendering and recording on one machine.
+    seconds : float
+        Seconds from start to end on all machines, including the scheduler.
+    scheduler_s : float
+        Seconds of a single process, included in ``seconds``: it draws and lists sequences, and hands out jobs, the
+        latter while the machines work.
+    peak_bytes, disk_bytes : int
+        Bytes of disk while the dataset is made, and in the end.
+    drawn : int
+        Number of sequences that were drawn; if it is less than ``sequences``, they represent the others.
     """
 
     name: str
@@ -73,30 +89,48 @@ def plan_recipe_work(
     keep_slices: str = "all",
     rates: MachineRates | None = None,
 ) -> WorkPlan:
-    """Return what a recipe takes; nothing is rendered or written, and what is there already is not looked at.
+    """Return the work that a recipe needs; nothing is rendered or written, and existing files are not counted.
 
     Parameters
     ----------
-    recipe_path, part, split : as in :func:`saf_gen.generate.resolve.resolve_recipe`.
-    workers : sequences that a machine records at a time.
-    machines : machines that one scheduler has.
-    keep_slices : as in :func:`saf_gen.generate.run.generate`.
-    rates : of each machine.
+    recipe_path : str or Path
+        YAML file of the recipe, or the name of a recipe that comes with saf_gen.
+    part : tuple of int, default (1, 1)
+        Shard (I, N), with I from 1, of the sequences.
+    split : str, optional
+        Use only the sequences of this split.
+    workers : int, default 1
+        Number of sequences that a machine records at a time.
+    machines : int, default 1
+        Number of machines that share one scheduler.
+    keep_slices : str, default "all"
+        Time slices to keep, one of KEEP_SLICES in :mod:`saf_gen.generate.job_order`.
+    rates : MachineRates, optional
+        Rates of each machine; by default those of two cores with LLVM.
+
+    Returns
+    -------
+    WorkPlan
+        Numbers of jobs, seconds and bytes.
 
     Raises
     ------
-    BadInput : for whatever does not fit, as ``generate`` would.
+    BadInput
+        If ``keep_slices`` is unknown, or if the recipe cannot be resolved (see ``resolve_recipe``).
     """
     validate_generated_slices_kept(keep_slices)
     rates = rates or MachineRates()
-    few = resolve_recipe(recipe_path, split=split, most_repeats=REPEATS_THAT_STAND_FOR_ALL)
+    few = resolve_recipe(recipe_path, split=split, most_repeats=SAMPLED_REPEATS)
     recipe = read_recipe(find_recipe(recipe_path))
-    total = sum(_count_sequences(recipe, own) for own in _group(few).values())
-    if total <= MOST_DRAWN:
+    total = sum(_count_sequences(recipe, group) for group in _group(few).values())
+    if total <= MAX_DRAWN:
         few = resolve_recipe(recipe_path, split=split, part=part)
-        works = [_add_up(own, rates=rates, keep_slices=keep_slices) for own in _group(few).values()]
+        works = [_sum_work(group, rates=rates, keep_slices=keep_slices) for group in _group(few).values()]
     else:
-        works = [_scale(own, recipe, rates=rates, keep_slices=keep_slices, part=part) for own in _group(few).values()]
+        works = [
+            _scale_work(group, recipe, rates=rates, keep_slices=keep_slices, part=part)
+            for group in _group(few).values()
+        ]
     pixel_frames = few.sensor.rows * few.sensor.columns * recipe.camera.frames
     record_s = pixel_frames / rates.recorded_per_s(workers)
     sequences, stacks = sum(work.recordings for work in works), sum(work.stacks for work in works)
@@ -119,18 +153,18 @@ def plan_recipe_work(
 def simulate_plan_on_machines(
     works: Sequence[StackWork], *, record_s: float, machines: int, rates: MachineRates
 ) -> float:
-    """Return the seconds from start to end where ``machines`` take their jobs from one scheduler, in their order.
+    """Return the seconds from start to end if ``machines`` machines get their jobs from one scheduler, in order.
 
-    Stacks come first, and what is recorded from each waits until it is rendered. The scheduler hands out one job after
-    the other, each in ``rates.job_s``.
+    Stacks come first, and the recordings from a stack wait until it is rendered. The scheduler hands out one job after
+    the other, each in ``rates.job_s`` seconds.
     """
     free, scheduler, rendered = [0.0] * machines, 0.0, []
     for work in works:
-        share, more = divmod(work.recordings, max(1, work.stacks))
+        per_stack, more = divmod(work.recordings, max(1, work.stacks))
         for number in range(work.stacks):
             scheduler = max(scheduler, free[0]) + rates.job_s
             heapq.heapreplace(free, scheduler + work.render_s)
-            rendered.append((scheduler + work.render_s, share + (number < more)))
+            rendered.append((scheduler + work.render_s, per_stack + (number < more)))
     for ready, recordings in sorted(rendered):
         for _ in range(recordings):
             scheduler = max(scheduler, free[0], ready) + rates.job_s
@@ -140,7 +174,7 @@ def simulate_plan_on_machines(
 
 
 def _group(resolved: ResolvedRecipe) -> dict[tuple[str, str, str], list[ResolvedSequence]]:
-    """Return the sequences by split, scene, and whether it moves."""
+    """Return the sequences by split, scene, and scene motion."""
     groups: dict[tuple[str, str, str], list[ResolvedSequence]] = {}
     for sequence in resolved.sequences:
         planned = sequence.planned
@@ -148,43 +182,43 @@ def _group(resolved: ResolvedRecipe) -> dict[tuple[str, str, str], list[Resolved
     return groups
 
 
-def _count_sequences(recipe: Recipe, own: Sequence[ResolvedSequence]) -> int:
-    split = recipe.splits[own[0].planned.split]
+def _count_sequences(recipe: Recipe, group: Sequence[ResolvedSequence]) -> int:
+    split = recipe.splits[group[0].planned.split]
     return len(split.lights) * split.repeats
 
 
-def _add_up(own: Sequence[ResolvedSequence], *, rates: MachineRates, keep_slices: str) -> StackWork:
-    """Return the work of these sequences of one scene."""
-    recorded = {s.time_stack for s in own}
+def _sum_work(group: Sequence[ResolvedSequence], *, rates: MachineRates, keep_slices: str) -> StackWork:
+    """Return the work for these sequences of one scene."""
+    recorded = {s.time_stack for s in group}
     moving = {stack for stack in recorded if stack.is_moving}
-    whole = {s.closed_loop_slices for s in own if s.closed_loop_slices is not None and keep_slices != "none"}
-    kept = (recorded if keep_slices == "all" else recorded - moving) | whole
-    specs, kept_specs = ({spec for stack in some for spec in stack.specs} for some in (recorded | whole, kept))
-    stacks = len(recorded | whole)
+    closed_loop = {s.closed_loop_slices for s in group if s.closed_loop_slices is not None and keep_slices != "none"}
+    kept = (recorded if keep_slices == "all" else recorded - moving) | closed_loop
+    specs, kept_specs = ({spec for stack in some for spec in stack.specs} for some in (recorded | closed_loop, kept))
+    stacks = len(recorded | closed_loop)
     seconds = sum(map(rates.render_seconds, specs))
-    return StackWork(stacks, seconds / stacks, plan_stack_bytes(specs), plan_stack_bytes(kept_specs), len(own))
+    return StackWork(stacks, seconds / stacks, plan_stack_bytes(specs), plan_stack_bytes(kept_specs), len(group))
 
 
-def _scale(
-    own: Sequence[ResolvedSequence], recipe: Recipe, *, rates: MachineRates, keep_slices: str, part: tuple[int, int]
+def _scale_work(
+    group: Sequence[ResolvedSequence], recipe: Recipe, *, rates: MachineRates, keep_slices: str, part: tuple[int, int]
 ) -> StackWork:
-    """Return the work of all sequences that these few stand for, or of one part of them.
+    """Return the work for all sequences that these few represent, or for one part of them.
 
-    Stacks are as many as members of the scene's family; where things move and the lens moves otherwise each time, as
-    many as repeats: an upper bound, since some of these may share their slices.
+    There are as many stacks as members of the scene's family. If the scene moves, and the lens moves differently in
+    each repeat, there are as many as repeats; this is an upper bound, because repeats may share slices.
     """
-    few = _add_up(own, rates=rates, keep_slices=keep_slices)
-    split = recipe.splits[own[0].planned.split]
-    repeats = len({s.planned.repeat for s in own})
+    few = _sum_work(group, rates=rates, keep_slices=keep_slices)
+    split = recipe.splits[group[0].planned.split]
+    repeats = len({s.planned.repeat for s in group})
     motions: list[dict[str, object]] = []
-    for s in own:
+    for s in group:
         if s.planned.motion not in motions:
             motions.append(s.planned.motion)
-    moves_anew = own[0].planned.scene_motion == "dynamic" and len(motions) == repeats > 1
-    members = len({s.planned.member for s in own})
+    moves_anew = group[0].planned.scene_motion == "dynamic" and len(motions) == repeats > 1
+    members = len({s.planned.member for s in group})
     times = split.repeats / repeats if moves_anew else split.variants / members
-    recordings = _count_sequences(recipe, own)
-    # A part takes every N-th recording, and so leaves a stack out only where fewer are made from each.
+    recordings = _count_sequences(recipe, group)
+    # A part takes every N-th recording, so it leaves a stack out only if fewer than N recordings are made from each.
     needed = min(1.0, recordings / (few.stacks * times) / part[1])
     scaled = times * needed
     return replace(

@@ -1,8 +1,9 @@
-"""Ranks methods from their records, tabulates them by condition, and writes the result to files.
+"""Ranking of methods from their records, tables by condition, and the files that hold them.
 
-Methods rank by success within one depth of focus. Success and cost are averaged over each scene's light schedules, then
-over scenes, so that a scene with many sequences weighs no more than another; errors are medians over all sequences.
-Methods with equal success have the same rank, and intervals say which ranks the scenes can tell apart.
+Methods are ranked by success within one depth of focus. Success and cost are averaged over the light schedules of each
+scene, then over scenes, so that a scene with many sequences weighs no more than another; errors are medians over all
+sequences. Methods with equal success share a rank. Confidence intervals show which ranks can be told apart on the
+given scenes.
 """
 
 from saf_gen.leaderboard.axes import (

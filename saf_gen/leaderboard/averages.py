@@ -1,4 +1,4 @@
-"""Averages over sequences in which every scene weighs the same, and so does every light of a scene."""
+"""Averages over sequences that give equal weight to every scene, and to every light within a scene."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -10,7 +10,11 @@ RecordValue = Callable[[Record], float | None]
 
 
 def mean_by_scene_for_ranking(records: Sequence[Record], value: RecordValue) -> dict[str, float]:
-    """Return by scene the mean over its lights, each being the mean of its sequences' known values."""
+    """Return the mean value of each scene.
+
+    Known values are averaged over the sequences of each light, then over the lights of the scene. A scene without any
+    known value is left out.
+    """
     scenes: dict[str, dict[str | None, list[float]]] = {}
     for record in records:
         if (number := value(record)) is not None:
@@ -21,12 +25,12 @@ def mean_by_scene_for_ranking(records: Sequence[Record], value: RecordValue) -> 
 
 
 def mean_over_scenes_for_ranking(records: Sequence[Record], value: RecordValue) -> float | None:
-    """Return the mean of mean_by_scene_for_ranking; None where every value is unknown."""
+    """Return the mean over scenes of mean_by_scene_for_ranking, or None if every value is unknown."""
     scenes = mean_by_scene_for_ranking(records, value)
     return float(np.mean(list(scenes.values()))) if scenes else None
 
 
 def median_magnitude_for_ranking(numbers: Iterable[float | None]) -> float | None:
-    """Return the median of the absolute values that are known; None if all are unknown."""
+    """Return the median of the known absolute values, or None if all values are unknown."""
     known = [abs(number) for number in numbers if number is not None]
     return float(np.median(known)) if known else None

@@ -1,6 +1,6 @@
-"""Tables by condition: how methods do under each light, motion, photon budget, position of the focus, grain and sensor.
+"""Tables by condition: results under each light, motion, photon budget, focus position, grain, sensor and scene.
 
-The bin of a sequence depends on the sequence alone, so all methods meet the same sequences in a bin.
+The bin of a sequence depends only on the sequence, so all methods have the same sequences in a bin.
 """
 
 from bisect import bisect_right
@@ -13,26 +13,26 @@ from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard.averages import mean_over_scenes_for_ranking, median_magnitude_for_ranking
 
 MAX_SHOWN_BINS = 40
-"""Most bins of an axis in tables for people, such as scenes."""
+"""Largest number of bins of an axis, such as scenes, in tables for people."""
 BLOCK_READOUTS = 100
-"""Readouts of the block over which the photon budget is counted: the default window of argmax."""
+"""Number of readouts over which the photon budget is counted; the default window of argmax."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A property that sorts sequences into bins; ``bin_of`` names a record's bin, None if it is unknown."""
+    """A property that sorts sequences into bins; ``bin_of`` returns the bin of a record, or None if it is unknown."""
 
     name: str
     title: str
     meaning: str
     bin_of: Callable[[Record], str | None]
     order: tuple[str, ...] = ()
-    """The bins in their order; without it they are sorted by name."""
+    """Bins in their order; if empty, bins are sorted by name."""
 
 
 @dataclass(frozen=True)
 class BinSummary:
-    """One method in one bin; None means unknown."""
+    """Result of one method in one bin; None means unknown."""
 
     success_1dof: float | None
     median_error_dof: float | None
@@ -42,7 +42,7 @@ class BinSummary:
 
 @dataclass(frozen=True)
 class AxisTable:
-    """All methods along one axis: the scenes and sequences of each bin, and for each method one cell per bin."""
+    """Results along one axis: the numbers of scenes and sequences of each bin, and one cell per method and bin."""
 
     axis: Axis
     bins: tuple[str, ...]
@@ -52,28 +52,31 @@ class AxisTable:
 
 
 def tabulate_leaderboard_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
-    """Return one table per axis whose bin is known for at least one sequence; methods stay in order."""
+    """Return one table per axis for which the bin of at least one sequence is known; methods keep their order."""
     return tuple(table for table in (_tabulate(axis, records, methods=methods) for axis in AXES) if table.bins)
 
 
 def list_leaderboard_bins(sequences: Mapping[str, int]) -> list[str]:
-    """Return the bins for tables that people read, in their order: at most MAX_SHOWN_BINS, those of most sequences."""
+    """Return the bins that tables show to readers: at most MAX_SHOWN_BINS with the most sequences, in their order.
+
+    ``sequences`` gives the number of sequences of each bin.
+    """
     shown = sorted(sequences, key=lambda name: -sequences[name])[:MAX_SHOWN_BINS]
     return [name for name in sequences if name in shown]
 
 
 def keep_leaderboard_bins(table: AxisTable) -> AxisTable:
-    """Return the table without the bins that list_leaderboard_bins leaves out; its axis then says so."""
+    """Return the table without the bins that list_leaderboard_bins leaves out; the meaning of its axis then says so."""
     shown = set(list_leaderboard_bins(dict(zip(table.bins, table.sequences, strict=True))))
     if len(shown) == len(table.bins):
         return table
-    said = f"Here are {len(shown)} of {len(table.bins):,}, those of most sequences; axes.csv has all."
+    note = f"Here are the {len(shown)} of {len(table.bins):,} with the most sequences; axes.csv has all."
 
     def keep(values: Sequence[Any]) -> tuple[Any, ...]:
         return tuple(value for name, value in zip(table.bins, values, strict=True) if name in shown)
 
     return AxisTable(
-        replace(table.axis, meaning=f"{table.axis.meaning} {said}"),
+        replace(table.axis, meaning=f"{table.axis.meaning} {note}"),
         keep(table.bins),
         scenes=keep(table.scenes),
         sequences=keep(table.sequences),
@@ -82,7 +85,7 @@ def keep_leaderboard_bins(table: AxisTable) -> AxisTable:
 
 
 def group_by_leaderboard_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record]]:
-    """Return the records of each bin, bins in the axis's order; records of unknown bin are left out."""
+    """Return the records of each bin, in the order of the axis; records whose bin is unknown are left out."""
     members: dict[str, list[Record]] = {}
     for record in records:
         if (name := axis.bin_of(record)) is not None:
@@ -117,7 +120,7 @@ def _summarise(records: Sequence[Record]) -> BinSummary:
 def _bin_between(
     edges: Sequence[float], names: Sequence[str], *, value: Callable[[Record], float | None]
 ) -> Callable[[Record], str | None]:
-    """Return a function that names the bin of a record's value; a value at an edge is in the bin above it."""
+    """Return a function that names the bin of a record's value; a value on an edge belongs to the bin above."""
 
     def name_bin(record: Record) -> str | None:
         number = value(record)
@@ -144,7 +147,7 @@ _RATIOS = ("up to 1.1", "1.1 to 2", "2 to 5", "5 and more")
 _POSITIONS = ("first 10 %", "middle", "last 10 %", "outside")
 _GRAINS = ("below 1 %", "1 to 2 %", "2 to 4 %", "4 % and more")
 AXES = (
-    Axis("light", "Light schedule", "The light schedule's name in the recipe.", lambda r: r.light),
+    Axis("light", "Light schedule", "Name of the light schedule in the recipe.", lambda r: r.light),
     Axis(
         "light_ratio",
         "Light ratio",
@@ -157,29 +160,29 @@ AXES = (
     Axis(
         "photon_budget",
         "Photon budget",
-        f"Mean counts per pixel in a block of {BLOCK_READOUTS} readouts, in the region that measures see.",
+        f"Mean counts per pixel in a block of {BLOCK_READOUTS} readouts, in the region where measures look.",
         _bin_between((1, 3, 10, 30), _BUDGETS, value=_photon_budget),
         _BUDGETS,
     ),
     Axis(
         "focus_position",
         "Focus position",
-        "Where in the recording (closed loop: in the travel) the lens first meets the true focus; "
-        "outside: it never comes within 1 DoF.",
+        "Part of the recording (closed loop: of the travel) in which the lens first meets the true focus; "
+        "outside: the lens never comes within 1 DoF.",
         _focus_position,
         _POSITIONS,
     ),
     Axis(
         "grain",
         "Grain",
-        "Noise that the renderer left in the pictures: its rms over the mean in the target's box at best focus.",
+        "Noise that the renderer left in the pictures: its rms over the mean, in the target's box at best focus.",
         _bin_between((0.01, 0.02, 0.04), _GRAINS, value=lambda r: r.grain_rms),
         _GRAINS,
     ),
     Axis(
         "sensor",
         "Sensor",
-        "The sensor that recorded; # and six digits follow its name where its numbers were changed.",
+        "The sensor that recorded; # and six digits follow its name if its numbers were changed.",
         lambda r: r.sensor,
     ),
     Axis("scene", "Scene", "Each scene alone.", lambda r: r.scene),

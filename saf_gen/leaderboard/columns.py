@@ -1,22 +1,22 @@
-"""The columns of the leaderboard: how each number of a row is named, explained and printed."""
+"""The columns of the leaderboard: name, meaning and text of each number of a row."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal
 
+from saf_gen.leaderboard.ranking_intervals import TIE_TOLERANCE
 from saf_gen.leaderboard.rows import LeaderboardRow
-from saf_gen.leaderboard.statistics import TIE_TOLERANCE
 
 ESSENTIAL, USUAL, INTERVALS, ALL = range(4)
-"""Details that a column belongs to: where there is little room, the highest are left out first."""
+"""Levels of detail of a column; if space is short, columns of the highest level are left out first."""
 _ALL: dict[str, Any] = {"detail": ALL}
 _ESSENTIAL: dict[str, Any] = {"detail": ESSENTIAL}
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name, heading and meaning, and the value and text that a row has in it."""
+    """One column: its name, heading and meaning, and functions that give the value and the text of a row."""
 
     name: str
     header: str
@@ -25,26 +25,29 @@ class Column:
     format_value: Callable[[LeaderboardRow], str]
     justify: Literal["left", "right"] = "right"
     group: str = ""
-    """Common heading of neighbouring columns, for a table with two lines of headings."""
+    """Common heading of adjacent columns, for tables with two lines of headings."""
     detail: int = USUAL
-    """How soon a terminal leaves the column out; files always have it."""
+    """Level of detail, which decides how soon a terminal leaves the column out; files always have it."""
     is_fraction: bool = False
     """Whether the value is a fraction of successes, 0–1."""
     is_optional: bool = False
-    """Whether the column is shown only where some row knows its value."""
+    """Whether the column is shown only if its value is known in at least one row."""
     machine_only: bool = False
-    """Whether the column is for programs, because another one shows its value to people."""
+    """Whether the column is only for programs, because another column shows its value to people."""
     light: str = ""
-    """The light schedule that the column is restricted to, if any."""
+    """Light schedule to which the column is restricted; '' if it is not restricted."""
 
     @property
     def key(self) -> str:
-        """Name of the column in files, unique whatever a recipe calls its lights."""
+        """Name of the column in files, which is unique whatever names a recipe gives its lights."""
         return f"success_1dof_light_{self.light}" if self.light else self.name
 
 
 def list_shown_leaderboard_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
-    """Return the columns of these rows for people, in order, with one per light schedule."""
+    """Return the columns that a table shows to readers, in order, including one per light schedule.
+
+    Columns that are only for programs, and optional columns without a known value, are left out.
+    """
     return tuple(
         c
         for c in list_leaderboard_columns(rows)
@@ -53,38 +56,38 @@ def list_shown_leaderboard_columns(rows: Sequence[LeaderboardRow]) -> tuple[Colu
 
 
 def list_leaderboard_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
-    """Return the columns of these rows for programs, whether or not their values are known."""
+    """Return all columns, in order, including one per light schedule, whether or not their values are known."""
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
     return (*_rank_columns(), *_success_columns(lights), *_error_columns(), *_count_columns(), *_cost_columns())
 
 
 def format_leaderboard_percent(fraction: float) -> str:
-    """Return a fraction as a whole percentage; halves are rounded up."""
-    return f"{fraction + TIE_TOLERANCE:.0%}"  # 0.375 is 38 %, whatever its last bit
+    """Return a fraction as a percentage without decimals; halves are rounded up."""
+    return f"{fraction + TIE_TOLERANCE:.0%}"  # 0.375 becomes 38 % whatever its last bit
 
 
 def _rank_columns() -> tuple[Column, ...]:
-    rank = "Rank by success within 1 DoF; = marks a tie, ~ what the scenes cannot tell from the best."
-    ranks = "Ranks that the method may hold over all scenes of this kind: 95 % interval, for all rivals at once."
-    level = "Whether the scenes tell no method apart from it as a better one."
-    behind = "Success of the best method within 1 DoF minus the method's own: 95 % interval of this pair alone."
+    rank = "Rank by success within 1 DoF; = marks a tie, ~ a method from which no better one can be told apart."
+    ranks = "Ranks that the method may have over all scenes of this kind: 95 % interval, for all rivals at once."
+    level = "Whether no better method can be told apart from this one."
+    deficit = "Success of the best method within 1 DoF minus that of this one: 95 % interval of this pair alone."
     ends = "behind_best_low", "behind_best_high"
-    verified = "Who found the row's answers again by running its method: see saf-gen leaderboard verify."
+    verified = "Whether running the method again gave the answers of the row: see saf-gen leaderboard verify."
     return (
         Column("rank", "#", rank, attrgetter("rank"), _format_rank, **_ESSENTIAL),
         *_interval_columns("rank_best", "rank_worst", header="# 95 %", meaning=ranks, text=str),
         _column("method", "method", meaning="Focus measure + search.", text=str, justify="left", **_ESSENTIAL),
         _column("verified", "verified", meaning=verified, text=str, justify="left", is_optional=True),
         _column("level_with_best", "", meaning=level, text=str, machine_only=True),
-        *_interval_columns(*ends, header="", meaning=behind, text=format_leaderboard_percent, machine_only=True),
+        *_interval_columns(*ends, header="", meaning=deficit, text=format_leaderboard_percent, machine_only=True),
     )
 
 
 def _success_columns(lights: Sequence[str]) -> tuple[Column, ...]:
-    abstention = "An abstention is right where no answer could be so near, so this can be"
+    abstention = "An abstention is right if no answer could be so near, so this can be"
     half = f"Success within ½ depth of focus: blur ≤ 1 px. {abstention} above ≤1 DoF."
-    one = "Success within 1 DoF, blur ≤ 2 px: methods rank by it."
-    two = f"Success within 2 DoF, blur ≤ 4 px. {abstention} below ≤1 DoF."
+    one = "Success within 1 DoF: blur ≤ 2 px. Methods are ranked by it."
+    two = f"Success within 2 DoF: blur ≤ 4 px. {abstention} below ≤1 DoF."
     interval = "95 % interval of the success within 1 DoF over all scenes of this kind."
     ends = "success_1dof_low", "success_1dof_high"
     options: dict[str, Any] = {"text": format_leaderboard_percent, "group": "success"}
@@ -114,16 +117,16 @@ def _error_columns() -> tuple[Column, ...]:
     interval = "95 % interval of the median error over all scenes of this kind."
     travel = "Median |answer − truth| as a fraction of the travel."
     frames = "Median |answer − truth| in frames of the recording."
-    blur = "Median blur at the answer, pixels."
+    blur = "Median blur at the answer, in pixels."
     ends = "median_error_dof_low", "median_error_dof_high"
     two: dict[str, Any] = {"text": _fixed(2), "group": "error"}
     four: dict[str, Any] = {"text": _fixed(4), "group": "error", **_ALL}
-    whole: dict[str, Any] = {"text": _fixed(0), "group": "error", **_ALL, "is_optional": True}
+    whole_frames: dict[str, Any] = {"text": _fixed(0), "group": "error", **_ALL, "is_optional": True}
     return (
         _column("median_error_dof", "err DoF", meaning=error, **two, **_ESSENTIAL),
         *_interval_columns(*ends, header="err DoF 95 %", meaning=interval, **{**two, **_ALL}),
         _column("median_error_travel", "err travel", meaning=travel, **four),
-        _column("median_error_frames", "err frames", meaning=frames, **whole),
+        _column("median_error_frames", "err frames", meaning=frames, **whole_frames),
         _column("median_blur_px", "blur px", meaning=blur, **{**four, "text": _fixed(1)}),
     )
 
@@ -140,14 +143,14 @@ def _count_columns() -> tuple[Column, ...]:
 
 def _cost_columns() -> tuple[Column, ...]:
     seen = "Fraction of the frames that the method waited for."
-    travel = "Distance that the lens moves, in travels: over all frames seen, then to the answer."
-    reversals = "How often the lens turned round, where the method moves it."
-    hunting = "Fraction of sequences in which the lens turned more than twice, which one pass and the way back take."
-    until = "Seconds until the answer; on a recording without the lens's move to it."
+    travel = "Distance that the lens moves, in travels: during all frames seen, then to the answer."
+    reversals = "How often the lens turned round, if the method moves it."
+    hunting = "Fraction of sequences in which the lens turned more than twice; one pass and the return take two turns."
+    until = "Seconds until the answer; on a recording, without the move of the lens to the answer."
     mean = "95 % interval of the seconds until the answer, over all scenes of this kind."
     ends = "time_to_focus_low_s", "time_to_focus_high_s"
     scores = "Number of scores that the search requested."
-    seconds = "Seconds per sequence that search and measure computed, without the counting of spikes."
+    seconds = "Seconds of computing by search and measure per sequence, without the counting of spikes."
     two, three = _fixed(2), _fixed(3)
     return (
         _column("frames_seen", "seen", meaning=seen, text=format_leaderboard_percent, group="cost", **_ALL),
@@ -162,7 +165,7 @@ def _cost_columns() -> tuple[Column, ...]:
 
 
 def _column(name: str, header: str, *, meaning: str, text: Callable[[Any], str], **options: Any) -> Column:
-    """Return the column of the row's attribute ``name``; ``text`` prints a known value."""
+    """Return the column of the attribute ``name`` of a row; ``text`` formats a known value."""
     value = attrgetter(name)
 
     def format_value(row: LeaderboardRow) -> str:
@@ -174,7 +177,7 @@ def _column(name: str, header: str, *, meaning: str, text: Callable[[Any], str],
 def _interval_columns(
     low: str, high: str, *, header: str, meaning: str, text: Callable[[Any], str], **options: Any
 ) -> tuple[Column, Column]:
-    """Return the columns of an interval's ends: the first shows both, the second is for programs."""
+    """Return the columns of both ends of an interval; the first shows both to readers, the second is for programs."""
 
     def format_value(row: LeaderboardRow) -> str:
         ends = getattr(row, low), getattr(row, high)

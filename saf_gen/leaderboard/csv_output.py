@@ -1,4 +1,4 @@
-"""CSV files for programs, which spreadsheets open too."""
+"""CSV text for programs that is also safe to open in a spreadsheet."""
 
 import csv
 import io
@@ -6,13 +6,13 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""What a spreadsheet takes for the beginning of a formula, which may read files and call addresses."""
+"""Characters that begin a formula in a spreadsheet; a formula may read files and open addresses."""
 
 
 def format_leaderboard_csv(header: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
-    """Return a CSV text with one header line; None becomes an empty field.
+    """Return CSV text with one header line; None becomes an empty field.
 
-    A text that a spreadsheet would run gets an apostrophe before it.
+    An apostrophe is put before any text that a spreadsheet would run as a formula.
     """
     sheet = io.StringIO()
     quoted = ([f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA_STARTS) else cell for cell in line]

@@ -1,7 +1,7 @@
-"""Focus curves as tables: the quality of each curve, and how the measures compare.
+"""Tables of focus curves: the quality of each curve, and a comparison of the measures.
 
-The curves are those that argmax computed. A curve that is constant, or over a lens that comes back or rests,
-has no quality: its fields are empty, and it is counted.
+The curves are those that the search argmax computed. The quality of a curve is undefined if the curve is constant or
+too short, or if the lens came back or rested. Its fields are then empty, and tables give the number of such curves.
 """
 
 from collections.abc import Sequence
@@ -16,46 +16,47 @@ from saf_gen.leaderboard.csv_output import format_leaderboard_csv
 
 _NAMES = tuple(f.name for f in fields(CurveQuality))
 QUALITY_MEANINGS = {
-    "accuracy_dof": "Distance of the curve's peak from the truth, depths of focus.",
-    "accuracy": "Distance of the curve's peak from the truth, fraction of the travel.",
-    "range": "Distance between the minima beside the peak, fraction of the travel.",
-    "false_maxima": "Local maxima beside the peak, however small.",
-    "false_peaks": "Local maxima beside the peak that stand out by more than a tenth of the curve's height.",
-    "width_50": "Width of the peak at half its height, fraction of the travel.",
-    "width_80": "Width of the peak at 80 % of its height, fraction of the travel.",
-    "noise": "Standard deviation of the noise on the curve, fraction of its height.",
+    "accuracy_dof": "Distance of the peak of the curve from the truth, in depths of focus.",
+    "accuracy": "Distance of the peak of the curve from the truth, as a fraction of the travel.",
+    "range": "Distance between the minima on both sides of the peak, as a fraction of the travel.",
+    "false_maxima": "Number of local maxima other than the peak, however small.",
+    "false_peaks": "Number of local maxima other than the peak that stand out by over a tenth of the curve's height.",
+    "width_50": "Width of the peak at half its height, as a fraction of the travel.",
+    "width_80": "Width of the peak at 80 % of its height, as a fraction of the travel.",
+    "noise": "Standard deviation of the noise on the curve, as a fraction of the height of the curve.",
 }
-"""The criteria of which a measure has medians, in order."""
+"""Criteria of the quality of a curve, of which tables hold the median for each measure, in order."""
 
 
 @dataclass(frozen=True)
 class MeasureRow:
-    """One measure over all its curves; ``medians`` by the names of QUALITY_MEANINGS, None where unknown."""
+    """Summary of all curves of one measure."""
 
     measure: str
     curves: int
     without_quality: int
-    """Number of curves without a quality."""
+    """Number of curves whose quality is undefined."""
     medians: dict[str, float | None]
+    """Median of each criterion, by the names of QUALITY_MEANINGS; None if unknown."""
 
 
 def rank_measures_by_curves(curves: Sequence[AssessedCurve]) -> list[MeasureRow]:
-    """Return a row per measure, the most accurate first; those of unknown accuracy last, by name."""
+    """Return one row per measure, the most accurate first; measures of unknown accuracy come last, sorted by name."""
     by_measure: dict[str, list[AssessedCurve]] = {}
     for row in curves:
         by_measure.setdefault(row.measure, []).append(row)
     rows = []
-    for measure, own in by_measure.items():
-        known = [row.quality for row in own if row.quality is not None]
+    for measure, group in by_measure.items():
+        known = [row.quality for row in group if row.quality is not None]
         medians = {name: median_magnitude_for_ranking(getattr(q, name) for q in known) for name in QUALITY_MEANINGS}
-        rows.append(MeasureRow(measure, len(own), len(own) - len(known), medians))
+        rows.append(MeasureRow(measure, len(group), len(group) - len(known), medians))
     return sorted(rows, key=_sort_key)
 
 
 def write_leaderboard_curves(folder: str | Path, curves: Sequence[AssessedCurve]) -> list[Path]:
-    """Write curves.csv and measures.csv into ``folder``, unless there is no curve, and return their paths.
+    """Write curves.csv and measures.csv into ``folder`` and return their paths; without curves, write nothing.
 
-    Unknown numbers are empty fields. Raises BadInput where a file cannot be written.
+    Unknown numbers become empty fields. Raises BadInput if a file cannot be written.
     """
     if not curves:
         return []

@@ -1,4 +1,4 @@
-"""Grain in the leaderboard: how much noise of the renderer is in the pictures, and where it may decide an answer."""
+"""Grain in the leaderboard: how much noise the renderer left in the pictures, and where it may decide an answer."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -7,17 +7,26 @@ from statistics import median
 from saf_gen.benchmark.records import Record
 
 MAX_GRAIN_OF_CURVE = 0.1
-"""Above this fraction of the range of a focus curve, grain may decide where its peak is."""
+"""Fraction of the range of a focus curve above which grain may decide where the peak is."""
 NAMED_MEASURES = 4
 
 
 @dataclass(frozen=True)
 class SceneGrain:
-    """The grain of a scene's sequences, at rest or moving; None where it is not known.
+    """The grain of the sequences of a scene, either at rest or moving.
 
-    sequences : how many, and how many of them state their grain.
-    rms : median and largest rms over the mean at best focus.
-    of_curve : largest noise over the range of a curve, by measure.
+    Attributes
+    ----------
+    scene : str
+        Name of the scene.
+    scene_motion : str or None
+        Motion of the scene as the records state it; None if unknown.
+    sequences : tuple of (int, int)
+        Number of sequences, and number of those that state their grain.
+    rms : tuple of (float, float) or None
+        Median and largest rms of the grain at best focus, divided by the mean; None if no sequence states it.
+    of_curve : dict of str to float
+        Largest energy of the grain, divided by the range of a focus curve, by measure.
     """
 
     scene: str
@@ -28,26 +37,29 @@ class SceneGrain:
 
 
 def tabulate_leaderboard_grain(records: Iterable[Record]) -> list[SceneGrain]:
-    """Return the grain of each scene at rest and of each moving one, in order of appearance, if any is known."""
+    """Return the grain of each scene, listed separately at rest and moving, in order of appearance.
+
+    The list is empty if no grain is known.
+    """
     groups: dict[tuple[str, str | None], list[Record]] = {}
     for record in records:
         groups.setdefault((record.scene, record.scene_motion), []).append(record)
     tables = []
-    for (scene, motion), own in groups.items():
-        rms = {r.sequence: r.grain_rms for r in own if r.grain_rms is not None}
+    for (scene, motion), group in groups.items():
+        rms = {r.sequence: r.grain_rms for r in group if r.grain_rms is not None}
         of_curve: dict[str, float] = {}
-        for record in own:
+        for record in group:
             if record.grain_of_curve is not None:
                 measure = _measure(record)
                 of_curve[measure] = max(of_curve.get(measure, 0.0), record.grain_of_curve)
-        counts = len({r.sequence for r in own}), len(rms)
+        counts = len({r.sequence for r in group}), len(rms)
         figures = (median(rms.values()), max(rms.values())) if rms else None
         tables.append(SceneGrain(scene, motion, counts, figures, of_curve))
     return tables if any(table.rms for table in tables) else []
 
 
 def compose_leaderboard_grain_notes(records: Sequence[Record]) -> list[str]:
-    """Return a warning where grain is large against the focus curves of some measures, else nothing."""
+    """Return a warning if grain is above MAX_GRAIN_OF_CURVE for the focus curves of some measures, else []."""
     known = sorted(
         ((r.grain_of_curve, _measure(r), r.sequence) for r in records if r.grain_of_curve is not None), reverse=True
     )
@@ -63,7 +75,7 @@ def compose_leaderboard_grain_notes(records: Sequence[Record]) -> list[str]:
     return [
         f"Warning: noise of the renderer is more than {MAX_GRAIN_OF_CURVE:.0%} of the range of a focus curve on "
         f"{found} of {all_known} sequences ({named}; at worst {of_curve:.2g} times the range, {measure} on "
-        f"{sequence}): with more samples per pixel these answers may be others."
+        f"{sequence}): with more samples per pixel these answers may differ."
     ]
 
 

@@ -1,4 +1,4 @@
-"""Writes the files of a leaderboard: JSON and CSV for programs, Markdown and LaTeX for people."""
+"""Output of a leaderboard to files: JSON and CSV for programs, Markdown and LaTeX for readers."""
 
 import json
 from collections.abc import Sequence
@@ -11,12 +11,13 @@ from saf_gen.benchmark.records import RECORDS_FILE, Record, write_benchmark_reco
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.core.files import write_text_atomically
 from saf_gen.core.plain_text import escape_markdown
-from saf_gen.leaderboard.axes import AxisTable, BinSummary, keep_leaderboard_bins, tabulate_leaderboard_by_axis
+from saf_gen.leaderboard.axes import AxisTable, BinSummary, keep_leaderboard_bins
 from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_leaderboard_columns
 from saf_gen.leaderboard.csv_output import format_leaderboard_csv
 from saf_gen.leaderboard.grain_tables import tabulate_leaderboard_grain
-from saf_gen.leaderboard.method_comparison import MethodComparison, NeighbourComparison, Profile, compare_ranked_methods
-from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS, RankAgreement, compare_rankings
+from saf_gen.leaderboard.leaderboard_tables import LeaderboardTables, compute_leaderboard_tables
+from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
+from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS, RankAgreement
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.scene_intervals import CONFIDENCE
 from saf_gen.leaderboard.table_formats import (
@@ -26,9 +27,9 @@ from saf_gen.leaderboard.table_formats import (
     format_leaderboard_axis,
     format_leaderboard_latex,
     format_leaderboard_markdown,
-    format_neighbour_markdown_of_leaderboard,
-    format_profile_markdown_of_leaderboard,
+    format_leaderboard_profiles_markdown,
     format_rank_agreement_markdown,
+    format_ranked_neighbours_markdown,
 )
 
 
@@ -38,32 +39,50 @@ def write_leaderboard(
     rows: Sequence[LeaderboardRow],
     records: Sequence[Record],
     failures: Sequence[SequenceFailure] = (),
+    tables: LeaderboardTables | None = None,
 ) -> list[Path]:
-    """Write the leaderboard's tables and records.jsonl into ``folder``; return the paths.
+    """Write the tables of a leaderboard and records.jsonl into a folder.
 
-    Each file is replaced at once, never seen half written. None becomes null, or an empty field of a CSV.
-    Raises BadInput where a file cannot be written.
+    Each file is replaced atomically, so that no program can read a half-written file. None becomes null in JSON and an
+    empty field in CSV.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder to write to.
+    rows : sequence of LeaderboardRow
+        Rows of the leaderboard, best first.
+    records : sequence of Record
+        Records from which the rows were computed.
+    failures : sequence of SequenceFailure, optional
+        Sequences that could not be read.
+    tables : LeaderboardTables, optional
+        Tables of ``rows`` and ``records``, if they have been computed already.
+
+    Returns
+    -------
+    list of Path
+        Paths of the files.
+
+    Raises
+    ------
+    BadInput
+        If a file cannot be written.
     """
-    axes = tabulate_leaderboard_by_axis(records, [row.method for row in rows])
-    agreement = compare_rankings(records)
-    comparison = compare_ranked_methods(records, [row.method for row in rows])
+    tables = tables or compute_leaderboard_tables(rows, records)
     columns = list_leaderboard_columns(rows)
     texts = {
-        "leaderboard.json": _format_json(
-            rows, records=records, failures=failures, axes=axes, agreement=agreement, comparison=comparison
-        ),
+        "leaderboard.json": _format_json(rows, records=records, failures=failures, tables=tables),
         "leaderboard.csv": format_leaderboard_csv(
             [c.key for c in columns], [[c.value(row) for c in columns] for row in rows]
         ),
-        "leaderboard.md": _format_page(
-            rows, records=records, failures=failures, axes=axes, agreement=agreement, comparison=comparison
-        ),
+        "leaderboard.md": _format_page(rows, records=records, failures=failures, tables=tables),
         "leaderboard.tex": format_leaderboard_latex(rows),
-        "axes.csv": _format_axes(axes),
-        "agreement.csv": _format_agreement(agreement),
-        "profiles.csv": _format_profiles(comparison.profiles),
+        "axes.csv": _format_axes(tables.axes),
+        "agreement.csv": _format_agreement(tables.agreement),
+        "profiles.csv": _format_profiles(tables.comparison.profiles),
         "neighbours.csv": format_leaderboard_csv(
-            [f.name for f in fields(NeighbourComparison)], map(astuple, comparison.neighbours)
+            [f.name for f in fields(NeighbourComparison)], map(astuple, tables.comparison.neighbours)
         ),
     }
     for name, text in texts.items():
@@ -77,9 +96,7 @@ def _format_json(
     *,
     records: Sequence[Record],
     failures: Sequence[SequenceFailure],
-    axes: Sequence[AxisTable],
-    agreement: Sequence[RankAgreement],
-    comparison: MethodComparison,
+    tables: LeaderboardTables,
 ) -> str:
     columns = list_leaderboard_columns(rows)
     document = {
@@ -97,12 +114,12 @@ def _format_json(
             "simultaneous": {"ranks": "all rivals of a row", "others": "each interval alone"},
             "unknown": next((row.missing_reason for row in rows if row.missing_reason), None),
         },
-        "axes": [_axis_to_json(table) for table in axes],
-        "profiles": [asdict(one) for one in comparison.profiles],
-        "neighbours": [asdict(one) for one in comparison.neighbours],
-        "rank_agreement": [asdict(one) for one in agreement],
+        "axes": [_axis_to_json(table) for table in tables.axes],
+        "profiles": [asdict(one) for one in tables.comparison.profiles],
+        "neighbours": [asdict(one) for one in tables.comparison.neighbours],
+        "rank_agreement": [asdict(one) for one in tables.agreement],
         "notes": compose_leaderboard_notes(rows, records),
-        "grain": [asdict(table) for table in tabulate_leaderboard_grain(records)],
+        "grain": [asdict(grain) for grain in tabulate_leaderboard_grain(records)],
         "data": {r.sequence: r.data for r in records},
         "code": {r.method: r.code for r in records},
         "tuning": {r.method: r.tuning for r in records if r.tuning},
@@ -156,9 +173,7 @@ def _format_page(
     *,
     records: Sequence[Record],
     failures: Sequence[SequenceFailure],
-    axes: Sequence[AxisTable],
-    agreement: Sequence[RankAgreement],
-    comparison: MethodComparison,
+    tables: LeaderboardTables,
 ) -> str:
     parts = [
         "# Leaderboard\n",
@@ -170,17 +185,19 @@ def _format_page(
         parts.append(
             "Not read:\n\n" + "".join(f"- {escape_markdown(f'{f.sequence}: {f.problem}')}\n" for f in failures)
         )
+    comparison = tables.comparison
     if comparison.neighbours:
-        parts.append(f"## Neighbours in rank\n\n{format_neighbour_markdown_of_leaderboard(comparison.neighbours)}")
+        parts.append(f"## Neighbours in rank\n\n{format_ranked_neighbours_markdown(comparison.neighbours)}")
         for quantity, heading in (("error_dof", "Within depths of focus"), ("time_s", "In focus within seconds")):
-            if own := [profile for profile in comparison.profiles if profile.quantity == quantity]:
-                parts.append(f"## {heading}\n\n{format_profile_markdown_of_leaderboard(own)}")
+            if group := [profile for profile in comparison.profiles if profile.quantity == quantity]:
+                parts.append(f"## {heading}\n\n{format_leaderboard_profiles_markdown(group)}")
     parts += [
         f"## {table.axis.title}\n\n{table.axis.meaning} Success within 1 DoF (median error in DoF).\n\n"
         + format_leaderboard_axis(table)
-        for table in map(keep_leaderboard_bins, axes)
+        for table in map(keep_leaderboard_bins, tables.axes)
         if len(table.bins) > 1
     ]
-    if agreement:
-        parts.append(f"## Agreement of ranks\n\n{AGREEMENT_NOTE}\n\n" + format_rank_agreement_markdown(agreement))
+    if tables.agreement:
+        agreement = format_rank_agreement_markdown(tables.agreement)
+        parts.append(f"## Agreement of ranks\n\n{AGREEMENT_NOTE}\n\n{agreement}")
     return "\n".join(parts)

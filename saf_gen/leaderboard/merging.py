@@ -1,4 +1,4 @@
-"""Decides which records may stand in one table: the same data, code, track and version of the evaluator."""
+"""Merging of records into one table, which requires the same data, code, track and evaluator version."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -30,19 +30,33 @@ _SEQUENCE_KEYS = {
     "mean_rate": "photon budget",
     "sensor": "sensor",
 }
-"""Keys of a record that describe its sequence, and their names: tables weigh and sort by them."""
+"""Keys of a record that describe its sequence, with their names in messages. Tables weight and sort by them."""
 
 
 def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
-    """Return the records of all runs as one list, sequences and methods in the order of first appearance.
+    """Return the records of all runs as one list, with sequences and methods in order of first appearance.
 
-    ``runs`` are by name; with a single run, messages name methods instead. Where several runs hold the same method on
-    the same sequence, the first record is kept. Raises BadInput where two runs or methods differ in track, evaluator
-    version, code, or in what they say about a sequence, and where a method lacks a sequence, has two answers for one,
-    or occurs twice in one run. The message names both sides.
+    If several runs hold the same method on the same sequence, the first record is kept.
+
+    Parameters
+    ----------
+    runs : mapping of str to sequence of Record
+        Records of each run, by its name. If there is a single run, error messages name methods instead of runs.
+
+    Returns
+    -------
+    list of Record
+        One record for each pair of a sequence and a method, sequence by sequence.
+
+    Raises
+    ------
+    BadInput
+        If two runs or methods differ in track, evaluator version, protocol, data, region or code, or in what they state
+        about a sequence; if a method lacks a sequence; if two runs give different answers for the same method and
+        sequence; or if a run holds two records of one method on one sequence. The message names both sides.
     """
-    runs = tell_ranked_sensors_apart(runs)
-    kept: dict[tuple[str, str], tuple[str, Record]] = {}
+    runs = append_sensor_to_ranked_sequences(runs)
+    first_records: dict[tuple[str, str], tuple[str, Record]] = {}
     first_claims: dict[tuple[str, str], tuple[str, str]] = {}
     for run, records in runs.items():
         for record in records:
@@ -51,31 +65,32 @@ def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Reco
                 if first[0] != value:
                     raise _difference(what, subject, first=first, second=(value, side))
             key = (record.sequence, record.method)
-            if key in kept:
-                _check_same_answer(kept[key], (run, record))
-            kept.setdefault(key, (run, record))
-    methods = list(dict.fromkeys(method for _, method in kept))
-    sequences = list(dict.fromkeys(sequence for sequence, _ in kept))
+            if key in first_records:
+                _check_same_answer(first_records[key], (run, record))
+            first_records.setdefault(key, (run, record))
+    methods = list(dict.fromkeys(method for _, method in first_records))
+    sequences = list(dict.fromkeys(sequence for sequence, _ in first_records))
     for method in methods:
-        if missing := [s for s in sequences if (s, method) not in kept]:
+        if missing := [s for s in sequences if (s, method) not in first_records]:
             more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-            runs_of = dict.fromkeys(run for (_, other), (run, _) in kept.items() if other == method and run)
+            runs_of = dict.fromkeys(run for (_, other), (run, _) in first_records.items() if other == method and run)
             where = f" of {' and '.join(runs_of)}" if runs_of else ""
             raise BadInput(
                 f"{method}{where} has no record of {missing[0]}{more}",
                 allowed="the same sequences for every method",
                 hint="run saf-gen evaluate for all methods on one dataset and split",
             )
-    return [kept[s, m][1] for s in sequences for m in methods]
+    return [first_records[s, m][1] for s in sequences for m in methods]
 
 
-def tell_ranked_sensors_apart(runs: Mapping[str, Sequence[Record]]) -> Mapping[str, Sequence[Record]]:
-    """Return the runs with ``@SENSOR`` after the names of sequences, where two sensors recorded the same one.
+def append_sensor_to_ranked_sequences(runs: Mapping[str, Sequence[Record]]) -> Mapping[str, Sequence[Record]]:
+    """Return the runs with ``@SENSOR`` appended to the names of sequences if two sensors recorded the same sequence.
 
-    That is so for two datasets of one recipe that differ in the sensor alone. Where a record does not state its
-    sensor, as those of earlier versions, another record of the same data does; else the sequence stays as it is.
+    This happens with two datasets of one recipe that differ only in the sensor. Records of earlier versions do not
+    state their sensor; it is then taken from another record of the same data. If no record states it, the record is
+    returned unchanged.
     """
-    sensors = {(r.sequence, r.data): r.sensor for own in runs.values() for r in own if r.sensor is not None}
+    sensors = {(r.sequence, r.data): r.sensor for group in runs.values() for r in group if r.sensor is not None}
     if not sensors:
         return runs
     bare = {name: name.removesuffix(f"@{sensor}") for (name, _), sensor in sensors.items()}
@@ -90,19 +105,23 @@ def tell_ranked_sensors_apart(runs: Mapping[str, Sequence[Record]]) -> Mapping[s
         same = name == record.sequence and sensor == record.sensor
         return record if same else replace(record, sequence=name, sensor=sensor)
 
-    return {run: [name_sensor(record) for record in own] for run, own in runs.items()}
+    return {run: [name_sensor(record) for record in group] for run, group in runs.items()}
 
 
 def describe_ranked_data(records: Sequence[Record]) -> frozenset[tuple[str, str, str]]:
-    """Return what records say that must agree with those of other methods in their table; see `_claims`."""
+    """Return the statements of records that must agree within a table, as (property, subject, value).
+
+    Code digests are left out, because they belong to one method. See `_claims` for the properties.
+    """
     claims = (claim for record in records for claim in _claims(record, "", is_only_run=False))
     return frozenset((what, subject, value) for what, subject, value, _ in claims if what != "code digest")
 
 
 def _claims(record: Record, run: str, *, is_only_run: bool) -> Iterator[tuple[str, str, str, str]]:
-    """Yield (property, subject, value, source) for everything that must agree with other records.
+    """Yield (property, subject, value, source) for everything in which a record must agree with others.
 
-    The source is the run, or where there is only one the method (for a code digest, the sequence).
+    The source, which error messages name, is the run. If there is only one run, it is the method, or for a code digest
+    the sequence.
     """
     side = record.method if is_only_run else run
     yield "track", "", record.track, side

@@ -1,9 +1,10 @@
-"""Methods beside each other beyond one limit of success: performance profiles, and neighbours in rank pair by pair.
+"""Comparison of methods beyond a single limit of success: performance profiles, and pairs of neighbours in rank.
 
-Both are from Agarwal et al. (2021, arXiv:2108.13264), for sequences that share scenes: a rank asks how often an answer
-is within one depth of focus, a profile asks it for every limit, and the probability of improvement is how often the one
-method is nearer than the other. Fractions are averaged over lights, then over scenes, as success is, and their
-intervals are those of success rates: of each figure alone. Whether neighbours are told apart is said of all at once.
+Both follow Agarwal et al. (2021, arXiv:2108.13264), adapted to sequences that share scenes. A rank depends on how often
+an answer is within one depth of focus; a profile gives this fraction for every limit; the probability of improvement is
+how often one method is nearer to the truth than the other. Like success, fractions are averaged over lights, then over
+scenes. Their intervals are those of success rates, and hold for each number alone. Whether neighbours are told apart is
+decided for all pairs of neighbours at once.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -24,16 +25,27 @@ from saf_gen.leaderboard.scene_intervals import (
 
 ERROR_LIMITS_DOF = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 TIMES = 12
-"""Limits of a profile of times, evenly spaced up to the longest time of any method."""
+"""Number of limits of a profile of times, evenly spaced up to the longest time of any method."""
 _TIE = 1e-9
 
 
 @dataclass(frozen=True)
 class Profile:
-    """The fractions of a method within each limit, with intervals; None for fewer than MIN_SCENES scenes.
+    """Performance profile of a method: the fraction of its answers within each limit, with 95 % intervals.
 
-    quantity : ``error_dof``, absolute errors in depths of focus, or in the closed loop ``time_s``: successes within one
-        depth of focus whose lens had arrived by then.
+    Attributes
+    ----------
+    method : str
+        Name of the method.
+    quantity : str
+        ``error_dof`` for absolute errors in depths of focus, or, in the closed loop, ``time_s`` for successes within
+        one depth of focus for which the lens had arrived by then, in seconds.
+    limits : tuple of float
+        Limits, ascending.
+    fractions : tuple of float
+        Fraction within each limit, 0 to 1.
+    low, high : tuple of float or None
+        Interval of each fraction, for that fraction alone; None for fewer than MIN_SCENES scenes.
     """
 
     method: str
@@ -46,11 +58,19 @@ class Profile:
 
 @dataclass(frozen=True)
 class NeighbourComparison:
-    """Two methods that follow each other in the leaderboard; intervals are None for fewer than MIN_SCENES scenes.
+    """Comparison of two methods that follow each other in the leaderboard.
 
-    difference : success rate within 1 DoF of the first minus that of the second, with its 95 % interval.
-    improvement : probability that the first is nearer to the truth on a sequence, ties counted half, with its interval.
-    told_apart : whether the difference is too large for chance among all neighbours of the leaderboard.
+    Attributes
+    ----------
+    first, second : str
+        Names of the methods, the better one first.
+    difference, difference_low, difference_high : float
+        Success rate within 1 DoF of the first method minus that of the second, with its 95 % interval.
+    improvement, improvement_low, improvement_high : float
+        Probability that the first method is nearer to the truth on a sequence, ties counted half, with its 95 %
+        interval. The ends of both intervals are None for fewer than MIN_SCENES scenes.
+    told_apart : bool
+        Whether the difference is too large for chance among all pairs of neighbours.
     """
 
     first: str
@@ -73,9 +93,21 @@ class MethodComparison:
 
 
 def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) -> MethodComparison:
-    """Return profiles and neighbours of these methods, which are in the order of the leaderboard.
+    """Return the profiles and the pairs of neighbours of ranked methods.
 
-    Methods whose success is not known are left out. The records are those of merge_ranked_records.
+    Methods whose success is unknown are left out.
+
+    Parameters
+    ----------
+    records : iterable of Record
+        Records as merge_leaderboard_records returns them.
+    methods : sequence of str
+        Names of all methods in the order of the leaderboard.
+
+    Returns
+    -------
+    MethodComparison
+        Empty if no success is known. Profiles of times are only made in the closed loop.
     """
     by_method: dict[str, list[Record]] = {method: [] for method in methods}
     is_closed_loop = False
@@ -89,7 +121,7 @@ def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) ->
     known = outcomes.times[np.isfinite(outcomes.times)]
     if is_closed_loop and known.size:
         limits = tuple(float(t) for t in known.max() * np.arange(1, TIMES + 1) / TIMES)
-        times = np.where(np.isfinite(outcomes.times), outcomes.times, limits[-1])  # an abstention that was right
+        times = np.where(np.isfinite(outcomes.times), outcomes.times, limits[-1])  # abstentions that are successes
         profiles += _profile(
             outcomes, "time_s", limits=limits, is_within=lambda limit: outcomes.success & (times <= limit + _TIE)
         )
@@ -99,10 +131,10 @@ def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) ->
 def _profile(
     outcomes: Outcomes, quantity: str, *, limits: tuple[float, ...], is_within: Callable[[float], np.ndarray]
 ) -> tuple[Profile, ...]:
-    shares = np.stack([outcomes.average_by_scene(is_within(limit)) for limit in limits], axis=1)  # (M, G, S)
-    fractions, ends = shares.mean(axis=2), None
+    by_scene = np.stack([outcomes.average_by_scene(is_within(limit)) for limit in limits], axis=1)  # (M, G, S)
+    fractions, ends = by_scene.mean(axis=2), None
     if len(outcomes.scenes) >= MIN_SCENES:
-        flat = shares.reshape(-1, shares.shape[2])
+        flat = by_scene.reshape(-1, by_scene.shape[2])
         ends = find_intervals_of_ranked_rate(flat, outcomes.counts, cells=COARSE).reshape(*fractions.shape, 2)
     return tuple(
         Profile(
@@ -128,12 +160,12 @@ def _compare_neighbours(outcomes: Outcomes) -> tuple[NeighbourComparison, ...]:
         farther = errors[:-1] > errors[1:] + _TIE
     improved = outcomes.average_by_scene(nearer + 0.5 * ~(nearer | farther))
     ends = np.full((2, len(wins), 2), np.nan)
-    apart = np.zeros(len(wins), dtype=bool)
+    are_told_apart = np.zeros(len(wins), dtype=bool)
     if len(outcomes.scenes) >= MIN_SCENES:
         ends[0] = find_rank_difference_intervals(wins, losses, counts=outcomes.counts, cells=COARSE)
         ends[1] = find_intervals_of_ranked_rate(improved, outcomes.counts, cells=COARSE)
         excluded = (ends[0, :, 0] > 0) | (ends[0, :, 1] < 0)
-        apart = excluded & (adjust_p_values_of_ranks(wins - losses) <= 1 - CONFIDENCE)
+        are_told_apart = excluded & (adjust_p_values_of_ranks(wins - losses) <= 1 - CONFIDENCE)
     (low, high), (improved_low, improved_high) = (
         [[None if np.isnan(end) else float(end) for end in side] for side in pairs.T] for pairs in ends
     )
@@ -147,7 +179,7 @@ def _compare_neighbours(outcomes: Outcomes) -> tuple[NeighbourComparison, ...]:
             float(improved[i].mean()),
             improved_low[i],
             improved_high[i],
-            bool(apart[i]),
+            bool(are_told_apart[i]),
         )
         for i in range(len(wins))
     )

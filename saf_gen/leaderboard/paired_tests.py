@@ -1,27 +1,33 @@
-"""Which differences between methods the scenes show, of many that are looked at together.
+"""Test of many differences between methods at once, which allows for their number.
 
-Where two methods are as good as each other, the difference on a scene might as well have had the other sign. So all
-signs are turned at random, scene by scene and the same for all pairs, and the largest standardised difference of the
-family is compared with that of the turned ones (max-T of Westfall and Young, in one step). That
-holds whatever the number of pairs and however they depend on each other, and exactly for symmetric differences.
-With five scenes or fewer nothing can be told apart: of 2⁵ signs two always give the largest sum.
+If two methods are equally good, their difference on a scene could equally well have had the opposite sign. The signs of
+all differences are therefore flipped at random, scene by scene and alike for all pairs of methods. The standardised
+difference of each pair is compared with the largest one of all pairs after flipping (single-step max-T of Westfall and
+Young). The test is valid for any number of pairs and any dependence between them, and exact for symmetric differences.
+With five scenes or fewer nothing can be told apart: two of the 2⁵ patterns of signs always give the largest sum.
 """
 
 import numpy as np
 
 from saf_gen.core.seeds import make_generator
 
-TURNS = 4096
-"""Most turns of the signs; up to 13 scenes these are all that there are."""
+MAX_SIGN_PATTERNS = 4096
+"""Largest number of patterns of signs; up to 13 scenes, all patterns are used."""
 _MAX_NUMBERS = 8_000_000
 
 
 def adjust_p_values_of_ranks(differences: np.ndarray) -> np.ndarray:
-    """Return the p-values of the mean differences of a family, adjusted for all of them: float (P,), 0–1.
+    """Return the p-values of the mean differences of many pairs of methods, adjusted for the number of pairs.
 
     Parameters
     ----------
-    differences : float (P, S), of a pair of methods on each scene.
+    differences : ndarray of float, shape (P, S)
+        Difference of each pair of methods on each scene.
+
+    Returns
+    -------
+    ndarray of float, shape (P,)
+        Adjusted p-values, 0 to 1.
 
     References
     ----------
@@ -34,7 +40,7 @@ def adjust_p_values_of_ranks(differences: np.ndarray) -> np.ndarray:
         return np.empty(0)
     sizes = np.sqrt((differences**2).sum(axis=1))
     scaled = differences / np.where(sizes > 0, sizes, 1)[:, None]
-    signs = _turn_signs(scenes)
+    signs = _make_sign_patterns(scenes)
     largest = np.zeros(len(signs))
     at_once = max(1, _MAX_NUMBERS // len(signs))
     for first in range(0, pairs, at_once):
@@ -44,15 +50,16 @@ def adjust_p_values_of_ranks(differences: np.ndarray) -> np.ndarray:
     return np.asarray(1 - np.searchsorted(largest, found - 1e-9) / len(signs))
 
 
-def _turn_signs(scenes: int) -> np.ndarray:
-    """Return signs of the scenes: float (T, S), the first of them +1: a turn of all changes no size.
+def _make_sign_patterns(scenes: int) -> np.ndarray:
+    """Return patterns of signs of the scenes, float (T, S).
 
-    They are all that there are, or TURNS random ones with none turned among them (random stream ``("statistics",
-    "signs", scenes)``).
+    The first scene always has +1, because flipping all signs does not change the size of a sum. If there are at most
+    MAX_SIGN_PATTERNS patterns, all are returned. Otherwise that many random ones are returned, of which the first flips
+    nothing (random stream ``("statistics", "signs", scenes)``).
     """
-    if 2 ** (scenes - 1) <= TURNS:
+    if 2 ** (scenes - 1) <= MAX_SIGN_PATTERNS:
         bits = np.arange(2 ** (scenes - 1))[:, None] >> np.arange(scenes - 1) & 1
     else:
-        bits = make_generator("statistics", "signs", scenes).integers(0, 2, (TURNS, scenes - 1))
+        bits = make_generator("statistics", "signs", scenes).integers(0, 2, (MAX_SIGN_PATTERNS, scenes - 1))
         bits[0] = 0
     return np.concatenate([np.ones((len(bits), 1)), 1 - 2 * bits.astype(np.float64)], axis=1)

@@ -1,8 +1,8 @@
-"""How far the ranking of methods hangs on a condition: Kendall's τ of the rankings under two of its bins.
+"""How much the ranking of methods depends on a condition: Kendall's τ of the rankings under two of its bins.
 
-τ is 1 where both rankings order all methods alike, 0 where they have nothing in common, −1 where one is the reverse of
-the other. Rankings from a few scenes differ by chance, even under conditions that change nothing; so τ stands beside
-what chance alone would give.
+τ is 1 if both rankings order all methods alike, 0 if they are unrelated, and −1 if one is the reverse of the other.
+Rankings from a few scenes differ by chance even under conditions that change nothing, so each τ is reported together
+with the τ that chance alone would give.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,29 +21,41 @@ from saf_gen.leaderboard.scene_intervals import CONFIDENCE, MIN_SCENES
 
 RESAMPLES = 500
 MAX_BINS = 6
-"""Most bins of a condition that are compared with each other, those of most sequences."""
+"""Most bins of a condition that are compared with each other; those with the most sequences are chosen."""
 MIN_METHODS = 3
-"""Fewest methods that a ranking is compared of."""
+"""Fewest common methods for which two rankings are compared."""
 REGION = Axis(
-    "region", "Region", "Where methods look: at the box round the target, or at the frame.", lambda r: r.region
+    "region", "Region", "Where methods look: in the box round the target, or in the whole frame.", lambda r: r.region
 )
 CONDITIONS = (*(axis for axis in AXES if axis.name != "scene"), REGION)
-"""The conditions under whose bins rankings are compared."""
+"""The conditions whose bins are compared."""
 _TIE = 1e-9
 _MAX_NUMBERS = 1_000_000
 
 
 @dataclass(frozen=True)
 class RankAgreement:
-    """The rankings of the same methods by success within 1 DoF under two bins of a condition.
+    """Agreement of the rankings of the same methods by success within 1 DoF under two bins of a condition.
 
-    condition, first, second : the name of the condition, and its bins.
-    methods, scenes, shared : how many methods, scenes under either bin, and scenes that have both.
-    tau : Kendall's τ (b, which allows for ties), −1...1; None where all methods are equal under a bin.
-    low, high : its 95 % interval of a bootstrap over scenes, which are drawn with both bins.
-    by_chance : the median τ were the condition without effect: both bins of a scene are drawn from all its sequences.
-    p_value : how often τ is then as low as it is, 0–1; of this pair alone.
-    most_moved : the method whose rank differs most, with its ranks under both.
+    Attributes
+    ----------
+    condition, first, second : str
+        Name of the condition, and its two bins.
+    methods, scenes, shared : int
+        Numbers of methods, of scenes with sequences in either bin, and of scenes with sequences in both bins.
+    tau : float or None
+        Kendall's τ-b, which allows for ties, −1 to 1. None if all methods are equal under one of the bins.
+    low, high : float or None
+        95 % interval of ``tau`` by a bootstrap over scenes, each drawn with its sequences in both bins. None if
+        there are fewer than MIN_SCENES scenes or ``tau`` is None.
+    by_chance : float or None
+        Median τ to expect if the condition had no effect, found by drawing both bins of each scene from all its
+        sequences. None if there are too few scenes or if this cannot be computed.
+    p_value : float or None
+        Probability, 0 to 1, of a τ as low as ``tau`` if the condition had no effect. It is not corrected for
+        comparisons of other pairs.
+    most_moved : tuple of (str, int, int)
+        Method whose rank differs most, with its rank under the first and under the second bin.
     """
 
     condition: str
@@ -61,12 +73,26 @@ class RankAgreement:
 
 
 def compare_rankings(records: Iterable[Record], *, by: str | None = None) -> list[RankAgreement]:
-    """Return the agreement of rankings for each pair of bins of each condition, or of the one that is named.
+    """Return the agreement of the rankings under each pair of bins of a condition.
 
-    Conditions with one bin, and pairs with fewer than MIN_METHODS methods in common, are left out. The records are
-    those of merge_leaderboard_records.
+    Conditions with a single bin, and pairs of bins with fewer than MIN_METHODS methods in common, are left out.
 
-    Raises BadInput where there is no such condition.
+    Parameters
+    ----------
+    records : iterable of Record
+        Records as merge_leaderboard_records returns them.
+    by : str, optional
+        Name of the only condition to compare; by default all of CONDITIONS.
+
+    Returns
+    -------
+    list of RankAgreement
+        One for each pair of bins.
+
+    Raises
+    ------
+    BadInput
+        If there is no condition of the name ``by``.
     """
     names = [axis.name for axis in CONDITIONS]
     if by is not None and by not in names:
@@ -75,7 +101,7 @@ def compare_rankings(records: Iterable[Record], *, by: str | None = None) -> lis
     for record in records:
         by_method.setdefault(record.method, []).append(record)
     outcomes = collect_outcomes_to_rank(by_method)
-    regions = {method: own[0].region for method, own in by_method.items()}
+    regions = {method: group[0].region for method, group in by_method.items()}
     found = []
     for axis in CONDITIONS:
         if by in (None, axis.name):
@@ -85,10 +111,10 @@ def compare_rankings(records: Iterable[Record], *, by: str | None = None) -> lis
     return found
 
 
-def name_regions_to_rank(records: Sequence[Record]) -> list[Record]:
-    """Return the records with ``@REGION`` after the name of each method that has none, if regions differ.
+def append_region_to_ranked_methods(records: Sequence[Record]) -> list[Record]:
+    """Return the records with ``@REGION`` appended to each method name without a region, if regions differ.
 
-    Evaluations of one dataset with another ``--region`` are then methods of one table.
+    Evaluations of one dataset with different ``--region`` can then be compared in one table.
     """
     named = tuple(f"@{region}" for region in REGIONS)
     if len({r.region for r in records if not r.method.endswith(named)}) < 2:
@@ -97,23 +123,34 @@ def name_regions_to_rank(records: Sequence[Record]) -> list[Record]:
 
 
 AGREEMENT_MEANINGS = {
-    "condition": "What differs.",
-    "first": "One bin of the condition.",
-    "second": "The other.",
-    "methods": "Methods that have answers under both.",
-    "scenes": "Scenes under either.",
-    "shared": "Scenes that have sequences under both.",
-    "tau": "Kendall's τ-b of the rankings by success within 1 DoF; 1 is the same order.",
-    "low": "Its 95 % interval, of a bootstrap over scenes.",
+    "condition": "The condition whose bins are compared.",
+    "first": "The first bin of the condition.",
+    "second": "The second bin of the condition.",
+    "methods": "Number of methods that have answers under both bins.",
+    "scenes": "Number of scenes that have sequences under either bin.",
+    "shared": "Number of scenes that have sequences under both bins.",
+    "tau": "Kendall's τ-b of the rankings by success within 1 DoF; 1 means the same order.",
+    "low": "95 % interval of τ by a bootstrap over scenes.",
     "high": "Upper end of the interval.",
     "by_chance": "The median τ of as many scenes if the condition changed nothing.",
-    "p_value": "How often τ would then be as low; of this pair alone.",
-    "most_moved": "The method whose rank differs most, with its rank under both.",
+    "p_value": "Probability of a τ as low as this if the condition changed nothing, for this pair alone.",
+    "most_moved": "The method whose rank differs most, with its rank under each bin.",
 }
 
 
 def compute_ranking_tau(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return Kendall's τ-b of the rows of two tables, NaN where all of a row are equal: float (R, M) each -> (R,)."""
+    """Return Kendall's τ-b between the corresponding rows of two tables of scores.
+
+    Parameters
+    ----------
+    first, second : ndarray of float, shape (R, M)
+        Scores of M methods in R rankings; scores that differ by at most 1e-9 are ties.
+
+    Returns
+    -------
+    ndarray of float, shape (R,)
+        τ-b of each row, −1 to 1; NaN if all scores of the row are equal in one of the tables.
+    """
     pairs = np.triu_indices(first.shape[1], 1)
     one, other = (_sign(table[:, pairs[0]] - table[:, pairs[1]]) for table in (first, second))
     both = np.sqrt(np.abs(one).sum(axis=1, dtype=float) * np.abs(other).sum(axis=1, dtype=float))
@@ -125,12 +162,12 @@ def _sign(differences: np.ndarray) -> np.ndarray:
 
 
 def _split(outcomes: Outcomes, axis: Axis, *, regions: Mapping[str, str]) -> list[tuple[str, Outcomes]]:
-    """Return the outcomes under each bin of a condition, at most MAX_BINS; ``regions`` are by method."""
+    """Return the outcomes under at most MAX_BINS bins of a condition; ``regions`` gives the region of each method."""
     if axis is REGION:
-        own = {region: [m for m in outcomes.methods if regions[m] == region] for region in REGIONS}
+        methods_by_region = {region: [m for m in outcomes.methods if regions[m] == region] for region in REGIONS}
         return [
             (region, outcomes.select({name: name.removesuffix(f"@{region}") for name in methods}))
-            for region, methods in own.items()
+            for region, methods in methods_by_region.items()
             if methods
         ]
     bins = group_by_leaderboard_bin(outcomes.sequences, axis)
@@ -149,21 +186,33 @@ def compare_ranked_scores(
     *,
     condition: str,
 ) -> RankAgreement | None:
-    """Return the agreement of two rankings of the same methods by scores of any two kinds, larger for better.
+    """Return the agreement of two rankings of the same methods by scores of any two kinds.
 
-    Each ranking is its name, and the score of each method in each scene. Methods that either lacks are left out; a
-    scene of one name stands in both rankings. None for fewer than MIN_METHODS methods. What chance alone would give is
-    not known, because scores of two kinds cannot be exchanged.
+    Methods that are not scored in every scene of both rankings are left out. ``by_chance`` and ``p_value`` are None,
+    because scores of two kinds cannot be exchanged.
+
+    Parameters
+    ----------
+    first, second : tuple of (str, mapping)
+        Name of the ranking, and the scores by scene, then by method; larger is better. Scenes of the same name in both
+        rankings are taken as the same scene.
+    condition : str
+        Name of what differs between the rankings.
+
+    Returns
+    -------
+    RankAgreement or None
+        None if the rankings have fewer than MIN_METHODS methods in common.
     """
     scored = [scores for _, scores in (first, second)]
-    common = [set.intersection(*map(set, own.values())) if own else set() for own in scored]
+    common = [set.intersection(*map(set, by_scene.values())) if by_scene else set() for by_scene in scored]
     methods = sorted(common[0] & common[1])
     if len(methods) < MIN_METHODS:
         return None
     scenes = sorted({*scored[0], *scored[1]})
     tables = np.full((2, len(scenes), len(methods)), np.nan)
-    for table, own in zip(tables, scored, strict=True):
-        for scene, scores in own.items():
+    for table, by_scene in zip(tables, scored, strict=True):
+        for scene, scores in by_scene.items():
             table[scenes.index(scene)] = [scores[method] for method in methods]
     fewest, shared = min(map(len, scored)), len(set(scored[0]) & set(scored[1]))
     return _summarise(tables, methods, names=(condition, first[0], second[0]), fewest=fewest, shared=shared)
@@ -171,11 +220,11 @@ def compare_ranked_scores(
 
 def _compare(one: Outcomes, other: Outcomes, *, condition: str, first: str, second: str) -> RankAgreement:
     methods = [name for name in one.methods if name in other.methods]
-    one, other = (own.select({name: name for name in methods}) for own in (one, other))
+    one, other = (side.select({name: name for name in methods}) for side in (one, other))
     scenes = sorted({*one.scenes, *other.scenes})
     tables = np.full((2, len(scenes), len(methods)), np.nan)
-    for table, own in zip(tables, (one, other), strict=True):
-        table[[scenes.index(scene) for scene in own.scenes]] = own.average_by_scene(own.success).T
+    for table, side in zip(tables, (one, other), strict=True):
+        table[[scenes.index(scene) for scene in side.scenes]] = side.average_by_scene(side.success).T
     shared = len(set(one.scenes) & set(other.scenes))
     found = _summarise(tables, methods, names=(condition, first, second), fewest=len(scenes), shared=shared)
     if found.tau is None or len(scenes) < MIN_SCENES:
@@ -190,13 +239,13 @@ def _compare(one: Outcomes, other: Outcomes, *, condition: str, first: str, seco
 def _summarise(
     tables: np.ndarray, methods: Sequence[str], *, names: tuple[str, str, str], fewest: int, shared: int
 ) -> RankAgreement:
-    """Return the agreement of two tables of scores (2, S, M), without what chance would give.
+    """Return the agreement of two tables of scores (2, S, M); ``by_chance`` and ``p_value`` are None.
 
-    The interval is known where ``fewest`` scenes are MIN_SCENES.
+    The interval is computed only if ``fewest``, the number of scenes that support it, is at least MIN_SCENES.
     """
     means = np.nanmean(tables, axis=1)
     ranks = 1 + (means[:, None, :] > means[:, :, None] + _TIE).sum(axis=2)
-    most = int(np.abs(ranks[0] - ranks[1]).argmax())
+    largest_move = int(np.abs(ranks[0] - ranks[1]).argmax())
     tau = float(compute_ranking_tau(*means[:, None])[0])
     drawn = _draw_taus(tables) if fewest >= MIN_SCENES and not np.isnan(tau) else np.empty(0)
     tail = (1 - CONFIDENCE) / 2
@@ -211,54 +260,55 @@ def _summarise(
         high,
         None,
         None,
-        (methods[most], int(ranks[0, most]), int(ranks[1, most])),
+        (methods[largest_move], int(ranks[0, largest_move]), int(ranks[1, largest_move])),
     )
 
 
 def _draw_taus(tables: np.ndarray) -> np.ndarray:
-    """Return τ of RESAMPLES draws of as many scenes, from success rates (2, S, M), NaN where a scene lacks a bin.
+    """Return τ of up to RESAMPLES bootstrap samples of the scenes; samples in which τ is undefined are left out.
 
-    The random stream is ("statistics", "agreement", S).
+    ``tables`` holds success rates (2, S, M), NaN if a scene has no sequences in a bin. The random stream is
+    ("statistics", "agreement", S).
     """
     scenes = tables.shape[1]
     random = make_generator("statistics", "agreement", scenes)
     draws = random.multinomial(scenes, np.full(scenes, 1 / scenes), size=RESAMPLES).astype(float)
     known = ~np.isnan(tables[:, :, 0])
     means = []
-    for own, is_known in zip(np.nan_to_num(tables), known, strict=True):
+    for table, is_known in zip(np.nan_to_num(tables), known, strict=True):
         total = (draws @ is_known)[:, None]
-        means.append(np.divide(draws @ own, total, out=np.full((RESAMPLES, own.shape[1]), np.nan), where=total > 0))
+        means.append(np.divide(draws @ table, total, out=np.full((RESAMPLES, table.shape[1]), np.nan), where=total > 0))
     taus = compute_ranking_tau(*means)
     return np.asarray(taus[~np.isnan(taus)])
 
 
 def _draw_taus_by_chance(one: Outcomes, other: Outcomes, *, scenes: Sequence[str]) -> np.ndarray:
-    """Return τ with both bins of each scene drawn from all its sequences, so that what the bins mean is lost.
+    """Return τ of samples in which both bins of each scene are drawn from all its sequences, whatever their bin.
 
-    As many are drawn, with replacement, as were there. A scene of one bin alone is drawn from all of its like. The
-    random stream is ("statistics", "mixed", sequences).
+    Each bin of a scene keeps its number of sequences, drawn with replacement. Scenes with sequences in only one bin
+    are drawn with replacement as well, among themselves. The random stream is ("statistics", "mixed", sequences).
     """
     solved = np.concatenate([one.success, other.success], axis=1).astype(float)
-    scene = np.array([scenes.index(own.scenes[n]) for own in (one, other) for n in own.scene_of])
+    scene = np.array([scenes.index(side.scenes[n]) for side in (one, other) for n in side.scene_of])
     order = np.argsort(scene, kind="stable")
     solved, weights = solved[:, order], np.concatenate([one.weights, other.weights])[order]
     is_first, scene = (order < len(one.sequences)), scene[order]
     counts = np.bincount(scene)
     starts = np.cumsum(counts) - counts
     in_first = np.bincount(scene, is_first) / counts
-    alone = np.flatnonzero((in_first == 0) | (in_first == 1))
+    one_bin_scenes = np.flatnonzero((in_first == 0) | (in_first == 1))
     random = make_generator("statistics", "mixed", len(scene))
     times = int(np.clip(_MAX_NUMBERS // len(scene), 50, RESAMPLES))
     means = []
-    for own in (scene[is_first], scene[~is_first]):
+    for scene_of in (scene[is_first], scene[~is_first]):
         source = np.tile(np.arange(len(scenes)), (times, 1))
-        if alone.size:
-            source[:, alone] = random.choice(alone, (times, len(alone)))
-        at = source[:, own]
+        if one_bin_scenes.size:
+            source[:, one_bin_scenes] = random.choice(one_bin_scenes, (times, len(one_bin_scenes)))
+        at = source[:, scene_of]
         at = starts[at] + (random.random(at.shape) * counts[at]).astype(np.intp)
-        total = weights[at] @ np.eye(len(scenes))[own]
-        parts = weights[at] / (total[:, own] * len(np.unique(own)))
-        places = (np.arange(times)[:, None] * len(scene) + at).ravel()
-        means.append(np.bincount(places, parts.ravel(), times * len(scene)).reshape(times, -1) @ solved.T)
+        total = weights[at] @ np.eye(len(scenes))[scene_of]
+        parts = weights[at] / (total[:, scene_of] * len(np.unique(scene_of)))
+        indices = (np.arange(times)[:, None] * len(scene) + at).ravel()
+        means.append(np.bincount(indices, parts.ravel(), times * len(scene)).reshape(times, -1) @ solved.T)
     taus = compute_ranking_tau(*means)
     return np.asarray(taus[~np.isnan(taus)])

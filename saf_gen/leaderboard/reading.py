@@ -1,4 +1,4 @@
-"""Reads evaluations back as one leaderboard, which shows itself in a notebook."""
+"""Reading of evaluations as one leaderboard, which a notebook shows as a table."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,25 +10,27 @@ from saf_gen.benchmark.records import Record, read_records
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.columns import ALL, list_leaderboard_columns, list_shown_leaderboard_columns
 from saf_gen.leaderboard.merging import merge_leaderboard_records
-from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_rankings, name_regions_to_rank
+from saf_gen.leaderboard.rank_agreement import RankAgreement, append_region_to_ranked_methods, compare_rankings
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
-from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, ELSEWHERE, HERE, read_leaderboard_row_states
+from saf_gen.leaderboard.table_formats import format_leaderboard_count
+from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_leaderboard_row_states
 
-WEIGHT_OF_STATE = (CLAIMED, ELSEWHERE, HERE, DIFFERS)
-"""Of several verdicts on a row, which stand with the same answers in several evaluations, the last of these counts."""
+WEIGHT_OF_STATE = (CLAIMED, RERUN_ELSEWHERE, RERUN_HERE, DIFFERS)
+"""States in ascending order of weight. If several evaluations hold verdicts on a row, the last of these counts."""
 
 
 @dataclass(frozen=True)
 class Leaderboard(Sequence[LeaderboardRow]):
-    """Methods in the order of their rank, and the records that it was found from.
+    """Methods in the order of their rank, with the records from which the ranking was computed.
 
-    A sequence of rows: ``board[0].method`` is the first. The last line of a notebook's cell shows it as a table.
+    A leaderboard is a sequence of rows: ``board[0].method`` is the first method. As the last line of a notebook cell it
+    is shown as a table.
     """
 
     rows: tuple[LeaderboardRow, ...]
     """One row per method, best first."""
     records: tuple[Record, ...]
-    """One answer per method and sequence."""
+    """One record per method and sequence."""
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -48,17 +50,20 @@ class Leaderboard(Sequence[LeaderboardRow]):
         return escape_controls(f"<Leaderboard: {self.size}; first: {first}>")
 
     def to_dicts(self) -> list[dict[str, object]]:
-        """Return a dictionary per row with the keys of ``leaderboard.csv``, as ``pandas.DataFrame`` takes them."""
+        """Return one dictionary per row with the keys of ``leaderboard.csv``; ``pandas.DataFrame`` accepts the list."""
         columns = list_leaderboard_columns(self.rows)
         return [{column.key: column.value(row) for column in columns} for row in self.rows]
 
     @property
     def size(self) -> str:
-        """The numbers of methods and sequences, in words."""
-        return f"{len(self.rows)} methods, {len({record.sequence for record in self.records})} sequences"
+        """Numbers of methods and sequences, as text."""
+        sequences = len({record.sequence for record in self.records})
+        return (
+            f"{format_leaderboard_count(len(self.rows), 'method')}, {format_leaderboard_count(sequences, 'sequence')}"
+        )
 
     def _repr_html_(self) -> str:
-        """Return the table for a notebook, without the most detailed columns; a heading explains itself when held."""
+        """Return the table for a notebook, without the most detailed columns; tooltips explain the headings."""
         shown = [column for column in list_shown_leaderboard_columns(self.rows) if column.detail < ALL]
         head = "".join(f'<th title="{escape(c.meaning)}">{escape(c.header)}</th>' for c in shown)
         body = "".join(
@@ -72,50 +77,57 @@ class Leaderboard(Sequence[LeaderboardRow]):
 
 
 def read_rank_agreement(*evaluations: str | Path, by: str | None = None) -> list[RankAgreement]:
-    """Compare the rankings of one or several evaluations under different conditions; nothing is written.
+    """Return how well the rankings of one or several evaluations agree under different conditions.
 
-    Evaluations may differ in the region where methods look, and in the sensor of their datasets.
+    Evaluations may differ in the region where methods look and in the sensor of their datasets. Nothing is written.
 
     Parameters
     ----------
-    evaluations : folders that ``saf-gen evaluate`` wrote, or their ``records.jsonl``.
-    by : a condition, such as ``sensor``, ``region`` or ``grain``; all by default.
+    *evaluations : str or Path
+        Folders that ``saf-gen evaluate`` wrote, or their ``records.jsonl``.
+    by : str, optional
+        A condition, such as ``sensor``, ``region`` or ``grain``; by default all conditions.
 
     Returns
     -------
-    list of RankAgreement : one for each pair of bins of a condition.
+    list of RankAgreement
+        One for each pair of bins of a condition.
 
     Raises
     ------
-    BadInput : no such condition, an evaluation that cannot be read, or several whose data, code or track differ.
+    BadInput
+        If there is no such condition, if an evaluation cannot be read, or if evaluations differ in data, code or track.
     """
     runs = {str(one): read_records(Path(one)) for one in evaluations}
-    named = iter(name_regions_to_rank([record for own in runs.values() for record in own]))
-    runs = {run: [next(named) for _ in own] for run, own in runs.items()}
+    named = iter(append_region_to_ranked_methods([record for group in runs.values() for record in group]))
+    runs = {run: [next(named) for _ in group] for run, group in runs.items()}
     return compare_rankings(merge_leaderboard_records(runs), by=by)
 
 
 def read_leaderboard(*evaluations: str | Path) -> Leaderboard:
-    """Rank the methods of one or several evaluations, as ``saf-gen leaderboard`` does; nothing is written.
+    """Rank the methods of one or several evaluations, as ``saf-gen leaderboard`` does, without writing files.
 
     Parameters
     ----------
-    evaluations : folders that ``saf-gen evaluate`` wrote, or their ``records.jsonl``.
+    *evaluations : str or Path
+        Folders that ``saf-gen evaluate`` wrote, or their ``records.jsonl``.
 
     Returns
     -------
     Leaderboard
+        The rows, best first, and the merged records.
 
     Raises
     ------
-    BadInput : no evaluation, one that cannot be read, or several whose data, code or track differ.
+    BadInput
+        If no evaluation is given, if one cannot be read, or if evaluations differ in data, code or track.
     """
     if not evaluations:
         raise BadInput("no evaluation is named", hint='read_leaderboard("datasets/quickstart/evaluation")')
     runs = {str(one): read_records(Path(one)) for one in evaluations}
     states: dict[str, str] = {}
-    for run, own in runs.items():
-        for method, state in read_leaderboard_row_states(Path(run), own).items():
+    for run, group in runs.items():
+        for method, state in read_leaderboard_row_states(Path(run), group).items():
             states[method] = max(state, states.get(method, state), key=WEIGHT_OF_STATE.index)
     records = merge_leaderboard_records(runs)
     rows = rank_methods(records)

@@ -1,4 +1,4 @@
-"""Runs the rows of an evaluation again on its dataset, and compares every answer."""
+"""Repetition of an evaluation: runs its methods again on the dataset and compares every answer."""
 
 import math
 import socket
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 TOLERANCE = 1e-9
-"""Relative difference of two numbers that are taken for equal: other processors round sums otherwise."""
+"""Relative and absolute difference up to which two numbers count as equal; processors differ in how they round sums."""
 
 
 def verify_leaderboard_rows(
@@ -31,40 +31,52 @@ def verify_leaderboard_rows(
     protocol: "ClosedLoopProtocol | None" = None,
     progress: ProgressCallback | None = None,
 ) -> Verification:
-    """Run every method of an evaluation again whose code is at hand, and compare all answers.
+    """Run again every method of an evaluation whose code is available, and compare all answers.
 
     Parameters
     ----------
-    folder : an evaluation; nothing is written.
-    source : the dataset, or the stream, that it was made from.
-    methods : methods of files that the user trusts, as ``file.py:Class+argmax``; rows are theirs by digest.
-    protocol : of a closed-loop evaluation.
-    progress : called with (steps done, steps in all, what was done).
+    folder : Path
+        Folder of the evaluation; nothing is written to it.
+    source : Path
+        Dataset, or stream, from which the evaluation was made.
+    methods : sequence of str, optional
+        Methods in files that the user trusts, such as ``file.py:Class+argmax``. They are matched to rows by the digest
+        of their code.
+    protocol : ClosedLoopProtocol, optional
+        Protocol of a closed-loop evaluation.
+    progress : callable, optional
+        Called with the number of steps done, the number of all steps, and a description of the last step.
+
+    Returns
+    -------
+    Verification
+        The verdict on each row, not signed.
 
     Raises
     ------
-    BadInput : as reading records and evaluating do, and for a method that has no row of its code.
+    BadInput
+        If the records cannot be read, the dataset cannot be evaluated, or no row was made by the code of one of
+        ``methods``.
     """
     rows: dict[str, list[Record]] = {}
     for record in read_records(folder):
         rows.setdefault(record.method, []).append(record)
-    given = {method.code: method for method in map(parse_method, methods)}
-    for method in given.values():
-        if method.code not in {own[0].code for own in rows.values()}:
+    trusted = {method.code: method for method in map(parse_method, methods)}
+    for method in trusted.values():
+        if method.code not in {group[0].code for group in rows.values()}:
             raise BadInput(
                 f"no row of {folder} was made by the code of {method.name!r}", hint="see its leaderboard.json"
             )
     runs: dict[str, Method] = {}
     reasons: dict[str, str] = {}
-    for label, own in rows.items():
-        found = _find_method(label, own[0].code, given=given, where=str(folder))
+    for label, group in rows.items():
+        found = _find_method(label, group[0].code, trusted=trusted, where=str(folder))
         if isinstance(found, Method):
             runs[label] = found
         else:
             reasons[label] = found
-    again: dict[tuple[str, str], Record] = {}
     if runs:
-        every = [record for own in rows.values() for record in own]
+        every = [record for group in rows.values() for record in group]
         regions = {record.region for record in every if "@" not in record.method}
         result = evaluate(
             source,
@@ -83,28 +95,28 @@ def verify_leaderboard_rows(
             )
     verdicts = (
         RowVerdict(
-            label, _state(reasons[label], was_run=label in runs), reasons[label], digest_leaderboard_answers(own)
+            label, _state(reasons[label], was_run=label in runs), reasons[label], digest_leaderboard_answers(group)
         )
-        for label, own in rows.items()
+        for label, group in rows.items()
     )
     return Verification(tuple(verdicts), source.resolve().name, socket.gethostname(), describe_machine(), __version__)
 
 
-def _find_method(label: str, code: str, *, given: Mapping[str, Method], where: str) -> Method | str:
-    """Return the method of this code, from those that were given or are registered, or why there is none."""
-    if code in given:
+def _find_method(label: str, code: str, *, trusted: Mapping[str, Method], where: str) -> Method | str:
+    """Return the given or registered method with this code digest, or the reason why there is no such method."""
+    if code in trusted:
         region = split_method_region(label)[1]
-        return parse_method(f"{split_method_region(given[code].name)[0]}@{region}") if region else given[code]
+        return parse_method(f"{split_method_region(trusted[code].name)[0]}@{region}") if region else trusted[code]
     try:
         with refuse_code_named_in_file(where):
             method = parse_method(label)
     except BadInput as error:
-        return f"no method here gives this row: {error.problem}"
-    return method if method.code == code else f"its code here is another: {method.code}, in the row {code}"
+        return f"no method on this machine makes this row: {error.problem}"
+    return method if method.code == code else f"its code differs: here {method.code}, in the row {code}"
 
 
 def _only(values: Iterable[str | None]) -> str | None:
-    """Return the value that all have, else None."""
+    """Return the value that all have in common, or None if there is no single one."""
     distinct = set(values)
     return distinct.pop() if len(distinct) == 1 else None
 
@@ -116,7 +128,7 @@ def _state(reason: str, *, was_run: bool) -> Literal["re-run here", "differs", "
 
 
 def _compare(records: Sequence[Record], again: Mapping[str, Record], *, unread: Mapping[str, str]) -> str:
-    """Return the first answer that is another one, and how many sequences differ; '' where all are the same."""
+    """Return a description of the first difference and the number of sequences that differ, or '' if none does."""
     differing = []
     for record in records:
         if record.sequence in unread:
@@ -130,7 +142,7 @@ def _compare(records: Sequence[Record], again: Mapping[str, Record], *, unread: 
             if unequal:
                 key = "data" if "data" in unequal else unequal[0]
                 says, gives = getattr(record, key), getattr(other, key)
-                differing.append(f"{record.sequence}: {key} is {says!r:.40}, and {gives!r:.40} when it is run again")
+                differing.append(f"{record.sequence}: {key} is {says!r:.40}, but {gives!r:.40} when run again")
     more = f" ({len(differing)} of {len(records)} sequences differ)" if differing else ""
     return f"{differing[0]}{more}" if differing else ""
 

@@ -1,4 +1,4 @@
-"""Ranks the methods: one row each, best first."""
+"""The rows of the leaderboard: one per method, best first."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -8,15 +8,15 @@ from typing import Any
 from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard.averages import mean_over_scenes_for_ranking, median_magnitude_for_ranking
 from saf_gen.leaderboard.merging import merge_leaderboard_records
-from saf_gen.leaderboard.statistics import TIE_TOLERANCE, MethodIntervals, find_intervals_of_ranking
+from saf_gen.leaderboard.ranking_intervals import TIE_TOLERANCE, MethodIntervals, find_intervals_of_ranking
 
 TURNS_OF_A_PASS = 2
-"""Turns of a lens that goes to one end of its travel, passes it to the other, and comes back to the answer."""
+"""Reversals of a lens that goes to one end of its travel, sweeps to the other end, and returns to the answer."""
 
 
 @dataclass(frozen=True)
 class LeaderboardRow:
-    """One method of the leaderboard; None means that no sequence has the truth that the number needs."""
+    """One method of the leaderboard; a number is None if no sequence has the truth that it needs."""
 
     rank: int | None
     tied: tuple[str, ...]
@@ -52,24 +52,37 @@ class LeaderboardRow:
     behind_best_high: float | None = None
     level_with_best: bool | None = None
     missing_reason: str = ""
-    """Why there are no intervals (the eleven fields above), else ''."""
+    """Why there are no intervals (the eleven fields above); '' if there are."""
     verified: str | None = None
-    """``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``; None where no row was verified."""
+    """``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``; None if no row was verified."""
 
 
 def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
     """Return the leaderboard of these records, best first.
 
-    Methods rank by success within one depth of focus. Within a rank, rows are ordered by median error in
-    depths of focus, then by name. Methods for which no success is known come last, without a rank.
+    Methods are ranked by success within one depth of focus. Rows of equal rank are ordered by median error in depths of
+    focus, then by name. Methods for which no success is known come last and have no rank.
 
-    Raises BadInput where records cannot be compared: see merge_leaderboard_records.
+    Parameters
+    ----------
+    records : iterable of Record
+        One record for each method and sequence.
+
+    Returns
+    -------
+    tuple of LeaderboardRow
+        One row for each method.
+
+    Raises
+    ------
+    BadInput
+        If the records cannot be compared: see merge_leaderboard_records.
     """
     by_method: dict[str, list[Record]] = {}
     for record in merge_leaderboard_records({"": list(records)}):
         by_method.setdefault(record.method, []).append(record)
-    lights = sorted({r.light for own in by_method.values() for r in own if r.light is not None})
-    rows = [_average(method, own, lights=lights) for method, own in by_method.items()]
+    lights = sorted({r.light for group in by_method.values() for r in group if r.light is not None})
+    rows = [_average(method, group, lights=lights) for method, group in by_method.items()]
     intervals = find_intervals_of_ranking(by_method)
     unknown = MethodIntervals()
     ranked = [replace(_rank(row, rows), **_interval_ends(intervals.get(row.method, unknown))) for row in rows]
@@ -82,17 +95,17 @@ def _sort_key(row: LeaderboardRow) -> tuple[float, float, str]:
 
 
 def _rank(row: LeaderboardRow, rows: Sequence[LeaderboardRow]) -> LeaderboardRow:
-    own = row.success_1dof
-    if own is None:
+    rate = row.success_1dof
+    if rate is None:
         return row
     others = {r.method: r.success_1dof for r in rows if r.success_1dof is not None and r is not row}
-    tied = sorted(method for method, success in others.items() if abs(success - own) <= TIE_TOLERANCE)
-    rank = 1 + sum(success > own + TIE_TOLERANCE for success in others.values())
+    tied = sorted(method for method, success in others.items() if abs(success - rate) <= TIE_TOLERANCE)
+    rank = 1 + sum(success > rate + TIE_TOLERANCE for success in others.values())
     return replace(row, rank=rank, tied=tuple(tied))
 
 
 def _interval_ends(intervals: MethodIntervals) -> dict[str, Any]:
-    """Return the fields of a row that come from its intervals."""
+    """Return the fields of a row that hold its intervals, by name."""
     pairs = {
         ("success_1dof_low", "success_1dof_high"): intervals.success,
         ("median_error_dof_low", "median_error_dof_high"): intervals.error,
@@ -109,7 +122,7 @@ def _interval_ends(intervals: MethodIntervals) -> dict[str, Any]:
 
 
 def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -> LeaderboardRow:
-    """Return the row of a method, without its rank and intervals."""
+    """Return the row of a method without rank and intervals; ``lights`` are the light schedules that get a success."""
     return LeaderboardRow(
         rank=None,
         tied=(),

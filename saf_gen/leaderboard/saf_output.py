@@ -1,7 +1,6 @@
-"""The files of a ranking on SAF's recordings, and its table for the terminal."""
+"""Output of a ranking on SAF's recordings: its files, and its table for the terminal."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 
@@ -13,25 +12,27 @@ from saf_gen.leaderboard.csv_output import format_leaderboard_csv
 from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS
 from saf_gen.leaderboard.saf_protocol import SafAnswer, SafRanking, SafRow
 from saf_gen.leaderboard.table_formats import (
-    count_noun_in_leaderboard,
+    format_leaderboard_count,
     format_rank_agreement_markdown,
     format_ranking_grid,
 )
 
 PROTOCOL_NOTES = (
-    "SAF's protocol: blocks of dt frames as config.xlsx gives them, the last frame of the best block counted from 1,"
-    " the truth a frame chosen by hand. Its authors state no limit within which an answer is right, and no table of"
-    " errors; they draw the printed frame beside the chosen one. CEN (ICML 2026) tells mean errors in blocks. The"
-    " rank is by the mean error as a fraction of the recording, over scenes; no answer is the largest error there is.",
-    "Ours: the same recordings, each search with its own windows, answers at the centre of a window. Either way"
-    " measures look at the whole frame, because these recordings name no target.",
-    "Not known of these recordings: lens, aperture, pixels, where the lens was at a frame (taken to move evenly), how"
-    " far off the chosen frame may be, what the light did. So there is no depth of focus, and no success within one.",
+    "SAF's protocol: blocks of dt frames as config.xlsx gives them; the answer is the last frame of the best block,"
+    " counted from 1; the truth is a frame chosen by hand. The authors state neither a limit within which an answer is"
+    " right nor a table of errors; they plot the printed frame together with the chosen one. CEN (ICML 2026) reports"
+    " mean errors in blocks. Methods are ranked by the mean error over scenes, as a fraction of the recording;"
+    " a missing answer counts as the largest possible error.",
+    "Ours: the same recordings; each search uses its own windows, and answers with the centre of a window. Under both"
+    " protocols measures look at the whole frame, because these recordings name no target.",
+    "Unknown for these recordings: lens, aperture, pixels, the position of the lens at each frame (assumed to move"
+    " evenly), the error of the chosen frame, and how the light changed. Therefore no depth of focus is known, and no"
+    " success within one.",
 )
 
 
 def list_saf_ranking_headers(ranking: SafRanking) -> list[str]:
-    """Return the headings of the table."""
+    """Return the column headings of a ranking's table, one of them for each evaluation of other data."""
     return [
         *("rank", "method", "error, % of recording", "median, frames", "mean, blocks", "within a block", "no answer"),
         *("rank, ours", "error, % ", "median, frames "),
@@ -40,7 +41,7 @@ def list_saf_ranking_headers(ranking: SafRanking) -> list[str]:
 
 
 def format_saf_ranking_row(row: SafRow) -> list[str]:
-    """Return the texts of a row of the table."""
+    """Return the texts of one row of the table."""
 
     def text(value: float | None) -> str:
         return "–" if value is None else f"{value:.1f}"
@@ -55,11 +56,11 @@ def format_saf_ranking_row(row: SafRow) -> list[str]:
 
 
 def describe_saf_ranking(ranking: SafRanking) -> str:
-    """Return how much a ranking is of, in words."""
+    """Return the numbers of methods, recordings and scenes of a ranking, as text."""
     recordings, scenes = len({a.recording for a in ranking.answers}), len({a.scene for a in ranking.answers})
     return (
-        f"{count_noun_in_leaderboard(len(ranking.rows), 'method')} on "
-        f"{count_noun_in_leaderboard(recordings, 'recording')} of {count_noun_in_leaderboard(scenes, 'scene')}"
+        f"{format_leaderboard_count(len(ranking.rows), 'method')} on "
+        f"{format_leaderboard_count(recordings, 'recording')} of {format_leaderboard_count(scenes, 'scene')}"
     )
 
 
@@ -90,11 +91,12 @@ def write_saf_ranking(folder: Path, ranking: SafRanking) -> list[Path]:
 
 
 def _format_markdown(ranking: SafRanking) -> str:
-    rows: Sequence[Sequence[str]] = [format_saf_ranking_row(row) for row in ranking.rows]
+    headers = list_saf_ranking_headers(ranking)
+    rows = [format_saf_ranking_row(row) for row in ranking.rows]
     grid = format_ranking_grid(
-        list(map(escape_markdown, list_saf_ranking_headers(ranking))),
+        list(map(escape_markdown, headers)),
         [[escape_markdown(text) for text in row] for row in rows],
-        is_left=[n == 1 for n in range(len(rows[0]))],
+        is_left=[n == 1 for n in range(len(headers))],
     )
     parts = [f"# {describe_saf_ranking(ranking)}\n", grid, *(f"{note}\n" for note in PROTOCOL_NOTES)]
     if ranking.agreement:

@@ -1,10 +1,11 @@
-"""Ranks methods on SAF's recordings: by the protocol of its authors, by ours, and beside evaluations of generated data.
+"""Ranking of methods on the recordings of SAF by the protocol of its authors and by ours, compared with other rankings.
 
-Their programs score consecutive blocks of ``dt`` frames, a number that their list gives for each recording, and print
-the last frame of the best block, counted from 1; the golden searches print the middle of their last interval. The truth
-is a frame that was chosen by hand. They state no limit within which an answer is right, and no table of errors. Later
-work on the same recordings (CEN, ICML 2026) tells errors in blocks. So methods are ranked here by how far answers lie
-off, as a fraction of the recording. Of a depth of focus nothing is known: neither lens nor aperture nor pixels are
+SAF is the spike-camera autofocus of Su et al. (CVPR 2024), with its code and recordings. The authors' programs score
+consecutive blocks of ``dt`` frames; their list gives ``dt`` for each recording. They print the last frame of the best
+block, counted from 1; the golden-section searches print the middle of their last interval. The truth is a frame that
+was chosen by hand. The authors state neither a limit within which an answer is right nor a table of errors. Later work
+on the same recordings (CEN, ICML 2026) reports errors in blocks. Methods are therefore ranked here by the error of
+their answers as a fraction of the recording. The depth of focus is unknown, because lens, aperture and pixels are not
 stated.
 """
 
@@ -30,6 +31,7 @@ from saf_gen.core.config.registry import refuse_code_named_in_file
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard.averages import mean_by_scene_for_ranking
 from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_ranked_scores
+from saf_gen.leaderboard.table_formats import format_leaderboard_count
 from saf_gen.stream.dataset_index import index_streams_of_folder
 from saf_gen.stream.interop.saf_folder import CONFIG, SafRecording, import_saf_folder, read_imported_saf_config
 from saf_gen.stream.manifest import MANIFEST_NAME
@@ -37,14 +39,14 @@ from saf_gen.stream.manifest import MANIFEST_NAME
 STREAMS = "recordings"
 THEIRS, OURS = "SAF's protocol", "ours, same recordings"
 BLOCK_OPTIONS = ("window", "dt")
-"""Options of a search that are the frames of a block."""
+"""Options of a search that give the number of frames of a block."""
 PRINTS_LAST_FRAME = ("argmax",)
-"""Searches over consecutive blocks, of which SAF's programs print the last frame; others print the frame they mean."""
+"""Searches for which SAF's programs print the last frame of a block; the others print the frame of their answer."""
 
 
 @dataclass(frozen=True)
 class SafAnswer:
-    """What a method answers on a recording, as SAF's programs print it: frames counted from 1; None for no answer."""
+    """The answer of a method on a recording, with frames counted from 1 as SAF's programs do; None for no answer."""
 
     method: str
     recording: str
@@ -54,37 +56,49 @@ class SafAnswer:
     truth: int
     printed: float | None
     blocks: int | None
-    """Blocks between that of the answer and that of the truth, as the code of CEN (ICML 2026) counts them."""
+    """Number of blocks between the answer and the truth, as the code of CEN (ICML 2026) counts them."""
     own: float | None
-    """The answer by our protocol: the centre of its window, counted from 1, the search with its own options."""
+    """The answer by our protocol: the centre of its window, counted from 1, found with the options of the search."""
 
     @property
     def error(self) -> float | None:
-        """Printed frame minus the frame chosen by hand."""
+        """Printed frame minus the frame chosen by hand; None for no answer."""
         return None if self.printed is None else self.printed - self.truth
 
     @property
     def own_error(self) -> float | None:
-        """The same of the answer by our protocol."""
+        """Answer by our protocol minus the frame chosen by hand; None for no answer."""
         return None if self.own is None else self.own - self.truth
 
     def find_fraction_off(self, error: float | None) -> float:
-        """Return an error as a fraction of the recording; of no answer, the largest that any answer can have."""
+        """Return an error in frames as a fraction of the recording, 0 to 1; None counts as the largest one possible."""
         off = max(self.truth - 1, self.frames - self.truth) if error is None else abs(error)
         return off / self.frames
 
 
 @dataclass(frozen=True)
 class SafRow:
-    """One method on all recordings.
+    """Result of one method on all recordings.
 
-    rank, own_rank : by the mean error over scenes, SAF's protocol and ours, 1 for the best.
-    off, own_off : that mean, a fraction of the recording; no answer counts as the largest error there is.
-    error_frames, own_error_frames : the median absolute error of the answers, frames; None without an answer.
-    error_blocks : the mean error of the answers in blocks, as the code of CEN tells it; None without an answer.
-    within_block : the fraction of recordings whose answer lies within one block of the truth chosen by hand.
-    unanswered : recordings without an answer by SAF's protocol.
-    beside : success within 1 depth of focus in each evaluation beside, None where it has no such method.
+    Attributes
+    ----------
+    rank, own_rank : int
+        Rank by ``off``, under SAF's protocol, and by ``own_off``, under ours; 1 is the best.
+    method : str
+        Name of the method.
+    off, own_off : float
+        Mean error over scenes, as a fraction of the recording, under SAF's protocol and under ours. A missing answer
+        counts as the largest possible error.
+    error_frames, own_error_frames : float or None
+        Median absolute error of the answers, in frames; None if there is no answer.
+    error_blocks : float or None
+        Mean error of the answers in blocks, as the code of CEN computes it; None if there is no answer.
+    within_block : float
+        Fraction of recordings, 0 to 1, whose answer lies within one block of the truth chosen by hand.
+    unanswered : int
+        Number of recordings without an answer under SAF's protocol.
+    beside : tuple of (float or None)
+        Success within 1 depth of focus in each evaluation of other data; None if it does not have this method.
     """
 
     rank: int
@@ -102,10 +116,22 @@ class SafRow:
 
 @dataclass(frozen=True)
 class SafRanking:
-    """Methods ranked on SAF's recordings, and how far the ranking agrees with others.
+    """Methods ranked on SAF's recordings, and the agreement of the ranking with others.
 
-    ``left_out`` says of each method of an evaluation beside why it was not run; ``own`` is the evaluation by our
-    protocol, as ``saf-gen evaluate`` has it.
+    Attributes
+    ----------
+    rows : tuple of SafRow
+        One for each method, best first.
+    answers : tuple of SafAnswer
+        One for each method and recording.
+    agreement : tuple of RankAgreement
+        Agreement between SAF's protocol, ours, and each evaluation of other data.
+    beside : tuple of str
+        Names of the evaluations of other data.
+    left_out : mapping of str to str
+        Methods of these evaluations that were not run, with the reason.
+    own : Evaluation
+        The evaluation by our protocol, as ``saf-gen evaluate`` makes it.
     """
 
     rows: tuple[SafRow, ...]
@@ -124,58 +150,74 @@ def rank_methods_on_saf_folder(
     beside: Sequence[Path] = (),
     readout_hz: float = 20_000,
     progress: ProgressCallback | None = None,
-    tell: Callable[[str], None] = lambda line: None,
+    notify: Callable[[str], None] = lambda line: None,
 ) -> SafRanking:
     """Rank methods on a folder of SAF's recordings.
 
     Parameters
     ----------
-    folder : holds ``config.xlsx`` and the raw files that it lists.
-    out : where the streams are written, in ``recordings/``, and results are kept until the ranking is written.
-    methods : names; by default those of the evaluations beside whose code is registered, else the default ones.
-    beside : evaluations of other data, such as a generated test split, with whose rankings this one is compared.
-    readout_hz : readouts per second, which such files do not record.
-    progress : called with (steps done, steps in all, what was done).
-    tell : called with a line for people.
+    folder : Path
+        Folder that holds ``config.xlsx`` and the raw files that it lists.
+    out : Path
+        Folder in which the streams are written, in ``recordings/``, and in which results are kept until the ranking is
+        written.
+    methods : sequence of str, optional
+        Names of methods; by default those methods of ``beside`` whose code is registered, or the default methods if
+        ``beside`` is empty.
+    beside : sequence of Path, optional
+        Evaluations of other data, such as a generated test split, with whose rankings this one is compared.
+    readout_hz : float, default 20000
+        Readouts per second, which the raw files do not record.
+    progress : callable, optional
+        Called with the number of steps done, the number of all steps, and a description of the last step.
+    notify : callable, optional
+        Called with lines of text for the user.
+
+    Returns
+    -------
+    SafRanking
+        The ranking; it is not written to files.
 
     Raises
     ------
-    BadInput : for a folder or an evaluation that cannot be read, a recording without a block length, streams of other
-        recordings in ``out``, and as evaluating does.
+    BadInput
+        If the folder or an evaluation cannot be read, a recording has no block length, ``out`` holds streams of other
+        recordings, two evaluations have the same name, an evaluation is of the closed loop, no method of ``beside`` is
+        available, or the recordings cannot be evaluated.
     """
     listed = read_imported_saf_config(folder)
     for recording in listed:
         if recording.block is None:
             raise BadInput(
-                f"{recording.name} has no dt", where=str(folder / CONFIG), allowed="the frames of a block, at least 1"
+                f"{recording.name} has no dt", where=str(folder / CONFIG), allowed="the frames per block, at least 1"
             )
     runs = {_name_run(run): read_records(run) for run in beside}
     for run, judged in runs.items():
         if {record.track for record in judged} != {"recorded"}:
-            raise BadInput(f"{run} is of the closed loop", allowed="evaluations of recordings")
+            raise BadInput(f"{run} is an evaluation of the closed loop", allowed="evaluations of recordings")
     if len(runs) < len(beside):
-        raise BadInput("two evaluations beside have the same name", allowed="each once", hint="rename a folder")
+        raise BadInput("two evaluations have the same name", allowed="different names", hint="rename a folder")
     chosen, left_out = _choose_methods(methods, runs)
     check_method_leaves_lens(chosen)
     streams = _import_recordings(folder, listed, streams=out / STREAMS, readout_hz=readout_hz)
     recordings = {f"blocks-{recording.block}-{recording.name}": recording for recording in listed}
-    kept = [KeptSequences(out / ".ours.unfinished")]
-    own = evaluate(streams, methods=[method.name for method in chosen], progress=progress, keep=kept[0])
-    kept[0].write()
+    stores = [KeptSequences(out / ".ours.unfinished")]
+    own = evaluate(streams, methods=[method.name for method in chosen], progress=progress, keep=stores[0])
+    stores[0].write()
     failures, records = list(own.failures), {(r.method, r.sequence): r for r in own.records}
     theirs: dict[tuple[str, str], tuple[float | None, int | None]] = {}
     for block in sorted({recording.block for recording in listed if recording.block}):
         set_methods = {method.name: _set_block(method, block) for method in chosen}
-        kept.append(KeptSequences(out / f".blocks-{block}.unfinished"))
+        stores.append(KeptSequences(out / f".blocks-{block}.unfinished"))
         found = evaluate(
             streams,
             methods=[method.name for method in set_methods.values()],
             split=f"blocks-{block}",
             progress=progress,
-            keep=kept[-1],
+            keep=stores[-1],
             draw=False,
         )
-        kept[-1].write()
+        stores[-1].write()
         failures += found.failures
         by_name = {(record.method, record.sequence): record for record in found.records}
         for label, method in set_methods.items():
@@ -184,9 +226,9 @@ def rank_methods_on_saf_folder(
                 theirs[label, sequence] = _print_frame(record, method), _count_blocks(record, recording)
     if failures:
         raise BadInput(failures[0].problem, where=f"{streams}: {failures[0].sequence}")
-    taken = max(one.taken for one in kept)
-    if taken:
-        tell(f"{taken} recording{'' if taken == 1 else 's'} had been evaluated by a run that was stopped")
+    reused = max(one.reused for one in stores)
+    if reused:
+        notify(f"{format_leaderboard_count(reused, 'recording')} had been evaluated by a run that was stopped")
     answers = tuple(
         SafAnswer(
             method,
@@ -205,13 +247,13 @@ def rank_methods_on_saf_folder(
 
 
 def remove_kept_results_of_ranking(out: Path) -> None:
-    """Remove what a run keeps so that it goes on after a stop; called when the ranking is written."""
+    """Remove the results that allow a stopped run to continue; called after the ranking is written."""
     for folder in out.glob(".*.unfinished"):
         KeptSequences(folder).remove()
 
 
 def _name_run(run: Path) -> str:
-    """Return what an evaluation beside is called: by its dataset, where it lies in the usual folder."""
+    """Return the name of an evaluation: that of its folder or, if this is ``evaluation``, of the folder above."""
     folder = (run if run.is_dir() else run.parent).resolve()
     return folder.parent.name if folder.name == "evaluation" else folder.name
 
@@ -219,7 +261,7 @@ def _name_run(run: Path) -> str:
 def _choose_methods(
     methods: Sequence[str] | None, runs: Mapping[str, Sequence[Record]]
 ) -> tuple[list[Method], dict[str, str]]:
-    """Return the methods to run, and why those of evaluations beside are left out."""
+    """Return the methods to run, and the methods of evaluations that are left out, with the reasons."""
     left_out: dict[str, str] = {}
     if methods is not None:
         found = [parse_method(name) for name in methods]
@@ -233,16 +275,16 @@ def _choose_methods(
             except BadInput as error:
                 left_out[label] = error.problem
     if runs and not chosen:
-        raise BadInput(f"no method of {', '.join(runs)} is at hand", hint="name methods: --method or --methods")
+        raise BadInput(f"no method of {', '.join(runs)} is available", hint="name methods: --method or --methods")
     return list(chosen.values()) or [parse_method(name) for name in DEFAULT_RECORDED_METHODS], left_out
 
 
 def _import_recordings(folder: Path, listed: Sequence[SafRecording], *, streams: Path, readout_hz: float) -> Path:
-    """Write the recordings as a dataset with a split for each block length; return its folder."""
+    """Write the recordings as a dataset with one split per block length; return its folder."""
     names = {streams / f"blocks-{recording.block}" / f"{recording.name}.h5" for recording in listed}
     for path in sorted(streams.rglob("*.h5")):
         if path not in names:
-            raise BadInput(f"{path} is no recording of {folder}", hint="choose another --out")
+            raise BadInput(f"{path} is not a recording of {folder}", hint="choose another --out")
     (streams / MANIFEST_NAME).unlink(missing_ok=True)
     for _ in import_saf_folder(folder, streams, readout_hz=readout_hz, by_block=True):
         pass
@@ -251,20 +293,24 @@ def _import_recordings(folder: Path, listed: Sequence[SafRecording], *, streams:
 
 
 def _set_block(method: Method, block: int) -> Method:
-    """Return the method with blocks of this length, unless its name says another; itself where it has no blocks."""
+    """Return the method with this block length; unchanged if its name states a length or if it has no blocks."""
     name, region = split_method_region(method.name)
-    given = split_method_options(name.split("+")[-1])[1] if "+" in name else ""
-    own = {field.name for field in fields(method.search)} if is_dataclass(method.search) else frozenset[str]()
-    options = [key for key in BLOCK_OPTIONS if key in own]
-    if name.startswith("@") or not options or any(item.startswith(f"{options[0]}=") for item in given.split(",")):
+    stated_options = split_method_options(name.split("+")[-1])[1] if "+" in name else ""
+    names = {field.name for field in fields(method.search)} if is_dataclass(method.search) else frozenset[str]()
+    options = [key for key in BLOCK_OPTIONS if key in names]
+    if (
+        name.startswith("@")
+        or not options
+        or any(item.startswith(f"{options[0]}=") for item in stated_options.split(","))
+    ):
         return method
-    text = f"{name}{',' if given else ':'}{options[0]}={block}"
-    with refuse_code_named_in_file("this method"):  # its code is loaded
+    text = f"{name}{',' if stated_options else ':'}{options[0]}={block}"
+    with refuse_code_named_in_file("this method"):  # its code is already loaded
         return parse_method(f"{text}@{region}" if region else text)
 
 
 def _print_frame(record: Record, method: Method) -> float | None:
-    """Return what SAF's programs print for an answer: a frame counted from 1, of a block its last."""
+    """Return the frame that SAF's programs print, counted from 1: for a block its last frame."""
     if record.frame is None:
         return None
     block = getattr(method.search, "window", 1) if method.search_name in PRINTS_LAST_FRAME else 1
@@ -272,7 +318,10 @@ def _print_frame(record: Record, method: Method) -> float | None:
 
 
 def _count_blocks(record: Record, recording: SafRecording) -> int | None:
-    """Return the blocks between an answer and the truth, whose frame counts from 1 where that of blocks is from 0."""
+    """Return the number of blocks between answer and truth, as CEN counts them.
+
+    The frame of the truth is counted from 1 here, although blocks are counted from frame 0.
+    """
     block = recording.block or 1
     return None if record.frame is None else abs(int(record.frame // block) - (recording.focal_frame + 1) // block)
 
@@ -326,7 +375,7 @@ def _mean_of_scenes(scores: Mapping[str, Mapping[str, float]], method: str) -> f
 
 
 def _score_run(records: Sequence[Record]) -> dict[str, dict[str, float]]:
-    """Return by scene the success of each method within 1 depth of focus."""
+    """Return the success within 1 depth of focus, by scene and then by method."""
     scores: dict[str, dict[str, float]] = {}
     for method in dict.fromkeys(record.method for record in records):
         own = [record for record in records if record.method == method]
@@ -336,12 +385,12 @@ def _score_run(records: Sequence[Record]) -> dict[str, dict[str, float]]:
 
 
 def _compare(answers: Sequence[SafAnswer], runs: Mapping[str, Sequence[Record]]) -> tuple[RankAgreement, ...]:
-    """Return how far the rankings agree: by SAF's protocol, by ours, and of each evaluation beside."""
+    """Return the agreement of the rankings by SAF's protocol and by ours, and of each with every evaluation."""
     named = {
         THEIRS: _score_answers(answers, lambda a: -a.find_fraction_off(a.error)),
         OURS: _score_answers(answers, lambda a: -a.find_fraction_off(a.own_error)),
     }
-    for run, records in runs.items():  # scenes of other data are others, even where they have the same name
+    for run, records in runs.items():  # scenes of other data differ even if their names are the same
         named[run] = {f"{run}: {scene}": scores for scene, scores in _score_run(records).items()}
     ranked = list(named.items())
     pairs = [(first, second) for number, first in enumerate(ranked[:2]) for second in ranked[number + 1 :]]

@@ -1,8 +1,8 @@
 """Confidence intervals of rates, medians, means and differences, from a few scenes with many sequences each.
 
-The scene is the unit: sequences of a scene share its content, so what they say is correlated. Each interval suits its
-quantity, because one way does not hold for all at twenty scenes: see docs/explanation/statistics.md for the coverage of
-each by simulation, and ``benchmarks/interval_coverage.py`` to repeat it.
+The unit is the scene: the sequences of a scene share its content, so their outcomes are correlated. Each quantity has
+its own kind of interval, because no single method has the right coverage for all of them at twenty scenes. The coverage
+of each by simulation is in docs/explanation/statistics.md; ``benchmarks/interval_coverage.py`` repeats the simulation.
 """
 
 from collections.abc import Sequence
@@ -13,34 +13,42 @@ from scipy.special import betaincinv, gammaln, stdtrit  # scipy.stats has the sa
 
 CONFIDENCE = 0.95
 MIN_SCENES = 3
-"""Fewest scenes for an interval: the spread of two scenes says next to nothing."""
+"""Fewest scenes for an interval; the spread of two scenes carries almost no information."""
 FINE, COARSE = (256, 32), (128, 16)
-"""Cells of the grid on which a posterior is found: of the rate, and of the correlation within a scene."""
+"""Grids on which a posterior is evaluated: numbers of cells of the rate, and of the correlation within a scene."""
 _MAX_COUNT = 128
-"""Steps to which the rate of a scene with more sequences is rounded: far finer than what so many sequences tell."""
+"""Number of steps to which the rate of a scene with more sequences is rounded; far finer than its uncertainty."""
 _MAX_NUMBERS = 4_000_000
 
 Interval = tuple[float, float]
 
 
 def find_intervals_of_ranked_rate(
-    shares: np.ndarray, counts: np.ndarray, *, confidence: float = CONFIDENCE, cells: tuple[int, int] = FINE
+    fractions: np.ndarray, counts: np.ndarray, *, confidence: float = CONFIDENCE, cells: tuple[int, int] = FINE
 ) -> np.ndarray:
-    """Return the intervals of mean rates over scenes, such as success rates: float64 (R, 2), each within 0...1.
+    """Return the confidence intervals of mean rates over scenes, such as success rates.
 
-    The successes of a scene are taken as beta-binomial: scenes have rates of their own, so that sequences within one
-    correlate by ρ. The interval is equal-tailed, of the posterior of the mean rate, with Jeffreys' prior Beta(½, ½)
-    for the mean [1]_ and Beta(½, ½) for ρ, which is integrated over: whoever has seen few scenes does not know ρ. It
-    reaches to 1 where all succeeded, and to 0 where none did, and has a width all the same.
+    The successes of a scene are modelled as beta-binomial: each scene has its own rate, so that its sequences have the
+    correlation ρ. The interval is the equal-tailed interval of the posterior of the mean rate. The prior of the mean is
+    that of Jeffreys, Beta(½, ½) [1]_. The correlation ρ has the prior Beta(½, ½) too and is integrated out, because a
+    few scenes do not determine it. The interval reaches 1 if all sequences succeeded and 0 if none did, and still has a
+    width.
 
     Parameters
     ----------
-    shares : float (R, S), 0–1
-        Fraction of successes in each scene; a draw counts as half of one.
-    counts : int (S,)
-        Sequences in each scene, at least 1.
-    confidence : 0–1, fraction of cases in which the interval should hold the mean rate of all scenes of this kind.
-    cells : of the grid, see FINE.
+    fractions : ndarray of float, shape (R, S)
+        Fraction of successes in each scene, 0 to 1; a draw counts as half a success.
+    counts : ndarray of int, shape (S,)
+        Number of sequences in each scene, at least 1.
+    confidence : float, optional
+        Fraction of cases, 0 to 1, in which the interval should contain the mean rate of all scenes of this kind.
+    cells : tuple of (int, int), optional
+        Numbers of cells of the grid, such as FINE or COARSE.
+
+    Returns
+    -------
+    ndarray of float64, shape (R, 2)
+        Lower and upper ends, 0 to 1.
 
     References
     ----------
@@ -48,26 +56,28 @@ def find_intervals_of_ranked_rate(
        doi:10.1214/ss/1009213286; the model: Crowder, "Beta-binomial Anova for proportions", Applied Statistics 27(1),
        1978, doi:10.2307/2346223.
     """
-    shares = np.asarray(shares, dtype=np.float64)
+    fractions = np.asarray(fractions, dtype=np.float64)
     steps = np.minimum(counts, _MAX_COUNT)
-    # Sums of weights differ in the last bit: without the outer rounding equal shares would count as different ones.
-    outcomes = np.stack([np.broadcast_to(counts, shares.shape), np.round(np.round(shares * steps, 6) / steps, 9)], -1)
+    # Sums of weights differ in the last bit; without the outer rounding, equal fractions would count as different.
+    outcomes = np.stack(
+        [np.broadcast_to(counts, fractions.shape), np.round(np.round(fractions * steps, 6) / steps, 9)], -1
+    )
     distinct, which = np.unique(outcomes.reshape(-1, 2), axis=0, return_inverse=True)
     likelihoods = _tabulate_likelihoods(distinct[:, 0], distinct[:, 1], cells=cells)
-    rows, tail, ends = len(shares), (1 - confidence) / 2, np.empty((len(shares), 2))
+    rows, tail, ends = len(fractions), (1 - confidence) / 2, np.empty((len(fractions), 2))
     at_once = max(1, _MAX_NUMBERS // (cells[0] * cells[1] + len(distinct)))
     for first in range(0, rows, at_once):
-        own = which.reshape(shares.shape)[first : first + at_once]
-        often = np.zeros((len(own), len(distinct)))
-        np.add.at(often, (np.arange(len(own))[:, None], own), 1)
+        batch = which.reshape(fractions.shape)[first : first + at_once]
+        often = np.zeros((len(batch), len(distinct)))
+        np.add.at(often, (np.arange(len(batch))[:, None], batch), 1)
         log_posterior = often @ likelihoods
         log_posterior -= log_posterior.max(axis=1, keepdims=True)
         marginal = np.exp(log_posterior, out=log_posterior).reshape(-1, *cells).sum(axis=2)
         below = np.cumsum(marginal, axis=1) / marginal.sum(axis=1, keepdims=True)
         for side, level in enumerate((tail, 1 - tail)):
-            ends[first : first + len(own), side] = _invert(below, level)
-    ends[(shares <= 0).all(axis=1), 0] = 0
-    ends[(shares >= 1).all(axis=1), 1] = 1
+            ends[first : first + len(batch), side] = _invert(below, level)
+    ends[(fractions <= 0).all(axis=1), 0] = 0
+    ends[(fractions >= 1).all(axis=1), 1] = 1
     return ends
 
 
@@ -75,17 +85,26 @@ def find_rank_difference_intervals(
     wins: np.ndarray, losses: np.ndarray, *, counts: np.ndarray, confidence: float = CONFIDENCE,
     cells: tuple[int, int] = FINE,
 ) -> np.ndarray:  # fmt: skip
-    """Return the intervals of differences of two success rates on the same sequences: float64 (R, 2), −1...1.
+    """Return the confidence intervals of the difference of two success rates on the same sequences.
 
-    The difference is the rate of sequences that only the first solves less that of those that only the second solves.
-    Both have an interval by find_intervals_of_ranked_rate, and the distances of its ends from the estimates combine as
-    the squares of standard deviations do, with the correlation over scenes (method of variance estimates recovery
-    [1]_).
+    The difference is the rate of sequences that only the first method solves minus the rate of those that only the
+    second solves. Each rate has an interval by find_intervals_of_ranked_rate. The distances of its ends from the
+    estimate are combined like standard deviations, with the correlation over scenes (method of variance estimates
+    recovery [1]_).
 
     Parameters
     ----------
-    wins, losses : float (R, S), fractions of each scene's sequences that only the first, and only the second, solves.
-    counts : int (S,), sequences in each scene.
+    wins, losses : ndarray of float, shape (R, S)
+        Fraction of the sequences of each scene that only the first method, or only the second one, solves, 0 to 1.
+    counts : ndarray of int, shape (S,)
+        Number of sequences in each scene, at least 1.
+    confidence, cells : optional
+        See find_intervals_of_ranked_rate.
+
+    Returns
+    -------
+    ndarray of float64, shape (R, 2)
+        Lower and upper ends, −1 to 1.
 
     References
     ----------
@@ -109,7 +128,7 @@ def find_rank_difference_intervals(
 
 
 def find_interval_of_ranked_mean(values: Sequence[float], *, confidence: float = CONFIDENCE) -> Interval | None:
-    """Return the interval of the mean over scenes by Student's t; None for fewer than MIN_SCENES values."""
+    """Return the interval of the mean over scenes by Student's t, or None for fewer than MIN_SCENES values."""
     if len(values) < MIN_SCENES:
         return None
     half = stdtrit(len(values) - 1, (1 + confidence) / 2) * np.std(values, ddof=1) / np.sqrt(len(values))
@@ -119,15 +138,25 @@ def find_interval_of_ranked_mean(values: Sequence[float], *, confidence: float =
 def find_interval_of_ranked_median(
     values: np.ndarray, scenes: np.ndarray, *, confidence: float = CONFIDENCE
 ) -> Interval | None:
-    """Return the interval of the median of values of several scenes; None where the scenes do not bound it.
+    """Return the confidence interval of the median of values from several scenes.
 
-    The fraction of values up to the median has a variance over scenes (of a ratio, as answers are counted too) and an
-    interval by Student's t; the values at the ends of that share are the interval (Woodruff [1]_).
+    The fraction of values up to the median is a ratio of two sums over scenes, because the number of values per scene
+    varies too. Its variance over scenes and Student's t give an interval around 0.5. The quantiles of the values at the
+    ends of this interval are the ends of the interval of the median (Woodruff [1]_).
 
     Parameters
     ----------
-    values : float (N,), such as absolute errors.
-    scenes : int (N,), the number of each value's scene.
+    values : ndarray of float, shape (N,)
+        Values, such as absolute errors.
+    scenes : ndarray of int, shape (N,)
+        Number of the scene of each value.
+    confidence : float, optional
+        Fraction of cases, 0 to 1, in which the interval should contain the median over all scenes of this kind.
+
+    Returns
+    -------
+    tuple of (float, float) or None
+        None for fewer than MIN_SCENES scenes, or if the values do not bound the median at this confidence.
 
     References
     ----------
@@ -141,35 +170,38 @@ def find_interval_of_ranked_median(
     sums = np.bincount(scenes, (values <= np.median(values)) - 0.5)
     error = np.sqrt(count / (count - 1) * (sums**2).sum()) / number
     half = stdtrit(count - 1, (1 + confidence) / 2) * error
-    # Half a value less than nothing: a fraction of exactly 1 is bounded by the largest value.
+    # The small subtraction makes a fraction of exactly 1 end at the largest value instead of beyond it.
     low, high = int(np.floor((0.5 - half) * number)), int(np.ceil((0.5 + half) * number - 1e-9)) - 1
     return (float(ordered[low]), float(ordered[high])) if low >= 0 and high < number else None
 
 
 @cache
 def _lay_grid(cells: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return both parameters of the beta law in every cell (rate, correlation), flat.
+    """Return both parameters of the beta distribution in every cell (rate, correlation) of the grid, flattened.
 
-    Cells lie evenly in the probability of their priors, so that all weigh the same.
+    The cells are evenly spaced in the cumulative probability of the priors, so all have equal weight.
     """
     rate, correlation = (betaincinv(0.5, 0.5, (np.arange(number) + 0.5) / number) for number in cells)
     size = 1 / correlation - 1
     return np.outer(rate, size).ravel(), np.outer(1 - rate, size).ravel()
 
 
-def _tabulate_likelihoods(counts: np.ndarray, shares: np.ndarray, *, cells: tuple[int, int]) -> np.ndarray:
-    """Return the logarithms of the beta-binomial likelihoods of U outcomes, but for a constant: (U, cells)."""
+def _tabulate_likelihoods(counts: np.ndarray, fractions: np.ndarray, *, cells: tuple[int, int]) -> np.ndarray:
+    """Return the beta-binomial log-likelihoods of U outcomes, up to a constant, in every cell: (U, cells)."""
     a, b = _lay_grid(cells)
-    own = {n: gammaln(a + b) - gammaln(a) - gammaln(b) - gammaln(a + b + n) for n in np.unique(counts)}
+    normalisation = {n: gammaln(a + b) - gammaln(a) - gammaln(b) - gammaln(a + b + n) for n in np.unique(counts)}
     return np.stack(
-        [gammaln(a + n * x) + gammaln(b + n * (1 - x)) + own[n] for n, x in zip(counts, shares, strict=True)]
+        [
+            gammaln(a + n * x) + gammaln(b + n * (1 - x)) + normalisation[n]
+            for n, x in zip(counts, fractions, strict=True)
+        ]
     )
 
 
 def _invert(below: np.ndarray, level: float) -> np.ndarray:
-    """Return the rates up to which a posterior has this probability; ``below`` (R, G) is up to the end of each cell."""
+    """Return the quantiles at ``level`` of posteriors with cumulative probabilities ``below`` (R, G) at cell ends."""
     rows, cells = np.arange(len(below)), below.shape[1]
     at = np.minimum((below < level).sum(axis=1), cells - 1)
     before = np.where(at > 0, below[rows, at - 1], 0)
     inside = (level - before) / np.maximum(below[rows, at] - before, 1e-300)
-    return np.asarray(np.sin((at + inside) / cells * np.pi / 2) ** 2)  # of Beta(½, ½)
+    return np.asarray(np.sin((at + inside) / cells * np.pi / 2) ** 2)  # quantile of Beta(½, ½)

@@ -1,4 +1,4 @@
-"""The leaderboard as text for people: Markdown, LaTeX, and the notes that a reader must know."""
+"""The leaderboard as text for readers: Markdown, LaTeX, and notes on how to interpret the numbers."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -18,8 +18,8 @@ from saf_gen.leaderboard.scene_intervals import MIN_SCENES
 NEIGHBOUR_HEADERS = ("method", "next in rank", "difference, points", "95 %", "P(nearer)", "95 % ", "told apart")
 AGREEMENT_HEADERS = ("condition", "first", "second", "methods", "scenes", "τ", "95 %", "by chance", "p", "most moved")
 AGREEMENT_NOTE = (
-    "τ is 1 where both order the methods alike. By chance: what it would be if the condition changed nothing; p: how"
-    " often it would then be as low, of this pair alone."
+    "τ is 1 if both rankings order the methods alike. By chance: the τ to expect if the condition changed nothing."
+    " p: how often τ would then be as low, for this pair alone."
 )
 _LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -49,10 +49,10 @@ def format_leaderboard_markdown(rows: Sequence[LeaderboardRow]) -> str:
 
 
 def format_leaderboard_axis(table: AxisTable) -> str:
-    """Return the table of one axis as Markdown: success within 1 DoF, and the median error in brackets."""
+    """Return the table of one axis as Markdown, with success within 1 DoF and, in brackets, the median error in DoF."""
     headers = [
-        f"{escape_markdown(name)}<br>{count_noun_in_leaderboard(scenes, 'scene')}, "
-        f"{count_noun_in_leaderboard(sequences, 'sequence')}"
+        f"{escape_markdown(name)}<br>{format_leaderboard_count(scenes, 'scene')}, "
+        f"{format_leaderboard_count(sequences, 'sequence')}"
         for name, scenes, sequences in zip(table.bins, table.scenes, table.sequences, strict=True)
     ]
     body = [[escape_markdown(method), *map(format_leaderboard_bin, cells)] for method, cells in table.cells.items()]
@@ -60,7 +60,7 @@ def format_leaderboard_axis(table: AxisTable) -> str:
 
 
 def format_leaderboard_latex(rows: Sequence[LeaderboardRow]) -> str:
-    """Return all but the most detailed columns as a LaTeX ``tabular`` with rules of the package booktabs."""
+    """Return all but the most detailed columns as a LaTeX ``tabular`` that uses the rules of the package booktabs."""
     shown = [c for c in list_shown_leaderboard_columns(rows) if c.detail < ALL]
     headers, rules, first = [], [], 1
     for group, columns in groupby(shown, key=lambda c: c.group):
@@ -90,12 +90,12 @@ def escape_leaderboard_latex(text: str) -> str:
 
 
 def explain_leaderboard_columns(shown: Sequence[Column]) -> str:
-    """Return the meanings of the columns, a line of Markdown each."""
+    """Return the meanings of the columns as a Markdown list, one line per column."""
     return "".join(f"- **{escape_markdown(c.header)}**: {escape_markdown(c.meaning)}\n" for c in shown)
 
 
 def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
-    """Return what a reader must know to interpret the numbers, a sentence each."""
+    """Return the notes that a reader needs to interpret the numbers, one or two sentences each."""
     notes = _name_benchmark(records)
     notes += ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
     reason = next((row.missing_reason for row in rows if row.missing_reason), "")
@@ -104,36 +104,40 @@ def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[
         notes.append(f"There are no intervals: {reason} with a known truth.")
     elif scenes:
         notes.append(
-            f"Intervals hold at 95 % over {scenes} scenes, each alone; those of ranks for all rivals of a row at once"
-            + ("; of so few scenes, hardly a rank can be told from another." if scenes < 2 * MIN_SCENES else ".")
+            f"Intervals hold at 95 % over {scenes} scenes, each alone; those of ranks, for all rivals of a row at once"
+            + ("; with so few scenes, almost no rank can be told from another." if scenes < 2 * MIN_SCENES else ".")
         )
     notes += compose_leaderboard_grain_notes(records)
     machines = sorted({r.machine for r in records if r.machine})
     if len(machines) > 1:
-        notes.append(f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}.")
+        notes.append(f"Seconds cannot be compared: they come from {len(machines)} machines: {'; '.join(machines)}.")
     return notes
 
 
 def _name_benchmark(records: Sequence[Record]) -> list[str]:
-    """Return a sentence on the frozen benchmark that all records belong to, and how much of its splits they cover."""
+    """Return a list with a sentence that names the benchmark of the records and how much of its splits they cover.
+
+    The list is empty if the records do not all belong to the same frozen benchmark.
+    """
     named = {r.benchmark for r in records}
     label = named.pop() if len(named) == 1 else None
     if label is None:
         return []
     frozen = read_frozen_benchmarks().get(label.partition(" ")[0])
-    whole = frozen.sequences if frozen is not None else {}
+    frozen_sequences = frozen.sequences if frozen is not None else {}
     judged: dict[str, set[str]] = {}
     for record in records:
         judged.setdefault(record.split or "", set()).add(record.sequence)
     covered = [
-        f"{len(own)}{f' of {whole[split]}' if split in whole else ''} sequences of {split or 'no split'}"
-        for split, own in sorted(judged.items())
+        f"{len(names)}{f' of {frozen_sequences[split]}' if split in frozen_sequences else ''} sequences of "
+        f"{split or 'no split'}"
+        for split, names in sorted(judged.items())
     ]
     return [f"The benchmark is {label}: {', '.join(covered)}."]
 
 
 def format_ranked_neighbours(pair: NeighbourComparison) -> list[str]:
-    """Return the texts of NEIGHBOUR_HEADERS."""
+    """Return the texts of a row of the table with NEIGHBOUR_HEADERS."""
     known = pair.difference_low is not None and pair.difference_high is not None
     points = [f"{100 * (value or 0):+.0f}".replace("-", "−") for value in (pair.difference_low, pair.difference_high)]
     improved = [f"{value or 0:.2f}" for value in (pair.improvement_low, pair.improvement_high)]
@@ -146,21 +150,21 @@ def format_ranked_neighbours(pair: NeighbourComparison) -> list[str]:
     ]
 
 
-def format_neighbour_markdown_of_leaderboard(neighbours: Sequence[NeighbourComparison]) -> str:
+def format_ranked_neighbours_markdown(neighbours: Sequence[NeighbourComparison]) -> str:
     """Return the table of neighbours in rank as Markdown."""
     body = [[escape_markdown(text) for text in format_ranked_neighbours(pair)] for pair in neighbours]
     return format_ranking_grid(NEIGHBOUR_HEADERS, body, is_left=[n < 2 for n in range(len(NEIGHBOUR_HEADERS))])
 
 
-def format_profile_markdown_of_leaderboard(profiles: Sequence[Profile]) -> str:
-    """Return the profiles of one quantity as Markdown: the fraction within each limit."""
+def format_leaderboard_profiles_markdown(profiles: Sequence[Profile]) -> str:
+    """Return the profiles of one quantity as a Markdown table of the fractions within each limit."""
     headers = ["method", *(f"≤{limit:.3g}" for limit in profiles[0].limits)]
     body = [[escape_markdown(one.method), *map(format_leaderboard_percent, one.fractions)] for one in profiles]
     return format_ranking_grid(headers, body, is_left=[True] + [False] * (len(headers) - 1))
 
 
 def format_rank_agreement(one: RankAgreement) -> list[str]:
-    """Return the texts of AGREEMENT_HEADERS."""
+    """Return the texts of a row of the table with AGREEMENT_HEADERS."""
 
     def text(value: float | None, digits: int = 2) -> str:
         return "–" if value is None else f"{value:.{digits}f}"
@@ -184,19 +188,19 @@ def format_rank_agreement_markdown(found: Sequence[RankAgreement]) -> str:
 
 
 def format_leaderboard_bin(summary: BinSummary) -> str:
-    """Return one method in one bin as text: success within 1 DoF, and the median error in brackets."""
+    """Return success within 1 DoF in per cent and, in brackets, the median error in DoF, of a method in a bin."""
     if summary.success_1dof is None:
         return "–"
     error = "" if summary.median_error_dof is None else f" ({summary.median_error_dof:.2f})"
     return format_leaderboard_percent(summary.success_1dof) + error
 
 
-def count_noun_in_leaderboard(count: int, noun: str) -> str:
-    """Return a number with its noun, in the plural unless it is 1."""
+def format_leaderboard_count(count: int, noun: str) -> str:
+    """Return the number with its noun, in the plural unless the number is 1."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def format_ranking_grid(headers: Sequence[str], body: Sequence[Sequence[str]], *, is_left: Sequence[bool]) -> str:
-    """Return a Markdown table of texts that are escaped already."""
+    """Return a Markdown table of texts that are already escaped."""
     lines = [headers, ["---" if left else "---:" for left in is_left], *body]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)

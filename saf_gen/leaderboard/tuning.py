@@ -1,6 +1,6 @@
-"""Tunes the constants of a method: judges every combination of the values to try, as evaluate does.
+"""Tuning of the constants of a method: every combination of the values to try is evaluated.
 
-Constants are tuned on train; a split called test is for methods that are finished.
+Constants are tuned on the split train; the split test is reserved for finished methods.
 """
 
 import hashlib
@@ -25,30 +25,46 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 MAX_COMBINATIONS = 1000
-"""Most combinations in one run."""
+"""Largest number of combinations in one run."""
 ParameterGrid = Mapping[str, Sequence[str]]
 
 
 def expand_tuning_grid(method: str, values: ParameterGrid) -> list[str]:
-    """Return the method (a name, or ``@FILE`` of a tuned one) with every combination of the values, in order.
+    """Return the names of a method with every combination of the values of its constants.
 
-    ``values`` are by ``measure.KEY`` or ``search.KEY`` and replace the one in the method's name. Raises BadInput for
-    another key, no value, more than MAX_COMBINATIONS combinations, or a key or value that the measure or the search
-    refuses.
+    Parameters
+    ----------
+    method : str
+        Name of a method, or ``@FILE`` for a tuned one.
+    values : mapping of str to sequence of str
+        Values to try, by ``measure.KEY`` or ``search.KEY``. They replace values in the name of the method.
+
+    Returns
+    -------
+    list of str
+        One name for each combination, with the values of the last key varying fastest.
+
+    Raises
+    ------
+    BadInput
+        If there are no values, a key has another form, there are more than MAX_COMBINATIONS combinations, or the
+        measure or the search refuses a key or a value.
     """
-    name, region = split_method_region(parse_method(method).name)  # the method itself must be right first
+    name, region = split_method_region(parse_method(method).name)  # reports errors in the method itself first
     halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
     for key, choices in values.items():
         half, dot, option = key.partition(".")
         if half not in halves or not dot or not option:
-            raise BadInput(f"--try {key!r}", allowed="measure.KEY=VALUE,... or search.KEY=VALUE,...")
+            raise BadInput(f"--try is {key!r}", allowed="measure.KEY=VALUE,... or search.KEY=VALUE,...")
         if not choices or not all(choices):
-            raise BadInput(f"--try {key!r} has an empty value", allowed="values with commas between them")
+            raise BadInput(f"--try {key!r} has an empty value", allowed="values separated by commas")
     if not values:
-        raise BadInput("nothing to try", allowed="--try search.window=50,100,200, and more of them")
+        raise BadInput("there are no values to try", allowed="--try search.window=50,100,200, once or several times")
     if (count := prod(len(choices) for choices in values.values())) > MAX_COMBINATIONS:
         raise BadInput(
-            f"{count} combinations", allowed=f"at most {MAX_COMBINATIONS}", hint="try fewer values at a time"
+            f"there are {count} combinations of values",
+            allowed=f"at most {MAX_COMBINATIONS}",
+            hint="try fewer values at a time",
         )
     specs = []
     for chosen in product(*values.values()):
@@ -72,37 +88,54 @@ def tune_method(
     progress: Callable[[int, int, str], None] | None = None,
     keep: KeptSequences | None = None,
     cluster: str | None = None,
-    tell: Callable[[str], None] = lambda line: None,
+    notify: Callable[[str], None] = lambda line: None,
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
     """Find the best of ``expand_tuning_grid(method, values)`` on a split of a dataset.
 
-    The best method has the largest success within one depth of focus, and among equals the smallest median error.
+    The best method has the largest success within one depth of focus and, among equals, the smallest median error.
 
     Parameters
     ----------
-    dataset : folder of the dataset.
-    method, values : see expand_tuning_grid.
-    split : any split but ``test``.
-    region : where measures look: ``target`` or ``frame``.
-    protocol : rules of the closed loop; None judges on the recordings.
-    progress : called with the number of finished tasks, the number of all, and the current task.
-    keep, cluster, tell : where the results of finished sequences are kept, what evaluates them, and what hears of it,
-        as for evaluate.
+    dataset : str or Path
+        Folder of the dataset.
+    method : str
+        Name of a method, or ``@FILE`` for a tuned one.
+    values : mapping of str to sequence of str
+        Values to try, as for expand_tuning_grid.
+    split : str, default "train"
+        Any split except ``test``.
+    region : str, default "target"
+        Where measures look: ``target`` or ``frame``.
+    protocol : ClosedLoopProtocol, optional
+        Protocol of the closed loop; by default methods are evaluated on the recordings.
+    progress : callable, optional
+        Called with the number of finished tasks, the number of all tasks, and the current task.
+    keep : KeptSequences, optional
+        Store of the results of finished sequences, as for evaluate.
+    cluster : str, optional
+        Cluster that evaluates the sequences, as for evaluate.
+    notify : callable, optional
+        Called with lines of text for the user, as for evaluate.
 
     Returns
     -------
-    The tuned method with all trials, best first, and the rows of their leaderboard in the same order.
+    tuned : TunedMethod
+        The best method, with all trials, best first.
+    rows : tuple of LeaderboardRow
+        Rows of the trials, in the same order.
 
     Raises
     ------
-    BadInput : the split ``test``, an unknown split or region, or what expand_tuning_grid and evaluate refuse.
-    SafGenError : a sequence cannot be read.
+    BadInput
+        If the split is ``test``, the split or region is unknown, or expand_tuning_grid or evaluate refuses its input.
+    SafGenError
+        If a sequence cannot be read.
     """
     if split == "test":
         raise BadInput(
-            "constants would be tuned on the split 'test'",
-            allowed="train, or validation",
-            hint="a test split is for methods that are finished",
+            "constants cannot be tuned on the split 'test'",
+            allowed="train or validation",
+            hint="keep the test split for finished methods",
         )
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
@@ -119,7 +152,7 @@ def tune_method(
         progress=progress,
         keep=keep,
         cluster=cluster,
-        tell=tell,
+        tell=notify,
     )
     if result.failures:
         raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")
@@ -142,7 +175,7 @@ def tune_method(
 
 
 def _set_option(half: str, option: str, *, value: str) -> str:
-    """Return a measure or search with this value of an option, in place of the one that it has."""
+    """Return the name of a measure or search with this value of an option, which replaces any earlier value."""
     name, tail = split_method_options(half)
     options = {item.partition("=")[0]: item for item in tail.split(",") if item}
     return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"

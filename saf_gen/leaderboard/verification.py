@@ -1,9 +1,9 @@
-"""Whose answers a table holds: the file beside an evaluation that says which rows were found again, and where.
+"""Verification of a table: the file next to an evaluation that states which rows were reproduced, and where.
 
-A table may come from anybody. A row is *re-run here* once its method, from code that is at hand, has given every answer
-again; *re-run elsewhere* where the file says that of another machine, or is not signed by this user; *differs* where an
-answer is another one; and *claimed* where only the file says so. The signature is made with a secret of the user, so
-that no folder of a stranger brings a row that was *re-run here*.
+A table may come from anybody. A row is *re-run here* if its method, run again from code on this machine, gave every
+answer again; *re-run elsewhere* if the file states that for another machine or is not signed by this user; *differs* if
+an answer was different; and *claimed* if it was not or could not be run again. The signature is made with a secret of
+the user, so no untrusted folder can bring a row that counts as *re-run here*.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from saf_gen.core.user_folder import is_signed_by_user, sign_as_user
 
 VERIFICATION_FILE = "verification.json"
 FORMAT = "saf-gen verification 1"
-HERE, ELSEWHERE, DIFFERS, CLAIMED = "re-run here", "re-run elsewhere", "differs", "claimed"
+RERUN_HERE, RERUN_ELSEWHERE, DIFFERS, CLAIMED = "re-run here", "re-run elsewhere", "differs", "claimed"
 COST_AND_MACHINE = frozenset({"seconds", "machine", "tuning", "note"})
 """Keys of a record that may differ between two runs of the same method."""
 HINT = "run saf-gen leaderboard verify again"
@@ -33,9 +33,19 @@ HINT = "run saf-gen leaderboard verify again"
 
 @dataclass(frozen=True)
 class RowVerdict:
-    """Whether the answers of a method were found again; ``reason`` says why not, else ''.
+    """Verdict on one method: whether running it again gave the same answers.
 
-    ``answers`` are 16 digits of a SHA-256 over the method's records, without cost and machine: the verdict is on these.
+    Attributes
+    ----------
+    method : str
+        Name of the method in the evaluation.
+    state : str
+        ``re-run here``, ``differs`` or ``claimed``.
+    reason : str
+        Why the answers were not reproduced; '' if they were.
+    answers : str
+        First 16 hexadecimal digits of a SHA-256 of the method's records without cost and machine. The verdict holds
+        only for these answers.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -48,7 +58,7 @@ class RowVerdict:
 
 @dataclass(frozen=True)
 class Verification:
-    """The verdict on each row of an evaluation, and where it was found."""
+    """The verdict on each row of an evaluation, and the machine on which it was reached."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -58,11 +68,11 @@ class Verification:
     machine: str
     version: str
     signature: str = ""
-    """Of the user who ran it, in hex; '' where there is none."""
+    """Signature of the user who ran the verification, in hexadecimal digits; '' if there is no signature."""
 
 
 def write_leaderboard_verification(folder: Path, verification: Verification) -> Path:
-    """Write ``verification.json`` beside the records that it speaks of; return its path."""
+    """Sign the verification, write it as ``verification.json`` next to the records it is about, and return the path."""
     path = folder / VERIFICATION_FILE
     signature = sign_as_user(_signed_text(verification))
     signed = replace(verification, signature="" if signature is None else signature.hex())
@@ -75,9 +85,27 @@ def _signed_text(verification: Verification) -> bytes:
 
 
 def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
-    """Return what the ``verification.json`` of an evaluation says of each of its rows; empty where there is none.
+    """Return the state of each row according to the ``verification.json`` of an evaluation.
 
-    A verdict on other answers than those of ``records`` does not count. Raises BadInput for a damaged file.
+    Verdicts on answers other than those in ``records`` are ignored, and ``re-run here`` becomes ``re-run elsewhere`` if
+    the file comes from another machine or is not signed by this user.
+
+    Parameters
+    ----------
+    run : Path
+        Folder of the evaluation, or a file in it.
+    records : iterable of Record
+        Records of the evaluation.
+
+    Returns
+    -------
+    dict of str to str
+        State by method; empty if there is no such file.
+
+    Raises
+    ------
+    BadInput
+        If the file is damaged.
     """
     path = (run if run.is_dir() else run.parent) / VERIFICATION_FILE
     if not path.is_file():
@@ -85,16 +113,16 @@ def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[st
     document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
     pop_benchmark_record_format(document, FORMAT, what="verification", hint=HINT)
     verification = validate_document(Verification, document, hint=HINT)
-    here = (verification.host, verification.machine) == (socket.gethostname(), describe_machine())
-    here = here and _is_signed(verification)
+    is_here = (verification.host, verification.machine) == (socket.gethostname(), describe_machine())
+    is_here = is_here and _is_signed(verification)
     rows: dict[str, list[Record]] = {}
     for record in records:
         rows.setdefault(record.method, []).append(record)
     found = {verdict.method: verdict for verdict in verification.verdicts}
     return {
-        method: found[method].state if here or found[method].state != HERE else ELSEWHERE
-        for method, own in rows.items()
-        if method in found and found[method].answers == digest_leaderboard_answers(own)
+        method: found[method].state if is_here or found[method].state != RERUN_HERE else RERUN_ELSEWHERE
+        for method, group in rows.items()
+        if method in found and found[method].answers == digest_leaderboard_answers(group)
     }
 
 
@@ -106,7 +134,10 @@ def _is_signed(verification: Verification) -> bool:
 
 
 def digest_leaderboard_answers(records: Iterable[Record]) -> str:
-    """Return 16 digits of a SHA-256 over what records say of their answers, in any order of the sequences."""
+    """Return the first 16 hexadecimal digits of a SHA-256 of the records without cost and machine.
+
+    The digest does not depend on the order of the records.
+    """
     lines = sorted(json.dumps(_answer(record), ensure_ascii=False) for record in records)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 

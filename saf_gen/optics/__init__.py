@@ -1,6 +1,6 @@
 """The thin lens and its focus drives, in closed form.
 
-Lengths are in metres; a position is the fraction 0...1 of the travel of a drive.
+Lengths are in metres. Positions are fractions of the travel of a drive, 0 to 1.
 """
 
 from collections.abc import Mapping
@@ -18,6 +18,14 @@ DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in (ImageDistanceD
 
 
 def lens_drive_from_dict(data: Mapping[str, Any]) -> Drive:
-    """Return the drive that :meth:`Drive.as_dict` described, also after JSON; else KeyError or TypeError."""
+    """Return the drive that :meth:`Drive.as_dict` described, also after a round trip through JSON.
+
+    Raises
+    ------
+    KeyError
+        If the kind is missing or unknown.
+    TypeError
+        If the other keys are not those of the drive.
+    """
     numbers = {key: tuple(v) if isinstance(v, list) else v for key, v in data.items() if key != "kind"}
     return DRIVES[data["kind"]](**numbers)

@@ -1,12 +1,12 @@
-"""The interface of focus drives, and the equations of the thin lens that they share.
+"""Interface of focus drives, and the equations of the thin lens that all drives share.
 
-For focal length f, image distance v, object distance u and aperture radius R, 1/u + 1/v = 1/f. A ray through
-the lens point a with slope s in object space meets the sensor at x = -v·(s + a/u). Light of wavelength λ spreads
-a point over a width of about λ·v/R even in focus: at the blur c = λ·v/R the wavefronts of centre and border of the
-aperture are a quarter of a wavelength apart.
+Focal length f, image distance v and object distance u satisfy 1/u + 1/v = 1/f. R is the aperture radius. A ray through
+the point a of the lens with slope s in object space meets the sensor at x = -v·(s + a/u). Light of wavelength λ spreads
+a point over a width of about λ·v/R even in focus: at the blur c = λ·v/R, the wavefronts at the centre and at the edge
+of the aperture differ by a quarter of a wavelength.
 
-Depths are measured in the frame of the scene card, from the lens as the card positions it. A drive may bring
-lens and scene nearer to each other by ``shift`` metres; the lens then lies at that depth of the frame.
+Depths are measured in the frame of the scene card, from the lens as the card places it. A drive may move lens and scene
+closer to each other by ``shift`` metres; the lens is then at that depth of the frame.
 """
 
 import math
@@ -26,57 +26,62 @@ class Drive(ABC):
 
     kind: ClassVar[str]
     travel_key: ClassVar[str]
-    """The key of a scene card that sets the travel, for messages."""
+    """Key of a scene card that sets the travel, for error messages."""
 
     f_number: float
     """f-number of the lens focused at infinity."""
     transmission: float
+    """Fraction of the light that the lens transmits."""
 
     @property
     @abstractmethod
     def aperture_radius_m(self) -> float:
-        """Aperture radius R (m), the same at every position."""
+        """Aperture radius R in metres, which is the same at every position."""
 
     @abstractmethod
     def image_distance(self, position: Positions) -> np.ndarray:
-        """Return v (m), from the lens to the sensor, at each position."""
+        """Return the distance v from the lens to the sensor at each position, in metres."""
 
     @abstractmethod
     def object_distance(self, position: Positions) -> np.ndarray:
-        """Return u (m), from the lens to the plane in focus, at each position."""
+        """Return the distance u from the lens to the plane in focus at each position, in metres."""
 
     def shift(self, position: Positions) -> np.ndarray:
-        """Return how much nearer (m) lens and scene are to each other than on the card; here 0."""
+        """Return by how many metres lens and scene are closer to each other than on the card: 0 except for a stage."""
         return np.zeros_like(np.asarray(position, dtype=np.float64))
 
     @abstractmethod
     def best_position(self, depth: Positions) -> np.ndarray:
-        """Return the position that focuses a point of this depth (m); it may lie outside 0...1."""
+        """Return the position that focuses a point at a depth in metres; it may be outside 0 to 1."""
 
     @abstractmethod
     def true_focus(self, depths: np.ndarray) -> float:
-        """Return the position that minimises the mean of c² over these depths (m)."""
+        """Return the position that minimises the mean of c², the squared blur, over these depths in metres."""
 
     def depth_of_focus(
         self, depths: np.ndarray, pixel_pitch_m: float, *, wavelength_m: float = 0.0
     ) -> tuple[float, float]:
-        """Return the two positions, in rising order, at which the blur is as wide as what the camera resolves in focus.
+        """Return the two positions, in increasing order, at which the blur equals the width the camera resolves.
 
-        That width is one pixel by geometric optics. With waves it is √(pixel² + (λ·v/R)²): widths of independent
-        blurs add in squares, and a blur of λ·v/R alone is Rayleigh's quarter wave, λ/(2·NA²) on either side of the
-        sensor with NA = R/v, λ/(2·(R/u)²) before the lens. The blur is that of the one depth in focus at
-        :meth:`true_focus`: a target with a depth range is never sharp everywhere, and its mean blur might never be as
-        small as a pixel.
+        This width is one pixel in geometric optics. With waves it is √(pixel² + (λ·v/R)²): the squared widths of
+        independent blurs add, and a blur of λ·v/R alone is Rayleigh's quarter wave, at λ/(2·NA²) on either side of the
+        sensor with NA = R/v, and at λ/(2·(R/u)²) in front of the lens. The blur is that of the single depth in focus at
+        :meth:`true_focus`, because a target with a range of depths is never sharp everywhere, and its mean blur may
+        never be as small as a pixel.
 
         Parameters
         ----------
-        depths : depths (m) of the target's pixels, any shape.
-        pixel_pitch_m : width of a pixel.
-        wavelength_m : of the light; 0 leaves waves out.
+        depths : ndarray, any shape
+            Depths of the pixels of the target, metres.
+        pixel_pitch_m : float
+            Width of a pixel, metres.
+        wavelength_m : float, default 0
+            Wavelength of the light, metres; 0 ignores waves.
 
         Returns
         -------
-        The positions, which may lie outside 0...1. One is infinite where the blur never grows so wide.
+        tuple of float
+            The positions, which may be outside 0 to 1. One is infinite if the blur never becomes as large.
 
         References
         ----------
@@ -89,10 +94,14 @@ class Drive(ABC):
         return low, high
 
     def check_wave_depth(self, wavelength_m: float) -> None:
-        """Raise BadInput where waves alone keep more than the whole travel in focus, so that no position is best.
+        """Raise BadInput if waves keep more than the full travel in focus, so that no position is best.
 
-        ``wavelength_m`` is that of the light; 0 leaves waves out. An aperture of zero passes no light and is refused
-        too.
+        An aperture of zero, which passes no light, also raises BadInput.
+
+        Parameters
+        ----------
+        wavelength_m : float
+            Wavelength of the light, metres; 0 ignores waves.
         """
         if not self.aperture_radius_m > 0:
             raise BadInput("the aperture has no width", allowed="a finite f_number, above 0")
@@ -109,22 +118,23 @@ class Drive(ABC):
 
     @abstractmethod
     def _positions_of_blur(self, focused: float, blur_m: float) -> tuple[float, float]:
-        """Return the two positions at which a point in focus at ``focused`` is blurred by this diameter."""
+        """Return the two positions at which a point in focus at ``focused`` has the blur diameter ``blur_m``."""
 
     def focus_depth(self, position: Positions) -> np.ndarray:
-        """Return the depth (m) of the plane in focus at each position, in the frame of the card."""
+        """Return the depth of the plane in focus at each position, in metres in the frame of the card."""
         return self.object_distance(position) + self.shift(position)
 
     @property
     def focusing_range_m(self) -> tuple[float, float]:
-        """Nearest and farthest depth (m) that a position focuses."""
+        """Nearest and farthest depth in focus over the travel, in metres."""
         near, far = sorted(float(depth) for depth in self.focus_depth(np.array([0.0, 1.0])))
         return near, far
 
     def blur_diameter(self, position: Positions, depth: Positions) -> np.ndarray:
-        """Return the blur diameter (m, on the sensor) of a point at distance u_o: c = 2R·v·|1/u_o - 1/u|.
+        """Return the blur diameter on the sensor, in metres, of a point at a depth in metres.
 
-        It is infinite for a point at the lens or behind it.
+        For a point at the distance u_o from the lens it is c = 2R·v·|1/u_o - 1/u|, and infinite if the point is at the
+        lens or behind it.
         """
         distance = np.asarray(depth, dtype=np.float64) - self.shift(position)
         with np.errstate(divide="ignore"):
@@ -132,12 +142,25 @@ class Drive(ABC):
         return 2 * self.aperture_radius_m * self.image_distance(position) * np.abs(defocus)
 
     def ray_transfer(self, position: Positions, reference: float = 0.5) -> np.ndarray:
-        """Return the path of a ray through the stack: float64 (..., 2, 2), M with (x_p, a_p) = M(p)·(x, a).
+        """Return the matrix M of the path of a ray through the stack, with (x_p, a_p) = M(p)·(x, a).
 
-        (x, a) is where the ray meets sensor and lens (m) at the reference position, so its slope in object space is s =
-        -(x/v + a/u). (x_p, a_p) is where it meets them at position p, with a_p = a + s·(shift_p - shift). M is linear
-        in p for every drive, so a path is a straight line through the stack. Its determinant does not depend on the
-        ray: rays spread evenly at one position are spread evenly at every position.
+        The ray meets the sensor at x and the lens at a (metres) if the drive is at the reference position, so its slope
+        in object space is s = -(x/v + a/u). At position p it meets them at x_p and at a_p = a + s·d, with d the
+        :meth:`shift` at p minus that at the reference. M is linear in p for every drive, so a path is a straight line
+        through the stack. The determinant of M does not depend on the ray: rays that are spread uniformly at one
+        position are spread uniformly at every position.
+
+        Parameters
+        ----------
+        position : ndarray or float, any shape
+            Positions p.
+        reference : float, default 0.5
+            The reference position.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., 2, 2)
+            M at each position.
         """
         v, u = float(self.image_distance(reference)), float(self.object_distance(reference))
         v_p, u_p = self.image_distance(position), self.object_distance(position)
@@ -148,5 +171,5 @@ class Drive(ABC):
         return np.stack([on_sensor, from_lens], axis=-2)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the numbers of this drive and its kind as plain data."""
+        """Return the kind and the parameters of this drive as plain data."""
         return {"kind": self.kind, **asdict(self)}  # type: ignore[call-overload]

@@ -11,18 +11,26 @@ from saf_gen.optics._drive import Drive
 
 @dataclass(frozen=True)
 class FocalLengthDrive(Drive):
-    """A varifocal lens at a fixed distance from the sensor; position p is linear in its power 1/f.
+    """A varifocal lens at a fixed distance from the sensor; the position p is linear in its power 1/f.
 
-    With v fixed, 1/f = 1/u + 1/v makes p linear in 1/u as well. The image does not breathe. The aperture is a separate
-    stop: neither it nor the light it collects changes with f. Raises BadInput for a distance that is not in front of
-    the lens, or no travel.
+    As v is fixed and 1/f = 1/u + 1/v, p is linear in 1/u as well. The image does not breathe. The aperture is a
+    separate stop: neither it nor the light that it collects changes with f.
 
     Parameters
     ----------
-    image_distance_m : v, from lens to sensor.
-    f_number : N of the lens focused at infinity, where f = v; the aperture radius is R = v/(2N).
-    focus_range_m : object distances in focus at position 0 and at position 1.
-    transmission : fraction of the light that the glass transmits.
+    image_distance_m : float
+        Distance v from the lens to the sensor, metres.
+    f_number : float
+        f-number N of the lens focused at infinity, where f = v; the aperture radius is R = v/(2N).
+    focus_range_m : tuple of float
+        Object distances in focus at position 0 and at position 1, metres.
+    transmission : float, default 1
+        Fraction of the light that the lens transmits.
+
+    Raises
+    ------
+    BadInput
+        If an object distance is not in front of the lens, or there is no travel.
     """
 
     kind: ClassVar[str] = "focal_length"
@@ -42,36 +50,36 @@ class FocalLengthDrive(Drive):
 
     @property
     def aperture_radius_m(self) -> float:
-        """Aperture radius R = v/(2N) (m)."""
+        """Aperture radius R = v/(2N), metres."""
         return self.image_distance_m / (2 * self.f_number)
 
     def image_distance(self, position: np.ndarray | float) -> np.ndarray:
-        """Return v (m), the same at each position."""
+        """Return the image distance v in metres, which is the same at each position."""
         return np.full_like(np.asarray(position, dtype=np.float64), self.image_distance_m)
 
     def object_distance(self, position: np.ndarray | float) -> np.ndarray:
-        """Return u (m) in focus at each position: 1/u is linear."""
+        """Return the object distance u in focus at each position, in metres; 1/u is linear in the position."""
         first, last = (1 / u for u in self.focus_range_m)
         return 1 / (first + (last - first) * np.asarray(position, dtype=np.float64))
 
     def position(self, dioptres: np.ndarray | float) -> np.ndarray:
-        """Return the position of a vergence 1/u (dioptres); it may lie outside 0...1."""
+        """Return the position that focuses a vergence 1/u in dioptres; it may be outside 0 to 1."""
         first, last = (1 / u for u in self.focus_range_m)
         return (np.asarray(dioptres, dtype=np.float64) - first) / (last - first)
 
     def best_position(self, depth: np.ndarray | float) -> np.ndarray:
-        """Return the position that focuses a point of this depth (m)."""
+        """Return the position that focuses a point at a depth in metres; it may be outside 0 to 1."""
         return self.position(1 / np.asarray(depth, dtype=np.float64))
 
     def true_focus(self, depths: np.ndarray) -> float:
-        """Return the position that minimises the mean of c² over these depths (m).
+        """Return the position that minimises the mean squared blur over these depths in metres.
 
-        c = 2R·v·|1/u_o - 1/u|, so the mean of c² is a parabola in 1/u with its minimum at mean(1/u_o).
+        The blur is c = 2R·v·|1/u_o - 1/u|, so the mean of c² is a parabola in 1/u with its minimum at mean(1/u_o).
         """
         return float(self.position(float(np.mean(1 / np.asarray(depths, dtype=np.float64)))))
 
     def _positions_of_blur(self, focused: float, blur_m: float) -> tuple[float, float]:
-        """Return 1/u ± blur/(2R·v) as positions."""
+        """Return the positions that focus the vergences 1/u ± blur/(2R·v)."""
         sharp = 1 / float(self.object_distance(focused))
         half = blur_m / (2 * self.aperture_radius_m * self.image_distance_m)
         return float(self.position(sharp - half)), float(self.position(sharp + half))

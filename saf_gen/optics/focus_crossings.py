@@ -1,14 +1,26 @@
-"""The frames at which the lens passes a position, from its positions at the readouts."""
+"""Focus crossings: the frames at which the lens passes a position, from its positions at the readouts."""
 
 import numpy as np
 
 
 def find_focus_crossings(focus_position: np.ndarray, at_position: float) -> np.ndarray:
-    """Return the frames at which the lens is at ``at_position``: float64, rising; empty where it never is.
+    """Return the frames at which the lens is at a position.
 
-    ``focus_position`` (T,) is the lens at the middle of each readout, fraction of the travel. The lens is
-    taken to move in straight lines between readouts, and for half a readout at both ends of the recording:
-    frames run from -0.5 to T - 0.5. Where the lens rests exactly there, every readout of its rest is listed.
+    The position is interpolated linearly between readouts, and extrapolated by half a readout at both ends of the
+    recording, so frames run from -0.5 to T - 0.5. If the lens rests exactly at the position, every readout of its rest
+    is listed.
+
+    Parameters
+    ----------
+    focus_position : ndarray, shape (T,)
+        Position of the lens in the middle of each readout, as a fraction of the travel.
+    at_position : float
+        The position to find, as a fraction of the travel.
+
+    Returns
+    -------
+    ndarray of float64
+        Frames in increasing order; empty if the lens is never there.
     """
     position = np.asarray(focus_position, dtype=np.float64)
     if position.size < 2:
@@ -16,9 +28,9 @@ def find_focus_crossings(focus_position: np.ndarray, at_position: float) -> np.n
     frame = np.concatenate(([-0.5], np.arange(position.size), [position.size - 0.5]))
     first, last = position[0] + (position[0] - position[1]) / 2, position[-1] + np.diff(position[-2:])[0] / 2
     off = np.concatenate(([first], position, [last])) - at_position
-    there = off == 0
-    there[0] &= not there[1]  # the lens is at rest, and the readout itself is listed
-    there[-1] &= not there[-2]
+    is_at = off == 0
+    is_at[0] &= not is_at[1]  # the lens is at rest, and the readout itself is listed
+    is_at[-1] &= not is_at[-2]
     i = np.flatnonzero(np.sign(off[:-1]) * np.sign(off[1:]) < 0)
     crossed = frame[i] + (frame[i + 1] - frame[i]) * off[i] / (off[i] - off[i + 1])
-    return np.sort(np.concatenate((frame[there], crossed)))
+    return np.sort(np.concatenate((frame[is_at], crossed)))

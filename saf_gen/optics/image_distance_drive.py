@@ -1,4 +1,4 @@
-"""The drive that moves the lens against the sensor, as in a macro lens."""
+"""The drive that moves the lens relative to the sensor, as in a macro lens."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,15 +11,25 @@ from saf_gen.optics._drive import Drive
 
 @dataclass(frozen=True)
 class ImageDistanceDrive(Drive):
-    """A lens of fixed focal length; position p is linear in v. The image breathes: its scale grows with v.
+    """A lens of fixed focal length that moves; the position p is linear in the image distance v.
 
-    Raises BadInput for a distance within the focal length, which no position focuses, or no travel.
+    The image breathes: its scale grows with v.
 
     Parameters
     ----------
-    focal_length_m, f_number : f and N; the aperture radius is R = f/(2N).
-    focus_range_m : object distances in focus at position 0 and at position 1.
-    transmission : fraction of the light that the glass transmits.
+    focal_length_m : float
+        Focal length f, metres.
+    f_number : float
+        f-number N; the aperture radius is R = f/(2N).
+    focus_range_m : tuple of float
+        Object distances in focus at position 0 and at position 1, metres.
+    transmission : float, default 1
+        Fraction of the light that the lens transmits.
+
+    Raises
+    ------
+    BadInput
+        If an object distance is not beyond the focal length, so that no position focuses it, or there is no travel.
     """
 
     kind: ClassVar[str] = "image_distance"
@@ -42,7 +52,7 @@ class ImageDistanceDrive(Drive):
 
     @property
     def aperture_radius_m(self) -> float:
-        """Aperture radius R = f/(2N) (m)."""
+        """Aperture radius R = f/(2N), metres."""
         return self.focal_length_m / (2 * self.f_number)
 
     @property
@@ -51,35 +61,35 @@ class ImageDistanceDrive(Drive):
         return first, last
 
     def image_distance(self, position: np.ndarray | float) -> np.ndarray:
-        """Return v (m) at each position, linear in it."""
+        """Return the image distance v at each position, in metres."""
         first, last = self._ends
         return first + (last - first) * np.asarray(position, dtype=np.float64)
 
     def object_distance(self, position: np.ndarray | float) -> np.ndarray:
-        """Return u (m) in focus at each position: f·v / (v - f)."""
+        """Return the object distance in focus at each position, u = f·v / (v - f), in metres."""
         v = self.image_distance(position)
         return self.focal_length_m * v / (v - self.focal_length_m)
 
     def position(self, image_distance: np.ndarray | float) -> np.ndarray:
-        """Return the position of an image distance (m); it may lie outside 0...1."""
+        """Return the position at which the image distance has a value in metres; it may be outside 0 to 1."""
         first, last = self._ends
         return (np.asarray(image_distance, dtype=np.float64) - first) / (last - first)
 
     def best_position(self, depth: np.ndarray | float) -> np.ndarray:
-        """Return the position that focuses a point of this depth (m)."""
+        """Return the position that focuses a point at a depth in metres; it may be outside 0 to 1."""
         return self.position(1 / (1 / self.focal_length_m - 1 / np.asarray(depth, dtype=np.float64)))
 
     def true_focus(self, depths: np.ndarray) -> float:
-        """Return the position that minimises the mean of c² over these depths (m).
+        """Return the position that minimises the mean squared blur over these depths in metres.
 
-        c = 2R·|1 - v·w| with w = 1/f - 1/u_o, so the mean of c² is a parabola in v with its minimum at
-        v = mean(w) / mean(w²): the in-focus distance itself if all depths are equal.
+        The blur is c = 2R·|1 - v·w| with w = 1/f - 1/u_o, so the mean of c² is a parabola in v with its minimum at
+        v = mean(w) / mean(w²), which is the image distance in focus if all depths are equal.
         """
         w = 1 / self.focal_length_m - 1 / np.asarray(depths, dtype=np.float64)
         return float(self.position(w.mean() / np.mean(w**2)))
 
     def _positions_of_blur(self, focused: float, blur_m: float) -> tuple[float, float]:
-        """Return v·(1 ± blur/(2R)) as positions."""
+        """Return the positions at the image distances v·(1 ± blur/(2R))."""
         v = float(self.image_distance(focused))
         half = blur_m / (2 * self.aperture_radius_m)
         return float(self.position(v * (1 - half))), float(self.position(v * (1 + half)))

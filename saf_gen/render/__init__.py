@@ -1,4 +1,4 @@
-"""The renderer: from a scene to the files of its focal stack. The only package that imports Mitsuba."""
+"""The renderer, which makes the files of a focal stack from a scene. Only this package imports Mitsuba."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -26,32 +26,41 @@ def render_missing_stacks(
     threads: int | None = None,
     progress: Callable[[str, float], None] = lambda name, done: None,
 ) -> list[str]:
-    """Render what is missing of a scene's focal stacks, and store it piece by piece.
+    """Render the missing pieces of a scene's focal stacks, and store them one by one.
 
     Parameters
     ----------
-    scene : the member of the scene's family.
-    specs : one stack of a scene that stands still, or one for each of many moments.
-    root : folder of the stacks.
-    backend_name : 'cuda', 'llvm' or 'scalar'. A JIT backend traces every path once for all focus positions;
-        scalar renders position by position.
-    threads : by default the cores that this process may use.
-    progress : called with what is rendered ('light', all groups together, or 'geometry') and the fraction of all done.
+    scene : Scene
+        Member of the scene's family.
+    specs : sequence of StackSpec
+        One stack if the scene is at rest, or one for each of many moments.
+    root : Path
+        Folder of the stacks.
+    backend_name : str
+        'cuda', 'llvm' or 'scalar'. The first two (JIT backends) trace every path once for all focus positions; scalar
+        renders position by position.
+    threads : int, optional
+        Number of threads; by default as many as the cores that this process may use.
+    progress : callable, optional
+        Called with what is rendered ('light' for all light groups together, or 'geometry') and the completed fraction
+        of all moments, 0 to 1.
 
     Returns
     -------
-    The names of the rendered pieces.
+    list of str
+        Names of the rendered pieces, with the time if there are several moments.
 
     Raises
     ------
-    BadInput : for a scene that cannot be built, or whose target is out of sight, and for diffraction with a backend
-        that cannot render it.
+    BadInput
+        If the scene cannot be built, the target of a single stack is out of sight, or a spec asks for diffraction that
+        the backend cannot render.
     """
     if not backend.can_render_waves(backend_name) and any(spec.wavelength_m for spec in specs):
         raise BadInput(
             f"variant {backend_name} cannot render diffraction",
             allowed="llvm, cuda",
-            hint="or leave waves out with render: {diffraction: false}",
+            hint="or set render: {diffraction: false}",
         )
     todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing_pieces()]
     if not todo:
@@ -60,7 +69,7 @@ def render_missing_stacks(
     described = mitsuba_scene.build_mitsuba_scene_dict(scene)
     motions = mitsuba_scene.mitsuba_shape_motions(scene, described)
     emitting = mitsuba_scene.mitsuba_emitter_names(described)
-    # Moments of one scene share their camera rays: what noise is left in them does not flicker where nothing moves.
+    # All moments share their camera rays, so that the remaining noise does not flicker where nothing moves.
     base = replace(specs[0], time_s=0.0, window=None, moments_s=())
     shown = _ShownScene(scene, base, described=described, motions=motions)
     paths = MomentShading(shown.show, seed=seeds.derive_seed("stack", base.key), emitting=emitting)
@@ -111,7 +120,7 @@ def render_missing_stacks(
 
 
 class _ShownScene:
-    """A scene loaded at one moment at a time, under each of its light groups."""
+    """A scene that is loaded for one moment at a time, under each of its light groups."""
 
     def __init__(
         self, scene: Scene, spec: StackSpec, *, described: dict[str, Any], motions: dict[str, RigidMotion]
@@ -122,11 +131,11 @@ class _ShownScene:
         self._setups: dict[str, RenderSetup] = {}
 
     def show(self, time_s: float) -> dict[str, RenderSetup]:
-        """Return the scene at a time (s) under each light group; what was returned for another time is released."""
+        """Return the scene at a time (s) under each light group, and release the scenes of the previous time."""
         if time_s == self._time_s:
             return self._setups
-        # The scenes before are released first. The new ones then get the same indices in Dr.Jit's registry, which are
-        # part of a kernel's code, and find their kernels in the cache: this saves 0.2 to 0.6 s each.
+        # The previous scenes are released first. The new ones then get the same indices in Dr.Jit's registry. These are
+        # part of a kernel's code, so the kernels are found in the cache, which saves 0.2 to 0.6 s each.
         self._setups.clear()
         card, spec = self._scene.card, self._spec
         moment = posed_shapes.pose_rendered_shapes(self._described, self._motions, time_s=time_s, unit_m=card.unit_m)

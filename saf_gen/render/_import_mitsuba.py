@@ -1,11 +1,11 @@
-"""Loads Dr.Jit; imported before every other module of this package, and says in one line where there is no renderer.
+"""Loads Dr.Jit before any other module of this package does, or reports in one line that the renderer is missing.
 
 While it loads, Dr.Jit writes a complaint about a missing LLVM straight to stderr. It is silenced here, and
-:mod:`saf_gen.render.backend` says in plain words what is missing.
+:mod:`saf_gen.render.backend` reports what is missing in plain words.
 
-Numba's threads (OpenMP) would wait for their next work in a busy loop, on cores that Dr.Jit's threads and other
-processes need: a picture of few pixels then takes twice the processor time. Here they are told to sleep, before the
-first of them starts; whoever wants them awake sets OMP_WAIT_POLICY.
+Idle threads of Numba (OpenMP) would wait for work in a busy loop, on cores that Dr.Jit's threads and other processes
+need: a picture with few pixels then takes twice the processor time. Before the first of these threads starts,
+OMP_WAIT_POLICY is therefore set to ``passive``, unless the user has set it.
 """
 
 import os

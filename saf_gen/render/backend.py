@@ -1,7 +1,7 @@
-"""The choice of Mitsuba's backend: cuda, else llvm, else scalar.
+"""The choice of Mitsuba's backend: cuda if possible, else llvm, else scalar.
 
-LLVM 15 and 16 abort the whole process at the first kernel ("cannot select fminimum"), and nothing can catch
-that. The choice is therefore made from version numbers, without running a kernel.
+LLVM 15 and 16 abort the process at the first kernel ("cannot select fminimum"), which cannot be caught. The choice is
+therefore made from version numbers, without running a kernel.
 """
 
 from collections.abc import Iterator
@@ -16,14 +16,22 @@ from saf_gen.core.cores import check_address_space, usable_cores
 from saf_gen.errors import BadInput, unknown
 
 OLDEST_LLVM = 17
-LEAST_MEMORY = 3 << 30
+MIN_MEMORY = 3 << 30
 MITSUBA_VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
 ADVICE = "install LLVM 17 or newer (Debian, Ubuntu: apt install libllvm19) to render many times faster"
 
 
 @dataclass(frozen=True)
 class BackendProbe:
-    """What this machine can render with: the version of its LLVM, if any, and whether CUDA can be used."""
+    """The means of rendering that this machine has.
+
+    Attributes
+    ----------
+    llvm : tuple of int or None
+        Version of LLVM; None if no library was found.
+    cuda : bool
+        Whether CUDA can be used.
+    """
 
     llvm: tuple[int, int, int] | None
     cuda: bool
@@ -43,16 +51,25 @@ class BackendProbe:
 
 
 def probe_render_backends() -> BackendProbe:
-    """Look for LLVM and CUDA without starting a kernel."""
+    """Return the version of LLVM and whether CUDA is available on this machine, without starting a kernel."""
     major, minor, patch = (int(n) for n in dr.detail.llvm_version())
     return BackendProbe((major, minor, patch) if major > 0 else None, bool(dr.has_backend(dr.JitBackend.CUDA)))
 
 
 def choose_render_backend(requested: str = "auto", machine: BackendProbe | None = None) -> str:
-    """Return the backend to use: 'cuda', 'llvm' or 'scalar'; 'auto' is the fastest that the machine can run.
+    """Return the backend to use: 'cuda', 'llvm' or 'scalar'.
 
-    Without ``machine`` this machine is probed. Raises BadInput for an unknown name, and for a backend that the machine
-    cannot run.
+    Parameters
+    ----------
+    requested : str, default 'auto'
+        Name of a backend, or 'auto' for the fastest one that the machine can run.
+    machine : BackendProbe, optional
+        By default, this machine is probed.
+
+    Raises
+    ------
+    BadInput
+        If the name is unknown, or the machine cannot run the backend.
     """
     machine = machine or probe_render_backends()
     if requested == "auto":
@@ -70,17 +87,17 @@ def choose_render_backend(requested: str = "auto", machine: BackendProbe | None 
 
 
 def can_render_waves(name: str) -> bool:
-    """Return whether a backend renders focal stacks with diffraction; scalar has Mitsuba's thin lens, and does not."""
+    """Return whether a backend can render diffraction; scalar uses Mitsuba's thin lens, and cannot."""
     return name != "scalar"
 
 
 def activate_render_backend(name: str, *, threads: int | None = None) -> None:
-    """Switch Mitsuba to a backend and its number of threads, by default the cores this process may use.
+    """Switch Mitsuba to a backend and set its number of threads, by default the cores that this process may use.
 
-    Must be called before a scene is loaded, because loading starts the thread pool. Raises BadInput where this process
-    may address too little memory: Mitsuba and LLVM would abort.
+    Must be called before a scene is loaded, because loading starts the thread pool. Raises BadInput if this process may
+    address too little memory, because Mitsuba and LLVM would then abort.
     """
-    check_address_space(LEAST_MEMORY)
+    check_address_space(MIN_MEMORY)
     dr.set_thread_count(threads or usable_cores())
     numba.set_num_threads(min(threads or usable_cores(), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     mi.set_log_level(mi.LogLevel.Error)
@@ -91,8 +108,8 @@ def activate_render_backend(name: str, *, threads: int | None = None) -> None:
 def prepare_meshes_on_one_thread() -> Iterator[None]:
     """Let Mitsuba compute the normals of smooth meshes on one thread.
 
-    It adds those of the faces round each vertex up, and several threads do so in any order: in one of five scenes some
-    normals then differed in their last digit, and with them the digest of all that was rendered.
+    For each vertex, Mitsuba adds up the normals of the faces around it. Several threads do so in varying order: in one
+    of five scenes, some normals then differed in their last digit, and with them the digest of everything rendered.
     """
     threads = dr.thread_count()
     dr.set_thread_count(1)

@@ -1,12 +1,11 @@
-"""Camera rays for a one-pass stack, and where each meets the sensor at every focus position.
+"""Camera rays for a one-pass stack, and the point where each meets the sensor at every focus position.
 
-A ray that meets sensor and lens at (x, a) at the middle position meets them at M(p)·(x, a) at position p,
-with M the drive's transfer, linear in p. Rays are spread evenly over sensor and lens, and over a border round
-both that is wide enough that no position lacks rays (:func:`saf_gen.render.ray_sampling.compute_ray_coverage`). M
-keeps them evenly spread. Where the lens moves through the rays, a path counts only at the positions that have
-it inside the aperture. The paths that fall into a pixel are thus an even sample of pixel and aperture at
-every position, and their mean is unbiased. Waves bend a path at the lens, which moves its line across the sensor
-(:mod:`saf_gen.render.diffraction`).
+A ray that meets sensor and lens at (x, a) at the middle position meets them at M(p)·(x, a) at position p, where M is
+the drive's transfer matrix, linear in p. Rays are spread evenly over sensor and lens, and over a border around both
+that is wide enough for every position (:func:`saf_gen.render.ray_sampling.compute_ray_coverage`). M keeps them evenly
+spread. If the lens moves through the rays, a path counts only at the positions at which it is inside the aperture. The
+paths that fall into a pixel are thus an even sample of pixel and aperture at every position, and their mean is
+unbiased. Waves bend a path at the lens, which moves its line across the sensor (:mod:`saf_gen.render.diffraction`).
 """
 
 import math
@@ -22,23 +21,32 @@ from saf_gen.render.host_splat import NEVER, TracedPaths
 from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
 from saf_gen.render.render_setup import RenderSetup
 
-RAYS_PER_PASS = 1 << 20  # four times as many take a quarter longer and half a gibibyte more
+RAYS_PER_PASS = 1 << 20  # four times as many would take a quarter longer and need half a gibibyte more
 
 
 class CameraRays(NamedTuple):
-    """The rays of a band of rows at the middle of some focus positions; arrays are of Dr.Jit (ray,).
+    """The rays of a band of rows at the middle of a range of focus positions, as Dr.Jit arrays (ray,).
 
     Attributes
     ----------
-    done : fraction of the rows done with this band, 0...1.
-    begin : the band's first row, which names its random numbers.
-    first : number of its first ray among all rays.
-    samples : rays per pixel; those of one pixel follow each other.
-    pixel, sample : UInt32, number of the pixel and of the ray in it.
-    x, y : where rays meet the sensor, m from its middle.
-    lens : Point2f, where they meet the lens, m from its centre.
-    slope_x, slope_y : their slopes in object space.
-    ray : RayDifferential3f in the world.
+    done : float
+        Fraction of the rows that are done after this band, 0 to 1.
+    begin : int
+        First row of the band, from which the random numbers of its light paths are derived.
+    first : int
+        Number of its first ray among all rays.
+    samples : int
+        Rays per pixel; those of one pixel follow each other.
+    pixel, sample : UInt32
+        Number of the pixel, and of the ray within it.
+    x, y : Float
+        Where the ray meets the sensor, in metres from its middle.
+    lens : Point2f
+        Where it meets the lens, in metres from its centre.
+    slope_x, slope_y : Float
+        Its slopes in object space.
+    ray : RayDifferential3f
+        The ray in world space.
     """
 
     done: float
@@ -56,7 +64,7 @@ class CameraRays(NamedTuple):
 
 
 def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int) -> Iterator[CameraRays]:
-    """Yield the rays of band after band of rows for these focus positions (at least two, evenly spaced)."""
+    """Yield the rays of one band of rows after another for focus positions (at least two, evenly spaced)."""
     drive, grid, units = setup.drive, setup.grid, 1 / setup.unit_m
     middle = float(focus[0] + focus[-1]) / 2
     ends = float(focus[0]), float(focus[-1])
@@ -70,7 +78,7 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
         _opaque_reciprocal(distance(middle)) for distance in (drive.image_distance, drive.object_distance)
     )
     # Rays start where the lens is farthest from the scene; trace_depth_and_target() has made sure that no
-    # surface lies between.
+    # surface is in between.
     farthest = float(drive.shift(focus).min())
     ahead = opaque_number_for_rays(farthest - float(drive.shift(middle)))
     farthest, radius = opaque_number_for_rays(farthest), opaque_number_for_rays(covered.radius_m)
@@ -82,7 +90,7 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
         count = min(rows_per_pass, rows - begin)
         index = dr.arange(mi.UInt32, count * columns * samples)
         pixel, sample = index // samples_word, index % samples_word
-        # The band is traced column by column, so that the pixels that neighbours add to stay in the cache.
+        # The band is traced column by column, so that the pixels to which neighbouring rays add stay in the cache.
         height = dr.opaque(mi.UInt32, count)
         row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
         pixel = row * row_length + column
@@ -90,7 +98,7 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
         x = (mi.Float(column) + across - half_columns) * pitch
         y = (mi.Float(row) + down - half_rows) * pitch
         a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
-        # Slope in object space. The equal (a - x)/v - a/f would lose digits where u is much larger than f.
+        # Slope in object space. The equivalent (a - x)/v - a/f would lose digits if u is much larger than f.
         slope_x, slope_y = -(x * inverse_v + a.x * inverse_u), -(y * inverse_v + a.y * inverse_u)
         origin = mi.Point3f(a.x + slope_x * ahead, a.y + slope_y * ahead, farthest) * units
         ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))
@@ -99,9 +107,9 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
 
 
 def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, seed: int) -> TracedPaths:
-    """Return the lines on which rays cross the sensor from position to position, without radiance, not yet evaluated.
+    """Return the lines along which rays cross the sensor over the positions, without radiance and not yet evaluated.
 
-    ``focus`` and ``seed`` are those that the rays were cast with.
+    ``focus`` and ``seed`` must be those with which the rays were cast.
     """
     drive, grid = setup.drive, setup.grid
     first_x, step_x, first_a, step_a = _sensor_and_lens_line(setup, focus, x=rays.x, a=rays.lens.x)
@@ -132,22 +140,20 @@ def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarr
 
 
 def opaque_number_for_rays(value: Any) -> Any:
-    """Return a number that the kernel reads; as a constant, every value would need a kernel of its own."""
+    """Return a number that the kernel reads as an input; as a constant, each value would need a separate kernel."""
     return dr.opaque(mi.Float, float(value))
 
 
 def _opaque_reciprocal(value: Any) -> Any:
-    """Return 1/value, rounded as float32, for a kernel that would otherwise divide ray by ray."""
+    """Return 1/value, rounded to float32, as an input of the kernel, which then multiplies instead of dividing."""
     return opaque_number_for_rays(np.float32(1) / np.float32(value))
 
 
 def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:
-    """Return where rays meet the sensor at the first position, their step per position, and both on the lens.
+    """Return positions on the sensor at the first focus position, their steps, then both on the lens, in metres.
 
-    All are in metres.
-
-    Steps come from the difference of the ends in double precision: single precision would keep three digits
-    for a stage that moves by micrometres at millimetres.
+    Steps come from the difference of the ends in double precision: single precision would keep only three digits for a
+    stage that moves by micrometres at distances of millimetres.
     """
     first, last = setup.drive.ray_transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
     step = (last - first) / (focus.size - 1)
@@ -156,22 +162,23 @@ def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: A
 
 
 def _image_distance_line(setup: RenderSetup, focus: np.ndarray) -> tuple[Any, Any]:
-    """Return v (m) at the first position and its step per position: by what an angle moves a path on the sensor."""
+    """Return v (m) at the first position and its step; a path moves on the sensor by v times the angle of its bend."""
     first, last = setup.drive.image_distance(focus[[0, -1]])
     return opaque_number_for_rays(first), opaque_number_for_rays((last - first) / (focus.size - 1))
 
 
 def ray_positions_through_aperture(first: Any, step: Any, *, radius: float, positions: int) -> list[Any]:
-    """Return begin and end, int32: first + k·step (m) lies in the aperture for begin <= k < end.
+    """Return ``begin`` and ``end``, int32: a ray is inside the aperture at positions begin <= k < end.
 
-    |first + k·step|² = R² is a quadratic in k. The root for which the textbook formula subtracts nearly equal
-    numbers is computed as q/(...), so that a ray that hardly moves keeps its digits.
+    The ray passes the lens at first + k·step (m), and |first + k·step|² = R² is a quadratic in k. The root for which
+    the textbook formula subtracts nearly equal numbers is computed as q/(...), so that a ray that moves very little
+    keeps its digits.
     """
     per_radius = _opaque_reciprocal(radius)
     first, step = first * per_radius, step * per_radius
     q, b, c = 1 - dr.squared_norm(first), dr.dot(first, step), dr.squared_norm(step)
-    root = dr.sqrt(dr.maximum(b * b + c * q, 0))  # below 0 the ray misses: it leaves before it enters
-    far = root + dr.abs(b)  # 0 for a ray that does not move across the lens: it is always inside, or never
+    root = dr.sqrt(dr.maximum(b * b + c * q, 0))  # negative if the ray misses: it then leaves before it enters
+    far = root + dr.abs(b)  # 0 if the ray does not move across the lens: it is always inside, or never
     one = dr.select(far > 0, q / far, dr.copysign(float(NEVER), q))
     other = dr.select(c > 0, far / c, float(NEVER))
     last = opaque_number_for_rays(positions - 1)

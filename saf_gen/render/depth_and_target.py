@@ -1,4 +1,4 @@
-"""Depth and the target's pixels, from which the true focus follows; traced without light."""
+"""The depth map and the target's pixels, from which the true focus follows; traced without light."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,17 +16,21 @@ from saf_gen.render.render_setup import (
     render_with_mitsuba_camera,
 )
 
-BESIDE_PX = 1 / 256  # how far from a pixel's centre a second and a third ray go, either way
-BESIDE_DIRECTION = 0.554  # rad: along no line that a mesh has by design
-APERTURE_RAYS = 64  # per side, across the aperture, that look for a surface the lens would run into
+RAY_OFFSET_PX = 1 / 256  # distance of a second and a third ray from the pixel's centre, on either side
+RAY_OFFSET_DIRECTION = 0.554  # rad; no mesh has edges in this direction by design
+APERTURE_RAYS = 64  # per side of a grid over the aperture, to find surfaces that the lens would run into
 
 
 @dataclass(frozen=True)
 class DepthAndTarget:
-    """What a pinhole at the lens centre sees, at the focus position that focuses the target.
+    """Depth and target seen by a pinhole at the lens centre, at the focus position that focuses the target.
 
-    ``depth`` is the axial distance (m) of the first surface from the lens as the card places it, float32 (row, col),
-    inf where there is no surface; ``target`` is bool (row, col).
+    Attributes
+    ----------
+    depth : ndarray of float32, shape (row, col)
+        Axial distance (m) of the first surface from the lens as the card places it; inf if there is no surface.
+    target : ndarray of bool, shape (row, col)
+        Pixels that see the target.
     """
 
     depth: np.ndarray
@@ -36,21 +40,33 @@ class DepthAndTarget:
 def trace_depth_and_target(
     setup: RenderSetup, target_shapes: tuple[str, ...], *, allow_unseen_target: bool = False
 ) -> DepthAndTarget:
-    """Trace depth and the target mask through each pixel's centre.
+    """Trace depth and the target mask through the centre of each pixel.
 
-    The scale of the image may change over the travel, so the mask is traced where the target is in focus. Its distance
-    is first learnt at the middle of the travel, or at an end where the middle does not show it. With
-    ``allow_unseen_target`` it may be out of sight, with an empty mask, or out of the lens's reach, as at a moment of a
-    scene that moves.
+    The scale of the image may change over the travel, so the mask is traced at the position that focuses the target. To
+    find this position, the target's distance is first traced at the middle of the travel, or at an end if the target is
+    not seen from the middle.
 
-    Raises BadInput where no pixel sees the target, no position of the lens focuses it, it is out of the frame where it
-    is in focus, or the lens runs into the scene on its travel.
+    Parameters
+    ----------
+    setup : RenderSetup
+        Scene in front of its lens.
+    target_shapes : tuple of str
+        Ids of the target's shapes.
+    allow_unseen_target : bool, default False
+        Accept a target that is out of sight (the mask is then empty) or that no position of the lens focuses, as may
+        happen at a moment of a scene that moves.
+
+    Raises
+    ------
+    BadInput
+        If no pixel sees the target, no position of the lens focuses it, it is out of the frame at the position that
+        focuses it, or the lens runs into the scene on its travel.
     """
     drive = setup.drive
     _check_lens_travel(setup)
-    # Lazy: the ends are rarely needed. These only tell where to look.
-    glances = ((end, trace_depth_at(setup, target_shapes, position=end, rays=1)) for end in (0.5, 0.0, 1.0))
-    place, sight = next(((end, seen) for end, seen in glances if seen.target.any()), (0.5, None))
+    # Lazy, because the ends are rarely needed. These traces only find where to look.
+    traces = ((end, trace_depth_at(setup, target_shapes, position=end, rays=1)) for end in (0.5, 0.0, 1.0))
+    seen_from, sight = next(((end, seen) for end, seen in traces if seen.target.any()), (0.5, None))
     if sight is None:
         if allow_unseen_target:
             return trace_depth_at(setup, target_shapes, position=0.5)
@@ -65,13 +81,13 @@ def trace_depth_and_target(
             hint="move the target, or give the lens a longer travel",
         )
     focused = trace_depth_at(setup, target_shapes, position=min(max(best, 0.0), 1.0))
-    if focused.target.any() or (allow_unseen_target and place == 0.5):
+    if focused.target.any() or (allow_unseen_target and seen_from == 0.5):
         return focused
     if allow_unseen_target:
         return trace_depth_at(setup, target_shapes, position=0.5)
     raise BadInput(
-        f"the target ({', '.join(target_shapes)}) is out of the frame where it is in focus, at {best:.3f} of "
-        "the travel: the scale of the image changes over it",
+        f"the target ({', '.join(target_shapes)}) is outside the image at {best:.3f} of the travel, where it is in "
+        "focus; the scale of the image changes over the travel",
         allowed="a target shape that at least one pixel sees there",
         hint=f"move it towards the middle of the image, or shorten {drive.travel_key} in scene.yaml",
     )
@@ -84,25 +100,25 @@ def _out_of_sight_error(setup: RenderSetup, target_shapes: tuple[str, ...]) -> B
         allowed="a target shape that at least one pixel sees",
         hint="check camera and target in scene.yaml"
         if named
-        else f"no shape has that id: in scene.py let the id of a shape be its key, {target_shapes[0]!r}",
+        else f"no shape has that id: in scene.py, set the id of the shape to its key, {target_shapes[0]!r}",
     )
 
 
 def trace_depth_at(
     setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, rays: int = 3
 ) -> DepthAndTarget:
-    """Return what the camera sees through each pixel's centre at one focus position.
+    """Return what the camera sees through the centre of each pixel at one focus position.
 
-    The edge that two triangles share is not watertight: a ray that meets it exactly may slip through, and where a seam
-    lies on pixel centres, as in a box turned by 45°, some do. So each pixel has three rays on a short line, and what
-    lies at the middle depth of the three is seen. On a surface that is the ray in the middle, whatever its slope; at
-    an outline it is what the ray in the middle and one of the others see. With ``rays`` 1 there is only that in the
-    middle.
+    The edge that two triangles share is not watertight: a ray that meets it exactly may slip through, as happens if the
+    edge runs through the centres of pixels, for example in a box turned by 45°. Each pixel is therefore traced with
+    three rays on a short line, and the surface at the median of their depths counts. On a single surface this is the
+    surface at the middle ray, whatever its slope; at an outline it is the surface that the middle ray and one of the
+    others see. If ``rays`` is 1, only the middle ray is traced.
     """
     forward = float(setup.drive.shift(position))
     sights = [
-        _first_surfaces(setup, _aimed_beside_centres(setup, position, beside_px=beside_px), forward_m=forward)
-        for beside_px in (0.0, -BESIDE_PX, BESIDE_PX)[:rays]
+        _first_surfaces(setup, _make_offset_camera(setup, position, offset_px=offset_px), forward_m=forward)
+        for offset_px in (0.0, -RAY_OFFSET_PX, RAY_OFFSET_PX)[:rays]
     ]
     axials, shapes = (np.stack(planes) for planes in zip(*sights, strict=True))
     middle = np.argsort(axials, axis=0, kind="stable")[rays // 2 : rays // 2 + 1]
@@ -113,9 +129,9 @@ def trace_depth_at(
     return DepthAndTarget(depth, np.isin(shape, wanted))
 
 
-def _aimed_beside_centres(setup: RenderSetup, position: float, *, beside_px: float) -> dict[str, Any]:
-    """Return a pinhole camera whose rays go so many pixels beside the centres of the pixels."""
-    across, down = beside_px * np.cos(BESIDE_DIRECTION), beside_px * np.sin(BESIDE_DIRECTION)
+def _make_offset_camera(setup: RenderSetup, position: float, *, offset_px: float) -> dict[str, Any]:
+    """Return a pinhole camera whose rays miss the centres of the pixels by ``offset_px`` pixels."""
+    across, down = offset_px * np.cos(RAY_OFFSET_DIRECTION), offset_px * np.sin(RAY_OFFSET_DIRECTION)
     return {
         "type": "perspective",
         **make_mitsuba_camera_dict(setup, position),
@@ -125,12 +141,12 @@ def _aimed_beside_centres(setup: RenderSetup, position: float, *, beside_px: flo
 
 
 def _check_lens_travel(setup: RenderSetup) -> None:
-    """Raise BadInput for a surface that the aperture would run into, found by rays along the travel."""
+    """Raise BadInput if the aperture would run into a surface, as found by rays along the travel."""
     drive, radius = setup.drive, setup.drive.aperture_radius_m
     start, end = sorted(float(z) for z in drive.shift(np.array([0.0, 1.0])))
     if start == end:
         return
-    # Mitsuba's own near clip, 0.01, would hide a specimen.
+    # Mitsuba's default near clip, 0.01 units, would hide a specimen.
     sensor = {
         "type": "orthographic",
         "to_world": setup.to_world_at(start) @ mi.ScalarTransform4f().scale([radius / setup.unit_m] * 2 + [1]),
@@ -140,16 +156,17 @@ def _check_lens_travel(setup: RenderSetup) -> None:
     nearest = float(_first_surfaces(setup, sensor, forward_m=start)[0].min()) + start
     if nearest <= end:
         raise BadInput(
-            f"the stage runs the scene into the lens: a surface lies {nearest:.6g} m before it",
+            f"the stage runs the scene into the lens: a surface is {nearest:.6g} m in front of it",
             allowed=f"nothing nearer than the travel's end, {end:g} m (travel_m in scene.yaml)",
             hint="shorten the travel, or move the scene",
         )
 
 
 def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, forward_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the axial distance (m) of the first surface through each pixel's centre, and its shape index.
+    """Return the axial distance (m) of the first surface through the centre of each pixel, and its shape index.
 
-    float64 and int64 (row, col). Distances are from the lens moved by ``forward_m``, inf where there is nothing.
+    The arrays are float64 and int64, (row, col). Distances are measured from the lens moved by ``forward_m``; they are
+    inf if there is no surface.
     """
     # One sample, not jittered: the ray through the pixel's centre.
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
@@ -164,10 +181,10 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, forward_m: fl
 
 
 def _shape_index(shape: Any, number: int) -> int:
-    """Return what the shape_index channel holds for the shape of this number in the scene.
+    """Return the value of the shape_index channel for the shape with this number in the scene.
 
-    A JIT backend counts all shapes alive in the process, in the order in which threads happened to make them;
-    only in scalar is it the number in the scene.
+    A JIT backend counts all shapes alive in the process, in the order in which threads happened to make them; only
+    scalar counts the shapes of the scene.
     """
     if not dr.is_jit_v(mi.Float):
         return number + 1

@@ -1,13 +1,13 @@
 """Adds traced paths to every focus position at once, on the device that traced them.
 
-The algorithm is that of :mod:`saf_gen.render.host_splat`, with the same 64-bit words, written as Dr.Jit kernels. Sums
-are of integers, so the same paths give the same stack, bit for bit, in whatever order threads add.
+The algorithm is that of :mod:`saf_gen.render.host_splat`, with the same 64-bit words, written as Dr.Jit kernels. The
+sums are of integers, so the same paths give the same stack, bit for bit, in whatever order threads add them.
 
-This requires care with rounding. CUDA may fuse a product with the addition after it into one operation that rounds once
-(PTX, of ``mul`` and ``add``), and Dr.Jit divides float32 approximately there. So a product that is added to something
-is computed in float64, where the product of two float32 is exact, and the cast to float32 rounds it. A reciprocal is
-computed likewise; there, rounding twice gives the same as rounding once (Figueroa 1995, doi:10.1145/221332.221334).
-Nothing is added to a product of float64.
+This requires care with rounding. CUDA may fuse a product with the addition that follows it into one operation that
+rounds once (PTX, ``mul`` and ``add``), and there Dr.Jit divides float32 only approximately. A product to which
+something is added is therefore computed in float64, where the product of two float32 numbers is exact, and the cast to
+float32 rounds it. A reciprocal is computed in the same way; rounding it twice gives the same as rounding it once
+(Figueroa 1995, doi:10.1145/221332.221334). Nothing is added to a product of float64.
 """
 
 import math
@@ -20,20 +20,30 @@ import numpy as np
 
 from saf_gen.render.host_splat import COUNT_BITS, NEVER, TracedPaths
 
-ACCUMULATOR_BYTES = 1 << 31  # and half as much again for the stack
+ACCUMULATOR_BYTES = 1 << 31  # the stack needs half as much again
 
 
 class DeviceAccumulator:
     """Sums of a band of rows of a stack, on the device: int64 (row, col, focus).
 
-    shape : (focus, row, col) of the whole stack. band : first row and the one after the last.
-    scale, most : as :func:`saf_gen.render.host_splat.splat_paths` takes them.
+    Parameters
+    ----------
+    shape : tuple of int
+        (focus, row, col) of the stack.
+    band : tuple of int
+        First row, and the row after the last.
+    scale : float
+        Fixed-point units per unit of radiance.
+    max_radiance : float
+        Radiance at which a sample is clipped.
     """
 
-    def __init__(self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float) -> None:
+    def __init__(
+        self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, max_radiance: float
+    ) -> None:
         self.focus, _, self.columns = shape
         self.top, self.rows = band[0], band[1] - band[0]
-        self.scale, self.most = scale, most
+        self.scale, self.max_radiance = scale, max_radiance
         self.sums = dr.zeros(mi.Int64, self.focus * self.rows * self.columns)
 
     @staticmethod
@@ -45,18 +55,18 @@ class DeviceAccumulator:
         return list(pairwise(edges))
 
     def add(self, paths: TracedPaths) -> int:
-        """Add paths (Dr.Jit arrays), and return the number of clipped samples among all of them."""
-        most = dr.opaque(mi.Float64, self.most)
+        """Add paths (Dr.Jit arrays), and return how many samples, in the band or not, were clipped."""
+        max_radiance = dr.opaque(mi.Float64, self.max_radiance)
         radiance = mi.Float64(paths.radiance)
-        bright = radiance > most
+        bright = radiance > max_radiance
         if paths.weight is not None:
             bright &= paths.weight > 0
-        # Rounded half up without an addition to the product: only a shift of integers follows it.
-        twice = mi.Int64(dr.select(bright, most, radiance) * dr.opaque(mi.Float64, 2 * self.scale))
+        # Rounded half up without an addition to the product: all that follows is on integers.
+        twice = mi.Int64(dr.select(bright, max_radiance, radiance) * dr.opaque(mi.Float64, 2 * self.scale))
         word = (((twice + 1) >> 1) << COUNT_BITS) + 1
         if paths.weight is not None:
             word *= mi.Int64(paths.weight)
-        # As opaque values rather than constants of the kernel, these can change without a new kernel.
+        # Opaque values, unlike constants of the kernel, can change without a new kernel.
         focus, rows, columns, top = (dr.opaque(mi.Int32, n) for n in (self.focus, self.rows, self.columns, self.top))
         begin, stop = mi.Int32(0), focus
         if paths.begin is not None:
@@ -88,12 +98,12 @@ class DeviceAccumulator:
 
 
 def _product(a: Any, b: Any) -> Any:
-    """Return a·b rounded to float32, so that no operation after it can be fused with it."""
+    """Return a·b rounded to float32, so that no later operation can be fused with the product."""
     return mi.Float(mi.Float64(a) * mi.Float64(b))
 
 
 def _axis(first: Any, step: Any) -> tuple[Any, Any, Any, Any]:
-    """Return each path's cell, direction, and positions to its first border and per cell, along an axis."""
+    """Return, along one axis, a path's cell, its direction, and the positions to its first border and per cell."""
     cell = mi.Int32(dr.floor(first))
     forth, back = step > 0, step < 0
     pace = mi.Float(1 / dr.abs(mi.Float64(step)))
@@ -105,7 +115,7 @@ def _axis(first: Any, step: Any) -> tuple[Any, Any, Any, Any]:
 
 @dr.syntax
 def _walk(sums: Any, shape: Any, path: Any, across: Any, along: Any) -> None:
-    """Walk from border to border, with two writes per run of positions; see ``host_splat.splat_paths``."""
+    """Walk each path from border to border, with two writes per run of positions; see ``host_splat.splat_paths``."""
     focus, rows, columns = shape
     k, stop, word = path
     column, right, to_x, pace_x = across
@@ -127,7 +137,7 @@ def _walk(sums: Any, shape: Any, path: Any, across: Any, along: Any) -> None:
 
 @dr.syntax
 def _resolve(sums: Any, means: Any, focus: int, pixels: int, scale: Any) -> None:
-    """Sum over positions, one thread per pixel; a pixel without samples repeats its neighbour in focus."""
+    """Sum over positions, one thread per pixel; a pixel without samples repeats the value at the previous position."""
     pixel = dr.arange(mi.UInt32, pixels)
     positions, stride = dr.opaque(mi.UInt32, focus), dr.opaque(mi.UInt32, pixels)
     k, total, last = mi.UInt32(0), mi.Int64(0), mi.Float(0)

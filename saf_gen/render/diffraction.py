@@ -1,25 +1,26 @@
 """Waves at the aperture: each path is bent where it passes the lens (Heisenberg uncertainty ray bending).
 
-A path that passes a round aperture of radius R at r from its centre is known to lie within d of it, where d is
-the distance to the edge: R - r along the radius, and √(R² - r²), half of the chord, across it. Its direction
-behind the lens is then uncertain by σ = λ/(4π·d) rad in either of the two. The bend moves the place where the path
-meets the sensor by v·angle, and leaves the light that it carries alone: that comes from the slope before the lens.
-v is linear in the position for every drive, so a bent path is still a straight line through the stack.
+The aperture is round and has the radius R. The position of a path that passes it at a distance r from its centre is
+known to within the distance d to the edge: d is R - r along the radius, and √(R² - r²), half the chord, across it. The
+angle of the path behind the lens is then uncertain by σ = λ/(4π·d) rad along each of the two. The bend moves the point
+where the path meets the sensor by v·angle. It does not change the light that the path carries, which depends on the
+slope in front of the lens. The image distance v is linear in the position for every drive, so a bent path is still a
+straight line through the stack.
 
-What this stands for can be read off the exact optical transfer. At the frequency ν it is the mean over the lens of the
-geometric phase, taken over the points whose two neighbours at ±λνv/2 both lie in the aperture (the ambiguity
-function of a disc: Brenner et al. 1983). So each point of the lens has a transfer of its own, which is 1 up to the
-frequency at which a neighbour leaves the aperture, 2d/(λv) along the radius and across it, and 0 beyond. Paths can
-have no negative weight, and so no transfer that sharp; a spread of directions with the standard deviation σ falls
-off at the same place. Angles are drawn evenly from the ellipse with the semi-axes 2σ. Below the Nyquist frequency of
+The exact optical transfer shows what this approximates. At the frequency ν it is the mean over the lens of the
+geometric phase, taken over the points whose two neighbours at ±λνv/2 are both in the aperture (the ambiguity function
+of a disc: Brenner et al. 1983). Each point of the lens thus has its own transfer, which is 1 up to the frequency at
+which a neighbour leaves the aperture, 2d/(λv) along the radius and across it, and 0 beyond. Paths cannot have negative
+weights, and so cannot have a transfer that sharp; a spread of directions with the standard deviation σ falls off at the
+same frequency. Angles are drawn evenly from the ellipse with the semi-axes 2σ. Below the Nyquist frequency of pixels of
 20 µm, for 555 nm and 0 to 1.5 wavelengths of defocus, the transfer is then within 0.039 of the exact one at R/v =
-0.024 and 0.052 at 0.015. With normal angles of the same σ it would be within 0.042 and 0.074; without bending it is
-0.36 and 0.57 off. An ellipse also ends: no path is bent by more than 2σ.
+0.024, and within 0.052 at 0.015. With normally distributed angles of the same σ it would be within 0.042 and 0.074;
+without bending it is 0.36 and 0.57 off. An ellipse is also bounded: no path is bent by more than 2σ.
 
-At the edge σ grows without bound. The distances are therefore taken to be at least d_min, a twentieth of R, or less
-where a path bent there would move by less than a pixel. The largest move, λ·v/(2π·d_min), is the width by which the
-guard band grows. No light is lost by that: the tenth of the paths that pass nearer to the edge are bent as if they
-passed at d_min, and 3 % of the light, which Airy's rings bring farther than 3.2·λ·v/R away, stays within.
+At the edge σ grows without bound. The distances are therefore taken to be at least d_min, which is a twentieth of R, or
+less if a path bent there would move by less than a pixel. The largest move, λ·v/(2π·d_min), is the width by which the
+guard band grows. No light is lost in this way: the tenth of the paths that pass nearer to the edge are bent as if they
+passed at d_min, and the 3 % of the light that Airy's rings carry farther than 3.2·λ·v/R stays within that distance.
 
 References
 ----------
@@ -41,9 +42,9 @@ from saf_gen.optics import Drive
 from saf_gen.render.ray_sampling import place_rays_by_kronecker
 from saf_gen.stack.focal_stack import PixelGrid
 
-NEAREST_EDGE = 0.05  # of the radius: paths that pass nearer to the edge are bent as if they passed there
-# Two more dimensions of a Kronecker sequence: powers of the root of x^3 = x + 1, in 0.32 fixed point. With 1 and the
-# four of ray_sampling, of x^5 = x + 1, they are independent over the rational numbers.
+NEAREST_EDGE = 0.05  # of the radius: paths nearer to the edge are bent as if they passed at this distance
+# Two dimensions of a Kronecker sequence: powers of the root of x^3 = x + 1, in 0.32 fixed point. Together with 1 they
+# are independent over the rational numbers.
 PLASTIC = 1.324717957244746
 BEND_STEPS = tuple(round(PLASTIC ** -(j + 1) * 2**32) & 0xFFFFFFFF for j in range(2))
 FIRST_DIMENSION = 4  # after those of pixel and lens
@@ -51,12 +52,18 @@ FIRST_DIMENSION = 4  # after those of pixel and lens
 
 @dataclass(frozen=True)
 class ApertureWaves:
-    """Light of one wavelength at the aperture of a lens with its drive.
+    """Light of one wavelength at the aperture of a lens.
 
-    wavelength_m : λ, above 0.
-    radius_m : R of the aperture.
-    nearest_edge_m : d_min, the least distance to the edge that a bend is drawn for.
-    reach_m : the largest move of a path on the sensor.
+    Attributes
+    ----------
+    wavelength_m : float
+        λ, above 0.
+    radius_m : float
+        R of the aperture.
+    nearest_edge_m : float
+        d_min, the smallest distance to the edge for which a bend is drawn.
+    reach_m : float
+        Largest move of a path on the sensor.
     """
 
     wavelength_m: float
@@ -65,14 +72,21 @@ class ApertureWaves:
     reach_m: float
 
     def bend(self, lens_point: Any, even: Any) -> Any:
-        """Return the angles (rad, small) along x and y by which paths are bent at these points of the aperture.
+        """Return the angles (rad, small) along x and y by which paths are bent at points of the aperture.
 
         Parameters
         ----------
-        lens_point : mi.Point2f, m from the lens's centre; points outside are taken to lie on the edge.
-        even : mi.Point2f, evenly spread over the unit square.
+        lens_point : mi.Point2f
+            Point in metres from the lens's centre; points outside the aperture count as if they were on its edge.
+        even : mi.Point2f
+            Points spread evenly over the unit square, with which angles are drawn.
+
+        Returns
+        -------
+        mi.Vector2f
+            The angles.
         """
-        # Numbers that the kernel reads; as constants, every lens would need a kernel of its own.
+        # Numbers that the kernel reads; if they were constants, every lens would need a separate kernel.
         radius, nearest, doubled = (
             dr.opaque(mi.Float, number)
             for number in (self.radius_m, self.nearest_edge_m, self.wavelength_m / (2 * math.pi))
@@ -89,7 +103,7 @@ class ApertureWaves:
 def find_waves_of_rays(
     drive: Drive, grid: PixelGrid, *, wavelength_m: float, ends: tuple[float, float] = (0.0, 1.0)
 ) -> ApertureWaves | None:
-    """Return the waves at a lens between two positions; None for the wavelength 0, which leaves them out."""
+    """Return the waves at the aperture for positions between ``ends``, or None if the wavelength is 0."""
     if not wavelength_m:
         return None
     radius = drive.aperture_radius_m
@@ -100,9 +114,9 @@ def find_waves_of_rays(
 
 
 def place_bends_of_rays(pixel: Any, sample: Any, *, seed: int) -> Any:
-    """Return each sample's point of the unit square (mi.Point2f) that its bend is drawn with.
+    """Return, for each sample, the point of the unit square (mi.Point2f) with which its bend is drawn.
 
-    It depends on pixel, sample and seed alone, and fills the square evenly together with the sample's places in the
+    It depends on pixel, sample and seed alone, and fills the square evenly together with the sample's positions in the
     pixel and on the lens.
     """
     across, down = place_rays_by_kronecker(pixel, sample, steps=BEND_STEPS, seed=seed + FIRST_DIMENSION)

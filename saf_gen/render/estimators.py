@@ -1,4 +1,4 @@
-"""The estimators of a focal stack, by name: how the radiance of pixels is found from a finite number of light paths."""
+"""The estimators of a focal stack, by name: how the radiance of pixels is found from finitely many light paths."""
 
 from collections.abc import Callable, Collection, Mapping
 
@@ -11,7 +11,7 @@ from saf_gen.render.shading_cells import ShadingField
 
 
 def renders_with_shared_shading(estimator: str, *, backend_name: str) -> bool:
-    """Return whether an estimator needs the shading of surfaces: 'filtered' does, but with scalar all are plain."""
+    """Return whether an estimator needs the shading of surfaces: only 'filtered' does, and not with scalar."""
     return estimator == "filtered" and backend_name != "scalar"
 
 
@@ -31,16 +31,23 @@ def render_light_groups(
 
     Parameters
     ----------
-    setups : the same scene under each light group, by name.
-    backend_name : 'llvm' or 'cuda', which trace all positions at once; or 'scalar', which renders position by position.
-    samples : light paths per pixel, position and light group, at least.
-    shading : of the scene's surfaces, for the filtered estimator (:mod:`saf_gen.render.filtered_pass`); None for a
-        plain one (:mod:`saf_gen.render.one_pass`, or with scalar Mitsuba's own).
-    positions, seed, emitting, window, progress : see :func:`saf_gen.render.filtered_pass.render_with_shading`.
+    setups : mapping of str to RenderSetup
+        The same scene under each light group, by name.
+    backend_name : str
+        'llvm' or 'cuda', which trace all positions at once, or 'scalar', which renders position by position.
+    samples : int
+        Light paths per pixel, position and light group, at least.
+    shading : ShadingField, optional
+        Shading of the scene's surfaces, for the filtered estimator (:mod:`saf_gen.render.filtered_pass`). Without it
+        the estimator is plain (:mod:`saf_gen.render.one_pass`, or Mitsuba's with scalar).
+    positions, seed, emitting, window, progress
+        See :func:`saf_gen.render.filtered_pass.render_with_shading`.
 
     Returns
     -------
-    For each group the stack, float32 (focus, row, col), and the number of light paths that were clipped as fireflies.
+    dict of str to tuple of (ndarray, int)
+        For each group the stack, float32 (focus, row, col), and the number of light paths that were clipped as
+        fireflies.
     """
     if shading is not None:
         return filtered_pass.render_with_shading(

@@ -1,4 +1,4 @@
-"""The camera of an exported scene in the terms of a card: its pose, its lens, and what it looks at."""
+"""The camera of an exported scene as a card describes it: its pose, its lens, and what it looks at."""
 
 import math
 import re
@@ -17,15 +17,33 @@ from saf_gen.scene.xml import SceneXml
 
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
 SENSOR_WIDTH_M = REFERENCE_GRID.columns * REFERENCE_GRID.pitch_m
-MIN_F_NUMBER, PINHOLE_F_NUMBER, MAX_F_NUMBER = (1.0, 2.0, 64.0)  # a pinhole states no aperture; a card allows 64
+MIN_F_NUMBER, DEFAULT_F_NUMBER, MAX_F_NUMBER = (1.0, 2.0, 64.0)  # a pinhole has no aperture; a card allows up to 64
 
 
 @dataclass(frozen=True)
 class ExportedCamera:
-    """A pose (m), a lens on a sensor 8 mm wide, and what it sees.
+    """Pose and lens of an exported camera, on a sensor 8 mm wide, and what it sees.
 
-    ``name`` is what the card's comment calls the camera, ``lights`` are the emitters by light group; ``target`` is the
-    shape that the optical axis meets, ``distance_m`` away.
+    Attributes
+    ----------
+    name : str
+        Name of the camera in the comment on the card.
+    origin_m : tuple of float
+        Position, in metres.
+    look_at_m : tuple of float
+        Point where the optical axis meets the target, in metres.
+    up : tuple of float
+        Unit vector that points upwards in the image.
+    focal_length_mm : float
+        Focal length, in millimetres.
+    f_number : float
+        F-number, 1 to 64.
+    lights : dict of str to str
+        Emitter of each light group.
+    target : str
+        Id of the shape that the optical axis meets.
+    distance_m : float
+        Distance to the target, in metres.
     """
 
     name: str
@@ -42,16 +60,29 @@ class ExportedCamera:
 def mitsuba_camera_of_export(read: SceneXml, path: Path) -> ExportedCamera:
     """Return the first perspective camera of a scene; units are taken as metres.
 
-    The f-number is that of the file's aperture, or 2 for a pinhole. ``path`` names the scene in messages.
+    Parameters
+    ----------
+    read : SceneXml
+        The scene as it was read.
+    path : Path
+        File of the scene, for messages.
 
-    Raises BadInput for a scene without such a camera, without a lamp, or with nothing in the middle of the
-    image; and for a camera that Mitsuba does not understand, or whose aperture no card can have.
+    Returns
+    -------
+    ExportedCamera
+        The camera; its f-number is that of the file's aperture, or 2 for a pinhole.
+
+    Raises
+    ------
+    BadInput
+        If the scene has no perspective camera, no lamp, or nothing in the middle of the image, if Mitsuba does not
+        understand the camera, or if no card can have its aperture.
     """
     backend.activate_render_backend("scalar")
     described = xml_scene.parse_mitsuba_scene_dict(read.text, path)
     lamps = mitsuba_scene.mitsuba_emitter_names(described)
     if not lamps:
-        raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add one")
+        raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add a lamp")
     props = _first_camera(read.cameras, path)
     origin, ahead, up = _pose(props, path)
     loaded, _ = mitsuba_scene.load_lit_mitsuba_scene(described, tuple(lamps), max_depth=2)
@@ -89,7 +120,7 @@ def _first_camera(cameras: str, path: Path) -> Any:
     for node in state.nodes:
         if node.props.plugin_name() in ("perspective", "thinlens"):
             return node.props
-    raise BadInput("the scene has no perspective camera", where=str(path), hint="export one")
+    raise BadInput("the scene has no perspective camera", where=str(path), hint="export a perspective camera")
 
 
 def _pose(props: Any, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -104,10 +135,10 @@ def _pose(props: Any, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _field_of_view(props: Any, path: Path) -> float:
-    """Return the horizontal field of view (degrees) on our sensor of 8:5, as Mitsuba computes it.
+    """Return the horizontal field of view (degrees) on our 8:5 sensor, as Mitsuba computes it.
 
-    The file states a field of view along some axis, or, as text, the focal length of a lens with the same
-    diagonal field on 36 × 24 mm; if it states neither, the focal length is 50 mm.
+    The file states a field of view along some axis, or, as text, the focal length of a lens with the same diagonal
+    field on 36 × 24 mm. If it states neither, the focal length is 50 mm.
     """
     properties = {key: props[key] for key in ("fov", "fov_axis", "focal_length") if key in props}
     try:
@@ -124,7 +155,10 @@ def _field_of_view(props: Any, path: Path) -> float:
 
 
 def _f_number(props: Any, *, focal_length_m: float, path: Path) -> float:
-    """Return the f-number of the file's aperture; a perspective camera, or an aperture of 0, is a pinhole."""
+    """Return the f-number of the file's aperture, at least 1.
+
+    A perspective camera, or an aperture of 0, is a pinhole and gets f/2.
+    """
     radius = props.get("aperture_radius", 0.0)
     if not (isinstance(radius, int | float) and 0 <= radius < math.inf):
         raise BadInput(
@@ -132,13 +166,13 @@ def _f_number(props: Any, *, focal_length_m: float, path: Path) -> float:
             where=str(path),
             allowed="a length in metres, or 0 for a pinhole",
         )
-    f_number = focal_length_m / (2 * radius) if radius > 0 else PINHOLE_F_NUMBER
+    f_number = focal_length_m / (2 * radius) if radius > 0 else DEFAULT_F_NUMBER
     if f_number > MAX_F_NUMBER:
         raise BadInput(
-            f"aperture_radius of the camera is {radius:g}, f/{f_number:.4g} on our sensor",
+            f"aperture_radius of the camera is {radius:g}, which is f/{f_number:.4g} with a sensor of 8 mm",
             where=str(path),
-            allowed=f"up to f/{MAX_F_NUMBER:g}, {focal_length_m / 2 / MAX_F_NUMBER:.2g} m or more",
-            hint="open the aperture, or write 0: the card then says f/2",
+            allowed=f"up to f/{MAX_F_NUMBER:g}, which is {focal_length_m / 2 / MAX_F_NUMBER:.2g} m or more",
+            hint="open the aperture, or set it to 0, for which the card states f/2",
         )
     return max(f_number, MIN_F_NUMBER)
 
@@ -146,12 +180,12 @@ def _f_number(props: Any, *, focal_length_m: float, path: Path) -> float:
 def _light_groups(lamps: list[str]) -> dict[str, str]:
     """Return one light group per lamp, named after the lamp without the prefix that exporters add.
 
-    A name that is taken or reserved gets a suffix.
+    A name that is already used, or reserved, gets a suffix.
     """
     groups: dict[str, str] = {}
     for lamp in lamps:
-        own = re.sub(r"^(emit|mesh|light)[-_]", "", lamp.lower())
-        name = re.sub(r"[^a-z0-9]+", "_", own).strip("_") or "lamp"
+        bare = re.sub(r"^(emit|mesh|light)[-_]", "", lamp.lower())
+        name = re.sub(r"[^a-z0-9]+", "_", bare).strip("_") or "lamp"
         if name in RESERVED_GROUP_NAMES:
             name += "_lamp"
         while name in groups:

@@ -1,13 +1,13 @@
 """Adds traced paths to every focus position at once, on the processor's cores.
 
-The point where a path meets the sensor moves along a straight line with the lens (x and y are linear in the
-position), so a pixel holds the path for one run of consecutive positions. Two writes per run, the value where
-it begins and its negative where it ends, and one running sum over positions at the end give the whole stack:
-the cost grows with the pixels that a path crosses, not with the positions.
+The point where a path meets the sensor moves along a straight line with the lens (x and y are linear in the position),
+so a pixel holds the path for one run of consecutive positions. Each run needs two writes: the value where it begins,
+and its negative where it ends. One running sum over positions at the end gives the complete stack. The cost thus grows
+with the number of pixels that a path crosses, not with the number of positions.
 
-The value and the count of a sample share one 64-bit word: the count in the low COUNT_BITS, the value above them in
-fixed point. Integer sums do not depend on the order of threads, so a stack is the same, bit for bit, however many cores
-made it. Positions are the innermost axis, so that the pixels of a blur disc take few cache lines.
+The value and the count of a sample share one 64-bit word: the count is in the low COUNT_BITS, the value above them in
+fixed point. Integer sums do not depend on the order of threads, so a stack is the same, bit for bit, for any number of
+cores. Positions are the innermost axis, so that the pixels of a blur disc occupy few cache lines.
 """
 
 import math
@@ -19,7 +19,7 @@ import numpy as np
 COUNT_BITS = 20
 VALUE_BITS = 63 - COUNT_BITS
 ACCUMULATOR_BYTES = 1 << 30
-NEVER = np.float32(1e9)  # a number of positions that no travel has
+NEVER = np.float32(1e9)  # more positions than any travel has
 
 
 class TracedPaths(NamedTuple):
@@ -27,11 +27,16 @@ class TracedPaths(NamedTuple):
 
     Attributes
     ----------
-    first_x, first_y : float32 (path,), where each path meets the sensor at position 0, in pixels.
-    step_x, step_y : float32 (path,), how far it moves from one position to the next, in pixels.
-    radiance : float32 (path,).
-    begin, end : int32 (path,), each path counts at positions begin <= k < end; None for all positions.
-    weight : uint32 (path,), how many samples each path counts for, 0 for none at all; None for one each.
+    first_x, first_y : float32, shape (path,)
+        Where each path meets the sensor at position 0, in pixels.
+    step_x, step_y : float32, shape (path,)
+        How far it moves from one position to the next, in pixels.
+    radiance : float32, shape (path,)
+        Radiance that it brings.
+    begin, end : int32, shape (path,), or None
+        Each path counts at positions begin <= k < end; None for all positions.
+    weight : uint32, shape (path,), or None
+        Number of samples that each path counts for, which may be 0; None for one each.
     """
 
     first_x: Any
@@ -44,40 +49,48 @@ class TracedPaths(NamedTuple):
     weight: Any = None
 
     def to_host(self) -> "TracedPaths":
-        """Return Dr.Jit's arrays as numpy arrays, without a copy where the device is the host (LLVM)."""
+        """Return the paths with Dr.Jit arrays as numpy arrays, without a copy if the device is the host (LLVM)."""
         return TracedPaths(*(array if array is None else array.numpy() for array in self))
 
     def window_and_weight(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return ``begin``, ``end`` and ``weight`` as numpy arrays, empty where they are None.
+        """Return ``begin``, ``end`` and ``weight`` as numpy arrays, empty if they are None.
 
-        Kernels of numba are then given the same types for all paths, and compiled once, which takes seconds.
+        Numba kernels then get the same types for all paths, and are compiled only once, which takes seconds.
         """
-        given = ((self.begin, np.int32), (self.end, np.int32), (self.weight, np.uint32))
-        begin, end, weight = (np.empty(0, kind) if array is None else array for array, kind in given)
+        optional = ((self.begin, np.int32), (self.end, np.int32), (self.weight, np.uint32))
+        begin, end, weight = (np.empty(0, kind) if array is None else array for array, kind in optional)
         return begin, end, weight
 
 
 class HostAccumulator:
-    """Sums of all rows of a stack, added to by the cores.
+    """Sums of all rows of a stack, to which all cores add.
 
-    shape : (focus, row, col) of the stack. band : first row and the one after the last, here always all rows.
-    scale, most : as :func:`splat_paths` takes them. stacks : how many stacks share the memory for sums.
+    Parameters
+    ----------
+    shape : tuple of int
+        (focus, row, col) of the stack.
+    band : tuple of int
+        First row, and the row after the last; here always all rows.
+    scale, max_radiance : float
+        See :func:`splat_paths`.
+    stacks : int, default 1
+        Number of stacks that share the memory for sums.
     """
 
     def __init__(
-        self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float, stacks: int = 1
+        self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, max_radiance: float, stacks: int = 1
     ) -> None:
         self.sums = allocate_splat_accumulators(nb.get_num_threads(), shape, stacks=stacks)
-        self.scale, self.most = scale, most
+        self.scale, self.max_radiance = scale, max_radiance
 
     @staticmethod
     def split_into_bands(shape: tuple[int, int, int]) -> list[tuple[int, int]]:
-        """Return one band of all rows: where memory is short there are fewer accumulators instead."""
+        """Return one band of all rows; if memory is short, there are fewer accumulators instead."""
         return [(0, shape[1])]
 
     def add(self, paths: TracedPaths) -> int:
-        """Add paths (Dr.Jit arrays), and return the number of clipped samples among them."""
-        return splat_paths(self.sums, paths.to_host(), scale=self.scale, most=self.most)
+        """Add paths (Dr.Jit arrays), and return the number of clipped samples."""
+        return splat_paths(self.sums, paths.to_host(), scale=self.scale, max_radiance=self.max_radiance)
 
     def mean_radiance(self) -> np.ndarray:
         """Return the mean radiance, float32 (focus, row, col)."""
@@ -87,8 +100,8 @@ class HostAccumulator:
 def allocate_splat_accumulators(workers: int, shape: tuple[int, int, int], *, stacks: int = 1) -> np.ndarray:
     """Return empty accumulators, one per worker: int64 (worker, row, col, focus).
 
-    There are fewer than ``workers`` where those of ``stacks`` stacks would take more than ACCUMULATOR_BYTES, but at
-    least one.
+    There are fewer than ``workers`` if those of ``stacks`` stacks would take more than ACCUMULATOR_BYTES, but at least
+    one.
     """
     focus, rows, columns = shape
     workers = max(1, min(workers, ACCUMULATOR_BYTES // (8 * stacks * focus * rows * columns)))
@@ -97,7 +110,7 @@ def allocate_splat_accumulators(workers: int, shape: tuple[int, int, int], *, st
 
 @nb.njit(nogil=True, cache=True)
 def _axis(first, step):
-    """Return a path's cell, direction, and positions to its first border and per cell, along an axis."""
+    """Return, along one axis, a path's cell, its direction, and the positions to its first border and per cell."""
     cell = np.int32(math.floor(first))
     if step > 0:
         pace = np.float32(1) / step
@@ -109,7 +122,7 @@ def _axis(first, step):
 
 
 @nb.njit(nogil=True, cache=True)
-def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end, weight):
+def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, max_radiance, begin, end, weight):
     rows, columns, focus = sums.shape
     clipped = 0
     for i in range(a, b):
@@ -117,8 +130,8 @@ def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most
         if times == 0:
             continue
         radiance = value[i]
-        if radiance > most:
-            radiance = most
+        if radiance > max_radiance:
+            radiance = max_radiance
             clipped += 1
         word = ((np.int64(radiance * scale + 0.5) << COUNT_BITS) + 1) * times
         k, stop = 0, focus
@@ -152,34 +165,43 @@ def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most
 
 
 @nb.njit(parallel=True, cache=True)
-def _splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begin, end, weight):
+def _splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, max_radiance, begin, end, weight):
     workers = sums.shape[0]
     clipped = np.zeros(workers, dtype=np.int64)
     for worker in nb.prange(workers):
         a = value.size * worker // workers
         b = value.size * (worker + 1) // workers
         clipped[worker] = _splat_some(
-            sums[worker], a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end, weight
+            sums[worker], a, b, first_x, first_y, step_x, step_y, value, scale, max_radiance, begin, end, weight
         )
     return clipped.sum()
 
 
-def splat_paths(sums: np.ndarray, paths: TracedPaths, *, scale: float, most: float) -> int:
-    """Add paths, as numpy arrays, to the accumulators; return the number of clipped samples.
+def splat_paths(sums: np.ndarray, paths: TracedPaths, *, scale: float, max_radiance: float) -> int:
+    """Add paths to the accumulators, and return the number of clipped samples.
 
-    ``sums`` is int64 (worker, row, col, focus), changed in place; ``scale`` is the fixed-point units per unit of
-    radiance, ``most`` the radiance at which a sample is clipped.
+    Parameters
+    ----------
+    sums : ndarray of int64, shape (worker, row, col, focus)
+        Accumulators, changed in place.
+    paths : TracedPaths
+        Paths, as numpy arrays.
+    scale : float
+        Fixed-point units per unit of radiance.
+    max_radiance : float
+        Radiance at which a sample is clipped.
     """
     line = (paths.first_x, paths.first_y, paths.step_x, paths.step_y)
-    return int(_splat_paths(sums, *line, paths.radiance, scale, most, *paths.window_and_weight()))
+    return int(_splat_paths(sums, *line, paths.radiance, scale, max_radiance, *paths.window_and_weight()))
 
 
 @nb.njit(parallel=True, cache=True)
 def mean_radiance_of_paths(sums, scale):
-    """Return the mean radiance, float32 (focus, row, col), of the accumulators.
+    """Return the mean radiance of the accumulators, float32 (focus, row, col).
 
-    Sums are divided by the samples that fell into the pixel rather than by those sent, so that the scatter of their
-    number cancels. A pixel without samples, which a few samples per pixel can leave, repeats its neighbour in focus.
+    The sum of a pixel is divided by the number of samples that fell into it, not by the number that was sent to it, so
+    that the scatter of the former cancels. A pixel without samples, which may occur with few samples per pixel, repeats
+    the value at the previous position.
     """
     workers, rows, columns, focus = sums.shape
     out = np.empty((focus, rows, columns), dtype=np.float32)

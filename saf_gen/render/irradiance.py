@@ -1,4 +1,4 @@
-"""The irradiance of what the camera sees, which does not depend on what the surface reflects."""
+"""The irradiance of what the camera sees, which does not depend on the surface's reflectance."""
 
 from typing import Any
 
@@ -9,15 +9,29 @@ import numpy as np
 from saf_gen.render.render_setup import RenderSetup, make_mitsuba_camera_dict
 
 RUNS = 4  # independent estimates, whose scatter gives the standard error
-JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # most points of the target; samples per point and run
+JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # points of the target, at most; samples per point and run
 
 
 def render_target_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray) -> tuple[float, float]:
-    """Estimate the irradiance of the target by Monte Carlo: its mean over the pixels (W m⁻²), and the standard error.
+    """Estimate the mean irradiance of the target by Monte Carlo.
 
-    The side that faces the camera counts, and both sides where the surface lets light through. Direct light is sampled
-    towards the lamps; indirect light, up to the integrator's longest path, over the hemisphere in proportion to the
-    cosine. ``target`` is bool (row, col), the target's pixels at the focus position ``position``.
+    Light on the side that faces the camera counts, and also on the other side if the surface lets light through. Direct
+    light is sampled towards the lamps; indirect light, up to the integrator's longest path, over the hemisphere in
+    proportion to the cosine.
+
+    Parameters
+    ----------
+    setup : RenderSetup
+        Lit scene in front of its lens.
+    position : float
+        Focus position, as a fraction of the travel.
+    target : ndarray of bool, shape (row, col)
+        The target's pixels at this position.
+
+    Returns
+    -------
+    tuple of float
+        Mean irradiance over the target's pixels, and its standard error, both in W m⁻².
     """
     vectors = dr.is_jit_v(mi.Float)
     points, samples = JIT_SAMPLING if vectors else SCALAR_SAMPLING
@@ -40,7 +54,7 @@ def render_target_irradiance(setup: RenderSetup, *, position: float, target: np.
 
 
 def _sample_point(setup: RenderSetup, sensor: Any, *, sampler: Any, seen: Any) -> Any:
-    """Return one sample of the irradiance of the surface that is seen at each point of the image, 0...1."""
+    """Return one sample of the irradiance of the surface that is seen at each point of the image, 0 to 1."""
     ray, _ = sensor.sample_ray(0, 0.5, seen, mi.Point2f(0.5))
     hit = setup.mitsuba_scene.ray_intersect(ray)
     facing = dr.select(dr.dot(hit.n, ray.d) < 0, hit.n, -hit.n)
@@ -54,20 +68,20 @@ def _sample_point(setup: RenderSetup, sensor: Any, *, sampler: Any, seen: Any) -
 
 
 def _sample_side(setup: RenderSetup, hit: Any, *, sampler: Any, normal: Any, active: Any) -> Any:
-    """Return one sample of the irradiance of the side of the surface that ``normal`` points away from."""
+    """Return one sample of the irradiance on the side of the surface from which ``normal`` points away."""
     lamp, weight = setup.mitsuba_scene.sample_emitter_direction(hit, sampler.next_2d(), True, active)
     direct = weight * dr.maximum(dr.dot(normal, lamp.d), 0)
     towards = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
     ray = mi.RayDifferential3f(hit.spawn_ray(towards))
     seen, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, ray, None, active)
-    there = setup.mitsuba_scene.ray_intersect(mi.Ray3f(ray), active)
-    shines = there.emitter(setup.mitsuba_scene, active)
+    far_hit = setup.mitsuba_scene.ray_intersect(mi.Ray3f(ray), active)
+    shines = far_hit.emitter(setup.mitsuba_scene, active)
     vectors = dr.is_jit_v(mi.Float)
-    if not vectors and shines is None:  # scalar has null pointers where there is no lamp or shape
+    if not vectors and shines is None:  # scalar has null pointers if there is no lamp or shape
         return dr.select(active, direct + dr.pi * seen, 0)
-    # A lamp that was hit has been counted by the sample towards it, except a lamp without a surface, as
-    # Blender exports them: the integrator does not see it.
-    has_surface = vectors or there.is_valid()
-    hidden = has_surface and mi.has_flag(there.bsdf(ray).flags(), mi.BSDFFlags.Null)
-    shining = dr.select(hidden, 0, shines.eval(there, active))
+    # The sample towards a lamp has already counted a lamp that was hit. The integrator does not see a lamp
+    # without a surface, as Blender exports it, so that nothing need be subtracted for it.
+    has_surface = vectors or far_hit.is_valid()
+    hidden = has_surface and mi.has_flag(far_hit.bsdf(ray).flags(), mi.BSDFFlags.Null)
+    shining = dr.select(hidden, 0, shines.eval(far_hit, active))
     return dr.select(active, direct + dr.pi * (seen - shining), 0)

@@ -1,14 +1,14 @@
-"""Adds traced paths to a few focus positions in layers of equal blur, each averaged over a part of its blur.
+"""Adds traced paths to a few focus positions in layers of equal blur, each smoothed over a part of its blur.
 
-Away from focus a point of the scene spreads over a disc, so the true picture of it has no detail much finer than that
-disc; the noise of its paths has. The paths of a position are therefore sorted into layers by their blur, from the
-nearest to the farthest, and each layer is smoothed by a Gaussian of a small part of its own blur before the layers are
-put over each other from front to back: what is in focus stays as it was traced, and a sharp edge before a blurred wall
-stays sharp (Vaidyanathan et al. 2015, whose filter this is, without their frequency analysis).
+Out of focus, a point of the scene spreads over a disc. The true picture therefore has no detail much finer than that
+disc, whereas the noise of its paths does. The paths of a position are sorted by their blur into layers, from the
+nearest to the farthest. Each layer is smoothed by a Gaussian that is narrow compared with its blur, and then the layers
+are composited from front to back. Points in focus are not smoothed, and a sharp edge in front of a blurred wall stays
+sharp. This is the filter of Vaidyanathan et al. (2015), without their frequency analysis.
 
-For a layer, the fraction that it covers of what the layers before it leave free is as smooth as its own blur, and so
-is its radiance. Both are ratios of smoothed sums. The disc of a path is drawn smaller by what the Gaussian adds, so
-that the blur keeps its second moment: no width changes, and truth does not move.
+The fraction that a layer covers, of what the layers in front of it leave free, is as smooth as its blur, and so is its
+radiance. Both are ratios of smoothed sums. The disc of a path is drawn smaller by as much as the Gaussian adds, so that
+the blur keeps its second moment: no width changes, and the truth does not move.
 
 References
 ----------
@@ -26,23 +26,28 @@ from saf_gen.optics import Drive
 from saf_gen.render.host_splat import ACCUMULATOR_BYTES, COUNT_BITS, TracedPaths
 from saf_gen.render.surface_hits import Distances
 
-SMOOTHING = 0.2  # standard deviation of the Gaussian over that of the disc of the least blurred paths of a layer
-LEAST_BLUR = 3.0  # pixels: what is blurred less is not smoothed
+SMOOTHING = 0.2  # standard deviation of the Gaussian, over that of the disc of a layer's least blurred paths
+MIN_BLUR = 3.0  # pixels; paths with less blur are not smoothed
 LAYERS_PER_OCTAVE = 2
 OCTAVES = 5
-SIDE = LAYERS_PER_OCTAVE * OCTAVES  # layers before the focused one, and as many behind it
-LAYERS = 2 * SIDE + 1
-MOST_POSITIONS = 16  # of a window that sums in layers are made for
-SIGMAS = 3.0  # where the Gaussian is cut off
+SIDE_LAYERS = LAYERS_PER_OCTAVE * OCTAVES  # layers in front of the focused one, and as many behind it
+LAYERS = 2 * SIDE_LAYERS + 1
+MAX_POSITIONS = 16  # largest window whose paths are summed in layers
+SIGMAS = 3.0  # the Gaussian is cut off here
 
 
 @dataclass(frozen=True)
 class BlurScale:
-    """By how much a lens blurs at each of some positions, each float64 (focus,).
+    """Factors that give the blur of a lens at each of several positions.
 
-    diameter : 2R·v over the pixel pitch, pixels times metres.
-    inverse_distance : 1/u, 1/m.
-    shift : how much nearer (m) the lens is to the scene than where depths are measured from.
+    Attributes
+    ----------
+    diameter : ndarray of float64, shape (focus,)
+        2R·v divided by the pixel pitch, in pixels times metres.
+    inverse_distance : ndarray of float64, shape (focus,)
+        1/u, in 1/m.
+    shift : ndarray of float64, shape (focus,)
+        Distance (m) by which the lens is nearer to the scene than the point from which depths are measured.
     """
 
     diameter: np.ndarray
@@ -51,7 +56,7 @@ class BlurScale:
 
     @classmethod
     def from_drive(cls, drive: Drive, focus: np.ndarray, *, pitch_m: float) -> "BlurScale":
-        """Return the scale at these positions, for depths measured from the lens at the middle between the ends."""
+        """Return the scale at these positions, for depths measured from the lens midway between the ends."""
         shift = drive.shift(focus) - drive.shift(float(focus[0] + focus[-1]) / 2)
         diameter = 2 * drive.aperture_radius_m * drive.image_distance(focus) / pitch_m
         return cls(diameter, 1 / drive.object_distance(focus), shift)
@@ -62,48 +67,59 @@ class LayeredSums:
 
     Parameters
     ----------
-    shape : (focus, row, col) of the stacks.
-    blur : the blur at each position.
-    scale, most : float64 (light,), fixed-point units per unit of radiance, and the largest radiance.
+    shape : tuple of int
+        (focus, row, col) of the stacks.
+    blur : BlurScale
+        Blur at each position.
+    scale : ndarray of float64, shape (light,)
+        Fixed-point units per unit of radiance.
+    max_radiance : ndarray of float64, shape (light,)
+        Radiance at which a sample is clipped.
     """
 
-    def __init__(self, shape: tuple[int, int, int], *, blur: BlurScale, scale: np.ndarray, most: np.ndarray) -> None:
+    def __init__(
+        self, shape: tuple[int, int, int], *, blur: BlurScale, scale: np.ndarray, max_radiance: np.ndarray
+    ) -> None:
         focus, rows, columns = shape
-        workers = max(1, min(nb.get_num_threads(), ACCUMULATOR_BYTES // self.bytes_needed(shape, most.size)))
-        self._sums = np.zeros((workers, focus, LAYERS, rows, columns, most.size), dtype=np.int64)
-        self._scale, self._most = scale, most
+        workers = max(1, min(nb.get_num_threads(), ACCUMULATOR_BYTES // self.bytes_needed(shape, max_radiance.size)))
+        self._sums = np.zeros((workers, focus, LAYERS, rows, columns, max_radiance.size), dtype=np.int64)
+        self._scale, self._max_radiance = scale, max_radiance
         self._blur = tuple(
             np.asarray(array, dtype=np.float32) for array in (blur.diameter, blur.inverse_distance, blur.shift)
         )
 
     @staticmethod
     def bytes_needed(shape: tuple[int, int, int], groups: int) -> int:
-        """Return the bytes of the sums of one worker."""
+        """Return the size of one worker's sums, in bytes."""
         return 8 * math.prod(shape) * LAYERS * groups
 
     @classmethod
-    def has_room(cls, shape: tuple[int, int, int], groups: int) -> bool:
-        """Return whether stacks of this shape are summed in layers: at most a few positions, on no huge sensor."""
-        return shape[0] <= MOST_POSITIONS and cls.bytes_needed(shape, groups) <= ACCUMULATOR_BYTES
+    def sums_in_layers(cls, shape: tuple[int, int, int], groups: int) -> bool:
+        """Return whether stacks of this shape are summed in layers: at few positions, and if they fit in memory."""
+        return shape[0] <= MAX_POSITIONS and cls.bytes_needed(shape, groups) <= ACCUMULATOR_BYTES
 
     def add(
         self, line: TracedPaths, radiance: np.ndarray, *, lens: tuple[np.ndarray, np.ndarray], distances: Distances
     ) -> None:
-        """Add paths.
+        """Add traced paths to the layers of all positions.
 
         Parameters
         ----------
-        line : where they cross the sensor, as numpy arrays; its ``radiance`` is not read.
-        lens : float32 (path,) each, where they pass the lens along x and y, over the radius of its aperture.
-        distances : where they end, and what clear surfaces they pass. A path is as sharp as the sharpest of these;
-            those between the nearest and the farthest may be at any distance.
-        radiance : float32 (light, path).
+        line : TracedPaths
+            Where the paths cross the sensor, as numpy arrays; its ``radiance`` is not read.
+        radiance : ndarray of float32, shape (light, path)
+            Radiance of each path under each light group.
+        lens : tuple of two ndarrays of float32, shape (path,)
+            Where the paths pass the lens along x and y, divided by the radius of its aperture.
+        distances : Distances
+            Where the paths end, and which clear surfaces they pass. A path is as sharp as the sharpest of these;
+            surfaces between the nearest and the farthest may be at any distance.
         """
         _add_paths(
             self._sums,
             (line.first_x, line.first_y, line.step_x, line.step_y),
             radiance,
-            (self._scale, self._most),
+            (self._scale, self._max_radiance),
             *line.window_and_weight(),
             (distances.end, *lens),
             NOTHING_CLEAR if distances.nearest is None else distances.nearest,
@@ -121,16 +137,16 @@ class LayeredSums:
 
 
 NOTHING_CLEAR = np.empty(0, np.float32)
-BLURS = LEAST_BLUR * 2.0 ** (np.arange(SIDE) / LAYERS_PER_OCTAVE)
-"""Least blur (pixels) of the layers on either side of the focused one, from it on."""
+BLURS = MIN_BLUR * 2.0 ** (np.arange(SIDE_LAYERS) / LAYERS_PER_OCTAVE)
+"""Smallest blur (pixels) of each layer on either side of the focused one, outwards from it."""
 GAUSSIANS = np.concatenate([[0.0], SMOOTHING * BLURS / 4])
-"""Standard deviation (pixels) of the Gaussian of the focused layer and of those on either side of it."""
+"""Standard deviation (pixels) of the Gaussian of the focused layer, then of those on either side of it."""
 
 
 @nb.njit(inline="always")
 def _find_step(size, step):
-    """Return how many layers a blur of this size (pixels) is away from the focused one, searched from a guess on."""
-    while step < SIDE and size >= BLURS[step]:
+    """Return how many layers a blur (pixels) is away from the focused one, searched from the guess ``step``."""
+    while step < SIDE_LAYERS and size >= BLURS[step]:
         step += 1
     while step > 0 and size < BLURS[step - 1]:
         step -= 1
@@ -145,7 +161,7 @@ def _smaller(one, other):
 @nb.njit(nogil=True, cache=True)
 def _add_some(sums, a, b, line, values, units, begin, end, weight, points, nearest, farthest, blurs):
     first_x, first_y, step_x, step_y = line
-    scale, most = units
+    scale, max_radiance = units
     end_at, lens_x, lens_y = points
     diameter, inverse_distance, shift = blurs
     focus, _, rows, columns, groups = sums.shape
@@ -156,14 +172,14 @@ def _add_some(sums, a, b, line, values, units, begin, end, weight, points, neare
         if times == 0:
             continue
         for g in range(groups):
-            radiance = min(np.float64(values[g, i]), most[g])
+            radiance = min(np.float64(values[g, i]), max_radiance[g])
             words[g] = ((np.int64(radiance * scale[g] + 0.5) << COUNT_BITS) + 1) * times
         k, stop = 0, focus
         if begin.size:
             k, stop = begin[i], min(end[i], focus)
         while k < stop:
             x, y = first_x[i] + np.float32(k) * step_x[i], first_y[i] + np.float32(k) * step_y[i]
-            layer = SIDE
+            layer = SIDE_LAYERS
             if end_at[i] > 0:
                 blur = np.float32(1) / (end_at[i] - shift[k]) - inverse_distance[k]
                 if farthest.size and farthest[i] > 0:
@@ -171,10 +187,10 @@ def _add_some(sums, a, b, line, values, units, begin, end, weight, points, neare
                     far = np.float32(1) / (farthest[i] - shift[k]) - inverse_distance[k]
                     blur = _smaller(blur, np.float32(0) if near > 0 > far else _smaller(near, far))
                 blur *= diameter[k]
-                step = _find_step(abs(blur), step)  # mostly that of the path before
+                step = _find_step(abs(blur), step)  # mostly that of the previous path
                 if step:
-                    layer = SIDE - step if blur > 0 else SIDE + step
-                    # Variances: (4σ)²/16 of the Gaussian and (blur·(1 - inward))²/16 of the smaller disc give blur²/16.
+                    layer = SIDE_LAYERS - step if blur > 0 else SIDE_LAYERS + step
+                    # Variances: (4σ)²/16 of the Gaussian + blur²·(1 - ratio²)/16 of the smaller disc = blur²/16.
                     ratio = np.float32(4 * GAUSSIANS[step]) / blur
                     inward = np.float32(0.5) * blur * (np.float32(1) - math.sqrt(np.float32(1) - ratio * ratio))
                     x -= inward * lens_x[i]
@@ -195,11 +211,11 @@ def _add_paths(sums, line, values, units, begin, end, weight, points, nearest, f
 
 
 def gaussian_splat_taps(sigma: float) -> np.ndarray:
-    """Return a Gaussian's weights over pixels, from the middle outwards, that add up to 1 on both sides together.
+    """Return the weights of a Gaussian over pixels, from the middle outwards; both sides together add up to 1.
 
-    Each weight is the integral over its pixel, as of samples spread over theirs; below half a pixel of standard
-    deviation, where that would add the pixel's own variance, the weights are those of three points with the right
-    variance.
+    Each weight is the integral over its pixel, because samples are spread over their pixels. The integral adds the
+    variance of a pixel, which is therefore subtracted first. If the standard deviation is below half a pixel, the
+    weights are those of three points with the right variance.
     """
     if sigma == 0:
         return np.ones(1)
@@ -213,9 +229,9 @@ def gaussian_splat_taps(sigma: float) -> np.ndarray:
 
 
 def _compose(sums: np.ndarray, scale: np.ndarray, *, position: int, out: np.ndarray) -> None:
-    """Fill in the image of one position in ``out``, float32 (light, focus, row, col), from the sums of all.
+    """Fill in the image of one position in ``out``, float32 (light, focus, row, col), from the sums of all positions.
 
-    Kernels are given whole arrays: a part may lie in memory in several ways, and they would be compiled for each.
+    Kernels get complete arrays, because slices have various memory layouts, for each of which they would be compiled.
     """
     planes, samples = _split_layers(sums, position, scale)
     layers = np.flatnonzero(samples)
@@ -223,17 +239,20 @@ def _compose(sums: np.ndarray, scale: np.ndarray, *, position: int, out: np.ndar
     counts = planes[:, -1]
     rest = np.cumsum(counts[::-1], axis=0)[::-1]  # samples of a layer and of all behind it
     planes = np.concatenate([planes, rest[:, None]], axis=1)
-    kernels = [gaussian_splat_taps(GAUSSIANS[abs(layer - SIDE)]) for layer in layers]
+    kernels = [gaussian_splat_taps(GAUSSIANS[abs(layer - SIDE_LAYERS)]) for layer in layers]
     taps = np.zeros((layers.size, max((kernel.size for kernel in kernels), default=1)), np.float32)
     for n, kernel in enumerate(kernels):
         taps[n, : kernel.size] = kernel
     _smooth(planes, taps, np.array([kernel.size for kernel in kernels], dtype=np.int64))
-    _put_together(planes, position, out)
+    _composite_layers(planes, position, out)
 
 
 @nb.njit(parallel=True, cache=True)
 def _split_layers(sums, k, scale):
-    """Return radiance sums and, last, samples, float32 (layer, light + 1, row, col), and the samples of each layer."""
+    """Return the sums at position ``k`` as float32 (layer, light + 1, row, col), and the samples per layer.
+
+    The first planes of a layer hold the radiance of each light group; the last one holds the number of samples.
+    """
     workers, _, layers, rows, columns, groups = sums.shape
     mask = (np.int64(1) << COUNT_BITS) - 1
     planes = np.empty((layers, groups + 1, rows, columns), np.float32)
@@ -255,9 +274,9 @@ def _split_layers(sums, k, scale):
 
 @nb.njit(parallel=True, cache=True)
 def _smooth(planes, taps, sizes):
-    """Convolve planes (layer, plane, row, col) in place with the kernel of their layer, from its middle outwards.
+    """Convolve planes (layer, plane, row, col) in place with the kernel of their layer, given from its middle outwards.
 
-    Beyond the border there is nothing.
+    Beyond the border, values are 0.
     """
     layers, count, rows, columns = planes.shape
     for n in nb.prange(layers * count):
@@ -285,8 +304,8 @@ def _smooth(planes, taps, sizes):
 
 
 @nb.njit(parallel=True, cache=True)
-def _put_together(planes, k, out):
-    """Put layers over each other, from front to back: each covers a part of what those before it leave free."""
+def _composite_layers(planes, k, out):
+    """Composite layers from front to back: each covers a part of what those in front of it leave free."""
     layers, groups = planes.shape[0], planes.shape[1] - 2
     for row in nb.prange(planes.shape[2]):
         for column in range(planes.shape[3]):

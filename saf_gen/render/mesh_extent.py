@@ -1,4 +1,4 @@
-"""The extent of a mesh that Mitsuba reads by itself."""
+"""The extent of a mesh in a file that Mitsuba can read."""
 
 from pathlib import Path
 
@@ -10,13 +10,13 @@ from saf_gen.render import backend
 from saf_gen.scene.ply_file import validate_scene_ply_file
 
 MITSUBA_MESHES = {".obj": "obj", ".ply": "ply"}
-"""Plug-in of Mitsuba by the ending of a file."""
+"""Mitsuba's plug-in for each file extension."""
 
 
 def measure_mitsuba_mesh(path: Path) -> np.ndarray:
-    """Return the smallest and largest coordinates, float64 (2, 3), in units of the file.
+    """Return the smallest and largest coordinates of a mesh, float64 (2, 3), in units of the file.
 
-    Raises BadInput for a file that Mitsuba does not read, and for one without a face.
+    Raises BadInput if Mitsuba cannot read the file, or if the mesh has no face.
     """
     if path.suffix.lower() == ".ply":
         validate_scene_ply_file(path)

@@ -1,4 +1,4 @@
-"""From a scene folder to a Mitsuba scene that is lit by some of its emitters."""
+"""Builds a Mitsuba scene from a scene folder, and lights it with some of its emitters."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,7 +20,8 @@ def build_mitsuba_scene_dict(scene: Scene) -> dict[str, Any]:
 
     It is read from ``scene.xml``, or built by ``build(params)`` of ``scene.py``.
 
-    Raises BadInput where the geometry fails, and where a name on the card is missing from it.
+    Raises BadInput if the geometry cannot be read or built, if a name on the card is missing from it, or if an emitter
+    belongs to no light group.
     """
     with prepare_meshes_on_one_thread():
         described = _read_geometry(scene)
@@ -49,16 +50,16 @@ def mitsuba_emitter_names(described: Mapping[str, Any]) -> list[str]:
 def mitsuba_shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
     """Return the motions of a scene's shapes, from the card and from ``motion(params)`` of its script.
 
-    ``described`` is what :func:`build_mitsuba_scene_dict` returned. A scene that stands still has no motions.
+    ``described`` is the dictionary from :func:`build_mitsuba_scene_dict`. The result is empty if nothing moves.
 
-    Raises BadInput where the script fails, a shape has two motions, or an entry does not exist.
+    Raises BadInput if the script fails, a motion is invalid, a shape has two motions, or a moving shape does not exist.
     """
     card, script = str(scene.folder / "scene.yaml"), str(scene.folder / "scene.py")
     moving = {name: (motion, card) for name, motion in scene.card.motion.items()}
-    own = call_mitsuba_scene_script(scene, "motion", default={}) if scene.has_script else {}
-    for name, motion in validate_rendered_motions(own, script).items():
+    scripted = call_mitsuba_scene_script(scene, "motion", default={}) if scene.has_script else {}
+    for name, motion in validate_rendered_motions(scripted, script).items():
         if name in moving:
-            raise BadInput(f"{name!r} moves by the card and by motion()", where=script, hint="keep one of the two")
+            raise BadInput(f"{name!r} moves both by the card and by motion()", where=script, hint="keep one of the two")
         moving[name] = (motion, script)
     for name, (_, where) in moving.items():
         if name not in described:
@@ -71,17 +72,17 @@ def load_lit_mitsuba_scene(
 ) -> tuple[Any, Any]:
     """Return the Mitsuba scene with only these emitters, and the integrator that traces it.
 
-    The other emitters are left out rather than dimmed, so that no sample is spent on a dark lamp. Their
-    shapes stay and still cast shadows.
+    The other emitters are left out rather than dimmed, so that no sample is spent on a dark lamp. Their shapes stay and
+    still cast shadows.
 
-    Raises BadInput for a scene that Mitsuba cannot load.
+    Raises BadInput if Mitsuba cannot load the scene.
     """
     lit = {name: entry if name in emitters else _without_light(entry) for name, entry in described.items()}
     lit = {name: entry for name, entry in lit.items() if entry is not None}
     lit = dict(_keyed(name, entry, taken=lit) for name, entry in lit.items())
     try:
-        # Loaded by one thread: several would number the shapes in the order in which they finish. A kernel's
-        # code holds these numbers, so every load would compile its kernels anew.
+        # One thread loads the scene: several would number the shapes in the order in which they finish. These
+        # numbers are part of a kernel's code, so every load would compile its kernels again.
         with prepare_meshes_on_one_thread():
             loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
@@ -91,7 +92,7 @@ def load_lit_mitsuba_scene(
 
 
 def mitsuba_camera_to_world(scene: Scene) -> Any:
-    """Return the transform of camera space (looking along +z, x to the left) to the world, in scene units."""
+    """Return the transform from camera space (looking along +z, x to the left) to the world, in scene units."""
     pose, unit = scene.card.camera, scene.card.unit_m
     origin, target = ([x / unit for x in point] for point in (pose.origin_m, pose.look_at_m))
     return mi.ScalarTransform4f().look_at(origin=origin, target=target, up=list(pose.up))
@@ -104,12 +105,12 @@ def _read_geometry(scene: Scene) -> dict[str, Any]:
     described = call_mitsuba_scene_script(scene, "build")
     if not isinstance(described, dict):
         script = scene.folder / "scene.py"
-        raise BadInput(f"build() of {script} gave {type(described).__name__}", allowed="a Mitsuba dictionary")
+        raise BadInput(f"build() of {script} returned {type(described).__name__}", allowed="a Mitsuba dictionary")
     return {name: entry for name, entry in described.items() if name != "type"}
 
 
 def _keyed(name: str, entry: Any, *, taken: Mapping[str, Any]) -> tuple[str, Any]:
-    """Return an entry under a key that Mitsuba accepts: the dot in Blender's Cube.001 is its delimiter."""
+    """Return an entry under a key that Mitsuba accepts; the dot in Blender's Cube.001 would be a delimiter."""
     if "." not in name or not isinstance(entry, dict):
         return name, entry
     key = name.replace(".", "_")
@@ -135,7 +136,7 @@ def _is_emitter(entry: Any) -> bool:
 
 
 def _without_light(entry: Any) -> Any:
-    """Return an entry without its light: the shape without the lamp in it, or None for a mere lamp."""
+    """Return an entry without its light: a shape without the lamp in it, or None for a lamp without a shape."""
     if not _emits(entry):
         return entry
     if _is_emitter(entry):
@@ -147,13 +148,13 @@ def _without_light(entry: Any) -> Any:
         )
     dark = {key: value for key, value in entry.items() if not _is_emitter(value)}
     if not any(_is_bsdf(value) for value in dark.values()):
-        # Mitsuba makes a lamp without a surface of its own black, and any other such shape grey.
+        # Mitsuba makes a lamp without a BSDF black, and any other shape without one grey.
         dark["bsdf"] = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
     return dark
 
 
 def _is_shape(entry: Any) -> bool:
-    """Whether an entry may be a target; an unknown plug-in may be one."""
+    """Return whether an entry may be a target; an unknown plug-in may be one."""
     if not isinstance(entry, dict):
         return isinstance(entry, mi.Shape)
     others = set().union(*(names for tag, names in ALLOWED_PLUGINS.items() if tag != "shape"))

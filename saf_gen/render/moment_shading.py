@@ -1,4 +1,4 @@
-"""The shading of a moving scene at each of its moments, told by the light paths of several of them."""
+"""The shading of a moving scene at each of its moments, estimated from the light paths of several of them."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -8,17 +8,20 @@ from saf_gen.render.filtered_pass import estimate_shading, gather_shading
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import ShadingCells, ShadingField
 
-PART_OF_SAMPLES = 4  # samples of a stack over the light paths that each of several moments traces
+PART_OF_SAMPLES = 4  # samples of a stack, over the light paths that are traced at each of several moments
 
 
 class MomentShading:
-    """Gathers light paths moment by moment, each only once as long as the next stack needs it.
+    """Gathers light paths moment by moment, and keeps them as long as the next stack needs them.
 
     Parameters
     ----------
-    show : loads the scene at a moment (s) and returns it under each of its light groups.
-    seed : seed of all paths.
-    emitting : ids of the shapes that are lamps under any group.
+    show : callable
+        Called with a moment (s); loads the scene and returns it under each of its light groups.
+    seed : int
+        Seed of all paths.
+    emitting : collection of str
+        Ids of the shapes that are lamps under any group.
     """
 
     def __init__(
@@ -30,9 +33,16 @@ class MomentShading:
     def estimate(
         self, moments_s: Sequence[float], *, samples: int, progress: Callable[[float], None] = lambda done: None
     ) -> ShadingField:
-        """Return the shading at the last of some moments, in rising order; one that comes again has other paths.
+        """Return the shading at the last of several moments.
 
-        ``samples`` is that of the stack: each of several moments traces a quarter of it.
+        Parameters
+        ----------
+        moments_s : sequence of float
+            Moments (s) in rising order. Each occurrence of a repeated moment gets different paths.
+        samples : int
+            Samples of the stack; each of several moments traces a quarter of them.
+        progress : callable, optional
+            Called with the completed fraction, 0 to 1.
         """
         each = samples if len(moments_s) == 1 else -(-samples // PART_OF_SAMPLES)
         needed = [(time_s, copy, each) for time_s, copy in _number_copies(moments_s)]
@@ -55,7 +65,7 @@ class MomentShading:
 
 
 def _number_copies(moments_s: Sequence[float]) -> list[tuple[float, int]]:
-    """Return each moment with the number of times that it comes again after it."""
+    """Return each moment with the number of its later occurrences."""
     later: Counter[float] = Counter()
     numbered = []
     for time_s in reversed(moments_s):

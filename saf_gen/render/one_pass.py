@@ -1,8 +1,8 @@
-"""A focal stack in one pass: each light path is traced once and counts for every focus position.
+"""A focal stack in one pass: each light path is traced once and counts at every focus position.
 
 This is the plain estimator, whose mean is unbiased: each pixel is the mean of the light paths that fall into it.
-:mod:`saf_gen.render.filtered_pass` needs fewer paths for the same grain. :mod:`saf_gen.render.camera_rays` says why one
-path serves all positions.
+:mod:`saf_gen.render.filtered_pass` needs fewer paths for the same grain. :mod:`saf_gen.render.camera_rays` explains why
+one path serves all positions.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -19,6 +19,7 @@ from saf_gen.render.host_splat import VALUE_BITS, HostAccumulator, TracedPaths
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 
 Accumulator = DeviceAccumulator | HostAccumulator
+FIREFLY_FACTOR = 64  # paths are clipped above this many times the brightest path at one sample per pixel
 
 
 def render_stack(
@@ -37,36 +38,46 @@ def render_stack(
 
     Parameters
     ----------
-    setup : the lit scene in front of its lens.
-    positions : number of positions over the whole travel, at least 2.
-    samples : paths per pixel and position, at least.
-    seed : seed of the paths.
-    window : first and last index of the positions to render, by default all.
-    progress : called with the fraction done, 0...1.
-    on_device : accumulate on the device that traces, by default with cuda only. The stack is the same, bit
-        for bit. Sums that do not fit there are made in bands of rows, and the paths traced again for each.
+    setup : RenderSetup
+        Lit scene in front of its lens.
+    positions : int
+        Number of positions over the full travel, at least 2.
+    samples : int
+        Paths per pixel and position, at least.
+    seed : int
+        Seed of the paths.
+    window : tuple of int, optional
+        First and last index of the positions to render; by default all.
+    progress : callable, optional
+        Called with the completed fraction, 0 to 1.
+    on_device : bool, optional
+        Whether to accumulate on the device that traces; by default only with cuda. The stack is the same, bit for bit.
+        Sums that do not fit there are made in bands of rows, and the paths are traced again for each band.
 
     Returns
     -------
-    The stack, float32 (focus, row, col), and the number of paths, of all traced, that were clipped as
-    fireflies.
+    stack : ndarray of float32, shape (focus, row, col)
+        Mean radiance.
+    clipped : int
+        Number of paths, of all traced, that were clipped as fireflies.
     """
     focus = positions_to_render(positions, window)
     traced = trace_light_paths(setup, focus, samples=samples, seed=seed)
     first = next(traced)
-    whole = first[0] >= 1
-    if whole:
-        most = _brightest([first])
-    else:  # brighter paths than 64 times the brightest at one sample per pixel are fireflies
-        most = 64 * _brightest(trace_light_paths(setup, focus, samples=1, seed=seeds.derive_seed(seed, "trial")))
-    scale = fixed_point_scale_of_splat(setup, focus, samples=samples, most=most)
+    is_complete = first[0] >= 1
+    if is_complete:
+        max_radiance = _brightest([first])
+    else:
+        coarse = trace_light_paths(setup, focus, samples=1, seed=seeds.derive_seed(seed, "trial"))
+        max_radiance = FIREFLY_FACTOR * _brightest(coarse)
+    scale = fixed_point_scale_of_splat(setup, focus, samples=samples, max_radiance=max_radiance)
     accumulator = choose_splat_accumulator(on_device)
     shape = (focus.size, setup.grid.rows, setup.grid.columns)
     bands = accumulator.split_into_bands(shape)
 
     def render_band(n: int) -> tuple[np.ndarray, int]:
-        sums, clipped = accumulator(shape, bands[n], scale=scale, most=most), 0
-        again = [first] if whole else trace_light_paths(setup, focus, samples=samples, seed=seed)
+        sums, clipped = accumulator(shape, bands[n], scale=scale, max_radiance=max_radiance), 0
+        again = [first] if is_complete else trace_light_paths(setup, focus, samples=samples, seed=seed)
         for done, paths in chain([first], traced) if n == 0 else again:
             clipped += sums.add(paths)
             progress((n + done) / len(bands))
@@ -78,55 +89,55 @@ def render_stack(
 
 
 def choose_splat_accumulator(on_device: bool | None) -> type[DeviceAccumulator | HostAccumulator]:
-    """Return the accumulator of a choice; None chooses the device with cuda only."""
+    """Return the class of accumulator; if ``on_device`` is None, sums are on the device only with cuda."""
     if on_device is None:
         on_device = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     return DeviceAccumulator if on_device else HostAccumulator
 
 
 def start_radiance_sums(
-    setup: RenderSetup, focus: np.ndarray, *, samples: int, most: float, stacks: int, on_device: bool | None
+    setup: RenderSetup, focus: np.ndarray, *, samples: int, max_radiance: float, stacks: int, on_device: bool | None
 ) -> Accumulator:
-    """Return empty sums of one of ``stacks`` stacks, on the device that traces where it has room for all."""
+    """Return empty sums of one of ``stacks`` stacks, on the tracing device if chosen and if all fit there."""
     shape = (focus.size, setup.grid.rows, setup.grid.columns)
-    scale = fixed_point_scale_of_splat(setup, focus, samples=samples, most=most)
+    scale = fixed_point_scale_of_splat(setup, focus, samples=samples, max_radiance=max_radiance)
     together = (stacks * shape[0], *shape[1:])
     if (
         choose_splat_accumulator(on_device) is DeviceAccumulator
         and len(DeviceAccumulator.split_into_bands(together)) == 1
     ):
-        return DeviceAccumulator(shape, (0, shape[1]), scale=scale, most=most)
-    return HostAccumulator(shape, (0, shape[1]), scale=scale, most=most, stacks=stacks)
+        return DeviceAccumulator(shape, (0, shape[1]), scale=scale, max_radiance=max_radiance)
+    return HostAccumulator(shape, (0, shape[1]), scale=scale, max_radiance=max_radiance, stacks=stacks)
 
 
-def fixed_point_scale_of_splat(setup: RenderSetup, focus: np.ndarray, *, samples: int, most: float) -> float:
+def fixed_point_scale_of_splat(setup: RenderSetup, focus: np.ndarray, *, samples: int, max_radiance: float) -> float:
     """Return the fixed-point units per unit of radiance.
 
-    A pixel's sum stays below 2**VALUE_BITS for four times the requested samples, or for twice those that come together
-    where a very long travel makes the image smallest. Paths that waves bend are spread as by chance: of 8 or fewer,
-    more than 32 come together once in 10¹⁰ pixels.
+    A pixel's sum stays below 2**VALUE_BITS for four times the requested samples, or for twice the samples that meet in
+    a pixel where a very long travel makes the image smallest. Waves spread paths as if at random: of 8 or fewer samples
+    per pixel, more than 32 meet once in 10¹⁰ pixels.
     """
     together = max(4.0 * samples, 2 * _densest(setup, focus) * samples, 32.0)
-    return float(2.0**VALUE_BITS / (together * most))
+    return float(2.0**VALUE_BITS / (together * max_radiance))
 
 
 def _densest(setup: RenderSetup, focus: np.ndarray) -> float:
-    """Return the samples per pixel at the position where they lie densest, over the requested number."""
+    """Return the largest number of samples per pixel at any position, divided by the requested number."""
     transfer = setup.drive.ray_transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
     return float((np.linalg.det(transfer) ** -2).max())
 
 
 def _brightest(traced: Iterable[tuple[float, TracedPaths]]) -> float:
-    """Return the largest radiance of all paths, or 1.0 where all are dark."""
+    """Return the largest radiance of all paths, or 1.0 if all are dark."""
     return max(float(dr.max(paths.radiance)[0]) for _, paths in traced) or 1.0
 
 
 def trace_light_paths(
     setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int
 ) -> Iterator[tuple[float, TracedPaths]]:
-    """Trace band after band of rows for these positions (at least two, evenly spaced).
+    """Trace one band of rows after another for these positions (at least two, evenly spaced).
 
-    Yields the fraction done, 0...1, and the paths of the band as evaluated arrays of Dr.Jit.
+    Yields the completed fraction, 0 to 1, and the paths of the band as evaluated Dr.Jit arrays.
     """
     sampler = mi.load_dict({"type": "independent"})
     for rays in cast_camera_rays(setup, focus, samples=samples, seed=seed):

@@ -1,4 +1,4 @@
-"""Shapes that move: motions checked, and the scene with its shapes posed at a time."""
+"""Shapes that move: checks of their motions, and the scene with its shapes posed at a time."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,20 +10,20 @@ from pydantic import ValidationError
 from saf_gen.errors import BadInput, unknown
 from saf_gen.scene.keyframes import RigidMotion
 
-UNPOSABLE_TYPES = ("constant", "shapegroup")  # entries that a pose would leave as they are
+UNPOSABLE_TYPES = ("constant", "shapegroup")  # entries on which a pose would have no effect
 
 
 def validate_rendered_motions(document: Any, where: str) -> dict[str, RigidMotion]:
-    """Return the motions that ``motion(params)`` of a script gave, by shape.
+    """Return the motions that ``motion(params)`` of a script returned, by shape.
 
-    The keys are those of the card's ``motion``; a value may also be a RigidMotion. ``where`` names the
-    script. Raises BadInput for anything else.
+    ``document`` has the form of ``motion`` on the card; a motion may also be a RigidMotion. ``where`` names the script.
+    Raises BadInput for anything else.
     """
     if not isinstance(document, Mapping):
         raise BadInput(
-            f"motion() gave {type(document).__name__}",
+            f"motion() returned {type(document).__name__}",
             where=where,
-            allowed="a dictionary of shapes, as motion on the card",
+            allowed="a dictionary of shapes, like motion on the card",
         )
     motions = {}
     for name, motion in document.items():
@@ -43,11 +43,22 @@ def pose_rendered_shapes(
 ) -> dict[str, Any]:
     """Return the scene at a time, with every top-level entry that has a motion moved from where it was built.
 
-    ``described`` is what :func:`saf_gen.render.mitsuba_scene.build_mitsuba_scene_dict` returned, and is not changed;
-    ``unit_m`` is metres per unit of the scene. A moving shape or lamp may be a dictionary, a shape also an
-    ``mi.Mesh``, which is copied.
+    Parameters
+    ----------
+    described : mapping of str
+        Scene from :func:`saf_gen.render.mitsuba_scene.build_mitsuba_scene_dict`; it is not changed. A moving shape or
+        lamp may be a dictionary; a shape may also be an ``mi.Mesh``, which is copied.
+    motions : mapping of str to RigidMotion
+        Motions by entry.
+    time_s : float
+        Time, in seconds.
+    unit_m : float, default 1.0
+        Metres per unit of the scene.
 
-    Raises BadInput for an unknown name, and for an entry that cannot be moved.
+    Raises
+    ------
+    BadInput
+        If a name is unknown, or an entry cannot be moved.
     """
     moved = dict(described)
     for name, motion in motions.items():
@@ -63,7 +74,7 @@ def pose_rendered_shapes(
 def find_moved_rendered_shapes(
     motions: Mapping[str, RigidMotion], *, time_s: float, still_s: float
 ) -> dict[str, np.ndarray]:
-    """Return by how much each shape has moved at a time since ``still_s``, its turning left out: float64 (3,) m."""
+    """Return the displacement (m) of each shape since ``still_s``, without its rotation, float64 (3,)."""
     return {name: motion.shift_at(time_s) - motion.shift_at(still_s) for name, motion in motions.items()}
 
 
@@ -74,7 +85,7 @@ def _move_entry(name: str, entry: Any, *, pose: np.ndarray) -> Any:
         plugin = entry.get("type") if isinstance(entry, dict) else type(entry).__name__
         raise BadInput(
             f"{name!r}, of type {plugin}, cannot be moved",
-            allowed="a shape or a lamp as a dictionary, or an mi.Mesh that does not shine",
+            allowed="a shape or a lamp as a dictionary, or an mi.Mesh that emits no light",
         )
     entry = dict(entry)
     to_world = entry.pop("to_world", mi.ScalarTransform4f())

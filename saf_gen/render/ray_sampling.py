@@ -1,4 +1,4 @@
-"""The rays that a one-pass stack needs, and the spread of samples over them."""
+"""The rays that a one-pass stack needs, and how samples are spread over them."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -17,8 +17,12 @@ from saf_gen.stack.focal_stack import PixelGrid
 class RayCoverage:
     """The rays to sample at the middle position so that they include all rays of every position.
 
-    ``rows`` and ``columns`` are the pixels to add to the sensor on each side, ``radius_m`` the radius of the disc of
-    lens points.
+    Attributes
+    ----------
+    rows, columns : int
+        Pixels to add to the sensor on each side.
+    radius_m : float
+        Radius of the disc of lens points.
     """
 
     rows: int
@@ -29,12 +33,12 @@ class RayCoverage:
 def compute_ray_coverage(
     drive: Drive, grid: PixelGrid, *, ends: tuple[float, float] = (0.0, 1.0), bend_reach_m: float = 0.0
 ) -> RayCoverage:
-    """Return what to sample evenly at the middle of two positions so that all positions between are covered.
+    """Return what to sample evenly midway between two positions so that all positions in between are covered.
 
-    The rays of a position (sensor × aperture) are traced back to the middle by the inverse of the drive's
-    transfer. Its entries are monotone in the position, so the two ends are the extremes. The lens disc is
-    larger than the aperture where lens and scene move against each other: a ray then passes the aperture at
-    some positions and misses it at others. ``bend_reach_m`` is how far (m) waves may move a path on the sensor.
+    The rays of a position (sensor × aperture) are traced back to the middle by the inverse of the drive's transfer
+    matrix. Its entries are monotone in the position, so the two ends are the extremes. The lens disc is larger than the
+    aperture if lens and scene move against each other: a ray then passes the aperture at some positions and misses it
+    at others. ``bend_reach_m`` is the largest distance (m) by which waves move a path on the sensor.
     """
     middle = sum(ends) / 2
     back = np.linalg.inv(drive.ray_transfer(np.array([ends[0], middle, ends[1]]), middle))
@@ -42,7 +46,7 @@ def compute_ray_coverage(
     guards = []
     for pixels in (grid.rows, grid.columns):
         half = pixels / 2
-        seen = half + bend_reach_m / pitch  # from where light comes onto the sensor
+        seen = half + bend_reach_m / pitch  # light from here reaches the sensor
         reach = np.abs(back[:, 0, 0]) * seen + np.abs(back[:, 0, 1]) * radius / pitch
         guards.append(math.ceil(reach.max() - half) + 1)
     corner = math.hypot(grid.rows, grid.columns) / 2 * pitch + bend_reach_m
@@ -51,11 +55,12 @@ def compute_ray_coverage(
 
 
 def place_ray_samples(pixel: Any, sample: Any, *, samples: int, seed: int) -> tuple[Any, Any, Any]:
-    """Return each ray's offsets in its pixel (two, in 0...1) and its point on the unit square of the lens.
+    """Return each ray's two offsets in its pixel (0 to 1), and its point on the unit square of the lens.
 
-    The rays of a pixel follow Sobol's sequence in two dimensions over the pixel. Over the lens they follow it too, each
-    ``samples`` of them in another order. So every part of either is met in proportion to its area. Every pixel flips
-    the digits by words of its own, and has its own order.
+    The rays of a pixel follow Sobol's sequence in two dimensions over the pixel. Over the lens they follow the same
+    sequence, but each group of ``samples`` rays in a different order. Every part of pixel and lens is thus sampled in
+    proportion to its area. Each pixel flips the binary digits of the sequence by its own random words and has its own
+    order.
 
     References
     ----------
@@ -77,11 +82,11 @@ def place_ray_samples(pixel: Any, sample: Any, *, samples: int, seed: int) -> tu
 
 
 def permute_ray_samples(index: Any, samples: int, *, word: Any) -> Any:
-    """Return where the permutation of 0...``samples`` - 1 that a word names takes an index, both uint32 (ray,).
+    """Return the image of ``index`` under the permutation of 0...``samples`` - 1 that ``word`` selects, uint32 (ray,).
 
-    The bits are those of Mitsuba's ``permute_kensler``, in which the number of samples is a constant of the kernel: for
-    each number it would be compiled anew. A round permutes the numbers up to the next power of two; those beyond
-    ``samples`` go round again.
+    The result has the bits of Mitsuba's ``permute_kensler``, in which the number of samples is a constant of the
+    kernel, so that the kernel would be compiled for each number. A round permutes the numbers up to the next power of
+    two; numbers that end at ``samples`` or above go through another round.
 
     References
     ----------
@@ -109,10 +114,10 @@ def permute_ray_samples(index: Any, samples: int, *, word: Any) -> Any:
 
 
 def _second_of_sobol(index: Any) -> Any:
-    """Return the second dimension of Sobol's sequence in 0.32 fixed point; the first is the reversed ``index``.
+    """Return the second dimension of Sobol's sequence in 0.32 fixed point; the first is the bit-reversed ``index``.
 
-    Its matrix is Pascal's triangle modulo 2, five times the Kronecker product of (1 1; 0 1): five steps apply it.
-    (Mitsuba's own functions of this name keep the type of the variant that a process used first.)
+    Its matrix is Pascal's triangle modulo 2, the Kronecker product of five matrices (1 1; 0 1), which five steps apply.
+    (Mitsuba's functions of this name keep the type of the variant that a process used first.)
     """
     for shift, mask in ((16, 0x0000FFFF), (8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
         index = index ^ ((index >> shift) & mask)
@@ -120,14 +125,14 @@ def _second_of_sobol(index: Any) -> Any:
 
 
 def _fraction(fixed: Any) -> Any:
-    """Return 0.32 fixed point as float32 below 1, which holds 24 bits."""
+    """Return numbers in 0.32 fixed point as float32 below 1; 24 of their bits are kept."""
     return mi.Float(fixed >> 8) * 2.0**-24
 
 
 def place_rays_by_kronecker(pixel: Any, sample: Any, *, steps: Iterable[int], seed: int) -> Iterator[Any]:
-    """Yield each sample's coordinate (0...1) for each step of a Kronecker sequence, shifted by an offset of its pixel.
+    """Yield each sample's coordinate (0 to 1) for each step of a Kronecker sequence, shifted by an offset per pixel.
 
-    ``steps`` are in 0.32 fixed point. Dimension j takes its offsets from the seed ``seed`` + j.
+    ``steps`` are in 0.32 fixed point. The offsets of dimension j are drawn with the seed ``seed`` + j.
     """
     for j, step in enumerate(steps):
         word: Any = dr.opaque(mi.UInt32, (seed + j) & 0xFFFFFFFF)

@@ -1,4 +1,4 @@
-"""What a renderer works on: a loaded scene, the lens in front of it, and the sensor's pixels."""
+"""Input of a renderer: a loaded scene, the lens in front of it, and the pixels of the sensor."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from saf_gen.stack.focal_stack import PixelGrid
 
 @dataclass(frozen=True)
 class SensorGrid:
-    """Pixels of no particular sensor: rows, columns and pitch (m)."""
+    """A grid of pixels that belongs to no particular sensor: rows, columns and pitch (m)."""
 
     rows: int
     columns: int
@@ -24,11 +24,24 @@ class SensorGrid:
 
 @dataclass(frozen=True)
 class RenderSetup:
-    """A loaded scene (Mitsuba's own objects) in front of a lens with its focus drive and a sensor.
+    """A loaded scene (Mitsuba objects) in front of a lens with its focus drive and a sensor.
 
-    ``to_world`` takes camera space, which looks along +z, to the world; both are in units of the scene, ``unit_m``
-    metres each. ``wavelength_m`` is that of the light at the aperture; 0 leaves waves out. ``moved_m`` tells of shapes
-    by how much they stand beside their place at the moment that the card shows, world axes, (3,) m.
+    Attributes
+    ----------
+    mitsuba_scene, integrator : mi.Scene, mi.Integrator
+        Scene, lit by some of its emitters, and the integrator that traces it.
+    to_world : mi.ScalarTransform4f
+        Transform from camera space, which looks along +z, to the world; both are in units of the scene.
+    drive : Drive
+        Focus drive of the lens.
+    grid : PixelGrid
+        Pixels of the sensor.
+    unit_m : float, default 1.0
+        Metres per unit of the scene.
+    wavelength_m : float, default 0.0
+        Wavelength (m) of the light at the aperture; 0 leaves out diffraction.
+    moved_m : mapping of str to ndarray of float64, shape (3,)
+        Displacement (m, world axes) of each shape from its position at the moment that the card shows.
     """
 
     mitsuba_scene: Any
@@ -41,15 +54,15 @@ class RenderSetup:
     moved_m: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def to_world_at(self, forward_m: float) -> Any:
-        """Return the transform of camera space to the world for a lens moved ``forward_m`` metres towards the scene."""
+        """Return the transform from camera space to the world for a lens moved by ``forward_m`` towards the scene."""
         return self.to_world @ mi.ScalarTransform4f().translate([0, 0, forward_m / self.unit_m])
 
 
 def positions_to_render(positions: int, window: tuple[int, int] | None) -> np.ndarray:
-    """Return the focus positions to render, float64 (focus,).
+    """Return the focus positions to render, as fractions of the travel, float64 (focus,).
 
-    They are ``positions`` evenly spaced ones over the whole travel, or of these the first to the last index
-    in ``window``.
+    They are ``positions`` evenly spaced ones over the full travel or, of these, the first to the last index in
+    ``window``.
     """
     first, last = window or (0, positions - 1)
     return np.linspace(0, 1, positions)[first : last + 1]
@@ -58,7 +71,7 @@ def positions_to_render(positions: int, window: tuple[int, int] | None) -> np.nd
 def make_mitsuba_film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, Any]:
     """Return Mitsuba's film for a sensor, or for a region of its rows and columns.
 
-    Its box filter keeps pixels apart, where the default Gaussian mixes neighbours.
+    Its box filter keeps pixels separate; Mitsuba's default, a Gaussian, would mix neighbours.
     """
     rows, columns = region or (slice(0, grid.rows), slice(0, grid.columns))
     return {
@@ -76,10 +89,11 @@ def make_mitsuba_film_dict(grid: PixelGrid, region: Region | None = None) -> dic
 
 
 def make_mitsuba_camera_dict(setup: RenderSetup, position: float) -> dict[str, Any]:
-    """Return what every Mitsuba camera must know at a focus position: pose, field of view, film, clips.
+    """Return what every Mitsuba camera needs at a focus position: pose, field of view, film, and clipping distances.
 
-    The clips lie at a ten-thousandth of the distance in focus and at a hundred thousand times it. Mitsuba's own, 0.01
-    and 10,000 units of the scene, would hide a microscope's specimen, and all of a scene whose unit is a micrometre.
+    The clipping distances are a ten-thousandth of the distance in focus, and a hundred thousand times it. The defaults
+    of Mitsuba are 0.01 and 10,000 units of the scene, which would hide a microscope's specimen, and everything in a
+    scene whose unit is a micrometre.
     """
     drive, grid = setup.drive, setup.grid
     distance = float(drive.object_distance(position)) / setup.unit_m
@@ -97,8 +111,8 @@ def make_mitsuba_camera_dict(setup: RenderSetup, position: float) -> dict[str, A
 def render_with_mitsuba_camera(scene: Any, camera: Any, *, integrator: Any, samples: int, seed: int = 0) -> np.ndarray:
     """Return what an integrator renders of a Mitsuba scene through a Mitsuba camera: float32 (row, col, channel).
 
-    ``mi.render`` would keep the scene in a cycle of references for the sake of gradients; here it is released as soon
-    as nobody needs it.
+    ``mi.render`` would keep the scene alive in a cycle of references that gradients need; here it is released as soon
+    as nothing refers to it.
     """
     seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba accepts an int, but its stubs want an array
     return np.array(integrator.render(scene, sensor=camera, spp=samples, seed=seed_word))

@@ -1,4 +1,4 @@
-"""A scene set up to be looked at: a member of its family in front of a lens and a sensor, nothing stored."""
+"""A scene set up to be looked at: a member of its family in front of a lens and a sensor; nothing is stored."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -18,17 +18,36 @@ from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, PixelGrid, StackSpec
 
-STEPS = 1024  # of the travel, to which the position of a single picture is rounded
-SCENES_KEPT = 4
-PINHOLE_F_NUMBER = 64.0  # the smallest stop a card may have: no blur is as wide as a pixel
+POSITION_STEPS = 1024  # per travel; the position of a single picture is rounded to one of them
+MAX_SCENES = 4
+PINHOLE_F_NUMBER = 64.0  # the smallest aperture that a card may have; no blur is as wide as a pixel
 
 
 class SceneRenderer:
-    """The scene as its geometry describes it, at any moment and under any of its light groups.
+    """Renders a scene as its geometry describes it, at any moment and under any of its light groups.
 
-    ``max_depth`` is the longest light path, in segments; ``motions`` are those of the shapes, by name.
-    ``wavelength_m`` is that of the light in focal stacks; 0, and the backend scalar, leave waves out. Raises BadInput
-    for a scene that cannot be built, and a backend that cannot run on this machine.
+    Parameters
+    ----------
+    scene : Scene
+        Member of the scene's family.
+    grid : PixelGrid
+        Pixels of the sensor.
+    backend_name : str
+        'cuda', 'llvm', 'scalar', or 'auto' for the fastest that the machine can run.
+    max_depth : int, default 6
+        Longest light path, in segments.
+    wavelength_m : float, default 0.0
+        Wavelength (m) of the light in focal stacks; 0 leaves out diffraction, and so does the backend scalar.
+
+    Attributes
+    ----------
+    motions : dict of str to RigidMotion
+        Motions of the shapes, by name.
+
+    Raises
+    ------
+    BadInput
+        If the scene cannot be built, or the backend cannot run on this machine.
     """
 
     motions: dict[str, RigidMotion]
@@ -58,9 +77,23 @@ class SceneRenderer:
         f_number: float | None = None,
         grid: PixelGrid | None = None,
     ) -> RenderSetup:
-        """Return the scene under some light groups, by default all, in front of its lens.
+        """Return the scene in front of its lens, under some light groups (all by default).
 
-        Raises BadInput for a scene that Mitsuba cannot load.
+        Parameters
+        ----------
+        groups : sequence of str, optional
+            Light groups that are lit; by default all.
+        time_s : float, optional
+            Moment; by default the one that the card shows.
+        f_number : float, optional
+            By default that of the card.
+        grid : PixelGrid, optional
+            By default the renderer's grid.
+
+        Raises
+        ------
+        BadInput
+            If Mitsuba cannot load the scene.
         """
         lit = tuple(self.scene.card.lights if groups is None else groups)
         loaded, integrator = self._loaded(lit, self._moment(time_s))
@@ -80,15 +113,15 @@ class SceneRenderer:
         )
 
     def bounds(self, *names: str) -> np.ndarray:
-        """Return the corners (m) of the box round the shapes of these names, by default round everything.
+        """Return the corners (m) of the box around the shapes with these names; without names, around everything.
 
-        World axes, float64 (2, 3); or (0, 3) where no shape has such a name, as for a lamp without a body or
-        a shape of ``scene.py`` whose id is not its key.
+        The result is float64 (2, 3), in world axes. It is (0, 3) if no shape has one of the names, as for a lamp
+        without a body or a shape of ``scene.py`` whose id is not its key.
         """
         return _bounding_box(self.prepare().mitsuba_scene, names) * self.scene.card.unit_m
 
     def rest_bounds(self, name: str) -> np.ndarray:
-        """Return the corners (m) of the box round a shape as its geometry places it, before it moves."""
+        """Return the corners (m) of the box around a shape where its geometry places it, before it moves."""
         return _bounding_box(self._loaded(tuple(self.scene.card.lights), None)[0], (name,)) * self.scene.card.unit_m
 
     def render_stack(
@@ -99,19 +132,37 @@ class SceneRenderer:
         samples: int,
         window: tuple[int, int] | None = None,
         time_s: float | None = None,
-        together: bool = False,
+        as_one_group: bool = False,
         run: int = 0,
         moments: int = 1,
         step_s: float = 0.0,
     ) -> FocalStack:
         """Render the focal stack at evenly spaced positions, or at a window of them.
 
-        ``together`` renders all lights at once, as one group with the name 'all'. Runs of different numbers
-        have independent noise. ``moments`` tell the shading: several that of a time slice of a recording, each
-        ``step_s`` after the one before; with 0 the scene stands still for all of them.
+        Parameters
+        ----------
+        seen : DepthAndTarget
+            Depth and target of the stack.
+        positions : int
+            Number of positions over the full travel.
+        samples : int
+            Light paths per pixel, position and light group, at least.
+        window : tuple of int, optional
+            First and last index of the positions to render; by default all.
+        time_s : float, optional
+            Moment; by default the one that the card shows.
+        as_one_group : bool, default False
+            Render all lights at once, as one group with the name 'all'.
+        run : int, default 0
+            Number of the run; runs with different numbers have independent noise.
+        moments : int, default 1
+            Number of moments from whose light paths shading is estimated; several, as for a time slice of a recording,
+            end at the moment of the stack.
+        step_s : float, default 0.0
+            Seconds from one of these moments to the next; if 0, the scene is at rest for all of them.
         """
         lights = self.scene.card.lights
-        groups = {"all": tuple(lights)} if together else {name: (name,) for name in lights}
+        groups = {"all": tuple(lights)} if as_one_group else {name: (name,) for name in lights}
         spec = StackSpec.from_scene(
             self.scene,
             self.grid,
@@ -132,8 +183,8 @@ class SceneRenderer:
             def show(at_s: float) -> dict[str, RenderSetup]:
                 return setups if at_s == spec.time_s else {n: self.prepare(g, time_s=at_s) for n, g in groups.items()}
 
-            told = [spec.time_s - n * step_s for n in reversed(range(moments))]
-            shading = self._estimate_shading(show, told=told, samples=samples, seed=seed)
+            moments_s = [spec.time_s - n * step_s for n in reversed(range(moments))]
+            shading = self._estimate_shading(show, moments_s=moments_s, samples=samples, seed=seed)
         found = estimators.render_light_groups(
             setups,
             backend_name=self.backend_name,
@@ -148,30 +199,32 @@ class SceneRenderer:
         return FocalStack(spec, np.stack(radiance), seen.depth, seen.target, self.backend_name)
 
     def _estimate_shading(
-        self, show: Callable[[float], Mapping[str, RenderSetup]], *, told: list[float], samples: int, seed: int
+        self, show: Callable[[float], Mapping[str, RenderSetup]], *, moments_s: list[float], samples: int, seed: int
     ) -> ShadingField:
-        """Return the shading at the last of some moments; the latest two that were asked for are kept.
+        """Return the shading at the last of several moments.
 
-        It is that of the whole travel, so the same for all windows of two runs.
+        The two latest results are kept, one for each of two runs. They can be used for every window of positions,
+        because shading is estimated over the full travel.
         """
-        asked = (tuple(told), samples, seed)
-        if asked not in self._shadings:
+        shading_key = (tuple(moments_s), samples, seed)
+        if shading_key not in self._shadings:
             paths = MomentShading(show, seed=seed, emitting=mitsuba_scene.mitsuba_emitter_names(self._described))
             kept = list(self._shadings.items())[-1:]
-            self._shadings = {**dict(kept), asked: paths.estimate(told, samples=samples)}
-        return self._shadings[asked]
+            self._shadings = {**dict(kept), shading_key: paths.estimate(moments_s, samples=samples)}
+        return self._shadings[shading_key]
 
     def render_picture(self, position: float, *, samples: int, time_s: float | None = None) -> np.ndarray:
-        """Render the picture at a focus position, to 1/STEPS of the travel, under all lights: float32 (row, col).
+        """Render the picture at a focus position under all lights: float32 (row, col).
 
-        With shared shading, where the backend can.
+        If the backend supports shared shading, the picture is rendered with it, at the nearest of POSITION_STEPS
+        positions per travel.
         """
         return self._render_picture(self.prepare(time_s=time_s), position, samples=samples)
 
     def render_pinhole(
         self, position: float, *, samples: int, time_s: float | None = None, grid: PixelGrid | None = None
     ) -> np.ndarray:
-        """Render everything sharp, through a pinhole without waves, at the scale of a position: float32 (row, col)."""
+        """Render the picture of a pinhole without diffraction, in the scale at ``position``: float32 (row, col)."""
         setup = self.prepare(time_s=time_s, f_number=PINHOLE_F_NUMBER, grid=grid)
         return self._render_picture(replace(setup, wavelength_m=0.0), position, samples=samples)
 
@@ -180,13 +233,13 @@ class SceneRenderer:
         if not estimators.renders_with_shared_shading("filtered", backend_name=self.backend_name):
             return thin_lens.render_position(setup, position=position, samples=samples, seed=seed)
         emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
-        nearest = round(position * STEPS)
-        first = min(nearest, STEPS - 1)
+        nearest = round(position * POSITION_STEPS)
+        first = min(nearest, POSITION_STEPS - 1)
         show = MomentShading(lambda _: {"all": setup}, seed=seed, emitting=emitting)
         found = estimators.render_light_groups(
             {"all": setup},
             backend_name=self.backend_name,
-            positions=STEPS + 1,
+            positions=POSITION_STEPS + 1,
             window=(first, first + 1),
             samples=samples,
             seed=seed,
@@ -200,7 +253,7 @@ class SceneRenderer:
     ) -> np.ndarray:
         """Render a region of the image at a focus position under all lights: float32 (row, col).
 
-        Runs of different numbers have independent noise.
+        Runs with different numbers have independent noise.
         """
         seed = seeds.derive_seed("picture", self.scene.digest, run)
         setup = self.prepare(time_s=time_s)
@@ -211,7 +264,7 @@ class SceneRenderer:
         return irradiance.render_target_irradiance(self.prepare((group,)), position=position, target=target)
 
     def texel_footprints(self, position: float, target: np.ndarray) -> np.ndarray:
-        """Measure the target's texels; see :func:`saf_gen.render.texel_footprints.rendered_texel_footprints`."""
+        """Return the size of texels; see :func:`saf_gen.render.texel_footprints.rendered_texel_footprints`."""
         return texels.rendered_texel_footprints(
             self.prepare(), self.scene.card.target, position=position, target=target
         )
@@ -222,14 +275,14 @@ class SceneRenderer:
     def _loaded(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
         """Return the scene at a time, or with every shape where its geometry places it (None); the last four are kept.
 
-        A scene that is not kept is released before another is loaded. That one then gets its indices in Dr.Jit's
-        registry, which are part of a kernel's code, and finds its kernels in the cache. An ``lru_cache`` on a method
-        would keep the renderer, and all its scenes, until garbage is collected.
+        A scene that is not kept is released before another is loaded. The new one then gets its indices in Dr.Jit's
+        registry, which are part of a kernel's code, and so finds its kernels in the cache. An ``lru_cache`` on a method
+        would keep the renderer, and all its scenes, alive until garbage collection.
         """
         key = (groups, time_s)
         found = self._scenes.pop(key, None)
         if found is None:
-            while len(self._scenes) >= SCENES_KEPT:
+            while len(self._scenes) >= MAX_SCENES:
                 del self._scenes[next(iter(self._scenes))]
             found = self._load(groups, time_s)
         self._scenes[key] = found
@@ -244,9 +297,9 @@ class SceneRenderer:
 
 
 def _bounding_box(scene: Any, names: tuple[str, ...]) -> np.ndarray:
-    """Return the corners (scene units) of the box round the shapes of these names, or round everything.
+    """Return the corners (scene units) of the box around the shapes with these names, or around everything.
 
-    float64 (2, 3), or (0, 3) where there are no such shapes.
+    The result is float64 (2, 3), or (0, 3) if there are no shapes with these names.
     """
     boxes = [shape.bbox() for shape in scene.shapes() if shape.id() in names] if names else [scene.bbox()]
     if not boxes:

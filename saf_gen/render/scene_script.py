@@ -1,6 +1,6 @@
-"""Runs a scene's own ``scene.py``.
+"""Runs the ``scene.py`` of a scene.
 
-Only :func:`saf_gen.scene.scene_folder.find_scene` gives scenes that may have one.
+Only scenes from :func:`saf_gen.scene.scene_folder.find_scene` may have one.
 """
 
 import importlib.util
@@ -16,14 +16,14 @@ from saf_gen.scene.scene_folder import Scene
 
 
 def call_mitsuba_scene_script(scene: Scene, function: str, *, default: Any = None) -> Any:
-    """Return what a function of the scene's script gives for its parameters.
+    """Call a function of the scene's script with the scene's parameters, and return its result.
 
-    A function that the script lacks gives ``default``, where that is not None.
+    If the script has no function of this name, return ``default``, unless that is None.
 
     Raises BadInput, in one line, for whatever the script raises.
     """
     script = scene.folder / "scene.py"
-    with _own_modules(scene):
+    with _scene_modules(scene):
         try:
             module = _execute(f"saf_gen_scene_{scene.id}", script)
             if default is not None and not hasattr(module, function):
@@ -31,7 +31,7 @@ def call_mitsuba_scene_script(scene: Scene, function: str, *, default: Any = Non
             return getattr(module, function)(dict(scene.params))
         except BadInput:
             raise
-        except Exception as error:  # a scene is anybody's code and may raise anything
+        except Exception as error:  # the code of a scene may raise anything
             raise BadInput(f"{script} failed: {type(error).__name__}: {error}") from error
 
 
@@ -45,10 +45,10 @@ def _execute(name: str, file: Path) -> ModuleType:
 
 
 @contextmanager
-def _own_modules(scene: Scene) -> Iterator[None]:
-    """Let scene.py import its neighbours and its library, and forget them all afterwards.
+def _scene_modules(scene: Scene) -> Iterator[None]:
+    """Let scene.py import its neighbours and its library, and forget all of these modules afterwards.
 
-    Two scenes may then have different modules of the same name.
+    Two scenes may thus have different modules of the same name.
     """
     before = dict(sys.modules)
     files = scene.library_files()

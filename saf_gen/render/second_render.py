@@ -1,10 +1,11 @@
-"""The grain of focal stacks that are stored: each is compared with a second, cheaper render of its own.
+"""The grain of stored focal stacks, measured by comparing each stack with a second, cheaper render.
 
-The second render goes the way of the first, with the same code, lens and light. It differs in its number of samples,
-which enters a stack's key and with it the seeds of its paths, so that its noise is independent.
+The second render is made like the first, with the same code, lens and light. It differs in its number of samples, which
+is part of a stack's key and so of the seeds of its paths. Its noise is therefore independent.
 
-A stack of a still scene is rendered again with an eighth of its samples. Of a moving scene a few time slices are, with
-half of theirs, spread evenly over the recording, and the one whose lens is nearest to its target's focus.
+A stack of a still scene is rendered again with an eighth of its samples. For a moving scene, a few time slices spread
+evenly over the recording are rendered again with half of their samples, together with the slice whose lens is nearest
+to the focus of its target.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,13 +20,13 @@ from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.stack_grain import measure_stack_grain, read_stack_grain, write_stack_grain
 
-# Samples of a stack over those of its second render. One of 8 samples takes 16 to 19 % of the processor time of a stack
-# of 64. Noise falls faster than as one over the samples, so that its energy over the signal's C² comes out 1.2
-# (usaf_target) to 1.5 times (low_texture) too large. One of 4 samples takes 10 to 12 % and makes that 1.3 to 2.1 times.
-# Both scatter by 2 to 3 %.
-STILL_PART, SLICE_PART = 8, 2
-POSITIONS = 33  # of a stack
-EVENLY, ONE_IN = 6, 12  # time slices: at most so many, and at most one in so many
+# Samples of a stack over those of its second render. A second render of 8 samples takes 16 to 19 % of the processor
+# time of a stack of 64. Noise falls faster than 1/samples, so that its energy over the signal's C² comes
+# out 1.2 (usaf_target) to 1.5 times (low_texture) too large. A second render of 4 samples takes 10 to 12 %, and makes
+# that 1.3 to 2.1 times. Both scatter by 2 to 3 %.
+STILL_DIVISOR, SLICE_DIVISOR = 8, 2
+MEASURED_POSITIONS = 33  # evenly spaced ones that are measured, per stack
+MAX_SLICES, SLICE_STRIDE = 6, 12  # of a recording: at most this many time slices, and at most one in this many
 
 
 def measure_grain_by_second_render(
@@ -37,18 +38,28 @@ def measure_grain_by_second_render(
     threads: int | None = None,
     progress: Callable[[str, float], None] = lambda name, done: None,
 ) -> None:
-    """Measure the grain of a scene's stored stacks and store it beside them, where that has not been done.
+    """Measure the grain of a scene's stored stacks if it has not been measured, and store it next to them.
 
-    ``specs`` are one stack of a still scene, or one for each of many moments; those that see no target have no grain
-    to measure. The other arguments are those of :func:`saf_gen.render.render_missing_stacks`, which also says what is
-    raised.
+    Parameters
+    ----------
+    scene : Scene
+        Member of the scene's family.
+    specs : sequence of StackSpec
+        One stack of a still scene, or one for each of many moments; stacks that see no target have no grain to measure.
+    root, backend_name, threads, progress
+        See :func:`saf_gen.render.render_missing_stacks`.
+
+    Raises
+    ------
+    BadInput
+        As :func:`saf_gen.render.render_missing_stacks` does.
     """
     chosen = list_stacks_to_render_again(specs, root)
     todo = [spec for spec in chosen if read_stack_grain(root, spec) is None]
     if not todo:
         return
-    part = SLICE_PART if len(specs) > 1 else STILL_PART
-    again = [replace(spec, samples=_fewer(spec.samples, part)) for spec in todo]
+    divisor = SLICE_DIVISOR if len(specs) > 1 else STILL_DIVISOR
+    again = [replace(spec, samples=_fewer(spec.samples, divisor)) for spec in todo]
     with temporary_folder(root / "grain") as folder:
         render_missing_stacks(
             scene,
@@ -72,7 +83,7 @@ def measure_grain_by_second_render(
 
 
 def list_stacks_to_render_again(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]:
-    """Return the stored stacks whose grain is measured: of a moving scene a few slices that see the target."""
+    """Return the stored stacks whose grain is measured; for a moving scene, a few slices that see the target."""
     seen = []
     for spec in specs:
         depth, target = StackStore(root, spec).load_geometry()
@@ -80,7 +91,7 @@ def list_stacks_to_render_again(specs: Sequence[StackSpec], root: Path) -> list[
             seen.append((spec, abs(float(spec.focus.mean()) - spec.drive.true_focus(depth[target]))))
     if not seen:
         return []
-    count = min(EVENLY, max(len(seen) // ONE_IN, 1))
+    count = min(MAX_SLICES, max(len(seen) // SLICE_STRIDE, 1))
     chosen = {round(n) for n in np.linspace(0, len(seen) - 1, count + 2)[1:-1]}
     chosen.add(min(range(len(seen)), key=lambda n: seen[n][1]))
     return [seen[n][0] for n in sorted(chosen)]
@@ -88,11 +99,13 @@ def list_stacks_to_render_again(specs: Sequence[StackSpec], root: Path) -> list[
 
 def _choose_positions(spec: StackSpec, true_focus: float) -> np.ndarray:
     """Return which rendered positions to measure: evenly spaced ones, and the one nearest to the true focus."""
-    evenly = np.linspace(0, spec.rendered_count - 1, min(spec.rendered_count, POSITIONS)).round().astype(np.int64)
+    evenly = (
+        np.linspace(0, spec.rendered_count - 1, min(spec.rendered_count, MEASURED_POSITIONS)).round().astype(np.int64)
+    )
     return np.union1d(evenly, np.abs(spec.focus - true_focus).argmin())
 
 
-def _fewer(samples: int, part: int) -> int:
-    """Return a part of the samples, at least one, and never the same number: its seeds would be the same."""
-    fewer = max(samples // part, 1)
+def _fewer(samples: int, divisor: int) -> int:
+    """Return ``samples`` // ``divisor``, at least 1, but never ``samples`` itself, whose seeds would be the same."""
+    fewer = max(samples // divisor, 1)
     return fewer if fewer != samples else samples + 1

@@ -1,6 +1,6 @@
-"""The kernels that estimate shading, tile by tile: moments added up, sums of larger cells, and how much counts of each.
+"""The kernels that estimate shading tile by tile: they add up moments and larger cells, and weigh each estimate.
 
-Arrays are those of :mod:`saf_gen.render.shading_kernels`. Tiles are shared out among the cores; the cells of one are
+Arrays are those of :mod:`saf_gen.render.shading_kernels`. Tiles are distributed over the cores. The cells of a tile are
 added in the order in which they came, so that neither the number of cores nor their order changes a bit.
 """
 
@@ -17,14 +17,14 @@ from saf_gen.render.shading_kernels import (
     tile_of_shading_cell,
 )
 
-MIN_REFLECTANCE = 1e-4  # a cell that reflects less on average is black whatever its light
-SAME_REFLECTANCE = 1e-6  # of the mean square of ρ: a cell in which ρ varies by less tells nothing of its gloss
-POOL = 2  # levels up: the neighbourhood that variances are estimated in is four cells wide
+MIN_REFLECTANCE = 1e-4  # a cell that reflects less on average is black under any light
+SAME_REFLECTANCE = 1e-6  # of the mean square of ρ; a cell in which ρ varies by less does not show its gloss
+POOL = 2  # levels up: variances are estimated in a neighbourhood four cells wide
 
 
 @nb.njit(inline="always")
 def _table_size(cells):
-    """Return the number of slots of a table, a power of two, that is at most half full with so many cells."""
+    """Return the number of slots, a power of two, of a table that is at most half full with this many cells."""
     size = 2
     while size < 2 * cells:
         size *= 2
@@ -33,20 +33,23 @@ def _table_size(cells):
 
 @nb.njit(parallel=True, cache=True)
 def number_shading_cells(tiles, begins, keys, index):
-    """Number the distinct cells of some moments in each tile, as they come, and return how many there are, (tile,).
+    """Number the distinct cells of several moments in each tile, in order, and return their counts, int32 (tile,).
 
     Parameters
     ----------
-    tiles : the tiles in which there are cells.
-    begins, keys : of each moment, as tuples.
-    index : int32 (cell of the first, then of the later moments), filled in with the number of each cell in its tile.
+    tiles : ndarray
+        Numbers of the tiles that have cells.
+    begins, keys : tuple of ndarray
+        Begins and keys of each moment.
+    index : ndarray of int32
+        Filled in with the number of each cell in its tile; the cells of the first moment come first.
     """
     counts = np.zeros(tiles.size, dtype=np.int32)
     for n in nb.prange(tiles.size):
-        tile, most = tiles[n], 0
+        tile, max_cells = tiles[n], 0
         for m in range(len(keys)):
-            most += begins[m][tile + 1] - begins[m][tile]
-        slots, found = np.full(_table_size(most), -1, dtype=np.int32), np.empty(most, dtype=np.uint64)
+            max_cells += begins[m][tile + 1] - begins[m][tile]
+        slots, found = np.full(_table_size(max_cells), -1, dtype=np.int32), np.empty(max_cells, dtype=np.uint64)
         count, before = 0, 0
         for m in range(len(keys)):
             for i in range(begins[m][tile], begins[m][tile + 1]):
@@ -63,7 +66,7 @@ def number_shading_cells(tiles, begins, keys, index):
 
 @nb.njit(parallel=True, cache=True)
 def add_shading_moments(tiles, begins, keys, surfaces, lights, index, begin, out_keys, out_surface, out_light):
-    """Add the sums of some moments up, whose cells are numbered by ``index`` in each tile."""
+    """Write, for each cell, its sums over several moments; ``index`` numbers the cells of each moment within a tile."""
     groups = out_light.shape[1]
     for n in nb.prange(tiles.size):
         tile, before = tiles[n], 0
@@ -84,18 +87,18 @@ def add_shading_moments(tiles, begins, keys, surfaces, lights, index, begin, out
 
 @nb.njit(cache=True)
 def begin_of_shading_tables(begin):
-    """Return where the table of each tile begins, for its cells and all larger ones round them, int32 (TILES + 1,)."""
+    """Return where the table of each tile begins, for its cells and all larger ones around them, int32 (TILES + 1,)."""
     tables = np.zeros(TILES + 1, dtype=np.int32)
     for tile in range(TILES):
         cells = begin[tile + 1] - begin[tile]
-        # Half full if every cell had a larger one of each width to itself twice; a third of that is usual.
+        # Not full even if every cell had a larger one of each width to itself; a third of that is usual.
         tables[tile + 1] = tables[tile] + (_table_size(LEVELS * cells // 2 + 1) if cells else 0)
     return tables
 
 
 @nb.njit(parallel=True, cache=True)
-def light_beside_shading(surface, light, keys, tables, slots, known_keys, shading):
-    """Return the sums of cells for the radiance beyond the shading known there, L - matt·ρ - gloss, in place of L."""
+def light_beyond_shading(surface, light, keys, tables, slots, known_keys, shading):
+    """Return the sums of cells for the radiance beyond the known shading, L - matt·ρ - gloss, in place of L."""
     out = np.empty_like(light)
     for i in nb.prange(light.shape[0]):
         tile = tile_of_shading_cell(keys[i])
@@ -104,21 +107,21 @@ def light_beside_shading(surface, light, keys, tables, slots, known_keys, shadin
             matt = np.float64(shading[cell, g, 0]) if cell >= 0 else 0.0
             gloss = np.float64(shading[cell, g, 1]) if cell >= 0 else 0.0
             out[i, g, 0] = light[i, g, 0] - matt * surface[i, 1] - gloss * surface[i, 0]
-            out[i, g, 1] = light[i, g, 1] + _squares_beside(surface[i], light[i, g], matt, gloss)
+            out[i, g, 1] = light[i, g, 1] + _squares_beyond_shading(surface[i], light[i, g], matt, gloss)
             out[i, g, 2] = light[i, g, 2] - matt * surface[i, 2] - gloss * surface[i, 1]
     return out
 
 
 @nb.njit(inline="always")
-def _squares_beside(surface, light, matt, gloss):
-    """Return by how much a cell's Σ(L - matt·ρ - gloss)² is more than its ΣL²."""
+def _squares_beyond_shading(surface, light, matt, gloss):
+    """Return by how much a cell's Σ(L - matt·ρ - gloss)² exceeds its ΣL²."""
     squares = matt * matt * surface[2] + 2 * matt * gloss * surface[1] + gloss * gloss * surface[0]
     return squares - 2 * matt * light[2] - 2 * gloss * light[0]
 
 
 @nb.njit(parallel=True, cache=True)
 def add_found_shading(tiles, begin, keys, shading, tables, slots, found_keys, found):
-    """Return shading plus what was found for each cell, or for the smallest known one round it, but not below 0."""
+    """Return shading plus what was found for each cell, or for the smallest known one around it, but not below 0."""
     out = np.zeros_like(shading)
     for n in nb.prange(tiles.size):
         tile = tiles[n]
@@ -137,16 +140,25 @@ def add_found_shading(tiles, begin, keys, shading, tables, slots, found_keys, fo
 def estimate_shading_tiles(
     tiles, begin, keys, surface, light, around, tables, slots, out_keys, out_shading, finest, sigmas
 ):
-    """Estimate the shading of the cells of each tile and of all larger ones round them.
+    """Estimate the shading of the cells of each tile and of all larger ones around them.
 
     Parameters
     ----------
-    around : what the shading known so far is looked up in; not read where ``sigmas`` is 0.
-    tables, slots : where the table of each tile begins, and the slots of all tables, filled in.
-    out_keys, out_shading : uint64 (cell,) and float32 (cell, light, 2), filled in for each tile from LEVELS times its
-        ``begin`` on, at first all 0.
-    finest, sigmas : of the smallest cells that tell anything of their own, and by how many standard errors they must.
-        With 0 of them the largest cells have their own mean, else nothing.
+    tiles, begin, keys, surface, light : ndarray
+        Cells by tile.
+    around : tuple of ndarray
+        Tables, slots, keys and shading in which known shading is looked up; not read if ``sigmas`` is 0.
+    tables, slots : ndarray
+        Where the table of each tile begins, and the slots of all tables, which are filled in.
+    out_keys : ndarray of uint64, shape (cell,)
+        All 0 at first; filled in for each tile from LEVELS times its ``begin`` on.
+    out_shading : ndarray of float32, shape (cell, light, 2)
+        Filled in at the same indices.
+    finest : int
+        Level of the smallest cells that may differ from those around them.
+    sigmas : float
+        Number of standard errors by which cells must differ. If 0, the largest cells start with their own mean,
+        otherwise with 0.
     """
     for n in nb.prange(tiles.size):
         tile = tiles[n]
@@ -162,12 +174,12 @@ def estimate_shading_tiles(
 def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shading, finest, sigmas):
     slots, begin, size = table
     cells, groups, top = keys.size, light.shape[1], LEVELS - 1
-    # Cells of all levels, the smallest first; those of a level end where those of the next begin.
-    room = LEVELS * cells
-    parent, ends = np.empty(room, dtype=np.int32), np.zeros(LEVELS + 1, dtype=np.int64)
-    sums, lights, rest = np.empty((room, 3)), np.empty((room, groups, 3)), np.empty((room, groups, 2))
-    # What is found of a cell: its brightness, the radiance where ρ is 1, and the part of that which its gloss adds.
-    shading, gloss = np.empty((room, groups)), np.zeros((room, groups))
+    # Cells of all levels, smallest first; each level ends where the next begins.
+    capacity = LEVELS * cells
+    parent, ends = np.empty(capacity, dtype=np.int32), np.zeros(LEVELS + 1, dtype=np.int64)
+    sums, lights, rest = np.empty((capacity, 3)), np.empty((capacity, groups, 3)), np.empty((capacity, groups, 2))
+    # The estimates for a cell: its brightness (the radiance at ρ = 1), and the fraction of it that its gloss adds.
+    shading, gloss = np.empty((capacity, groups)), np.zeros((capacity, groups))
     ends[1] = cells
     for i in range(cells):
         slots[find_shading_slot(slots, begin, size, out_keys, keys[i])] = first + i
@@ -179,7 +191,7 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
                 lights[i, g, j] = light[i, g, j]
             # Squared residuals L - shading·ρ, and their degrees of freedom.
             e = _ratio(surface[i], light[i, g, 0], 0.0)
-            rest[i, g, 0] = max(light[i, g, 1] + _squares_beside(surface[i], light[i, g], e, 0.0), 0.0)
+            rest[i, g, 0] = max(light[i, g, 1] + _squares_beyond_shading(surface[i], light[i, g], e, 0.0), 0.0)
             rest[i, g, 1] = surface[i, 0] - 1
     for level in range(1, LEVELS):
         end = ends[level]
@@ -213,7 +225,7 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
         for g in range(groups):
             shading[i, g] = 0.0 if sigmas > 0 else _ratio(sums[i], lights[i, g, 0], 0.0)
     if sigmas == 0:
-        _tell_gloss(top, ends, parent, glossy, sums, lights, rest, shading, gloss)
+        _separate_gloss(top, ends, parent, glossy, sums, lights, rest, shading, gloss)
     for level in range(top - 1, -1, -1):
         for i in range(ends[level], ends[level + 1]):
             for g in range(groups):
@@ -222,9 +234,9 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
         if level >= finest:
             _shrink(level, ends, parent, sums, lights, rest, shading, gloss, sigmas)
             if sigmas == 0:
-                _tell_gloss(level, ends, parent, glossy, sums, lights, rest, shading, gloss)
+                _separate_gloss(level, ends, parent, glossy, sums, lights, rest, shading, gloss)
     if sigmas == 0:
-        _conserve(ends, parent, sums, shading, gloss)
+        _conserve_light(ends, parent, sums, shading, gloss)
     for i in range(ends[LEVELS]):
         for g in range(groups):
             out_shading[first + i, g, 0] = shading[i, g] * (1 - gloss[i, g])
@@ -233,7 +245,7 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
 
 @nb.njit(inline="always")
 def _weights(surface, gloss):
-    """Return Σw and Σw² of a cell, w = (1 - gloss)·ρ + gloss: what its paths bring where its brightness is 1."""
+    """Return Σw and Σw² of a cell, w = (1 - gloss)·ρ + gloss, the radiance of its paths at brightness 1."""
     matt = 1 - gloss
     first = matt * surface[1] + gloss * surface[0]
     return first, matt * matt * surface[2] + 2 * matt * gloss * surface[1] + gloss * gloss * surface[0]
@@ -241,14 +253,14 @@ def _weights(surface, gloss):
 
 @nb.njit(inline="always")
 def _ratio(surface, radiance, gloss):
-    """Return the brightness of a cell: its radiance over its weights."""
+    """Return the brightness of a cell, its radiance divided by its weights; 0 for a black cell."""
     weight, _ = _weights(surface, gloss)
     return radiance / weight if weight > MIN_REFLECTANCE * surface[0] else 0.0
 
 
 @nb.njit(inline="always")
 def _pool_of(i, level, pool_level, parent):
-    """Return the cell of a pool's level round a cell."""
+    """Return the cell of the pool's level that contains a cell."""
     for _ in range(level, pool_level):
         i = parent[i]
     return i
@@ -256,12 +268,12 @@ def _pool_of(i, level, pool_level, parent):
 
 @nb.njit(cache=True)
 def _shrink(level, ends, parent, sums, lights, rest, shading, gloss, sigmas):
-    """Move the brightness of the cells of a level from what is round them towards their own mean, in place.
+    """Move the brightness of each cell of a level from the brightness of the next larger cell towards the cell's mean.
 
-    Differences count where their excess over the noise is more than ``sigmas`` times its own standard error.
-
-    The mean of a cell has the noise variance v; the true brightnesses differ from those around them by τ². In a
-    neighbourhood (``pool``) the squared differences average τ² + v, which gives τ². The mean then counts τ²/(τ² + v).
+    ``shading`` is changed in place. The mean of a cell has the noise variance v. Its true brightness differs from that
+    of the larger cell with the variance τ². In a neighbourhood (``pool``) the squared differences average τ² + v, which
+    gives τ². The weight of the mean is then τ²/(τ² + v). A neighbourhood in which the excess of the squared differences
+    over the noise is at most ``sigmas`` times its standard error is left as it is.
     """
     pool_level = min(level + POOL, LEVELS - 1)
     a, b, base, groups = ends[level], ends[level + 1], ends[pool_level], shading.shape[1]
@@ -301,11 +313,12 @@ def _shrink(level, ends, parent, sums, lights, rest, shading, gloss, sigmas):
 
 
 @nb.njit(cache=True)
-def _tell_gloss(level, ends, parent, glossy, sums, lights, rest, shading, gloss):
-    """Tell what the gloss of the cells of a level adds from what their texture multiplies, in place.
+def _separate_gloss(level, ends, parent, glossy, sums, lights, rest, shading, gloss):
+    """Separate what the gloss of a level's cells adds from what their texture multiplies, in place.
 
-    The line L = shading·((1 - gloss)·ρ + gloss) of a cell is turned about its mean, towards the slope that its own
-    paths have over ρ (least squares), by the same τ²/(τ² + v) as in :func:`_shrink`. No part of it goes below 0.
+    The line L = shading·((1 - gloss)·ρ + gloss) of a cell is turned about its mean, towards the slope in ρ that the
+    cell's own paths give (least squares), with the same weight τ²/(τ² + v) as in :func:`_shrink`. Neither part goes
+    below 0.
     """
     pool_level = min(level + POOL, LEVELS - 1)
     a, b, base, groups = ends[level], ends[level + 1], ends[pool_level], shading.shape[1]
@@ -320,8 +333,8 @@ def _tell_gloss(level, ends, parent, glossy, sums, lights, rest, shading, gloss)
             continue
         weight[p - base] += varied[i - a]
         for g in range(groups):
-            own = (lights[i, g, 2] - lights[i, g, 0] * sums[i, 1] / sums[i, 0]) / varied[i - a]
-            slope[i - a, g] = own - shading[i, g] * (1 - gloss[i, g])
+            path_slope = (lights[i, g, 2] - lights[i, g, 0] * sums[i, 1] / sums[i, 0]) / varied[i - a]
+            slope[i - a, g] = path_slope - shading[i, g] * (1 - gloss[i, g])
             excess[p - base, g] += slope[i - a, g] ** 2 * varied[i - a] - rest[p, g, 0] / max(rest[p, g, 1], 1.0)
     for i in range(a, b):
         p = _pool_of(i, level, pool_level, parent)
@@ -341,11 +354,12 @@ def _tell_gloss(level, ends, parent, glossy, sums, lights, rest, shading, gloss)
 
 
 @nb.njit(cache=True)
-def _conserve(ends, parent, sums, shading, gloss):
-    """Scale the shading in each largest cell, in place, so that its smallest cells reflect together what it does.
+def _conserve_light(ends, parent, sums, shading, gloss):
+    """Scale the shading in each largest cell, in place, so that its smallest cells together reflect as much as it does.
 
-    A bright path makes its neighbourhood look noisy, and its cells then count less than the dark ones of another. So
-    estimates that weigh cells by their noise lose light. The mean of a largest cell has no such bias.
+    A bright path makes its neighbourhood look noisy, so its cells count less than the dark ones of another
+    neighbourhood. Estimates that weigh cells by their noise therefore lose light. The mean of a largest cell has no
+    bias of this kind.
     """
     groups, top = shading.shape[1], ends[LEVELS - 1]
     reflected, scale = np.zeros((ends[LEVELS] - top, groups)), np.ones((ends[LEVELS], groups))

@@ -1,11 +1,11 @@
 """The kernels of shared shading: keys of cells, tables that find them, sums of paths, and what rays look up.
 
-:mod:`saf_gen.render.shading_cells` says what they are for. Arrays of cells are ``surface``, float64 (cell, 3): paths,
-Σρ and Σρ²; and ``light``, float64 (cell, light, 3): ΣL, ΣL² and ΣL·ρ.
+:mod:`saf_gen.render.shading_cells` explains what they are for. Arrays of cells are ``keys``, uint64 (cell,);
+``surface``, float64 (cell, 3): number of paths, Σρ and Σρ²; and ``light``, float64 (cell, light, 3): ΣL, ΣL² and ΣL·ρ.
 
-A cell lies in one tile, the square of the picture that the largest cells cover, and so do all larger cells round it.
-Each tile has its own table, small enough for a processor's cache: what a kernel does with the cells of one needs no
-other. ``begin``, int32 (TILES + 1,), says where in an array those of each tile begin.
+A cell is in one tile, the square of the picture that the largest cells cover, and so are all larger cells around it.
+Each tile has its own table, small enough for a processor's cache, and kernels process the cells of a tile without those
+of others. ``begin``, int32 (TILES + 1,), holds where the cells of each tile begin in an array.
 """
 
 import numba as nb
@@ -14,11 +14,11 @@ import numpy as np
 FINEST = 0.5  # width of the smallest cells, in pixels
 LEVELS = 6  # widths of cells: 1/2, 1, 2, 4, 8 and 16 pixels
 NORMAL_BINS = 8  # along each side of the octahedral map of directions
-OUTSIDE = 4096  # cells beside the picture
+OUTSIDE = 4096  # smallest cells for which keys have room above, and to the left of, the picture
 
 U = np.uint64
 # A key holds column, row (14 bits each), shape (12), normal (6), depth (13) and level (3); 0 is no key. Shapes whose
-# numbers differ by 2,048 share cells where they meet in all else, and so do depths that differ by 8,192 cells.
+# numbers differ by 2,048 share cells if they agree in all else, and so do depths that differ by 8,192 cells.
 _COLUMN, _ROW, _SHAPE, _NORMAL, _DEPTH, _LEVEL = (U(shift) for shift in (0, 14, 28, 40, 46, 59))
 _USED = U(1 << 63)
 _14, _13, _12, _6 = (U((1 << bits) - 1) for bits in (14, 13, 12, 6))
@@ -28,7 +28,7 @@ TILES = 1 << (2 * _TILE_BITS)
 
 @nb.njit(inline="always")
 def _mix(word):
-    """Return a word whose bits all depend on all bits of the argument (the finalizer of SplitMix64)."""
+    """Return a word of which each bit depends on all bits of the argument (the finalizer of SplitMix64)."""
     word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
     return word ^ (word >> U(31))
@@ -45,13 +45,13 @@ def _cell_key(shape, column, row, depth, u, v):
 
 @nb.njit(inline="always")
 def is_glossy_shading_cell(key):
-    """Return whether the shape of a cell has a gloss, which the last bit of its number says."""
+    """Return whether the shape of a cell is glossy, as the last bit of the shape's number says."""
     return (key >> _SHAPE) & U(1) == U(1)
 
 
 @nb.njit(inline="always")
 def parent_of_shading_cell(key):
-    """Return the key of the next larger cell round a cell."""
+    """Return the key of the next larger cell around a cell."""
     c, r, d = (key >> _COLUMN) & _14, (key >> _ROW) & _14, (key >> _DEPTH) & _13
     level = ((key >> _LEVEL) & U(7)) + U(1)
     kept = key & ((_12 << _SHAPE) | (_6 << _NORMAL))
@@ -60,14 +60,14 @@ def parent_of_shading_cell(key):
 
 @nb.njit(inline="always")
 def tile_of_shading_cell(key):
-    """Return the number of the tile that one of the smallest cells lies in."""
+    """Return the number of the tile of one of the smallest cells."""
     c, r = (key >> _COLUMN) & _14, (key >> _ROW) & _14
     return np.int64(((r >> U(LEVELS - 1)) << U(_TILE_BITS)) | (c >> U(LEVELS - 1)))
 
 
 @nb.njit(parallel=True, cache=True)
 def keys_of_shading_cells(shape, column, row, depth, u, v):
-    """Return the key of each hit's finest cell, 0 for a hit without a shape."""
+    """Return the key of each hit's smallest cell; 0 for a hit without a shape."""
     keys = np.zeros(shape.size, dtype=np.uint64)
     for i in nb.prange(shape.size):
         if shape[i] > 0:
@@ -77,22 +77,25 @@ def keys_of_shading_cells(shape, column, row, depth, u, v):
 
 @nb.njit(inline="always")
 def find_shading_slot(slots, first, size, keys, key):
-    """Return the slot of a key, or the empty one where it belongs, in the table of ``size`` slots from ``first`` on.
+    """Return the slot of a key, or the empty slot where it belongs, in a table of ``size`` slots from ``first`` on.
 
-    A slot holds the index of a key among ``keys``, -1 where it is empty. The size is a power of two.
+    A slot holds the index of a key in ``keys``, or -1 if it is empty. The size is a power of two.
     """
     mask = U(size - 1)
-    place = _mix(key) & mask
-    slot = first + np.int64(place)
+    offset = _mix(key) & mask
+    slot = first + np.int64(offset)
     while slots[slot] >= 0 and keys[slots[slot]] != key:
-        place = (place + U(1)) & mask
-        slot = first + np.int64(place)
+        offset = (offset + U(1)) & mask
+        slot = first + np.int64(offset)
     return slot
 
 
 @nb.njit(inline="always")
 def find_cell_round_shading(slots, first, size, keys, key):
-    """Return the index of a cell, or of the smallest known one round it, in a table as above; -1 if none is known."""
+    """Return the index of a cell, or of the smallest known one around it; -1 if none is known.
+
+    The table is that of :func:`find_shading_slot`.
+    """
     if size == 0:
         return np.int64(-1)
     slot = find_shading_slot(slots, first, size, keys, key)
@@ -111,7 +114,7 @@ def fill_shading_slots(slots, keys):
 
 @nb.njit(cache=True)
 def add_shading_paths(slots, keys, surface, light, count, path_keys, reflectance, radiance):
-    """Add paths to the sums of their cells, in one table for all, and return the number of cells."""
+    """Add paths to the sums of their cells, in one table for all tiles, and return the new number of cells."""
     for i in range(path_keys.size):
         if path_keys[i] == 0:
             continue
@@ -135,23 +138,23 @@ def add_shading_paths(slots, keys, surface, light, count, path_keys, reflectance
 
 @nb.njit(cache=True)
 def order_shading_by_tile(keys):
-    """Return the order that brings cells together by tile, in each as they were, and where each tile begins."""
+    """Return the order that groups cells by tile (stable within each), and where each tile begins."""
     begin = np.zeros(TILES + 1, dtype=np.int32)
     for i in range(keys.size):
         begin[tile_of_shading_cell(keys[i]) + 1] += 1
     for tile in range(TILES):
         begin[tile + 1] += begin[tile]
-    order, place = np.empty(keys.size, dtype=np.int32), begin[:-1].copy()
+    order, offset = np.empty(keys.size, dtype=np.int32), begin[:-1].copy()
     for i in range(keys.size):
         tile = tile_of_shading_cell(keys[i])
-        order[place[tile]] = i
-        place[tile] += 1
+        order[offset[tile]] = i
+        offset[tile] += 1
     return order, begin
 
 
 @nb.njit(parallel=True, cache=True)
 def reflect_shading(begin, slots, keys, shading, out, first, seed, shape, column, row, depth, u, v, reflectance):
-    """Fill in the radiance that surfaces reflect to rays, float32 (light, ray), where shading is known."""
+    """Fill in the radiance that surfaces reflect to rays, float32 (light, ray), if the shading is known."""
     for i in nb.prange(shape.size):
         if shape[i] == 0:
             continue
@@ -163,7 +166,7 @@ def reflect_shading(begin, slots, keys, shading, out, first, seed, shape, column
         tile = tile_of_shading_cell(key)
         start, size = begin[tile], begin[tile + 1] - begin[tile]
         cell = np.int64(slots[find_shading_slot(slots, start, size, keys, key)]) if size else np.int64(-1)
-        if cell < 0:  # beside the moved place there is nothing of this kind: take the cell itself, or one round it
+        if cell < 0:  # no cell at the moved position: use the one at the position itself, or around it
             key = _cell_key(shape[i], column[i], row[i], depth[i], u[i], v[i])
             tile = tile_of_shading_cell(key)
             cell = find_cell_round_shading(slots, begin[tile], begin[tile + 1] - begin[tile], keys, key)

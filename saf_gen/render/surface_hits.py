@@ -1,9 +1,9 @@
-"""Which surface's light a camera ray brings, behind what clear ones, and whether that surface may share its shading.
+"""The surface whose light a camera ray brings, behind clear surfaces, and whether it may share its shading.
 
-A surface shares shading if the light that it sends to the lens is the product of what falls on it, which changes
-slowly, and of a reflectance, which is its texture. So a polished metal does not, nor a varnished blend: rays that end
-there are traced on. A black lamp and the sky reflect nothing: what they send is known to every ray. What is clear is
-looked through (:mod:`saf_gen.render.line_of_sight`).
+A surface shares shading if the light that it sends to the lens is the product of the light that falls on it, which
+changes slowly, and of a reflectance, which is its texture. A polished metal or a varnished blend does not, so rays that
+end there are traced on. A black lamp and the sky reflect nothing, and what they emit is known for every ray. Rays look
+through clear surfaces (:mod:`saf_gen.render.line_of_sight`).
 """
 
 from collections.abc import Collection
@@ -18,19 +18,23 @@ from saf_gen.render.line_of_sight import OPAQUE, ClearSurfaces, follow_rays_thro
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import SurfaceHits
 
-CELL_DEPTH = 16.0  # depth of a smallest cell over the width of a pixel at its distance
+CELL_DEPTH = 16.0  # depth of a smallest cell, over the width of a pixel at its distance
 GEOMETRY_ATTRIBUTES = {"vertex_positions", "vertex_normals", "vertex_texcoords"}
 TEXTURE_KEYS = (".data", ".color0", ".color0.value")  # of a bitmap, and of a checkerboard
 UNSHARED_FLAGS = mi.BSDFFlags.Delta | mi.BSDFFlags.Delta1D
-LEAST_CHANCE = 0.05  # of the reflectance of a surface at the end of a line that has others to choose from
-PIXELS_BESIDE = 2000  # how far beside the picture surfaces share shading
+MIN_CHANCE = 0.05  # least reflectance by which a surface at the end of a line is chosen among others
+MAX_PIXELS_FROM_ORIGIN = 2000  # surfaces whose column or row is farther than this from 0 share no shading
 
 
 class Distances(NamedTuple):
     """Axial distances (m) of what lines of sight meet, from the lens at the middle position, float32 (ray,).
 
-    end : inf where there is nothing, 0 where the line was bent. nearest, farthest : of the clear surfaces before the
-    end, inf and 0 where there is none; None where the scene has none.
+    Attributes
+    ----------
+    end : ndarray
+        Distance of the end: inf if there is nothing, 0 if the line was bent.
+    nearest, farthest : ndarray or None
+        Distances of the clear surfaces in front of the end, inf and 0 if there are none; None if the scene has none.
     """
 
     end: np.ndarray
@@ -41,8 +45,14 @@ class Distances(NamedTuple):
 class EndsInLight(NamedTuple):
     """Lines of sight that end in a black lamp or the sky.
 
-    rays : uint32 (end,), indices of their camera rays. ray : Dr.Jit's rays (ray,), the last parts of all lines.
-    clearness : float32 (end,), how much of the light at the end reaches the lens.
+    Attributes
+    ----------
+    rays : ndarray of uint32, shape (end,)
+        Indices of their camera rays.
+    ray : Ray3f
+        Last parts of all lines, as Dr.Jit arrays (ray,).
+    clearness : ndarray of float32, shape (end,)
+        Fraction of the light at the end that reaches the lens.
     """
 
     rays: np.ndarray
@@ -51,24 +61,31 @@ class EndsInLight(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What camera rays see, as numpy arrays (ray,) unless said otherwise.
+    """Surfaces that camera rays see, as numpy arrays (ray,) unless stated otherwise.
 
     Attributes
     ----------
-    hits : the surfaces whose reflected light counts; ``shape`` is 0 where it is not shared.
-    alone : bool, whether that light must be traced on for the ray.
-    factor : float32, how much of that light reaches the lens; None for all of it.
-    segment : Dr.Jit's rays, the parts of the lines of sight that meet those surfaces.
-    thrown_back : bool, whether that surface is a clear one; None where the scene has none.
-    lights : ends of lines in a black lamp or the sky.
-    distances : see Distances.
+    hits : SurfaceHits
+        Surfaces whose reflected light counts; ``shape`` is 0 if it is not shared.
+    unshared : ndarray of bool
+        Whether the ray must be traced on for that light.
+    factor : ndarray of float32, or None
+        Fraction of that light that reaches the lens; None for all of it.
+    segment : Ray3f
+        Parts of the lines of sight that meet those surfaces, as Dr.Jit arrays.
+    is_clear_surface : ndarray of bool, or None
+        Whether that surface is a clear one; None if the scene has none.
+    lights : tuple of EndsInLight
+        Ends of lines in a black lamp or the sky.
+    distances : Distances
+        Distances of what the lines meet.
     """
 
     hits: SurfaceHits
-    alone: np.ndarray
+    unshared: np.ndarray
     factor: np.ndarray | None
     segment: Any
-    thrown_back: np.ndarray | None
+    is_clear_surface: np.ndarray | None
     lights: tuple[EndsInLight, ...]
     distances: Distances
 
@@ -80,9 +97,15 @@ class Sight(NamedTuple):
 class SurfaceFinder:
     """Finds what camera rays see in one scene.
 
-    Places on shapes that move are those that their points would have, had the shape not moved along (turning is left
-    out), so that what light paths tell at different moments stays on the shape. ``emitting`` are the ids of shapes that
-    are lamps under any light group, whether lit in this scene or not.
+    A point on a moving shape has the position that it would have if the shape had not moved (rotation is ignored), so
+    that the shading that light paths find at different moments stays on the shape.
+
+    Parameters
+    ----------
+    setup : RenderSetup
+        Scene in front of its lens.
+    emitting : collection of str
+        Ids of the shapes that are lamps under any light group, whether lit in this scene or not.
     """
 
     def __init__(self, setup: RenderSetup, *, emitting: Collection[str]) -> None:
@@ -103,14 +126,14 @@ class SurfaceFinder:
                 textured[index] = bool(int(shape.bsdf().flags()) & int(mi.BSDFFlags.Null)) or _is_textured(shape)
         self._number: Any = mi.UInt32(number)
         self._textured: Any = mi.UInt32(textured)
-        self._black: Any = mi.UInt32(black)  # lamps that reflect nothing where their reflectance is 0
+        self._black: Any = mi.UInt32(black)  # lamps that reflect nothing if their reflectance is 0
         moved = np.zeros((size, 3), dtype=np.float32)
         for index, shape in shapes.items():
             moved[index] = setup.moved_m.get(shape.id(), np.zeros(3)) / setup.unit_m
         self._moved: Any = mi.Float(moved.ravel())  # read three at a time
 
     def find(self, rays: CameraRays, focus: np.ndarray, *, seed: int) -> Sight:
-        """Follow rays, cast for these positions, to what they see; ``seed`` names the random numbers on the way."""
+        """Follow rays, cast for these positions, to what they see; ``seed`` is for the random numbers on the way."""
         setup, scene = self._setup, self._setup.mitsuba_scene
         to_camera = mi.Transform4f(setup.to_world).inverse()
         begin = opaque_number_for_rays(setup.drive.shift(float(focus[0] + focus[-1]) / 2))
@@ -122,7 +145,7 @@ class SurfaceFinder:
         last = segment = mi.Ray3f(rays.ray)
         if self._clear.any:
             line = follow_rays_through_glass(scene, last, self._clear, axial=axial, seed=seed, first=rays.first)
-            dr.eval(*line)  # one by one: a named tuple as such is left as it is
+            dr.eval(*line)  # field by field: dr.eval does not evaluate a named tuple
             last = line.last
         hit = scene.ray_intersect(last)
         valid = hit.is_valid()
@@ -132,28 +155,31 @@ class SurfaceFinder:
         lights = [(in_light, last, mi.Float(1))]
         if line is not None:
             distance = dr.select(line.straight, distance, 0)
-            looked_aside = line.share_aside > 0
-            beside = scene.ray_intersect(line.aside, looked_aside)
-            in_light_aside, chance_aside = self._at_end(beside, looked_aside & beside.is_valid())
-            lights = [(in_light, last, line.clearness), (in_light_aside & looked_aside, line.aside, line.share_aside)]
-            at_end, at_side = line.clearness * chance, line.share_aside * chance_aside
-            total = at_end + at_side + line.thrown_back
-            # A draw of 0 must not choose what is never looked at.
+            has_branch = line.branch_fraction > 0
+            branch_hit = scene.ray_intersect(line.branch, has_branch)
+            branch_in_light, branch_chance = self._at_end(branch_hit, has_branch & branch_hit.is_valid())
+            lights = [
+                (in_light, last, line.clearness),
+                (branch_in_light & has_branch, line.branch, line.branch_fraction),
+            ]
+            at_end, at_branch = line.clearness * chance, line.branch_fraction * branch_chance
+            total = at_end + at_branch + line.reflected_fraction
+            # A draw of 0 must not choose what has a chance of 0.
             is_end = line.draw * total < at_end
-            is_clear = line.draw * total >= at_end + at_side
-            segment = dr.select(is_end, last, dr.select(is_clear, line.segment, line.aside))
-            share = dr.select(is_end, 1 / chance, dr.select(is_clear, line.per_share, 1 / chance_aside))
-            factor = dr.select(total > 0, total * share, 0)
+            is_clear = line.draw * total >= at_end + at_branch
+            segment = dr.select(is_end, last, dr.select(is_clear, line.segment, line.branch))
+            weight = dr.select(is_end, 1 / chance, dr.select(is_clear, line.reflection_weight, 1 / branch_chance))
+            factor = dr.select(total > 0, total * weight, 0)
             dr.eval(segment, factor, is_clear, distance, lights)
             hit = scene.ray_intersect(segment)
             valid = hit.is_valid()
         counts = valid & (factor > 0)
         shape: Any = dr.select(counts, self._look_up(self._number, hit, valid=counts), 0)
         if line is not None:
-            # Of a clear surface only what it throws back is shared, and only where no mirror adds to it.
-            clear = self._clear.does_to_line(hit, counts) != OPAQUE
+            # A clear surface shares only the light that it reflects, and only if it reflects none as a mirror does.
+            clear = self._clear.effect_on_line(hit, counts) != OPAQUE
             shape = dr.select(clear & (~is_clear | self._clear.mirrors(hit, counts & is_clear)), 0, shape)
-        # Light keeps its place on a shape that moves along, not where the shape was.
+        # Shading moves along with a shape.
         moved = dr.gather(mi.Vector3f, self._moved, number_shapes_that_rays_hit(hit), valid)
         point = (to_camera @ mi.Point3f(hit.p - moved)) * setup.unit_m
         depth = point.z - opaque_number_for_rays(
@@ -162,8 +188,10 @@ class SurfaceFinder:
         scale = opaque_number_for_rays(self._pixels_per_slope)
         column = -point.x / depth * scale + opaque_number_for_rays(setup.grid.columns / 2)
         row = -point.y / depth * scale + opaque_number_for_rays(setup.grid.rows / 2)
-        beside = dr.maximum(dr.abs(column), dr.abs(row)) > PIXELS_BESIDE  # or behind: seen in a mirror
-        shape = dr.select((depth <= 0) | beside, 0, shape)
+        out_of_range = (
+            dr.maximum(dr.abs(column), dr.abs(row)) > MAX_PIXELS_FROM_ORIGIN
+        )  # or behind the lens: seen in a mirror
+        shape = dr.select((depth <= 0) | out_of_range, 0, shape)
         textured = (shape > 0) & (self._look_up(self._textured, hit, valid=shape > 0) > 0)
         normal = dr.normalize(mi.Vector3f(to_camera @ mi.Normal3f(hit.sh_frame.n)))
         normal = dr.select(hit.wi.z < 0, -normal, normal)  # the side that is seen
@@ -177,46 +205,48 @@ class SurfaceFinder:
             v,
             dr.select(textured, _reflectance(hit, textured), 1.0),
         ]
-        alone = counts & (shape == 0)
-        dr.eval(hits, factor, alone, distance, lights)
+        unshared = counts & (shape == 0)
+        dr.eval(hits, factor, unshared, distance, lights)
         found = SurfaceHits(*(array.numpy() for array in hits))
-        ends = tuple(end for lit, ray, share in lights if (end := _ends_in_light(lit, ray, clearness=share)).rays.size)
+        ends = tuple(
+            end for lit, ray, fraction in lights if (end := _ends_in_light(lit, ray, clearness=fraction)).rays.size
+        )
         if line is None:
-            return Sight(found, alone.numpy(), None, segment, None, ends, Distances(distance.numpy()))
+            return Sight(found, unshared.numpy(), None, segment, None, ends, Distances(distance.numpy()))
         distances = Distances(distance.numpy(), line.nearest.numpy(), line.farthest.numpy())
-        return Sight(found, alone.numpy(), factor.numpy(), segment, is_clear.numpy(), ends, distances)
+        return Sight(found, unshared.numpy(), factor.numpy(), segment, is_clear.numpy(), ends, distances)
 
     def _at_end(self, hit: Any, valid: Any) -> tuple[Any, Any]:
-        """Return whether lines end in a black lamp or the sky, and else how much light the surface there may reflect.
+        """Return whether lines end in a black lamp or the sky, and if not, how much light the surface may reflect.
 
-        The latter, 0...1, decides how often this light is looked at.
+        The latter, 0 to 1, determines how often this light is sampled.
         """
         lamp = self._look_up(self._black, hit, valid=valid) > 0
         shares = self._look_up(self._number, hit, valid=valid) > 0
         if self._clear.any:
-            shares &= self._clear.does_to_line(hit, valid) == OPAQUE
+            shares &= self._clear.effect_on_line(hit, valid) == OPAQUE
         in_light = ~valid | (lamp & (_reflectance(hit, lamp) == 0))
-        reflected = dr.clip(_reflectance(hit, shares), LEAST_CHANCE, 1)  # not computed where lines have no choice
+        reflected = dr.clip(_reflectance(hit, shares), MIN_CHANCE, 1)  # not computed if lines have no choice
         return in_light, dr.select(in_light, 0, dr.select(shares, reflected, 1))
 
     def _look_up(self, table: Any, hit: Any, *, valid: Any) -> Any:
-        """Return a number of the shapes that rays hit, UInt32 (ray,)."""
+        """Return the entries of a table for the shapes that rays hit, UInt32 (ray,)."""
         return dr.gather(mi.UInt32, table, number_shapes_that_rays_hit(hit), valid)
 
 
 def _ends_in_light(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:
     rays = np.flatnonzero(in_light.numpy()).astype(np.uint32)
-    share = clearness.numpy()
-    return EndsInLight(rays, ray, share[rays] if share.size > 1 else np.ones(rays.size, dtype=np.float32))
+    fraction = clearness.numpy()
+    return EndsInLight(rays, ray, fraction[rays] if fraction.size > 1 else np.ones(rays.size, dtype=np.float32))
 
 
 def _reflectance(hit: Any, active: Any) -> Any:
-    """Return how much light surfaces reflect in all directions alike, 0 where not ``active``."""
+    """Return how much light surfaces reflect in all directions alike; 0 for rays that are not ``active``."""
     return dr.select(active, dr.maximum(hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0), 0)
 
 
 def _octahedral(normal: Any) -> tuple[Any, Any]:
-    """Return a direction on the octahedral map, two coordinates in 0...1."""
+    """Return a direction on the octahedral map, as two coordinates from 0 to 1."""
     total = dr.abs(normal.x) + dr.abs(normal.y) + dr.abs(normal.z)
     x, y = normal.x / total, normal.y / total
     folded_x, folded_y = dr.copysign(1 - dr.abs(y), x), dr.copysign(1 - dr.abs(x), y)
@@ -225,22 +255,22 @@ def _octahedral(normal: Any) -> tuple[Any, Any]:
 
 
 def _registry_index(shape: Any) -> int:
-    """Return the number that a pointer to this shape holds in a kernel."""
+    """Return the number that a pointer to this shape has in a kernel."""
     return int(np.array(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
 
 
 def _can_share_shading(bsdf: Any) -> bool:
     flags = int(bsdf.flags())
     glossy = flags & int(mi.BSDFFlags.Glossy)
-    if flags & int(mi.BSDFFlags.Null):  # but where it reflects as a mirror does: ClearSurfaces.mirrors
+    if flags & int(mi.BSDFFlags.Null):  # unless it reflects as a mirror does: see ClearSurfaces.mirrors
         return bool(flags & int(mi.BSDFFlags.Diffuse)) and not glossy
     if "Blend" in str(bsdf) and glossy:
-        return False  # Mitsuba knows no reflectance of a blend that leaves its highlights out
+        return False  # Mitsuba gives no reflectance of a blend without its highlights
     return not flags & int(UNSHARED_FLAGS) and bool(flags & int(mi.BSDFFlags.Diffuse))
 
 
 def _is_textured(shape: Any) -> bool:
-    """Return whether a shape's reflectance changes over it; else its paths tell the radiance itself."""
+    """Return whether a shape's reflectance varies over it; if not, the radiance need not be divided by it."""
     attributes = {key for key in mi.traverse(shape).keys() if key.startswith(("vertex_", "face_"))}  # noqa: SIM118
     bitmaps = any(key.endswith(TEXTURE_KEYS) for key in mi.traverse(shape.bsdf()).keys())  # noqa: SIM118
     return bitmaps or bool(attributes - GEOMETRY_ATTRIBUTES)

@@ -14,9 +14,19 @@ def rendered_texel_footprints(
     """Return the size (m) of a texel at each target pixel, from the finest bitmap of its shape, float64 (pixel,).
 
     A texel of a bitmap with (rows, columns) texels spans |∂p/∂u| / columns along one side and |∂p/∂v| / rows along the
-    other, after the texture's own scaling; the size is their geometric mean. ``target`` is bool (row, col), the
-    target's pixels at the focus position ``position``. Pixels of shapes without a bitmap or without texture coordinates
-    are left out, because geometry and formulas are sharp at any size.
+    other, after the texture's own scaling; the size is their geometric mean. Pixels of shapes without a bitmap or
+    without texture coordinates are left out, because geometry and formulas are sharp at any size.
+
+    Parameters
+    ----------
+    setup : RenderSetup
+        Scene in front of its lens.
+    target_shapes : tuple of str
+        Ids of the target's shapes.
+    position : float
+        Focus position, as a fraction of the travel.
+    target : ndarray of bool, shape (row, col)
+        The target's pixels at this position.
     """
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
     camera = mi.load_dict({"type": "perspective", **make_mitsuba_camera_dict(setup, position), "sampler": sampler})
@@ -24,9 +34,11 @@ def rendered_texel_footprints(
     for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes):
         density = _texel_density(shape.bsdf())
         if density > 0:
-            alone = mi.load_dict({"type": "scene", "it": shape}, optimize=False)
+            shape_scene = mi.load_dict({"type": "scene", "it": shape}, optimize=False)
             integrator = mi.load_dict({"type": "aov", "aovs": "u:dp_du,v:dp_dv"})
-            planes = render_with_mitsuba_camera(alone, camera, integrator=integrator, samples=1).astype(np.float64)
+            planes = render_with_mitsuba_camera(shape_scene, camera, integrator=integrator, samples=1).astype(
+                np.float64
+            )
             area = np.linalg.norm(np.cross(planes[..., 0:3], planes[..., 3:6]), axis=-1)[target]
             sizes.append(np.sqrt(area[area > 0] / density) * setup.unit_m)
     return np.concatenate(sizes) if sizes else np.empty(0)

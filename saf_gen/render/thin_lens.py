@@ -1,8 +1,8 @@
-"""A focal stack by Mitsuba's own thin lens, one render per focus position.
+"""A focal stack rendered with Mitsuba's own thin lens, one render per focus position.
 
-The scalar backend renders this way, and tests compare the one-pass stack with it. The field of view follows
-the image distance (breathing), and the camera follows the stage. A pixel of Mitsuba is the mean radiance over
-the aperture and the pixel, as ours is.
+The scalar backend renders in this way, and tests compare the one-pass stack with it. The field of view follows the
+image distance (breathing), and the camera follows the stage. A pixel is the mean radiance over aperture and pixel, as
+in the one-pass stack.
 """
 
 from collections.abc import Callable
@@ -51,10 +51,9 @@ def render_stack(
     window: tuple[int, int] | None = None,
     progress: Callable[[float], None] = lambda done: None,
 ) -> tuple[np.ndarray, int]:
-    """Render the mean radiance at evenly spaced positions, with any backend: float32 (focus, row, col).
+    """Render the mean radiance at evenly spaced positions, with any backend.
 
-    The parameters are those of :func:`saf_gen.render.one_pass.render_stack`. The second result, the number of paths
-    clipped as fireflies, is 0.
+    Parameters and results are those of :func:`saf_gen.render.one_pass.render_stack`; no path is clipped as a firefly.
     """
     focus = positions_to_render(positions, window)
     out = np.empty((focus.size, setup.grid.rows, setup.grid.columns), dtype=np.float32)
@@ -64,7 +63,7 @@ def render_stack(
             position=float(position),
             samples=samples,
             # One seed for all positions: neighbours then share their noise, as in the one-pass stack. With one seed per
-            # position, the mean of two positions would be smoother than either, and a sweep would show that beat.
+            # position, the mean of two positions would be smoother than either, and a sweep would show this as a beat.
             seed=seed,
         )
         progress((k + 1) / focus.size)

@@ -1,6 +1,6 @@
-"""The light that rays bring under one light group: traced on by the integrator, or read off a lamp or the sky.
+"""The light that rays bring under one light group: traced on by the integrator, or read from a lamp or the sky.
 
-Each function is a kernel of its own, so that no other light group changes its bits.
+Each function is a separate kernel, so that no other light group changes its bits.
 """
 
 from typing import Any
@@ -19,16 +19,17 @@ def pick_rays(ray: Any, chosen: np.ndarray) -> Any:
 
 
 def trace_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
-    """Return the radiance along rays, each traced as a whole light path, float32 (ray,)."""
+    """Return the radiance along rays, each traced as a complete light path, float32 (ray,)."""
     traced, _, _ = setup.integrator.sample(setup.mitsuba_scene, _random(seed, ray), ray)
     return _to_host(traced)
 
 
-def trace_radiance_thrown_back(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
-    """Return the radiance that the clear surfaces that rays meet throw back, float32 (ray,).
+def trace_reflected_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
+    """Return the radiance that the clear surfaces met by rays reflect, float32 (ray,).
 
-    All that they scatter or reflect, but not what comes straight through. A path to a lamp is found both by aiming at
-    the lamp and by chance, weighed by the power heuristic (Veach and Guibas 1995, doi:10.1145/218380.218498).
+    This is all that they scatter or reflect, without the light that comes straight through. A path to a lamp is found
+    both by aiming at the lamp and by chance, weighted by the power heuristic (Veach and Guibas 1995,
+    doi:10.1145/218380.218498).
     """
     scene, random = setup.mitsuba_scene, _random(seed, ray)
     context = mi.BSDFContext()
@@ -50,7 +51,7 @@ def trace_radiance_thrown_back(setup: RenderSetup, ray: Any, *, seed: int) -> np
     straight = dr.select(emitter != None, emitter.eval(met, found), 0)  # noqa: E711, an array of pointers
     mirrored = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     aim = scene.pdf_emitter_direction(hit, mi.DirectionSample3f(scene, met, hit), found & ~mirrored)
-    chance = bsdf.pdf(context, hit, sample.wo, found)  # that in ``sample`` is of one part of a blend alone
+    chance = bsdf.pdf(context, hit, sample.wo, found)  # the density in ``sample`` is that of one part of a blend alone
     share = dr.select(mirrored, 1, _power_heuristic(chance, aim))
     return _to_host(aimed + dr.select(found, weight * (traced + straight * (share - 1)), 0))
 
@@ -76,13 +77,13 @@ def _power_heuristic(one: Any, other: Any) -> Any:
 def _to_host(radiance: Any) -> np.ndarray:
     value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
     dr.eval(value)
-    return np.nan_to_num(value.numpy(), nan=0.0, posinf=0.0, neginf=0.0)  # a path without a finite value is lost
+    return np.nan_to_num(value.numpy(), nan=0.0, posinf=0.0, neginf=0.0)  # a path without a finite value counts as 0
 
 
 def _align(array: np.ndarray) -> np.ndarray:
-    """Return a copy at a multiple of 64 bytes: a kernel's code holds how the memory that it reads is aligned."""
-    room = np.empty(array.nbytes + 64, dtype=np.uint8)
-    begin = -room.ctypes.data % 64
-    copy = room[begin : begin + array.nbytes].view(array.dtype)
+    """Return a copy at a multiple of 64 bytes, because a kernel's code depends on how its memory is aligned."""
+    buffer = np.empty(array.nbytes + 64, dtype=np.uint8)
+    begin = -buffer.ctypes.data % 64
+    copy = buffer[begin : begin + array.nbytes].view(array.dtype)
     copy[:] = array
     return copy

@@ -1,4 +1,4 @@
-"""From plain XML to the Mitsuba dictionary that the rest of this package works on, with the file's names."""
+"""Converts plain XML to the Mitsuba dictionary that the rest of this package works on, with the file's names."""
 
 import re
 from pathlib import Path
@@ -13,8 +13,8 @@ from saf_gen.errors import BadInput
 def parse_mitsuba_scene_dict(text: str, path: Path) -> dict[str, Any]:
     """Return the Mitsuba dictionary of a scene from :func:`saf_gen.scene.xml.read_scene_xml`, by id.
 
-    A lamp is copied to every shape that refers to it; surfaces, textures and the like stay shared. ``path``
-    is the file, for messages. Raises BadInput where Mitsuba does not understand the scene.
+    A lamp is copied to every shape that refers to it; surfaces, textures and the like stay shared. ``path`` is the
+    file, for messages. Raises BadInput if Mitsuba does not understand the scene.
     """
     variant: Any = mi.variant()  # the stubs allow None, but a backend has been activated
     config = mi.parser.ParserConfig(variant)
@@ -30,7 +30,7 @@ def parse_mitsuba_scene_dict(text: str, path: Path) -> dict[str, Any]:
 
 
 def mitsuba_refusal(error: Exception, path: Path) -> BadInput:
-    """Return an error of Mitsuba's parser as an error of ours; ``path`` is the file, for messages."""
+    """Return an error of Mitsuba's parser as a BadInput; ``path`` is the file, for messages."""
     message = re.sub(r"^\[[\w.]+:\d+\] ", "", str(error))
     line = re.search(r"line (\d+)", message)
     message = re.sub(r"^Error while loading string \(.*?\): ", "", message)
@@ -38,7 +38,7 @@ def mitsuba_refusal(error: Exception, path: Path) -> BadInput:
 
 
 def _entry(state: Any, index: int, *, shared: frozenset[int]) -> dict[str, Any]:
-    """Return the dictionary of a node; nodes in ``shared`` become references, except lamps."""
+    """Return the dictionary of a node; nodes in ``shared``, except lamps, become references."""
     props = state.nodes[index].props
     entry: dict[str, Any] = {"type": props.plugin_name()}
     for key, value in props.items():

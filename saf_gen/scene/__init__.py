@@ -1,1 +1,1 @@
-"""A scene on disk: its card, its geometry, its motion, the library it draws with, and its digest."""
+"""Scenes on disk: their cards, geometry, motion, shared library modules, and digests."""

@@ -1,4 +1,4 @@
-"""PLY meshes of strangers, checked before Mitsuba reads them: its reader does not hold indices against the vertices."""
+"""Checks of untrusted PLY meshes before Mitsuba reads them, because its reader does not check indices of vertices."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,8 +9,8 @@ import numpy as np
 from saf_gen.errors import BadInput
 
 MAX_HEADER_LINES, MAX_LINE_BYTES, MAX_CORNERS = 1_000, 4_096, 1 << 16
-LEAST_ROWS, MOST_ROWS = 16, 1 << 16
-"""Rows that are read at once."""
+MIN_ROWS, MAX_ROWS = 16, 1 << 16
+"""Least and most rows of an element that are read at once."""
 TYPES = {
     **{"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2"},
     **{"uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4"},
@@ -24,7 +24,7 @@ class _Property(NamedTuple):
     name: str
     kind: str
     counted: str
-    """Type of the number of values of a list; "" for one value."""
+    """Type of the length of a list; "" for a single value."""
 
 
 class _Element(NamedTuple):
@@ -34,13 +34,13 @@ class _Element(NamedTuple):
 
 
 def is_scene_ply_file(path: Path) -> bool:
-    """Return whether a file begins as a PLY mesh does, whatever its name is."""
+    """Return whether a file begins like a PLY mesh, whatever its name."""
     with path.open("rb") as file:
         return file.read(3) == b"ply"
 
 
 def validate_scene_ply_file(path: Path) -> None:
-    """Raise BadInput unless a PLY file is as long as its header says, and each face names vertices that it has.
+    """Raise BadInput unless a PLY file is as long as its header says and all faces name existing vertices.
 
     References
     ----------
@@ -53,13 +53,13 @@ def validate_scene_ply_file(path: Path) -> None:
             for element in elements:
                 for corners in _read_corners(file, element, order=order):
                     if corners.size and not 0 <= (worst := _farthest(corners, vertices)) < vertices:
-                        raise ValueError(f"a face names the vertex {worst} of {vertices}")
+                        raise ValueError(f"a face names the vertex {worst}, but the number of vertices is {vertices}")
     except (OSError, ValueError, OverflowError, MemoryError) as error:
         raise BadInput(f"the mesh is damaged: {error}", where=str(path), hint="export it again") from error
 
 
 def _farthest(corners: np.ndarray, vertices: int) -> int:
-    """Return the index that lies farthest outside of 0 <= index < vertices, or some index where none does."""
+    """Return a corner that is not in 0 <= index < vertices if there is one, else the largest corner."""
     low, high = int(corners.min()), int(corners.max())
     return low if low < 0 else high
 
@@ -90,7 +90,7 @@ def _read_header(file: BinaryIO) -> tuple[str, list[_Element]]:
 
 
 def _read_corners(file: BinaryIO, element: _Element, *, order: str) -> Iterator[np.ndarray]:
-    """Read an element to its end, and yield the indices of vertices in it, of any shape."""
+    """Read an element to its end and yield the indices of vertices in it, in arrays of any shape."""
     wanted = [n for n, one in enumerate(element.properties) if one.name in CORNERS and element.name == "face"]
     if order == "":
         for _ in range(element.rows):
@@ -103,8 +103,8 @@ def _read_corners(file: BinaryIO, element: _Element, *, order: str) -> Iterator[
                 if n in wanted:
                     yield np.array([int(word) for word in words[at : at + count]], dtype=np.int64)
                 at += count
-            if at != len(words):  # Mitsuba would read on in the next line
-                raise ValueError(f"a {element.name} stands on a line of {len(words)} numbers in place of {at}")
+            if at != len(words):  # Mitsuba would continue to read in the next line
+                raise ValueError(f"a {element.name} has {len(words)} numbers on its line instead of {at}")
     elif not any(one.counted for one in element.properties):
         size = sum(np.dtype(one.kind).itemsize for one in element.properties)
         _skip(file, size * element.rows)
@@ -113,8 +113,11 @@ def _read_corners(file: BinaryIO, element: _Element, *, order: str) -> Iterator[
 
 
 def _read_lists(file: BinaryIO, element: _Element, *, order: str, wanted: list[int]) -> Iterator[np.ndarray]:
-    """Read rows of lists, ever more at once while their lists are as long as those of the first."""
-    left, at_once = element.rows, LEAST_ROWS
+    """Read rows of lists, and yield indices.
+
+    Rows whose lists have the same lengths are read together; their number doubles as long as the lengths do not change.
+    """
+    left, at_once = element.rows, MIN_ROWS
     while left:
         at = file.tell()
         lengths = _read_lengths(file, element, order=order)
@@ -136,11 +139,11 @@ def _read_lists(file: BinaryIO, element: _Element, *, order: str, wanted: list[i
             yield rows[f"value{n}"][:kept]
         file.seek(at + kept * alike.itemsize)
         left -= kept
-        at_once = min(2 * at_once, MOST_ROWS) if kept == rows.size else LEAST_ROWS
+        at_once = min(2 * at_once, MAX_ROWS) if kept == rows.size else MIN_ROWS
 
 
 def _read_lengths(file: BinaryIO, element: _Element, *, order: str) -> list[int]:
-    """Read one row and return how long its lists are, 1 for a single value."""
+    """Read one row and return the number of values of each property, 1 if it is not a list."""
     lengths = []
     for one in element.properties:
         count = 1

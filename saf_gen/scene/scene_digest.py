@@ -1,4 +1,4 @@
-"""The digest of a scene's folder, which tells a stored focal stack from that of an edited scene."""
+"""Digest of a scene folder, which distinguishes a stored focal stack from that of an edited scene."""
 
 import hashlib
 import os
@@ -7,25 +7,36 @@ from pathlib import Path
 
 from saf_gen.errors import BadInput
 
-MAX_FILES = 100_000  # files and folders of a scene; a link to a whole disk would lead to more
-PROSE, OWN_PREVIEW = (".md", "preview.png")  # files without effect on a rendered pixel; the preview at the top only
+MAX_FILES = 100_000  # files and folders of a scene; a link to an entire disk would lead to more
+PROSE, PREVIEW_NAME = (".md", "preview.png")  # files that affect no rendered pixel; the preview at the top level only
 
 
 def scene_folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_links: bool) -> str:
-    """Return the SHA-256 (hex) over names and bytes of a folder's files, without Markdown and the preview at the top.
+    """Return the SHA-256 (hex) over the names and bytes of a folder's files.
 
-    ``contents`` gives by name the bytes that count in place of a file's own, or for a file that is not in the
-    folder. What lies in a linked folder counts under the name of the link; ``allow_outside_links`` says
-    whether such a link may lead out of the folder.
+    Markdown files, and ``preview.png`` at the top level, are left out. Files of a linked folder count under the name of
+    the link.
 
-    Raises BadInput for a file or folder that cannot be read, for links that form a circle or lead where they
-    must not, and for more files than a scene can have.
+    Parameters
+    ----------
+    folder : Path
+        Folder of the scene.
+    contents : mapping of str to bytes
+        Bytes by file name that replace those of a file, or add a file that is not in the folder.
+    allow_outside_links : bool
+        Whether links may lead out of the folder.
+
+    Raises
+    ------
+    BadInput
+        If a file or folder cannot be read, links form a circle or lead out of the folder without permission, or there
+        are more than 100,000 files and folders.
     """
     sha = hashlib.sha256()
     try:
         for path in sorted({*_list_files(folder, allow_outside_links), *(folder / name for name in contents)}):
             name = path.relative_to(folder).as_posix()
-            if path.suffix != PROSE and name != OWN_PREVIEW:
+            if path.suffix != PROSE and name != PREVIEW_NAME:
                 content = contents[name] if name in contents else path.read_bytes()
                 sha.update(f"{name}\0{len(content)}\0".encode() + content)
     except OSError as error:
@@ -34,17 +45,17 @@ def scene_folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_ou
 
 
 def _list_files(folder: Path, allow_outside_links: bool) -> list[Path]:
-    """Return every regular file in a folder and below it; linked folders are followed."""
+    """Return all regular files in a folder and its subfolders; linked folders are followed."""
     found: list[Path] = []
     todo: list[tuple[Path, tuple[str, ...]]] = [(folder, ())]
     seen = 0
     while todo:
         current, parents = todo.pop()
-        parents = (*parents, os.path.realpath(current))  # to meet one of these again is to go in a circle
+        parents = (*parents, os.path.realpath(current))  # a link back to one of these forms a circle
         for path in current.iterdir():
             seen += 1
             if seen > MAX_FILES:
-                raise BadInput(f"{folder} holds more than {MAX_FILES:,} files", hint="remove what is not the scene's")
+                raise BadInput(f"{folder} holds more than {MAX_FILES:,} files", hint="remove unrelated files")
             if path.is_file():
                 found.append(path)
             elif path.is_dir() and path.name != "__pycache__":
@@ -56,7 +67,7 @@ def _list_files(folder: Path, allow_outside_links: bool) -> list[Path]:
 def _check_link(path: Path, parents: tuple[str, ...], *, allow_outside: bool) -> None:
     real = os.path.realpath(path)
     if real in parents:
-        raise BadInput(f"{path} leads in a circle, back to {real}", hint="remove the link")
+        raise BadInput(f"{path} is a link back to {real}, which contains it", hint="remove the link")
     if not (allow_outside or Path(real).is_relative_to(parents[0])):
         raise BadInput(
             f"{path} is a link to {real}",

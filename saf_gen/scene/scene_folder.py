@@ -1,6 +1,6 @@
-"""A scene: a folder with a card (``scene.yaml``) and a geometry (``scene.py`` or ``scene.xml``).
+"""Scenes: folders with a card (``scene.yaml``) and a geometry (``scene.py`` or ``scene.xml``).
 
-This module reads and checks the card and knows where scenes live; only :mod:`saf_gen.render` builds the geometry.
+This module finds scenes, and reads and checks their cards; only :mod:`saf_gen.render` builds the geometry.
 """
 
 import json
@@ -30,27 +30,27 @@ CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
     "title licence source library illuminance_lux params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
 )
-"""Keys of a card that the digest leaves out: they change no pixel, or a stack records them itself (``params``
-and the moment), or their files count in their place (``library``)."""
+"""Keys of a card that the digest leaves out, because they change no pixel, because a stack records them separately
+(``params`` and the time), or because their files are digested instead (``library``)."""
 
 EDGE_POWER = 1.5
-"""The error of mixing two slices grows as their distance to this power, up to steps of about a pixel: while an edge
-crosses a pixel its light changes steadily, so only pixels that the edge enters or leaves in between are wrong. Their
-number grows with the step, and so does the error of each."""
+"""Exponent with which the error of interpolation between two slices grows with the step between them, up to steps of
+about a pixel. While an edge crosses a pixel, the light of the pixel changes steadily, so only pixels that the edge
+enters or leaves within the step are wrong. Both their number and the error of each grow with the step."""
 
 
 class CameraPose(FrozenModel):
-    """The lens centre (m), a point on the optical axis (m), and the upward direction; world axes."""
+    """The pose of the camera in world axes."""
 
     origin_m: Vector
     """Centre of the lens, m."""
     look_at_m: Vector
     """Another point on the optical axis, m."""
     up: Vector = (0.0, 1.0, 0.0)
-    """A direction, not along the axis."""
+    """Upward direction of the picture, not parallel to the optical axis."""
 
     @model_validator(mode="after")
-    def _has_an_axis(self) -> "CameraPose":
+    def _check_axis(self) -> "CameraPose":
         axis = [b - a for a, b in zip(self.origin_m, self.look_at_m, strict=True)]
         cross = (
             axis[1] * self.up[2] - axis[2] * self.up[1],
@@ -69,50 +69,50 @@ class SceneCard(FrozenModel):
     """
 
     id: str = Field(pattern=r"^[a-z0-9][a-z0-9_]*$")
-    """The folder's name: lower-case letters, digits, ``_``."""
+    """Name of the folder: lower-case letters, digits, ``_``."""
     title: str
-    """One line, for lists."""
+    """Title on one line, for lists."""
     licence: str
-    """An SPDX name."""
+    """SPDX identifier of the licence."""
     source: str
-    """The origin of everything in the folder; ``SOURCE.md`` for more than a line."""
+    """Origin of everything in the folder; use ``SOURCE.md`` for more than one line."""
     library: dict[str, str] = Field(default_factory=dict)
-    """A module of :mod:`saf_gen.scene.library`, by the name under which ``scene.py`` imports it."""
+    """Modules of :mod:`saf_gen.scene.library`, by the name under which ``scene.py`` imports them."""
     unit_m: float = Field(default=1.0, gt=0)
-    """Metres per unit of the geometry; the card itself stays in metres."""
+    """Metres per unit of the geometry; the card itself is always in metres."""
     camera: CameraPose
     lens: LensCard
-    """The lens and its drive, each drive with keys of its own."""
+    """The lens and its drive; each kind of drive has different keys."""
     lights: dict[str, tuple[str, ...]] = Field(min_length=1)
-    """Emitters that are switched together, by light group, whose name is of lower-case letters, digits, ``-``,
-    ``_``."""
+    """Emitters that are switched together, by light group. The name of a group consists of lower-case letters, digits,
+    ``-``, ``_``."""
     illuminance_lux: dict[str, float] = Field(default_factory=dict)
-    """Mean illuminance of the target at gain 1 by each light group alone, lux, above 0: for all groups or none.
-    Light schedules in lux need it."""
+    """Mean illuminance of the target by each light group alone at gain 1, lux, above 0; given for all groups or for
+    none. Light schedules in lux need it."""
     target: tuple[str, ...] = Field(min_length=1)
-    """Shapes that the lens is to focus on."""
+    """Shapes on which the lens should focus."""
     params: dict[str, Any] = Field(default_factory=dict)
     """Parameters of the geometry: finite numbers, text, ``true``, ``false``, lists of them. A range makes the scene
     a family of members; a recipe may set any number, but only a listed value of a choice."""
     motion: dict[str, RigidMotion] = Field(default_factory=dict)
-    """Motion of a shape, on top of the pose that the geometry gives it."""
+    """Motion of each moving shape, in addition to the pose that the geometry gives it."""
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
-    """Rendered time slices per second, between which a recording interpolates; a scene that moves must have it."""
+    """Rendered time slices per second, between which a recording interpolates; required if the scene moves."""
     interpolation_error: float | None = Field(default=None, gt=0, lt=1)
-    """Largest error of that interpolation, for every member: rms difference to a render half way between two
-    slices, over the mean brightness, in the target's box. ``saf-gen scenes check`` measures it."""
+    """Largest error of that interpolation over all members: rms difference to a render half-way between two slices,
+    divided by the mean brightness, in the box around the target. ``saf-gen scenes check`` measures it."""
     still_s: float = 0.5
-    """The moment that is seen where a moving scene is to stand still, s."""
+    """Time at which a moving scene is rendered if it has to be at rest, s."""
 
     @model_validator(mode="after")
-    def _light_is_measured_whole(self) -> "SceneCard":
+    def _check_illuminance(self) -> "SceneCard":
         lux = self.illuminance_lux
         if lux and not (set(lux) == set(self.lights) and all(value > 0 for value in lux.values())):
             raise ValueError(f"illuminance_lux above 0 for each of {', '.join(self.lights)}, or for none")
         return self
 
     def estimate_interpolation_error(self, slices_per_s: float) -> float | None:
-        """Return ``interpolation_error`` at another number of slices per second; None where the card has none."""
+        """Return ``interpolation_error`` at another number of slices per second, or None if the card lacks it."""
         if self.interpolation_error is None or self.slices_per_s is None:
             return None
         return self.interpolation_error * (self.slices_per_s / slices_per_s) ** EDGE_POWER
@@ -120,10 +120,19 @@ class SceneCard(FrozenModel):
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene folder whose card has been read: one member of the family that its open parameters make.
+    """A scene folder whose card has been read: one member of the family, if the scene has open parameters.
 
-    ``params`` are all parameters, with a value drawn for every range. ``digest`` is the SHA-256 (hex) over everything
-    that can change a pixel, so that a stored focal stack is never taken for that of an edited scene.
+    Attributes
+    ----------
+    folder : Path
+        Folder of the scene.
+    card : SceneCard
+        Its card.
+    digest : str
+        SHA-256 (hex) over everything that can change a pixel, so that a stored focal stack is never mistaken for that
+        of an edited scene.
+    params : mapping of str to object
+        All parameters, with a value drawn for every range.
     """
 
     folder: Path
@@ -137,15 +146,15 @@ class Scene:
 
     @property
     def has_script(self) -> bool:
-        """Whether the geometry is a script, ``scene.py``, rather than ``scene.xml``."""
+        """True if the geometry is a script, ``scene.py``, rather than ``scene.xml``."""
         return (self.folder / SCRIPT_FILE).is_file()
 
     def build_drive(self, f_number: float | None = None) -> Drive:
-        """Return the card's lens with its drive; ``f_number`` replaces the card's."""
+        """Return the drive of the card's lens; ``f_number``, if given, replaces that of the card."""
         return self.card.lens.build_drive(f_number)
 
     def draw_member(self, *stream: str | int) -> "Scene":
-        """Return the member of the family that the random streams of this name draw."""
+        """Return a member of the family, with every range drawn from the random streams of this name."""
         params = {
             key: draw_config_range(value, seeds.make_generator(*stream, "param", key))
             for key, value in self.card.params.items()
@@ -153,22 +162,22 @@ class Scene:
         return replace(self, params=params)
 
     def with_params(self, chosen: Mapping[str, Any]) -> "Scene":
-        """Return this scene with some parameters replaced; raise BadInput for an unknown one."""
+        """Return this scene with some parameters replaced; raise BadInput if one is unknown."""
         for key in chosen:
             if key not in self.params:
                 raise unknown(f"parameter of scene {self.id!r}:", key, allowed=self.params)
         return replace(self, params={**self.params, **chosen})
 
     def library_files(self) -> dict[str, Path]:
-        """Return the library modules that the script imports: file by the name under which it is imported."""
+        """Return the files of the library modules that the script imports, by the name under which it imports them."""
         return {name: find_scene_library_module(module) for name, module in self.card.library.items()}
 
 
 def scene_roots() -> list[Path]:
-    """Return the folders whose scenes have a name; the first that has a name wins.
+    """Return the folders in which scenes are looked up by name, in the order of precedence.
 
-    They are those of :func:`~saf_gen.scene.trusted_folders.trusted_scene_folders` that the command stands in or names,
-    and the scenes that come with saf_gen.
+    They are those of :func:`~saf_gen.scene.trusted_folders.scene_folders_in_use`, and the folder of the scenes that
+    come with saf_gen.
     """
     return [*trusted_folders.scene_folders_in_use(), shipped_folder("scenes")]
 
@@ -181,25 +190,31 @@ def scene_names() -> list[str]:
 def find_scene(name: str) -> Scene:
     """Return the scene of this name, with one fixed draw of its open parameters.
 
-    A name is not a path: a recipe of unknown origin cannot lead to code outside the trusted folders.
+    A name cannot be a path, so that a recipe of unknown origin cannot lead to code outside the trusted folders.
 
-    Raises BadInput for an unknown name, a card that does not fit, a missing geometry, and a name that only
-    ``scenes/`` of the working directory has, where the user has not registered that folder.
+    Raises
+    ------
+    BadInput
+        If the name is unknown, or known only in ``scenes/`` of the working directory and the user has not registered
+        that folder; if the card is not valid; if the geometry is missing.
     """
     if Path(name).name == name:
         for root in scene_roots():
             if (root / name / CARD_FILE).is_file():
                 return _read(root / name)
-        if (own := Path("scenes").resolve() / name / CARD_FILE).is_file():
-            raise _untrusted(own.parent, f"the scene {name!r} is in ./scenes alone, which is not registered")
+        if (card := Path("scenes").resolve() / name / CARD_FILE).is_file():
+            raise _untrusted(card.parent, f"the scene {name!r} is only in ./scenes, which is not registered")
     raise unknown("scene", name, allowed=scene_names(), hint="see: saf-gen scenes list")
 
 
 def load_scene_folder(folder: Path) -> Scene:
-    """Return the scene of any folder; one with a script only where the user trusts that folder.
+    """Return the scene in any folder; if its geometry is a script, the user must trust the folder.
 
-    Raises BadInput as :func:`find_scene` does, and for a ``scene.py`` in a folder that is neither registered, nor
-    named by ``SAF_GEN_SCENES``, nor one that comes with saf_gen.
+    Raises
+    ------
+    BadInput
+        As :func:`find_scene` does, and for a ``scene.py`` in a folder that is neither registered, nor named by
+        ``SAF_GEN_SCENES``, nor that of the scenes that come with saf_gen.
     """
     folder = folder.resolve()
     trusted = {root.resolve() for root in (*trusted_folders.trusted_scene_folders(), shipped_folder("scenes"))}
@@ -222,7 +237,7 @@ def _read(folder: Path) -> Scene:
     document = read_yaml(folder / CARD_FILE)
     card = validate_document(SceneCard, document)
     if card.id != folder.name:
-        raise BadInput(f"id is {card.id!r}", where=document.locate("id"), allowed=f"{folder.name}, as the folder")
+        raise BadInput(f"id is {card.id!r}", where=document.locate("id"), allowed=f"{folder.name}, the folder's name")
     geometry = [name for name in (SCRIPT_FILE, "scene.xml") if (folder / name).is_file()]
     if not geometry:
         raise BadInput(
@@ -241,7 +256,7 @@ def _read(folder: Path) -> Scene:
             raise BadInput(
                 f"library has the name {name!r}",
                 where=where,
-                allowed=f"a name that {SCRIPT_FILE} can import and no file of the folder has",
+                allowed=f"a name that {SCRIPT_FILE} can import and that no file in the folder has",
             )
     scene = Scene(folder, card, _digest(folder, card), {}).draw_member("scene", card.id)
     try:
@@ -254,12 +269,11 @@ def _read(folder: Path) -> Scene:
 def _digest(folder: Path, card: SceneCard) -> str:
     """Return the SHA-256 over everything of a scene that can change a pixel.
 
-    Of the card only the values count, and of those only the ones that change a pixel: a corrected title or a
-    newly measured illuminance renders nothing again. A library module counts as if it were the file of the
-    folder that the script imports.
+    Only those values of the card count that change a pixel, so that a corrected title or a newly measured illuminance
+    does not cause a new render. A library module counts as if it were the file in the folder that the script imports.
     """
     values = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
     contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}
     contents |= {f"{name}.py": find_scene_library_module(module).read_bytes() for name, module in card.library.items()}
-    # Only a script can read files outside of its folder: those that an XML scene names must lie within.
+    # Only a script can read files outside its folder; files of an XML scene must be inside it.
     return scene_folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())

@@ -1,7 +1,7 @@
-"""Folders of scenes that the user trusts: a scene may be a script, which runs with the user's rights.
+"""Folders of scenes that the user trusts, because a scene may be a script, which runs with the user's rights.
 
-The scenes of a folder count once ``saf-gen init`` has registered it for this user, or where ``SAF_GEN_SCENES`` names
-it. A ``scenes/`` that merely lies in the working directory, as in an archive from somebody else, does not.
+A folder is trusted if ``saf-gen init`` has registered it for this user, or if ``SAF_GEN_SCENES`` names it. A
+``scenes/`` folder is not trusted only because it is in the working directory, as in an archive from somebody else.
 """
 
 import os
@@ -12,11 +12,14 @@ from saf_gen.core.user_folder import user_folder
 from saf_gen.errors import BadInput
 
 SCENES_VARIABLE = "SAF_GEN_SCENES"
-"""Environment variable that names folders of scenes, separated as in ``PATH``."""
+"""Environment variable that lists folders of scenes, separated as in ``PATH``."""
 
 
 def scene_registration_file() -> Path | None:
-    """Return the user's list of registered folders, which need not exist; None for a user without a home folder."""
+    """Return the path of the user's list of registered folders, or None if the user has no home folder.
+
+    The file need not exist.
+    """
     folder = user_folder()
     return None if folder is None else folder / "scene_folders.txt"
 
@@ -24,7 +27,7 @@ def scene_registration_file() -> Path | None:
 def registered_scene_folders() -> list[Path]:
     """Return the folders of scenes that :func:`register_scene_folder` has added.
 
-    Raises BadInput where the list is there and cannot be read.
+    Raises BadInput if the list exists and cannot be read.
     """
     file = scene_registration_file()
     try:
@@ -37,9 +40,9 @@ def registered_scene_folders() -> list[Path]:
 
 
 def register_scene_folder(folder: Path) -> bool:
-    """Trust the scenes of a folder from now on; return False where it was registered already.
+    """Trust the scenes of a folder from now on, and return False if it was already registered.
 
-    Raises BadInput for a path with a line break, and where the list cannot be written.
+    Raises BadInput if the path has a line break, the list cannot be read or written, or the user has no home folder.
     """
     folder, known = folder.resolve(), registered_scene_folders()
     if len(str(folder).splitlines()) != 1:
@@ -50,7 +53,10 @@ def register_scene_folder(folder: Path) -> bool:
 
 
 def forget_scene_folder(folder: Path) -> bool:
-    """Trust the scenes of a folder no longer; return False where it was not registered. Raises as registering does."""
+    """Stop trusting the scenes of a folder, and return False if it was not registered.
+
+    Raises BadInput if the list cannot be read or written, or the user has no home folder.
+    """
     folder, known = folder.resolve(), registered_scene_folders()
     if folder in known:
         _write([one for one in known if one != folder])
@@ -60,22 +66,22 @@ def forget_scene_folder(folder: Path) -> bool:
 def _write(folders: list[Path]) -> None:
     file = scene_registration_file()
     if file is None:
-        raise BadInput("there is no home folder to register in", hint=f"set HOME, or {SCENES_VARIABLE}=FOLDER/scenes")
+        raise BadInput("the user has no home folder for the list", hint=f"set HOME, or {SCENES_VARIABLE}=FOLDER/scenes")
     write_text_atomically(file, "".join(f"{folder}\n" for folder in folders))
 
 
 def trusted_scene_folders() -> list[Path]:
-    """Return the folders that ``SAF_GEN_SCENES`` names, then all that are registered."""
+    """Return the folders that ``SAF_GEN_SCENES`` names, followed by all registered folders."""
     return [*_named_folders(), *registered_scene_folders()]
 
 
 def scene_folders_in_use() -> list[Path]:
-    """Return the folders that ``SAF_GEN_SCENES`` names, then ``scenes/`` of the working directory if it is registered.
+    """Return the folders that ``SAF_GEN_SCENES`` names, and ``scenes/`` of the working directory if it is registered.
 
-    Other registered folders have no part in what a name means here.
+    Other registered folders are not searched for names of scenes.
     """
-    own = Path("scenes").resolve()
-    return [*_named_folders(), *(one for one in registered_scene_folders() if one == own)]
+    local = Path("scenes").resolve()
+    return [*_named_folders(), *(one for one in registered_scene_folders() if one == local)]
 
 
 def _named_folders() -> list[Path]:

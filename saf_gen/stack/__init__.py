@@ -1,1 +1,1 @@
-"""Focal stacks on disk, the charge a sensor collects from them, the true focus, and repeatable captures."""
+"""Focal stacks on disk, the charge that a sensor collects from them, the true focus, and repeatable captures."""

@@ -1,7 +1,7 @@
-"""A recorded sequence that can be captured again with another lens motion, everything else unchanged.
+"""A recorded sequence that can be captured again with another lens motion and everything else unchanged.
 
-Light is linear and the stacks hold every focus position. A camera that runs while a method moves its lens
-therefore needs no renderer, only the recording's stacks, light gains, sensor and seeds.
+Light is linear, and the stacks hold every focus position. A camera that runs while a method moves its lens therefore
+needs no renderer, only the stacks, light gains, sensor and seeds of the recording.
 """
 
 from dataclasses import dataclass
@@ -19,18 +19,34 @@ from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolv
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import SpikeStream
 
-KEEP_BYTES = 1 << 30  # for a moving scene: methods read it one after the other, most in the same sweep
+CACHE_BYTES = 1 << 30  # of a moving scene: methods read it one after the other, most in the same sweep
 
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """What was in front of the lens, and the camera that recorded it.
+    """The scene that was in front of the lens, and the camera that recorded it.
 
-    gain : float32 (T, G), the light of each readout, which ``exposure`` multiplies.
-    seed : names the recording's noise.
-    device_seed : names the sensor's fixed pattern.
-    frames : how many readouts can be captured; fewer than recorded if only the first time slices were
-        rendered at all focus positions.
+    Attributes
+    ----------
+    plane_source : PlaneSource
+        Focal stacks of the recording.
+    sensor : Sensor
+        Sensor of the camera.
+    gain : ndarray of float32, shape (T, G)
+        Gain of each light group at each readout.
+    exposure : float
+        Factor on all gains.
+    seed : int
+        Seed of the recording's noise.
+    device_seed : int
+        Seed of the sensor's fixed pattern.
+    truth : Truth
+        True focus of the recording.
+    frames : int
+        Number of readouts that can be captured; fewer than recorded if only the first time slices were rendered at all
+        focus positions.
+    slices : str
+        Digest of the time slices; '' if they are those that the recording was made from.
     """
 
     plane_source: PlaneSource
@@ -42,14 +58,23 @@ class Capture:
     truth: Truth
     frames: int
     slices: str = ""
-    """Digest of the time slices, '' if the recording was made from the same ones."""
 
     @classmethod
     def from_stream(cls, stream: SpikeStream, stacks: Path) -> "Capture":
         """Return the capture behind a stream, from the folder of stacks that it was made from.
 
-        Raises BadInput if `saf-gen generate` did not make the stream, and if the stacks are missing, have
-        changed, or were not rendered at all focus positions.
+        Parameters
+        ----------
+        stream : SpikeStream
+            Stream that `saf-gen generate` made.
+        stacks : Path
+            Folder of the focal stacks.
+
+        Raises
+        ------
+        BadInput
+            If `saf-gen generate` did not make the stream, or if the stacks are missing, have changed, or were not
+            rendered at all focus positions.
         """
         provenance, where = stream.metadata.provenance, str(stream.path)
         try:
@@ -77,25 +102,25 @@ class Capture:
                 where=where,
                 hint="run saf-gen generate again",
             )
-        whole = time_stack.with_full_travel()
-        if moving and whole == time_stack and whole.count_stored(stacks) < len(specs):
+        full_travel = time_stack.with_full_travel()
+        if moving and full_travel == time_stack and full_travel.count_stored(stacks) < len(specs):
             raise _lacking_slices_error(provenance.get("recipe", ""), where)
-        if moving and whole != time_stack:
-            frames = min(frames, slice_frames[max(whole.count_stored(stacks) - 1, 0)])
+        if moving and full_travel != time_stack:
+            frames = min(frames, slice_frames[max(full_travel.count_stored(stacks) - 1, 0)])
             if frames < 2 * FRAMES_PER_BYTE:
                 raise _lacking_slices_error(provenance.get("recipe", ""), where)
-            plane_source = PlaneSource.from_folder(whole.truncated_to(frames), stacks)
+            plane_source = PlaneSource.from_folder(full_travel.truncated_to(frames), stacks)
             slices = plane_source.digest
         return cls(plane_source, sensor, gain, scale, seed, device_seed, stream.truth, frames, slices)
 
     @property
     def row_alignment(self) -> int:
-        """The row number at whose multiples an encoder of some rows may begin."""
+        """The first row of an encoder must be a multiple of this number."""
         return LANES // gcd(self.sensor.columns, LANES)
 
     def open_charge_source(self, rows: slice | None = None) -> ChargeSource:
-        """Return the charge collected in these rows (all by default); many runs may share it."""
-        charge_source = ChargeSource(self.plane_source, self.sensor, rows=rows, keep_bytes=KEEP_BYTES)
+        """Return the source of the charge collected in these rows (all by default); many runs may share it."""
+        charge_source = ChargeSource(self.plane_source, self.sensor, rows=rows, cache_bytes=CACHE_BYTES)
         charge_source.scale = self.exposure
         return charge_source
 

@@ -1,7 +1,7 @@
 """The charge that a sensor collects from recorded focal stacks, at any frame and focus position.
 
-The stack of a static scene is held in memory as a whole. Of a moving scene only the focus positions that the
-lens visits are read, and by default those of at most three stacks are held in memory.
+The complete stack of a static scene is held in memory. For a moving scene, only the focus positions that the lens
+visits are read, and by default those of at most three stacks are held in memory.
 """
 
 import numpy as np
@@ -13,18 +13,31 @@ from saf_gen.stack.time_resolved import FrameRun, PlaneSource
 class ChargeSource:
     """The planes of a :class:`PlaneSource` as photo-electrons per readout at gain 1, in all or some rows of the sensor.
 
-    ``scale`` multiplies the light (the exposure); it is 1 at first and may be set at any time. ``keep_bytes`` is the
-    memory in which planes of a moving scene are kept for the next run.
+    Parameters
+    ----------
+    plane_source : PlaneSource
+        Source of the image planes.
+    sensor : Sensor
+        Sensor that collects the charge.
+    rows : slice, optional
+        Rows of the sensor; by default all.
+    cache_bytes : int, default 0
+        Memory in which planes of a moving scene are kept for the next run.
+
+    Attributes
+    ----------
+    scale : float
+        Factor on the light (the exposure); 1 at first, and may be set at any time.
     """
 
     def __init__(
-        self, plane_source: PlaneSource, sensor: Sensor, *, rows: slice | None = None, keep_bytes: int = 0
+        self, plane_source: PlaneSource, sensor: Sensor, *, rows: slice | None = None, cache_bytes: int = 0
     ) -> None:
         self.time_stack, self.sensor, self.scale = plane_source.time_stack, sensor, 1.0
-        self._plane_source, self._rows, self._keep_bytes = plane_source, rows, keep_bytes
-        # Plain dictionaries: an lru_cache on a method would keep self, and the stacks, until a collection.
-        self._static: dict[bool, np.ndarray] = {}  # summed over lights or not: the charge of the whole stack
-        self._kept: dict[tuple[int, int], np.ndarray] = {}  # (stack, position): charge (light, row, col)
+        self._plane_source, self._rows, self._cache_bytes = plane_source, rows, cache_bytes
+        # Plain dictionaries, because an lru_cache on a method would keep self and the stacks until garbage collection.
+        self._static: dict[bool, np.ndarray] = {}  # charge of the full stack, summed over lights or not
+        self._cache: dict[tuple[int, int], np.ndarray] = {}  # (stack, position): charge (light, row, col)
 
     def charge_image(self, frame: float, position: float) -> np.ndarray:
         """Return photo-electrons per readout at gain 1, float32 (light, row, col), at a frame and a position.
@@ -40,8 +53,16 @@ class ChargeSource:
     def encoder_inputs(self, run: FrameRun, *, position: np.ndarray, gain: np.ndarray) -> dict[str, np.ndarray]:
         """Return the arguments of :meth:`saf_gen.camera.Encoder.encode` for a run of frames.
 
-        ``position`` (T,) and ``gain`` (T, G) are those of the whole recording. Light groups that share one
-        gain are summed: the camera cannot tell them apart.
+        Light groups that share one gain are summed, because the camera cannot distinguish them.
+
+        Parameters
+        ----------
+        run : FrameRun
+            Frames between two time slices.
+        position : ndarray, shape (T,)
+            Position of the lens in each readout of the recording, 0 to 1.
+        gain : ndarray, shape (T, G)
+            Gain of each light group in each readout of the recording.
         """
         spec = self.time_stack.specs[0]
         index, fraction = encoder_knot_weights(position[run.begin : run.end], spec.positions)
@@ -58,7 +79,7 @@ class ChargeSource:
         return {"stack": stack, "index": index - first, "fraction": fraction, "gain": gain}
 
     def _slice_weight(self, frame: float) -> tuple[int, float]:
-        """Return the stack before a frame, and the weight of the one after it."""
+        """Return the index of the stack before the middle of a frame, and the weight of the next one, 0 to 1."""
         if not self.time_stack.is_moving:
             return 0, 0.0
         starts = self.time_stack.slice_frames
@@ -75,12 +96,12 @@ class ChargeSource:
         return charge[:, 0] + np.float32(knot - k) * (charge[:, 1] - charge[:, 0])
 
     def _charge(self, j: int, positions: range, *, summed: bool = False) -> np.ndarray:
-        """Return the charge of stack j at these of all positions, float32 (light, focus, row, col).
+        """Return the charge of stack j at positions, by index, float32 (light, focus, row, col), before the exposure.
 
-        It is taken before the exposure; ``summed`` adds up the light groups.
+        ``summed`` adds up the light groups.
         """
         if self.time_stack.is_moving:
-            charge = np.stack(self._kept_planes(j, positions), axis=1)
+            charge = np.stack(self._cached_planes(j, positions), axis=1)
             return charge.sum(axis=0, keepdims=True) if summed else charge
         begin = self.time_stack.specs[0].first_index
         return self._static_charge(summed=summed)[:, positions.start - begin : positions.stop - begin]
@@ -95,18 +116,18 @@ class ChargeSource:
             self._static[True] = self._static[False].sum(axis=0, keepdims=True)
         return self._static[summed]
 
-    def _kept_planes(self, j: int, positions: range) -> list[np.ndarray]:
+    def _cached_planes(self, j: int, positions: range) -> list[np.ndarray]:
         """Return the charge of a moving scene plane by plane; planes that are not in memory are read."""
-        lacking = [k for k in positions if (j, k) not in self._kept]
+        lacking = [k for k in positions if (j, k) not in self._cache]
         if lacking:
             begin, end = lacking[0], lacking[-1] + 1
             charge = self._load_charge(j, range(begin, end))
-            self._kept |= {(j, k): charge[:, k - begin].copy() for k in range(begin, end)}
-        found = [self._kept[j, k] for k in positions]
-        excess = len(self._kept) - self._keep_bytes // found[0].nbytes
-        if excess > 0:  # drop the oldest, except neighbours: a moment of the scene lies between two stacks
-            for key in [key for key in self._kept if abs(key[0] - j) > 1][:excess]:
-                del self._kept[key]
+            self._cache |= {(j, k): charge[:, k - begin].copy() for k in range(begin, end)}
+        found = [self._cache[j, k] for k in positions]
+        excess = len(self._cache) - self._cache_bytes // found[0].nbytes
+        if excess > 0:  # drop the oldest, except neighbours: a moment of the scene is between two stacks
+            for key in [key for key in self._cache if abs(key[0] - j) > 1][:excess]:
+                del self._cache[key]
         return found
 
     def _load_charge(self, j: int, positions: range) -> np.ndarray:

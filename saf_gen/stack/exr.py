@@ -1,4 +1,4 @@
-"""OpenEXR files of named planes, float32 or float16, with text attributes; nothing else calls OpenEXR."""
+"""OpenEXR files of named planes, float32 or float16, with text attributes; no other module calls OpenEXR."""
 
 import errno
 import os
@@ -16,15 +16,15 @@ from saf_gen.core.config.document import check_plain_file
 from saf_gen.errors import BadInput
 from saf_gen.stack import exr_parts
 
-BLOCK = 8  # planes that are compressed together; to read one is to read a block
+BLOCK = 8  # planes that are compressed together; to read one, its block must be read
 MAX_FILE_BYTES = 1 << 40
 
 
 def write_stack_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str]) -> None:
-    """Write planes (row, col) of one shape as channels of a scan-line image, as float16 or else float32.
+    """Write planes (row, col) of one shape as channels of a scan-line image, in float16 or otherwise float32.
 
-    The file is not compressed: ZIP saves 1 % of a render and takes nine times as long, and single
-    planes could no longer be read alone.
+    The file is not compressed: ZIP would save 1 % of a render and take nine times as long, and single planes could no
+    longer be read alone.
     """
     header: dict[str, object] = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
     channels = {
@@ -35,17 +35,31 @@ def write_stack_planes(path: Path, planes: Mapping[str, np.ndarray], *, attribut
 
 
 def write_stack_plane_blocks(
-    path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str], together: int = BLOCK
+    path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str], block_size: int = BLOCK
 ) -> None:
-    """Write planes (row, col) of one shape and type, compressed without loss, that can still be read a few at a time.
+    """Write planes (row, col) of one shape and type, compressed without loss, in blocks that can be read separately.
 
-    They are stored as float16 or else float32. Each part of the file holds a block of up to ``together`` planes, in
-    the order given, as one picture in which the values of a pixel stand side by side: its columns are pixel · planes +
-    plane. Its attribute ``planes`` names them; a last block that is not full repeats its last plane. ``attributes``
-    are those of the first part. EXR's ZIP stores differences of neighbours, and neighbours in focus are more alike
-    than neighbours on the sensor: planes of a focal stack take a seventh less than as pictures.
+    EXR's ZIP stores differences of neighbours, and neighbours in focus are more alike than neighbours on the sensor: in
+    this order, the planes of a focal stack take a seventh less space than as separate pictures.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    planes : mapping of str to ndarray
+        Planes by name; they are stored as float16 if all of them are float16, otherwise as float32.
+    attributes : mapping of str to str
+        Text attributes of the first part.
+    block_size : int, default BLOCK
+        Largest number of planes in a block.
+
+    Notes
+    -----
+    Each part of the file holds a block, in the given order, as one picture in which the values of a pixel are adjacent:
+    its columns are pixel · planes + plane. Its attribute ``planes`` names the planes. If the last block is not full,
+    its last plane is repeated.
     """
-    width = min(together, len(planes))
+    width = min(block_size, len(planes))
     stored = np.float16 if all(plane.dtype == np.float16 for plane in planes.values()) else np.float32
     parts = []
     extra: Mapping[str, str] = attributes  # in the first part alone
@@ -67,7 +81,7 @@ def write_stack_plane_blocks(
 def _write(file: Any, path: Path) -> None:
     try:
         file.write(str(path))
-    except RuntimeError as error:  # as OpenEXR tells of a full disk
+    except RuntimeError as error:  # OpenEXR reports a full disk in this way
         for number in (errno.ENOSPC, errno.EDQUOT):
             if os.strerror(number) in str(error):
                 raise OSError(number, os.strerror(number)) from error
@@ -75,20 +89,28 @@ def _write(file: Any, path: Path) -> None:
 
 
 def read_stack_planes(path: Path, names: Iterable[str] | None = None) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Return the planes and the text attributes, by name, of a file of planes or of plane blocks.
+    """Return planes and text attributes, each by name, of a file of planes or of plane blocks.
 
-    With ``names`` only these planes are read, and little else of the file: of blocks, those that hold them.
+    Parameters
+    ----------
+    path : Path
+        File to read.
+    names : iterable of str, optional
+        Planes to read, by default all. Little else of the file is read: of blocks, only those that hold these planes.
 
-    Raises BadInput for a file that is missing, truncated or not an EXR, and for a missing plane.
+    Raises
+    ------
+    BadInput
+        If the file is missing, truncated or not an EXR, or if a plane is missing.
     """
     try:
-        check_plain_file(path, most=MAX_FILE_BYTES)
+        check_plain_file(path, max_bytes=MAX_FILE_BYTES)
         if blocks := exr_parts.read_exr_part_headers(path, marked="planes"):
             return _read_blocks(path, blocks, names=names)
         header = exr_parts.read_exr_flat_header(path)
         rows = _rows(path, header)
-        held = header.line.names[2:] if header.line.names else ()
-        planes = {name: np.array(rows[name]) for name in (held if names is None else names)}
+        stored_names = header.line.names[2:] if header.line.names else ()
+        planes = {name: np.array(rows[name]) for name in (stored_names if names is None else names)}
     except (
         RuntimeError,
         OSError,
@@ -99,45 +121,47 @@ def read_stack_planes(path: Path, names: Iterable[str] | None = None) -> tuple[d
         struct.error,
         zlib.error,
     ) as error:
-        raise BadInput(f"{path} is not a whole OpenEXR file: {error}", hint="delete it, generate again") from error
+        raise BadInput(
+            f"{path} is not a complete OpenEXR file: {error}", hint="delete it and run saf-gen generate again"
+        ) from error
     return planes, header.texts
 
 
 def _read_blocks(
     path: Path, blocks: list[exr_parts.PartHeader], *, names: Iterable[str] | None
 ) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    places = {name: (part, place) for part in blocks for place, name in enumerate(part.texts["planes"].split())}
+    locations = {name: (part, column) for part in blocks for column, name in enumerate(part.texts["planes"].split())}
     width = len(blocks[0].texts["planes"].split())  # the first block is full
     pictures: dict[int, np.ndarray] = {}
     planes = {}
-    for name in places if names is None else names:
-        part, place = places[name]
+    for name in locations if names is None else names:
+        part, column = locations[name]
         if part.number not in pictures:
             pictures[part.number] = exr_parts.read_exr_picture(path, part)
-        planes[name] = pictures[part.number][:, place::width].copy()
+        planes[name] = pictures[part.number][:, column::width].copy()
     attributes = {key: text for key, text in blocks[0].texts.items() if key not in ("planes", "name", "type")}
     return planes, attributes
 
 
 def _batches(names: Iterable[str], size: int) -> Iterator[list[str]]:
-    """Yield the names in lists of ``size``, the last one perhaps shorter."""
+    """Yield the names in lists of ``size``; the last one may be shorter."""
     rest = iter(names)
     while block := list(islice(rest, size)):
         yield block
 
 
 def _rows(path: Path, header: exr_parts.FlatHeader) -> np.ndarray:
-    """Return the scan lines as a memory map: y, the number of bytes that follow, a line of each channel.
+    """Return the scan lines as a memory map: y, the number of bytes that follow, and a line of each channel.
 
-    OpenEXR itself reads all channels of a line to return one. Without compression all lines have one size and
-    end the file, so they can be mapped.
+    OpenEXR itself reads all channels of a line to return one. Without compression, all lines have one size and are at
+    the end of the file, so they can be mapped.
     """
     line, count = header.line, header.count
     begin = path.stat().st_size - count * line.itemsize
     if begin <= 0:
         raise ValueError("it is truncated")
     rows = np.memmap(path, line, "r", begin, (count,))
-    whole = (rows["bytes"] == line.itemsize - 8) & (rows["y"] == np.arange(header.first, header.first + count))
-    if not whole.all():
-        raise ValueError("its scan lines are not those of a whole, uncompressed file")
+    complete = (rows["bytes"] == line.itemsize - 8) & (rows["y"] == np.arange(header.first, header.first + count))
+    if not complete.all():
+        raise ValueError("its scan lines are not those of a complete, uncompressed file")
     return rows

@@ -1,8 +1,8 @@
-"""OpenEXR files read by lines of our own: OpenEXR reads all parts or none, and damaged headers end its process.
+"""Our own parser of OpenEXR files, because OpenEXR reads all parts or none, and damaged headers end its process.
 
 The layout is that of *OpenEXR File Layout*, https://openexr.com/en/latest/OpenEXRFileLayout.html: headers, a table of
-offsets for each part, then chunks of 16 lines. ZIP is zlib's deflate of a chunk's bytes, the even ones before the odd
-ones, each as its difference to the one before.
+offsets for each part, then chunks of 16 lines. ZIP is zlib's deflate of the bytes of a chunk, even bytes before odd
+ones, each stored as its difference from the one before.
 """
 
 import struct
@@ -17,20 +17,28 @@ MAGIC, MULTI_PART = 20000630, 0x1000
 UNCOMPRESSED, CHANNEL_BYTES = 0, 16
 ZIP, LINES_PER_CHUNK = 3, 16
 STORED = {1: "<f2", 2: "<f4"}
-MOST_HEADER_BYTES = 1 << 20
-MOST_DEFLATED = 1100  # bytes that one byte of deflate can stand for: 1,032 at most
+MAX_HEADER_BYTES = 1 << 20
+MAX_DEFLATE_RATIO = 1100  # bytes that one byte of deflate can expand to, which are at most 1,032
 
 
 @dataclass(frozen=True)
 class PartHeader:
-    """One part of a file.
+    """Header of one part of a file.
 
-    number : its place among the parts.
-    texts : its text attributes by name.
-    dtype : type of its values, little-endian float16 or float32.
-    rows, columns : size of its picture.
-    table : where in the file its table of chunk offsets begins.
-    multi_part : whether its chunks say which part they belong to, as in a file of several.
+    Attributes
+    ----------
+    number : int
+        Index of the part in the file.
+    texts : dict of str to str
+        Text attributes by name.
+    dtype : dtype
+        Type of its values, little-endian float16 or float32.
+    rows, columns : int
+        Size of its picture.
+    table : int
+        Position in the file at which its table of chunk offsets begins.
+    multi_part : bool
+        Whether its chunks state which part they belong to, as in a file of several parts.
     """
 
     number: int
@@ -48,9 +56,18 @@ class PartHeader:
 
 @dataclass(frozen=True)
 class FlatHeader:
-    """A file of one part without compression: the type of a scan line, the number of the first, how many, the texts.
+    """Header of a file of one uncompressed part.
 
-    line : ``y``, ``bytes`` (that follow), then the columns of each channel by its name.
+    Attributes
+    ----------
+    line : dtype
+        Type of a scan line: ``y``, ``bytes`` (how many follow), then the columns of each channel by its name.
+    first : int
+        Number of the first scan line.
+    count : int
+        Number of scan lines.
+    texts : dict of str to str
+        Text attributes by name.
     """
 
     line: np.dtype
@@ -62,10 +79,10 @@ class FlatHeader:
 def read_exr_flat_header(path: Path) -> FlatHeader:
     """Return the header of a file of one uncompressed part, as :func:`saf_gen.stack.exr.write_stack_planes` writes it.
 
-    Raises OSError, ValueError, LookupError or struct.error for any other.
+    Raises OSError, ValueError, LookupError or struct.error for any other file.
     """
     with path.open("rb") as file:
-        (one, *others), _, _ = _read_attributes(file.read(MOST_HEADER_BYTES))
+        (one, *others), _, _ = _read_attributes(file.read(MAX_HEADER_BYTES))
     left, top, right, bottom = struct.unpack("<4i", one["dataWindow"][1])
     columns, listed, at = right - left + 1, one["channels"][1], 0
     if others or one["compression"][1] != bytes([UNCOMPRESSED]) or columns < 1 or bottom < top:
@@ -82,13 +99,13 @@ def read_exr_flat_header(path: Path) -> FlatHeader:
 
 
 def read_exr_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
-    """Return the headers of all parts; none where the first part has no text attribute of the name ``marked``.
+    """Return the headers of all parts; empty if the first part has no text attribute with the name ``marked``.
 
-    Raises OSError, ValueError or struct.error for what is no whole EXR file, and ValueError where a part with that
-    attribute is not a picture of one channel of floats with ZIP compression.
+    Raises OSError, ValueError or struct.error if this is not a complete EXR file, and ValueError if a part of a file
+    with that attribute is not a picture of one channel of floats with ZIP compression.
     """
     with path.open("rb") as file:
-        found = _read_attributes(file.read(MOST_HEADER_BYTES))
+        found = _read_attributes(file.read(MAX_HEADER_BYTES))
     attributes, position, multi_part = found
     if marked not in _texts(attributes[0]):
         return []
@@ -97,7 +114,7 @@ def read_exr_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
         left, top, right, bottom = struct.unpack("<4i", one["dataWindow"][1])
         channel = one["channels"][1]
         name_end = channel.index(0)
-        # Of a channel: name, type, linear, reserved, sampling in x and y; a zero byte ends the list.
+        # A channel is name, type, linear, reserved, sampling in x and y; a zero byte ends the list.
         dtype = STORED.get(struct.unpack_from("<i", channel, name_end + 1)[0])
         if dtype is None or len(channel) != name_end + 18 or one["compression"][1] != bytes([ZIP]):
             raise ValueError(f"part {number} is not one channel of floats with ZIP compression")
@@ -109,11 +126,11 @@ def read_exr_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
 
 
 def read_exr_picture(path: Path, part: PartHeader) -> np.ndarray:
-    """Return the picture of a part, (row, col) of its type.
+    """Return the picture of a part, (row, col), in the type of the part.
 
-    Raises OSError, ValueError, struct.error or zlib.error where the file is damaged or truncated.
+    Raises OSError, ValueError, struct.error or zlib.error if the file is damaged or truncated.
     """
-    if part.dtype.itemsize * part.rows * part.columns > MOST_DEFLATED * path.stat().st_size:
+    if part.dtype.itemsize * part.rows * part.columns > MAX_DEFLATE_RATIO * path.stat().st_size:
         raise ValueError("it is truncated, or its size is wrong")
     picture = np.empty((part.rows, part.columns), part.dtype)
     with path.open("rb") as file:
@@ -129,10 +146,10 @@ def _read_chunk(file: BinaryIO, offset: int, *, part: PartHeader, size: int) -> 
     """Return the bytes of one chunk, uint8 (size,)."""
     file.seek(offset)
     if part.multi_part and struct.unpack("<i", file.read(4)) != (part.number,):
-        raise ValueError(f"part {part.number} has a chunk of another")
+        raise ValueError(f"part {part.number} has a chunk of another part")
     _, packed_size = struct.unpack("<2i", file.read(8))
     packed = file.read(packed_size)
-    if packed_size == size:  # what does not get smaller is stored as it is
+    if packed_size == size:  # a chunk that compression does not shrink is stored as it is
         return np.frombuffer(packed, np.uint8, size)
     steps = np.frombuffer(zlib.decompressobj().decompress(packed, size + 1), np.uint8)
     if steps.size != size:
@@ -146,10 +163,10 @@ def _read_chunk(file: BinaryIO, offset: int, *, part: PartHeader, size: int) -> 
 
 
 def _read_attributes(head: bytes) -> tuple[list[dict[str, tuple[str, bytes]]], int, bool]:
-    """Return type and value of the attributes of each part, where the headers end, and whether there may be many."""
+    """Return each part's attributes (type and value), where the headers end, and whether there may be many parts."""
     magic, version = struct.unpack_from("<2I", head)
     if magic != MAGIC:
-        raise ValueError("it does not begin as one")
+        raise ValueError("it does not begin like one")
     multi_part = bool(version & MULTI_PART)
     parts: list[dict[str, tuple[str, bytes]]] = []
     position = 8
@@ -160,7 +177,7 @@ def _read_attributes(head: bytes) -> tuple[list[dict[str, tuple[str, bytes]]], i
             type_end = head.index(0, name_end + 1)
             (size,) = struct.unpack_from("<i", head, type_end + 1)
             begin = type_end + 5
-            if size < 0:  # it would be read for ever
+            if size < 0:  # reading would never end
                 raise ValueError("it has an attribute of negative size")
             one[head[position:name_end].decode()] = head[name_end + 1 : type_end].decode(), head[begin : begin + size]
             position = begin + size

@@ -1,12 +1,11 @@
-"""Focal stacks, the radiance of a scene at every focus position per light group, and how they are stored.
+"""Focal stacks, which hold the radiance of a scene at every focus position per light group, and how they are stored.
 
-On disk a stack is a folder of OpenEXR files whose name is derived from its content (scene, lens, sensor grid,
-positions, samples), so every sequence that needs it finds it and nothing is rendered twice. Reading one needs
-no renderer.
+On disk a stack is a folder of OpenEXR files. Its name is derived from its content (scene, lens, sensor grid, positions,
+samples), so every sequence that needs it finds it, and nothing is rendered twice. Reading one needs no renderer.
 
-The stack of a static scene is stored as float32. Time slices, of which a moving scene has hundreds, are
-stored as float16, compressed without loss in blocks of neighbouring positions. The rounding of at most 0.05 % is far
-below their noise and halves the disk space; compression leaves a half to three quarters of that.
+The stack of a static scene is stored as float32. Time slices, of which a moving scene has hundreds, are stored as
+float16, compressed without loss in blocks of neighbouring positions. Rounding changes values by at most 0.05 %, far
+less than their noise, and halves the disk space; compression leaves a half to three quarters of that.
 """
 
 import hashlib
@@ -30,12 +29,12 @@ from saf_gen.stack import exr
 FORMAT = "saf-gen focal stack 2"
 UNIT = "W m^-2 sr^-1 at gain 1"
 MAX_SIDE = 1 << 13
-"""Rows, columns and positions that a note of a stranger may state."""
+"""Largest number of rows, columns or positions that an untrusted note may state."""
 HALF_BITS = 15  # the largest half float is just below 2^16
 
 
 class PixelGrid(Protocol):
-    """The pixels of a sensor: how many, and their pitch in metres."""
+    """The pixels of a sensor: their numbers of rows and columns, and their pitch in metres."""
 
     @property
     def rows(self) -> int: ...
@@ -51,14 +50,37 @@ class PixelGrid(Protocol):
 class StackSpec:
     """Everything that determines a stack; its :attr:`key` is the name of the folder.
 
-    params : the member of the scene's family, as JSON.
-    time_s : the moment that is seen.
-    positions : number of focus positions, evenly spaced over the whole travel.
-    moments_s : the moments whose light paths tell the shading of surfaces to the filtered estimator, the last of them
-        that of the stack; () for this one alone.
-    window : index of the first and the last position to render; a time slice needs only some.
-    wavelength_m : of the light at the aperture, which waves bend there; 0 for geometric optics.
-    estimator : 'filtered' or 'plain', how llvm and cuda find radiance from light paths; scalar has a plain one.
+    Attributes
+    ----------
+    scene, scene_digest : str
+        Name of the scene, and digest of its files.
+    groups : tuple of str
+        Names of the light groups.
+    drive : Drive
+        Focus drive of the lens.
+    rows, columns : int
+        Size of the sensor, in pixels.
+    pitch_m : float
+        Pixel pitch, in metres.
+    positions : int
+        Number of focus positions, evenly spaced over the full travel.
+    samples : int
+        Light paths per pixel and position, at least.
+    max_depth : int
+        Longest light path, in segments.
+    params : str, default '{}'
+        The member of the scene's family, as JSON.
+    time_s : float, default 0.0
+        The moment that is seen, in seconds.
+    window : tuple of int, optional
+        Index of the first and the last position to render; a time slice needs only some.
+    wavelength_m : float, default 0.0
+        Wavelength (m) of the light, which is diffracted at the aperture; 0 for geometric optics.
+    estimator : str, default 'filtered'
+        'filtered' or 'plain', the way in which llvm and cuda find radiance from light paths; scalar is always plain.
+    moments_s : tuple of float, default ()
+        Moments (s) whose light paths the filtered estimator uses to find the shading of surfaces; the last is the
+        moment of the stack. If empty, only paths of this moment are used.
     """
 
     scene: str
@@ -94,9 +116,25 @@ class StackSpec:
         f_number: float | None = None,
         window: tuple[int, int] | None = None,
     ) -> "StackSpec":
-        """Return the spec of a member of a scene's family before a sensor; ``groups`` are all by default.
+        """Return the spec of a member of a scene's family in front of a sensor.
 
-        Raises BadInput for an impossible travel, and where waves keep all of it in focus.
+        Parameters
+        ----------
+        scene : Scene
+            Member of the family.
+        grid : PixelGrid
+            Pixels of the sensor.
+        groups : iterable of str, optional
+            Light groups; by default all.
+        f_number : float, optional
+            By default that of the card.
+        positions, samples, max_depth, time_s, wavelength_m, estimator, window
+            See :class:`StackSpec`.
+
+        Raises
+        ------
+        BadInput
+            If the travel is impossible, or if waves keep all of it in focus.
         """
         drive = scene.build_drive(f_number)
         drive.check_wave_depth(wavelength_m)
@@ -120,20 +158,20 @@ class StackSpec:
 
     @cached_property
     def key(self) -> str:
-        """Name of the scene and digest of this spec; neither seed nor backend enters it."""
+        """Name of the scene and digest of this spec, which depends on neither seed nor backend."""
         text = json.dumps([FORMAT, self.as_dict(), *(["half"] if self.window else [])], sort_keys=True)
         return f"{self.scene}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the spec as plain data, the drive with its kind."""
+        """Return the spec as plain data, including the kind of the drive."""
         return {**{field.name: getattr(self, field.name) for field in fields(self)}, "drive": self.drive.as_dict()}
 
     @classmethod
     def read(cls, root: Path, key: str) -> "StackSpec":
-        """Return the spec of the stack ``key`` under ``root``; BadInput if it is missing or damaged."""
+        """Return the spec of the stack ``key`` under ``root``. Raises BadInput if it is missing or damaged."""
         path = root / key / "geometry.json"
         try:
-            if Path(key).name != key:  # a stream of a stranger names its stack: not a path to elsewhere
+            if Path(key).name != key:  # an untrusted stream names its stack, which must not be a path to elsewhere
                 raise ValueError(key)
             fields = load_plain_json(path)["spec"]
             window = fields.pop("window")
@@ -143,7 +181,7 @@ class StackSpec:
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             raise BadInput(
                 f"there is no focal stack {key} under {root}",
-                hint="keep stacks/ beside the streams, or run saf-gen generate again",
+                hint="keep stacks/ next to the streams, or run saf-gen generate again",
             ) from error
         sizes = (spec.rows, spec.columns, spec.positions)
         if not all(type(size) is int and 0 < size <= MAX_SIDE for size in sizes):
@@ -154,7 +192,7 @@ class StackSpec:
 
     @property
     def focus(self) -> np.ndarray:
-        """Rendered positions, fractions of the travel, float64 (focus,)."""
+        """Rendered positions, as fractions of the travel, float64 (focus,)."""
         return np.linspace(0, 1, self.positions)[self.first_index : self.first_index + self.rendered_count]
 
     @property
@@ -172,10 +210,20 @@ class StackSpec:
 class FocalStack:
     """The images of a stack, at the rendered positions.
 
-    radiance : float32 (light, focus, row, col), W m⁻² sr⁻¹ at gain 1.
-    depth : float32 (row, col), m.
-    target : bool (row, col).
-    digest : SHA-256 of the stored pieces; '' for a stack that was never stored.
+    Attributes
+    ----------
+    spec : StackSpec
+        Everything that determined the stack when it was rendered.
+    radiance : ndarray of float32, shape (light, focus, row, col)
+        Radiance in W m⁻² sr⁻¹ at gain 1.
+    depth : ndarray of float32, shape (row, col)
+        Depth map, in metres.
+    target : ndarray of bool, shape (row, col)
+        Pixels of the target.
+    backend : str
+        Backend that rendered the stack.
+    digest : str, default ''
+        SHA-256 of the stored pieces; '' for a stack that was never stored.
     """
 
     spec: StackSpec
@@ -189,8 +237,8 @@ class FocalStack:
 class StackStore:
     """The folder of one stack, written piece by piece.
 
-    A piece (a light group, or 'geometry') is ``<name>.exr`` with a note ``<name>.json``, which holds its
-    digest and says how it was made. A piece whose digest does not match counts as missing.
+    A piece (a light group, or 'geometry') is ``<name>.exr`` with a note ``<name>.json``, which holds its digest and
+    states how it was made. A piece whose digest does not match counts as missing.
     """
 
     def __init__(self, root: Path, spec: StackSpec) -> None:
@@ -199,32 +247,32 @@ class StackStore:
 
     def missing_pieces(self) -> list[str]:
         """Return the names of the pieces that are missing or damaged."""
-        return [name for name in self.pieces if not self._is_whole(name)]
+        return [name for name in self.pieces if not self._is_complete(name)]
 
     def has_all_notes(self) -> bool:
-        """Return whether all pieces have a note, also where their pictures have been deleted."""
+        """Return whether all pieces have a note, even if their pictures have been deleted."""
         return all(self._note(name) for name in self.pieces)
 
     def has_all_pictures(self) -> bool:
-        """Return whether all pieces are there with their notes; what they hold is checked when they are read."""
+        """Return whether all pieces exist with their notes; their contents are checked when they are read."""
         return self.has_all_notes() and all((self.folder / f"{name}.exr").is_file() for name in self.pieces)
 
     def delete_pictures(self) -> int:
-        """Delete all pictures and keep the notes, which say what they were; return the bytes that this frees.
+        """Delete all pictures, keep the notes that describe them, and return the number of bytes that this frees.
 
-        The digest stays the same, so a recording still knows that it was made from this stack.
+        The digest stays the same, so a recording still shows that it was made from this stack.
         """
         return sum(_delete(self.folder / f"{name}.exr") for name in self.pieces)
 
     def delete(self) -> int:
-        """Delete the whole stack, notes too; return the bytes that this frees."""
+        """Delete the stack, including its notes, and return the number of bytes that this frees."""
         freed = self.delete_pictures() + sum(_delete(self.folder / f"{name}.json") for name in self.pieces)
-        with suppress(OSError):  # not empty: something else lies in it
+        with suppress(OSError):  # not empty: it holds something else
             self.folder.rmdir()
         return freed
 
     def digest(self) -> str:
-        """Return a SHA-256 over the digests of the pieces, as their notes hold them."""
+        """Return a SHA-256 over the digests of the pieces, as their notes state them."""
         digests = json.dumps([self._note(name).get("sha256") for name in self.pieces])
         return hashlib.sha256(digests.encode()).hexdigest()
 
@@ -233,7 +281,7 @@ class StackStore:
         return {str(note["variant"]) for note in map(self._note, self.pieces) if "variant" in note}
 
     def write_group(self, group: str, radiance: np.ndarray, *, backend: str, clipped: int = 0) -> None:
-        """Store the radiance of a light group, (focus, row, col); ``clipped`` paths were fireflies."""
+        """Store the radiance of a light group, (focus, row, col), of which ``clipped`` paths were fireflies."""
         facts = {"unit": UNIT, "light_group": group, "clipped_paths": str(clipped), "variant": backend}
         if self.spec.window:
             radiance, exponent = _to_half_floats(radiance)
@@ -247,7 +295,7 @@ class StackStore:
         self._put("geometry", planes, facts={"unit": "m", "variant": backend})
 
     def load(self) -> FocalStack:
-        """Return the whole stack; BadInput if a piece is missing or damaged."""
+        """Return the complete stack. Raises BadInput if a piece is missing or damaged."""
         radiance = self.load_planes(0, self.spec.rendered_count)
         backend = ", ".join(sorted(self.backends()))
         return FocalStack(self.spec, radiance, *self.load_geometry(), backend, self.digest())
@@ -270,8 +318,11 @@ class StackStore:
         return radiance
 
     def load_geometry(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the depth (m, float32) and the target mask (bool), both (row, col); BadInput if damaged."""
-        if not self._is_whole("geometry"):
+        """Return the depth (m, float32) and the target mask (bool), both (row, col).
+
+        Raises BadInput if they are missing or damaged.
+        """
+        if not self._is_complete("geometry"):
             raise BadInput(f"{self.folder} lacks geometry", hint="run saf-gen generate again")
         planes, _ = exr.read_stack_planes(self.folder / "geometry.exr")
         return planes["depth"], planes["target"] > 0.5
@@ -283,7 +334,7 @@ class StackStore:
             return {}  # no note, or a truncated one: the piece counts as missing
         return note if isinstance(note, dict) else {}
 
-    def _is_whole(self, name: str) -> bool:
+    def _is_complete(self, name: str) -> bool:
         note, path = self._note(name), self.folder / f"{name}.exr"
         if not note or not path.is_file():
             return False
@@ -295,8 +346,8 @@ class StackStore:
             drive = json.dumps(self.spec.drive.as_dict())
             attributes = {"format": FORMAT, "stack": self.spec.key, "drive": drive, **facts}
             if self.spec.window:
-                together = 1 if name == "geometry" else exr.BLOCK
-                exr.write_stack_plane_blocks(part, planes, attributes=attributes, together=together)
+                block_size = 1 if name == "geometry" else exr.BLOCK
+                exr.write_stack_plane_blocks(part, planes, attributes=attributes, block_size=block_size)
             else:
                 exr.write_stack_planes(part, planes, attributes=attributes)
             sha256 = hashlib.sha256(part.read_bytes()).hexdigest()
@@ -306,7 +357,7 @@ class StackStore:
 
 
 def _delete(path: Path) -> int:
-    """Delete a file and return its size; 0 where there is none."""
+    """Delete a file and return its size, or 0 if it does not exist."""
     try:
         size = path.stat().st_size
         path.unlink()
@@ -318,7 +369,7 @@ def _delete(path: Path) -> int:
 def _to_half_floats(radiance: np.ndarray) -> tuple[np.ndarray, int]:
     """Return the radiance as float16 in units of 2^exponent, and the exponent.
 
-    The largest value lies below 2^15. Values of at least 4·10^-9 of it keep all 11 bits.
+    The largest value is below 2^15. Values of at least 4·10^-9 times the largest keep all 11 bits.
     """
     exponent = int(np.frexp(radiance.max(initial=0.0))[1]) - HALF_BITS
     return np.ldexp(radiance, -exponent).astype(np.float16), exponent
@@ -326,7 +377,7 @@ def _to_half_floats(radiance: np.ndarray) -> tuple[np.ndarray, int]:
 
 @lru_cache(maxsize=1 << 14)
 def _sha256(path: Path, *, size: int, changed_ns: int) -> str:
-    """Return the digest of a file, which is read again only if its size or time changed.
+    """Return the digest of a file; it is read again only if its size or its time of change differs.
 
     The cache is large because a moving scene has hundreds of stacks, and each method needs all of them.
     """

@@ -1,22 +1,22 @@
-"""Grain: what the finite number of light paths leaves in a picture, from two renders with independent noise.
+"""Grain: the noise that finitely many light paths leave in a picture, measured from two independent renders.
 
-Let two renders of one picture be s + n and s + m. Their difference holds noise alone, and a product of the two holds
-the signal s² on average, because independent noise averages out. The same is true for every energy that a focus
-measure takes, since each is a mean of squares of linear filters L:
+Let two renders of one picture be s + n and s + m. Their difference holds noise alone, and their product holds the
+signal s² on average, because independent noise averages out. The same is true for every energy that a focus measure
+computes, since each is a mean of squares of linear filters L:
 
     noise energy = mean L(first − second)² / (1 + ratio)          signal energy = mean L(first)·L(second)
 
-where ``ratio`` is that of the samples of the first render to those of the second; noise is that of the first, and its
-variance goes as one over the samples. The energies are those of focus measures of the same names: ``brenner``,
-``tenengrad``, ``squared_gradient``, ``energy_of_laplacian``, ``variance_of_laplacian``; and ``contrast``, the measure
-``variance``, which over the squared mean is ``sd``.
+where ``ratio`` is the samples of the first render divided by those of the second. The noise is that of the first
+render, and its variance is assumed to be inversely proportional to the number of samples. The energies have the names
+of focus measures: ``brenner``, ``tenengrad``, ``squared_gradient``, ``energy_of_laplacian``, ``variance_of_laplacian``,
+and ``contrast``, which is the measure ``variance`` and, divided by the squared mean, ``sd``.
 
-**Intervals** hold at 95 %. The region is cut into square blocks, and grain is taken to be independent between blocks,
-not within them. The noise energy scatters as its blocks do round their mean; blocks of uneven noise thus widen the
-interval. The signal stays as it is: its product scatters by the sum over blocks of ((energy of first − energy of
-second)/2)², which has the variance of the product's noise, (s + n)(s + m): 2s²σ² + σ⁴ for each pixel of
-variance σ² (more than it where the two renders differ in samples). A quotient of the two gets Fieller's interval, which
-has no upper end where the signal cannot be told from 0.
+**Intervals** cover 95 %. The region is cut into square blocks, and grain is assumed to be independent between blocks,
+but not within them. The noise energy scatters as its blocks do around their mean, so blocks of uneven noise widen the
+interval. The signal is regarded as fixed, so only the noise of the product scatters: its variance is estimated by the
+sum over blocks of ((energy of first − energy of second)/2)². This has the variance of (s + n)(s + m): 2s²σ² + σ⁴ for
+each pixel of variance σ² (more than that if the two renders differ in samples). A quotient of the two gets Fieller's
+interval, which has no upper end if the signal cannot be distinguished from 0.
 
 References
 ----------
@@ -36,7 +36,7 @@ from saf_gen.errors import BadInput
 
 CONFIDENCE = 0.95
 BLOCK, MIN_BLOCKS = 8, 16
-"""Edge of a block in pixels, smaller where the region would have fewer blocks than these."""
+"""Edge of a block in pixels, and the number of blocks below which a region gets smaller ones."""
 
 _DIFFERENCE, _SMOOTH = np.array([[-1.0, 0.0, 1.0]]), np.array([[1.0], [2.0], [1.0]])
 _FILTERS: Mapping[str, tuple[np.ndarray, ...]] = {
@@ -47,14 +47,22 @@ _FILTERS: Mapping[str, tuple[np.ndarray, ...]] = {
     "energy_of_laplacian": (np.array([[-1.0, -4.0, -1.0], [-4.0, 20.0, -4.0], [-1.0, -4.0, -1.0]]),),
     "variance_of_laplacian": (np.array([[0.0, -1.0, 0.0], [-1.0, 4.0, -1.0], [0.0, -1.0, 0.0]]) / 6,),
 }
-_ROUND_THEIR_MEAN = ("contrast", "variance_of_laplacian")
-"""Energies that are variances: the mean of the responses is taken off."""
+_CENTRED_ENERGIES = ("contrast", "variance_of_laplacian")
+"""Energies that are variances: the mean of the responses is subtracted."""
 ENERGIES = tuple(_FILTERS)
 
 
 @dataclass(frozen=True)
 class GrainFigure:
-    """A measured number and the ends of its interval at 95 %."""
+    """A measured number with its 95 % interval.
+
+    Attributes
+    ----------
+    value : float
+        Measured number.
+    low, high : float
+        Ends of the interval.
+    """
 
     value: float
     low: float
@@ -65,11 +73,16 @@ class GrainFigure:
 class Grain:
     """The grain of a picture in a region.
 
-    mean : the mean of the picture, in its unit.
-    rms : root mean square of the noise, over the mean.
-    noise_over_signal : noise energy over the signal's, for each of ENERGIES; above 1 where noise outweighs the signal.
+    In a black region every figure is NaN; so is an energy whose filter fits nowhere in the region.
 
-    In a black region every figure is NaN, and so is an energy whose filter fits nowhere in the region.
+    Attributes
+    ----------
+    mean : float
+        Mean of the picture, in its unit.
+    rms : GrainFigure
+        Root mean square of the noise, divided by the mean.
+    noise_over_signal : mapping of str to GrainFigure
+        Noise energy divided by signal energy, for each of ENERGIES; above 1 if noise outweighs the signal.
     """
 
     mean: float
@@ -84,18 +97,28 @@ def estimate_stack_grain(
 
     Parameters
     ----------
-    first, second : (row, col), the region in two renders with independent noise, all lights mixed.
-    mask : bool (row, col), the pixels of the region that count; all by default. A filter counts where all of its
-        pixels do.
-    ratio : samples of ``first`` over those of ``second``.
+    first, second : ndarray, shape (row, col)
+        The region in two renders with independent noise, all lights mixed.
+    mask : ndarray of bool, shape (row, col), optional
+        Pixels of the region that count; by default all. A filter counts at positions at which all of its pixels do.
+    ratio : float, default 1.0
+        Samples of ``first`` divided by those of ``second``.
+
+    Returns
+    -------
+    Grain
+        The grain, with 95 % intervals.
 
     Raises
     ------
-    BadInput : shapes that differ, a mask that marks nothing, a ratio that is not above 0.
+    BadInput
+        If the shapes differ, the mask marks nothing, or the ratio is not above 0.
     """
     first, second, mask = _checked(first, second, mask=mask)
     if not 0 < ratio < math.inf:
-        raise BadInput(f"ratio is {ratio!r}", allowed="samples over samples, above 0")
+        raise BadInput(
+            f"ratio is {ratio!r}", allowed="samples of the first render divided by those of the second, above 0"
+        )
     mean = float((first[mask].mean() + second[mask].mean()) / 2)
     nan = GrainFigure(math.nan, math.nan, math.nan)
     if not mean > 0:
@@ -110,11 +133,11 @@ def estimate_stack_grain(
         pairs = [(a, b, valid) for (a, valid), (b, _) in responses]
         noise_energy = _sum_blocks([((a - b) ** 2 / (1 + ratio), valid) for a, b, valid in pairs], blocks)
         signal = _sum_blocks([(a * b, valid) for a, b, valid in pairs], blocks)
-        of_its_noise = _sum_blocks([((a * a - b * b) / 2, valid) for a, b, valid in pairs], blocks)
+        signal_noise = _sum_blocks([((a * a - b * b) / 2, valid) for a, b, valid in pairs], blocks)
         found[energy] = _quotient(
             noise_energy,
             float(signal.sums.sum()),
-            signal_variance=float(np.square(of_its_noise.sums).sum()),
+            signal_variance=float(np.square(signal_noise.sums).sum()),
             ratio=ratio,
         )
     return Grain(mean, _relative_rms(noise, mean), found)
@@ -123,28 +146,54 @@ def estimate_stack_grain(
 def mean_energy_of_stack_grain(
     first: np.ndarray, second: np.ndarray, *, energy: str, mask: np.ndarray | None = None
 ) -> float:
-    """Return the mean product of two pictures (row, col) behind the filters of an energy, one of ENERGIES.
+    """Return the mean product of two pictures after the filters of an energy.
 
-    Of a picture and itself it is the focus measure of that name, ``variance`` for ``contrast``. Of two renders with
-    independent noise it is that of the picture without noise. Raises BadInput as :func:`estimate_stack_grain` does.
+    For a picture and itself, it is the focus measure of that name (``variance`` for ``contrast``). For two renders with
+    independent noise, it is that of the picture without noise.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (row, col)
+        The two pictures.
+    energy : str
+        One of ENERGIES.
+    mask : ndarray of bool, shape (row, col), optional
+        Pixels that count; by default all.
+
+    Raises
+    ------
+    BadInput
+        If the shapes differ or the mask marks nothing.
     """
     first, second, mask = _checked(first, second, mask=mask)
     pairs = zip(
         filter_stack_grain(first, energy, mask=mask), filter_stack_grain(second, energy, mask=mask), strict=True
     )
     products = [((a * b)[valid], valid.sum()) for (a, valid), (b, _) in pairs]
-    count = int(products[0][1]) if products else 0  # the filters of one energy count at the same places
+    count = int(products[0][1]) if products else 0  # the filters of one energy are valid at the same pixels
     return float(sum(product.sum() for product, _ in products) / count) if count else 0.0
 
 
 def correlate_stack_grain(
     earlier: tuple[np.ndarray, np.ndarray], later: tuple[np.ndarray, np.ndarray], *, mask: np.ndarray | None = None
 ) -> GrainFigure:
-    """Return the correlation of the grain of two moments, each given as two renders (row, col) of independent noise.
+    """Return the correlation of the grain of two moments.
 
-    It is that of the differences of the two renders, pixel by pixel: 1 for grain that stands still, 0 for grain drawn
-    anew. The interval is a jackknife's over blocks, on Fisher's scale. NaN where a moment has no noise. Raises BadInput
-    as :func:`estimate_stack_grain` does.
+    The differences of the two renders of each moment are correlated pixel by pixel: 1 for grain that does not change, 0
+    for independent grain. The interval is that of a jackknife over blocks, on Fisher's scale. All figures are NaN if a
+    moment has no noise.
+
+    Parameters
+    ----------
+    earlier, later : tuple of two ndarrays, shape (row, col)
+        Two renders of each moment, with independent noise.
+    mask : ndarray of bool, shape (row, col), optional
+        Pixels that count; by default all.
+
+    Raises
+    ------
+    BadInput
+        If the shapes differ or the mask marks nothing.
     """
     first, second, inside = _checked(*earlier, mask=mask)
     one = first - second
@@ -172,20 +221,20 @@ def correlate_stack_grain(
 
 @dataclass(frozen=True)
 class _BlockSums:
-    """Sums over the blocks of a region, float64 (block,), and how many pixels went into each."""
+    """Sums over the blocks of a region, float64 (block,), and the number of pixels in each."""
 
     sums: np.ndarray
     counts: np.ndarray
 
     @property
     def variance(self) -> float:
-        """The variance of the total, from the scatter of blocks round the mean of their pixels."""
+        """The variance of the total, from the scatter of blocks around the mean of their pixels."""
         n, mean = self.sums.size, self.sums.sum() / self.counts.sum()
         return float(n / (n - 1) * np.square(self.sums - mean * self.counts).sum()) if n > 1 else math.inf
 
 
 def _relative_rms(noise: _BlockSums, mean: float) -> GrainFigure:
-    """Return the root of the mean noise over the mean; its interval is symmetric in the logarithm."""
+    """Return the root of the mean noise divided by the mean; its interval is symmetric in the logarithm."""
     total = float(noise.sums.sum())
     value = math.sqrt(total / float(noise.counts.sum())) / mean
     if not total > 0:
@@ -195,7 +244,10 @@ def _relative_rms(noise: _BlockSums, mean: float) -> GrainFigure:
 
 
 def _quotient(noise: _BlockSums, signal: float, *, signal_variance: float, ratio: float) -> GrainFigure:
-    """Return noise over signal with Fieller's interval, both being sums over the same pixels; NaN over none."""
+    """Return the sum of the noise divided by that of the signal, with Fieller's interval; NaN if there are no pixels.
+
+    Both are sums over the same pixels.
+    """
     if not noise.sums.size:
         return GrainFigure(math.nan, math.nan, math.nan)
     total, square = float(noise.sums.sum()), _quantile(noise.sums.size) ** 2
@@ -205,19 +257,19 @@ def _quotient(noise: _BlockSums, signal: float, *, signal_variance: float, ratio
     known = signal**2 - square * signal_variance
     if not (known > 0 and signal > 0):
         return GrainFigure(value, 0.0, math.inf)
-    # Where the difference happens to be large, the product is small: cov((n - m)^2, (s + n)(s + m)) = -2·var(n·m).
+    # If the difference happens to be large, the product is small: cov((n - m)^2, (s + n)(s + m)) = -2·var(n·m).
     middle = total * signal + square * noise.variance * ratio / (1 + ratio)
     root = math.sqrt(max(middle**2 - known * (total**2 - square * noise.variance), 0.0))
     return GrainFigure(value, max((middle - root) / known, 0.0), (middle + root) / known)
 
 
 def _quantile(blocks: int) -> float:
-    """Return how many standard errors the interval reaches to either side: Student's t, by the number of blocks."""
+    """Return how many standard errors the interval reaches to either side: Student's t for this number of blocks."""
     return float(stdtrit(max(blocks - 1, 1), (1 + CONFIDENCE) / 2))
 
 
 def filter_stack_grain(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield what each filter of an energy makes of an image (row, col), and where all its pixels lie in the mask.
+    """Yield the response of each filter of an energy to an image (row, col), and where all its pixels are in the mask.
 
     An image smaller than the filter yields nothing.
     """
@@ -230,7 +282,7 @@ def filter_stack_grain(image: np.ndarray, energy: str, *, mask: np.ndarray) -> I
             valid &= mask[i : i + rows, j : j + columns]
             if factor:
                 response += factor * image[i : i + rows, j : j + columns]
-        if energy in _ROUND_THEIR_MEAN and valid.any():
+        if energy in _CENTRED_ENERGIES and valid.any():
             response -= response[valid].mean()
         yield response, valid
 
@@ -260,14 +312,14 @@ def _block_numbers(mask: np.ndarray) -> np.ndarray:
 
 
 def _sum_blocks(responses: list[tuple[np.ndarray, np.ndarray]], blocks: np.ndarray) -> _BlockSums:
-    """Sum responses, each with where it is valid, over blocks; a response lies in the middle of its filter's pixels.
+    """Sum the valid responses in each block; a response belongs to the pixel at the middle of its filter.
 
-    Blocks without any are left out.
+    Blocks without any valid response are left out.
     """
     size = int(blocks.max()) + 1
     sums, counts = np.zeros(size), np.zeros(size)
     for response, valid in responses:
-        top, left = ((whole - part) // 2 for whole, part in zip(blocks.shape, valid.shape, strict=True))
+        top, left = ((full - part) // 2 for full, part in zip(blocks.shape, valid.shape, strict=True))
         numbers = blocks[top : top + valid.shape[0], left : left + valid.shape[1]][valid]
         sums += np.bincount(numbers, response[valid], minlength=size)
         counts += np.bincount(numbers, minlength=size)

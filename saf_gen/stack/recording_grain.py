@@ -1,4 +1,4 @@
-"""The grain along a recording, from that of the focal stacks it is made from."""
+"""The grain along a recording, computed from the grain of its focal stacks."""
 
 from itertools import chain
 
@@ -15,18 +15,23 @@ MOMENTS = 17  # along a recording of a still scene
 def stack_grain_along_recording(
     plane_source: PlaneSource, truth: Truth, *, position: np.ndarray, gain: np.ndarray
 ) -> RecordedGrain | None:
-    """Return the grain at moments along a recording; None where that of its stacks is not known.
+    """Return the grain at moments along a recording, or None if the grain of its stacks is not known.
 
-    A still scene is taken at evenly spaced frames, with the frame in which the lens is nearest to the truth; a moving
-    one at the slices whose grain was measured. Between two rendered positions or slices a recording mixes pictures,
-    which lowers independent noise: the figure is that of the nearest picture, and so too large rather than too small.
+    A still scene is evaluated at evenly spaced frames, and in the frame in which the lens is nearest to the truth; a
+    moving scene at the slices whose grain was measured. Between two rendered positions or slices, a recording mixes
+    pictures, which lowers independent noise. The figure is that of the nearest picture, and so too large rather than
+    too small.
 
     Parameters
     ----------
-    plane_source : the stacks.
-    truth : the true focus, for which ``position`` and ``track`` count.
-    position : (T,), where the lens is in each readout, 0 to 1.
-    gain : (T, light), the gains of the light groups.
+    plane_source : PlaneSource
+        The stacks.
+    truth : Truth
+        True focus; ``position`` and ``track`` are used.
+    position : ndarray, shape (T,)
+        Position of the lens in each readout, 0 to 1.
+    gain : ndarray, shape (T, light)
+        Gains of the light groups.
     """
     time_stack = plane_source.time_stack
     last = len(position) - 1
@@ -35,9 +40,9 @@ def stack_grain_along_recording(
         found = {min(frame, last): j for j, frame in enumerate(time_stack.slice_frames)}
         measured = {t: (j, grain) for t, j in found.items() if (grain := plane_source.load_grain(j)) is not None}
     else:
-        whole = plane_source.load_grain(0)
+        still_grain = plane_source.load_grain(0)
         frames = chain(np.linspace(0, last, min(MOMENTS, last + 1)).round().astype(int).tolist(), [int(off.argmin())])
-        measured = {} if whole is None else {t: (0, whole) for t in frames}
+        measured = {} if still_grain is None else {t: (0, still_grain) for t in frames}
     if not measured:
         return None
     moments = tuple(

@@ -1,11 +1,11 @@
-"""The grain of a stored focal stack under any mix of its lights, and its file beside the stack.
+"""The grain of a stored focal stack under any mix of its lights, and its file in the folder of the stack.
 
 A stack is rendered a second time with fewer samples (:mod:`saf_gen.render.second_render`). Noise and signal are
-quadratic in the picture, and a picture is the sum of its light groups times their gains g. So for each position two
-symmetric matrices N and S over the light groups hold an energy for all gains: gᵀ·N·g and gᵀ·S·g.
+quadratic in the picture, and a picture is the sum of its light groups times their gains g. For each position, an energy
+at any gains is therefore given by two symmetric matrices N and S over the light groups: gᵀ·N·g and gᵀ·S·g.
 
-``stack.grain.json`` in the folder of a stack is information about it, not part of it: no digest of the stack counts it,
-and it is read only for the stack that it names by digest.
+``stack.grain.json`` in the folder of a stack is information about it, not part of it: no digest of the stack covers it,
+and it is used only for the stack whose digest it states.
 """
 
 import json
@@ -23,19 +23,26 @@ from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.grain import ENERGIES, filter_stack_grain
 
-FILE, FORMAT = "stack.grain.json", "saf-gen grain 1"  # a light group may be called grain, and none has a dot
+FILE, FORMAT = "stack.grain.json", "saf-gen grain 1"  # a light group may be called grain, but no name of one has a dot
 DIGITS = 7
 
 
 @dataclass(frozen=True, eq=False)
 class StackGrain:
-    """The grain of a stack in the box round its target, for any gains of its lights.
+    """The grain of a stack in the box around its target, for any gains of its lights.
 
-    samples : samples per pixel of the stack, and of the second render.
-    indices : which of the rendered positions were measured, int64 (focus,), rising.
-    mean : float64 (focus, light), the mean radiance of the box.
-    square : float64 (focus, light, light), the mean square of the noise.
-    noise, signal : by name of the energy, float64 (focus, light, light).
+    Attributes
+    ----------
+    samples : tuple of int
+        Samples per pixel of the stack, and of the second render.
+    indices : ndarray of int64, shape (focus,)
+        Which of the rendered positions were measured, in rising order.
+    mean : ndarray of float64, shape (focus, light)
+        Mean radiance of the box.
+    square : ndarray of float64, shape (focus, light, light)
+        Mean square of the noise.
+    noise, signal : mapping of str to ndarray of float64, shape (focus, light, light)
+        Noise and signal by name of the energy.
     """
 
     samples: tuple[int, int]
@@ -46,10 +53,23 @@ class StackGrain:
     signal: Mapping[str, np.ndarray]
 
     def mix(self, index: int, gain: np.ndarray) -> tuple[float, dict[str, float], dict[str, float]]:
-        """Return rms over mean, and noise and signal energies over the squared mean, at a position that was measured.
+        """Return the grain at a measured position under given gains of the lights.
 
-        ``index`` counts those, as ``indices`` does; ``gain`` (light,) are the gains of the light groups. All figures
-        are NaN where the mix is black.
+        All figures are NaN if the mix is black.
+
+        Parameters
+        ----------
+        index : int
+            Index of the position in ``indices``.
+        gain : ndarray, shape (light,)
+            Gains of the light groups.
+
+        Returns
+        -------
+        rms : float
+            Root mean square of the noise, divided by the mean.
+        noise, signal : dict of str to float
+            Energies by name, divided by the squared mean.
         """
         gain = np.asarray(gain, np.float64)
         mean = float(gain @ self.mean[index])
@@ -73,23 +93,30 @@ def measure_stack_grain(
 ) -> StackGrain:
     """Measure the grain of a stack from a second render with independent noise.
 
-    The variance of noise is taken to go as one over the samples. Where the samples of a pixel are spread evenly it
-    falls faster: the second render, with fewer samples, then makes the figures too large, not too small.
+    The variance of noise is assumed to be inversely proportional to the number of samples. If the samples of a pixel
+    are spread evenly, it falls faster; the second render, with fewer samples, then makes the figures too large, not too
+    small.
 
     Parameters
     ----------
-    first, second : (light, focus, row, col), radiance.
-    target : bool (row, col); the figures are those of its bounding box.
-    samples : samples per pixel of ``first`` and of ``second``.
-    indices : the positions to measure, rising; all by default.
+    first, second : ndarray, shape (light, focus, row, col)
+        Radiance of the two renders.
+    target : ndarray of bool, shape (row, col)
+        Target mask; the figures are those of its bounding box.
+    samples : tuple of int
+        Samples per pixel of ``first`` and of ``second``.
+    indices : ndarray of int, optional
+        Positions to measure, in rising order; by default all.
 
     Raises
     ------
-    BadInput : shapes that differ, an empty target.
+    BadInput
+        If the shapes differ or the target is empty.
     """
     if first.shape != second.shape or first.ndim != 4:
         raise BadInput(
-            f"the renders have the shapes {first.shape} and {second.shape}", allowed="(light, focus, row, col), twice"
+            f"the renders have the shapes {first.shape} and {second.shape}",
+            allowed="(light, focus, row, col), both the same",
         )
     rows, columns = mask_bounding_box(target)
     indices = np.arange(first.shape[1]) if indices is None else np.asarray(indices)
@@ -97,7 +124,7 @@ def measure_stack_grain(
     mean, square = np.empty((positions, lights)), np.empty((positions, lights, lights))
     noise, signal = ({name: np.empty((positions, lights, lights)) for name in ENERGIES} for _ in "ab")
     ratio = samples[0] / samples[1]
-    counts = {name: _count_places((rows.stop - rows.start, columns.stop - columns.start), name) for name in ENERGIES}
+    counts = {name: _count_positions((rows.stop - rows.start, columns.stop - columns.start), name) for name in ENERGIES}
     for k, index in enumerate(indices):
         one, other = (stack[:, index, rows, columns].astype(np.float64) for stack in (first, second))
         mean[k] = one.mean(axis=(1, 2))  # the second is noisier
@@ -112,20 +139,22 @@ def measure_stack_grain(
 
 
 def _responses(images: np.ndarray, energy: str) -> np.ndarray:
-    """Return what all filters of an energy make of images (light, row, col), float64 (light, response)."""
-    whole = np.ones(images.shape[1:], bool)
-    found = [[r.ravel() for r, _ in filter_stack_grain(image, energy, mask=whole)] for image in images]
+    """Return the responses (light, response) to images (light, row, col) of all filters that an energy consists of."""
+    full_image = np.ones(images.shape[1:], bool)
+    found = [[r.ravel() for r, _ in filter_stack_grain(image, energy, mask=full_image)] for image in images]
     return np.array([np.concatenate(one) if one else np.full(1, np.nan) for one in found])
 
 
-def _count_places(shape: tuple[int, int], energy: str) -> int:
-    """Return at how many places of an image the filters of an energy count, at least 1."""
-    whole = np.ones(shape)
-    return max((int(valid.sum()) for _, valid in filter_stack_grain(whole, energy, mask=whole > 0)), default=1)
+def _count_positions(shape: tuple[int, int], energy: str) -> int:
+    """Return at how many positions in an image the filters of an energy count, at least 1."""
+    full_image = np.ones(shape)
+    return max(
+        (int(valid.sum()) for _, valid in filter_stack_grain(full_image, energy, mask=full_image > 0)), default=1
+    )
 
 
 def write_stack_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None:
-    """Store the grain of a stack beside it; raises BadInput where that fails."""
+    """Store the grain of a stack in its folder. Raises BadInput if that fails."""
     document = {
         "format": FORMAT,
         "stack_digest": StackStore(root, spec).digest(),
@@ -141,7 +170,7 @@ def write_stack_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None
 
 
 def read_stack_grain(root: Path, spec: StackSpec) -> StackGrain | None:
-    """Return the grain that is stored for a stack as it is now; None where none is, or it cannot be read."""
+    """Return the grain stored for a stack as it is now; None if it is missing or cannot be read."""
     try:
         document = load_plain_json(root / spec.key / FILE)
         if document["format"] != FORMAT or document["stack_digest"] != StackStore(root, spec).digest():
@@ -163,7 +192,7 @@ def read_stack_grain(root: Path, spec: StackSpec) -> StackGrain | None:
 
 
 def _rounded(array: np.ndarray) -> list[object]:
-    """Return an array as nested lists of rounded numbers; what is no number becomes None, which reads as NaN."""
+    """Return an array as nested lists of rounded numbers; None, which is read as NaN, replaces infinities and NaN."""
     flat = [float(f"{x:.{DIGITS}g}") if math.isfinite(x) else None for x in array.ravel().tolist()]
     nested: list[object] = np.array(flat, object).reshape(array.shape).tolist()
     return nested

@@ -1,9 +1,8 @@
-"""Time-resolved focal stacks: one stack of a static scene, or of a moving scene one at each of many moments.
+"""Time-resolved focal stacks: one stack of a static scene, or one at each of many moments of a moving scene.
 
-Between two moments the image changes linearly from one stack to the next. A readout at the fraction w of the
-time between them, at its own focus position, sees (1 - w) of the earlier and w of the later stack, each
-interpolated between its own two nearest positions. The encoder takes the two stacks as two sets of lights, so
-that this is exact at every readout.
+Between two moments the image changes linearly from one stack to the next. A readout at the fraction w of the time
+between them sees, at its focus position, (1 - w) of the earlier and w of the later stack, each interpolated between the
+two nearest positions. The encoder gets the two stacks as two sets of lights, so that this is exact at every readout.
 """
 
 import hashlib
@@ -18,12 +17,12 @@ import numpy as np
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.stack_grain import StackGrain, read_stack_grain
 
-SHADING_MOMENTS = 9  # whose light paths tell the shading of a time slice, its own among them
+SHADING_MOMENTS = 9  # whose light paths give the shading of a time slice, including its own moment
 FRAMES_PER_BYTE = 8  # the encoder writes whole bytes, so a pair of stacks can change only between two
 
 
 class FrameRun(NamedTuple):
-    """Frames ``begin <= t < end`` between two time slices; ``slice_index`` counts the earlier one."""
+    """Frames ``begin <= t < end`` between two time slices; ``slice_index`` is the index of the earlier one."""
 
     begin: int
     end: int
@@ -32,10 +31,15 @@ class FrameRun(NamedTuple):
 
 @dataclass(frozen=True)
 class TimeResolvedStack:
-    """The focal stacks of a recording, and the frame whose beginning each of them shows.
+    """The focal stacks of a recording; each shows the scene at the beginning of a given frame.
 
-    A static scene has one stack, a moving scene several: at rising frames from 0 to at least the length of the
-    recording.
+    Attributes
+    ----------
+    slice_frames : tuple of int
+        Frame of each stack. A static scene has one; those of a moving scene rise from 0 to at least the length of the
+        recording.
+    specs : tuple of StackSpec
+        The stacks.
     """
 
     slice_frames: tuple[int, ...]
@@ -52,33 +56,33 @@ class TimeResolvedStack:
         return all(spec.rendered_count == spec.positions for spec in self.specs)
 
     def with_full_travel(self) -> "TimeResolvedStack":
-        """Return the same moments at all focus positions."""
+        """Return the stacks of the same moments at all focus positions."""
         specs = tuple(replace(spec, window=(0, spec.positions - 1)) for spec in self.specs)
         return TimeResolvedStack(self.slice_frames, specs)
 
     def without_diffraction(self) -> "TimeResolvedStack":
-        """Return the same moments by geometric optics."""
+        """Return the stacks of the same moments with geometric optics."""
         return replace(self, specs=tuple(replace(spec, wavelength_m=0.0) for spec in self.specs))
 
     def truncated_to(self, frames: float) -> "TimeResolvedStack":
-        """Return the stacks that the first ``frames`` readouts need, with the one after them."""
+        """Return the stacks that the first ``frames`` readouts need, including the one after them."""
         count = 1 + sum(frame < frames for frame in self.slice_frames)
         return TimeResolvedStack(self.slice_frames[:count], self.specs[:count])
 
     def count_stored(self, root: Path) -> int:
-        """Return how many stacks are stored under ``root`` before the first missing one; none of them is read."""
+        """Return how many stacks are stored under ``root`` before the first missing one, without reading them."""
         return sum(1 for _ in takewhile(lambda spec: StackStore(root, spec).has_all_pictures(), self.specs))
 
     def has_grain(self, root: Path) -> bool:
-        """Return whether the grain of the stacks under ``root``, or of some of many, has been measured."""
+        """Return whether grain has been measured for any of the stacks under ``root``."""
         return any(read_stack_grain(root, spec) is not None for spec in self.specs)
 
     def find_missing(self, root: Path) -> list[StackSpec]:
-        """Return the stacks that are not whole under ``root``."""
+        """Return the stacks that are missing, incomplete or damaged under ``root``."""
         return [spec for spec in self.specs if StackStore(root, spec).missing_pieces()]
 
     def has_all_notes(self, root: Path) -> bool:
-        """Return whether the notes of all stacks are there, also where their pictures have been deleted."""
+        """Return whether the notes of all stacks exist, even if their pictures have been deleted."""
         return all(StackStore(root, spec).has_all_notes() for spec in self.specs)
 
     def digest(self, root: Path) -> str:
@@ -96,21 +100,30 @@ class TimeResolvedStack:
                 yield FrameRun(max(first, begin), min(last, end), j)
 
     def interpolation_weight(self, run: FrameRun) -> np.ndarray:
-        """Return the weight of the later stack in each readout of a run, float64, 0...1."""
+        """Return the weight of the later stack in each readout of a run, float64, 0 to 1."""
         first, last = self.slice_frames[run.slice_index], self.slice_frames[run.slice_index + 1]
         return (np.arange(run.begin, run.end) + 0.5 - first) / (last - first)
 
 
 @dataclass(frozen=True)
 class PlaneSource:
-    """Where the image planes of a time-resolved stack are read from.
+    """Source from which the image planes of a time-resolved stack are read.
 
-    load_planes : ``(j, first, stop)`` gives the radiance of stack j at its rendered positions
-        first <= k < stop, float32 (light, focus, row, col).
-    load_geometry : ``(j)`` gives the depth and the target mask of stack j.
-    digest : SHA-256 over all stacks.
-    backend : what rendered them.
-    load_grain : ``(j)`` gives the grain of stack j, None where it was not measured.
+    Attributes
+    ----------
+    time_stack : TimeResolvedStack
+        The stacks.
+    load_planes : callable
+        Called with (j, first, stop); returns the radiance of stack j at its rendered positions first <= k < stop,
+        float32 (light, focus, row, col).
+    load_geometry : callable
+        Called with (j); returns the depth and the target mask of stack j.
+    digest : str
+        SHA-256 over all stacks.
+    backend : str
+        Backend that rendered the stacks.
+    load_grain : callable
+        Called with (j); returns the grain of stack j, or None if it was not measured.
     """
 
     time_stack: TimeResolvedStack
@@ -122,7 +135,7 @@ class PlaneSource:
 
     @classmethod
     def from_folder(cls, time_stack: TimeResolvedStack, root: Path) -> "PlaneSource":
-        """Return the stacks stored under ``root``; loading from one that is not whole raises BadInput."""
+        """Return the stacks stored under ``root``; loading from an incomplete stack raises BadInput."""
         stores = [StackStore(root, spec) for spec in time_stack.specs]
         return cls(
             time_stack,
@@ -135,7 +148,7 @@ class PlaneSource:
 
     @classmethod
     def from_stack(cls, stack: FocalStack) -> "PlaneSource":
-        """Return one stack in memory, of a static scene."""
+        """Return a source of one stack in memory, of a static scene."""
         return cls(
             TimeResolvedStack((0,), (stack.spec,)),
             lambda j, first, stop: stack.radiance[:, first:stop],
@@ -148,16 +161,16 @@ class PlaneSource:
 def frames_of_stack_slices(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
     """Return the frames at which a moving scene is rendered, from 0 to the first one at or after the end.
 
-    They are multiples of 8 frames and give ``slices_per_s`` slices per second, or a few more.
+    They are multiples of 8 frames, and give ``slices_per_s`` slices per second or a few more.
     """
     step = max(FRAMES_PER_BYTE, int(readout_hz / slices_per_s) // FRAMES_PER_BYTE * FRAMES_PER_BYTE)
     return tuple(range(0, frames + step, step))
 
 
-def moments_that_shade_stack_slices(times_s: Sequence[float]) -> list[tuple[float, ...]]:
-    """Return for each time slice the moments (s) whose light paths tell its shading: its own and those before it.
+def shading_moments_of_stack_slices(times_s: Sequence[float]) -> list[tuple[float, ...]]:
+    """Return, for each time slice, the moments (s) whose light paths give its shading: its own and those before it.
 
-    Before the first there are none: it stands in for them, and tells as much with other paths.
+    Moments before the first slice do not exist; the first stands in for them, and contributes as much with other paths.
     """
     return [tuple(times_s[max(n - back, 0)] for back in reversed(range(SHADING_MOMENTS))) for n in range(len(times_s))]
 
@@ -165,10 +178,10 @@ def moments_that_shade_stack_slices(times_s: Sequence[float]) -> list[tuple[floa
 def focus_windows_of_stack_slices(
     position: np.ndarray, slice_frames: tuple[int, ...], *, positions: int
 ) -> list[tuple[int, int]]:
-    """Return the first and last focus position that a recording needs of each time slice, at least two each.
+    """Return the first and last focus position that a recording needs from each time slice, at least two each.
 
-    ``position`` (T,) is where the lens is, a fraction of the travel. A stack serves the readouts from the
-    moment before it to the moment after it.
+    ``position`` (T,) is where the lens is, as a fraction of the travel. A stack is used in the readouts from the moment
+    before it to the moment after it.
     """
     knots = np.clip(np.asarray(position, dtype=np.float64), 0, 1) * (positions - 1)
     windows = []

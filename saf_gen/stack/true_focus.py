@@ -13,13 +13,23 @@ from saf_gen.stream.metadata import Truth
 
 
 def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) -> Truth:
-    """Return the true focus for a lens at these positions (T,), without the sharpness.
+    """Return the true focus for a lens at these positions, without the sharpness.
 
     In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered moments that
-    see the target, and is held while the target is out of sight. All other fields hold at the moment at which the lens
-    first meets the focus of a visible target, or comes nearest to it.
+    see the target, and stays constant while the target is out of sight. All other fields hold at the moment at which
+    the lens first meets the focus of a visible target, or comes nearest to it.
 
-    Raises BadInput if the target is seen at no moment.
+    Parameters
+    ----------
+    plane_source : PlaneSource
+        The stacks.
+    position : ndarray, shape (T,)
+        Position of the lens in each readout, 0 to 1.
+
+    Raises
+    ------
+    BadInput
+        If the target is seen at no moment.
     """
     time_stack = plane_source.time_stack
     if not time_stack.is_moving:
@@ -51,7 +61,10 @@ def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) ->
 
 
 def _in_sight(time_stack: TimeResolvedStack, seen: np.ndarray, *, frames: int) -> np.ndarray:
-    """Return which readouts lie between two moments that see the target, bool (T,); if none, next to one."""
+    """Return which readouts are between two moments that see the target, bool (T,).
+
+    If there are none, the readouts next to a moment that sees it are returned.
+    """
     after = np.searchsorted(time_stack.slice_frames, np.arange(frames), side="right")
     after = np.minimum(after, len(seen) - 1)
     both = seen[after - 1] & seen[after]
@@ -77,15 +90,29 @@ def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: floa
 
 
 def noise_free_stack_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
-    """Return the noise-free SD (variance over squared mean) in the target's box at each rendered position.
+    """Return the noise-free SD (variance divided by squared mean) in the target's box at each rendered position.
 
-    The result is float64 (focus,), at gain 1. ``position`` (T,) is where the lens is. In a moving scene the value at a
-    position is that of the moment at which the lens first reaches it, NaN where it never does.
+    In a moving scene, the value at a position is that of the moment at which the lens first reaches it, or NaN if it
+    never does.
+
+    Parameters
+    ----------
+    charge_source : ChargeSource
+        Charge of the recording's stacks.
+    truth : Truth
+        True focus, with the target mask.
+    position : ndarray, shape (T,)
+        Position of the lens in each readout, 0 to 1.
+
+    Returns
+    -------
+    ndarray of float64, shape (focus,)
+        Sharpness at gain 1.
     """
     rows, columns = mask_bounding_box(np.asarray(truth.target))
     positions = charge_source.time_stack.specs[0].positions
     lowest, highest = float(position.min()), float(position.max())
-    stride = float(np.abs(np.diff(position)).max(initial=0.0))  # readouts see the ends only to within that
+    stride = float(np.abs(np.diff(position)).max(initial=0.0))  # readouts reach the ends only to within this
     sharpness = np.full(positions, np.nan)
     for k, knot in enumerate(np.linspace(0, 1, positions)):
         crossings = np.zeros(1)

@@ -1,1 +1,1 @@
-"""The stream file and the dataset folder: the contract between generating and benchmarking."""
+"""Stream files and dataset folders: the interface between generating data and benchmarking methods."""

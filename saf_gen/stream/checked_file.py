@@ -1,7 +1,7 @@
-"""An HDF5 file of any origin, read with care: no link is followed, nothing large is loaded, nothing unknown is taken.
+"""Reads HDF5 files from untrusted sources: follows no link and loads nothing that is large or unknown.
 
-HDF5 can hold links and datasets that read other files, filters that run other code, and sizes that fill the memory.
-A stream has a few known datasets, stored inside the file, and all of that is checked before a value is read.
+An HDF5 file can contain links and datasets that read other files, filters that run other code, and sizes that fill the
+memory. A stream has a few known datasets, stored inside the file; this is checked before any value is read.
 """
 
 import math
@@ -16,28 +16,26 @@ import numpy as np
 
 from saf_gen.core.object_store import ObjectReader
 from saf_gen.errors import BadInput, closest
-from saf_gen.stream.metadata import ARRAY_DATASETS
+from saf_gen.stream.metadata import ARRAY_DATASETS, MAX_PIXELS
 
 GROUPS = ("focus", "light", "truth", "provenance")
 NAMES = frozenset(["/spikes", "/light/names", *(name for name, _, _ in ARRAY_DATASETS.values())])
-"""The datasets that a stream may have, beside any text in ``/provenance``."""
+"""The datasets that a stream may have, in addition to any text in ``/provenance``."""
 
-MAX_PIXELS = 1 << 22
-"""A block of 2,000 frames of so many takes a gigabyte."""
 MAX_SMALL_BYTES = 1 << 29
 MAX_DEFLATED_BYTES = 1 << 20
-"""Of a small dataset as stored, where it is deflated: it may inflate a thousandfold."""
+"""Largest stored size of a compressed small dataset, which may expand a thousandfold."""
 MAX_CHUNK_BYTES = 1 << 24
 MAX_TEXT_BYTES = 1 << 24
 MAX_NAMES = 1_000
 ALLOWED_FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE)
 _HEAP_HEAD, _HEAP_PIECE = struct.Struct("<5s3xQ"), struct.Struct("<H6xQ")
 _REFERENCE_BYTES = 16
-"""What a text of any length takes in its dataset: four bytes of length, and where the text lies."""
+"""Bytes of each text of variable length in its dataset: four for the length, the others for where it is stored."""
 
 
 def read_stream_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
-    """Return one attribute, a number or text; None where it is missing, an array, or another type."""
+    """Return an attribute that is a number or text; None if it is missing, an array, or of another type."""
     if not h5py.h5a.exists(item.id, name.encode()):
         return None
     kind = h5py.h5a.open(item.id, name.encode())
@@ -48,7 +46,11 @@ def read_stream_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
 
 
 def open_stream_spikes(file: h5py.File, where: str) -> h5py.Dataset:
-    """Return ``/spikes``; raises BadInput for a link, storage outside the file, other filters, and too many pixels."""
+    """Return ``/spikes``.
+
+    Raises BadInput if it is a link, is stored outside the file, or has the wrong type, other filters, too many pixels
+    or too large chunks.
+    """
     spikes = _open_dataset(file, "spikes", where=where)
     if spikes.dtype != np.uint8 or spikes.ndim != 3 or 0 in spikes.shape:
         raise BadInput(f"/spikes is {spikes.dtype} {spikes.shape}", where=where, allowed="uint8 (H, W, ceil(T/8))")
@@ -67,9 +69,10 @@ def open_stream_spikes(file: h5py.File, where: str) -> h5py.Dataset:
 def read_small_stream_datasets(
     file: h5py.File, where: str, *, reader: ObjectReader | None = None
 ) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of every dataset but ``/spikes``; text as str. ``reader`` is what ``file`` is read through.
+    """Yield the name and value of every dataset except ``/spikes``; text is str.
 
-    Raises BadInput for whatever a stream does not hold, before it is read.
+    ``reader`` is the object through which ``file`` is read from an object store. Raises BadInput if the file contains
+    anything that a stream does not, before that is read.
     """
     checked_heaps = {0}
     _check_names(file, "", where=where, known=[*GROUPS, "spikes"])
@@ -87,20 +90,24 @@ def read_small_stream_datasets(
                 item = _open_dataset(file, f"{group}/{name}", where=where)
                 is_text = h5py.check_string_dtype(item.dtype) is not None
                 if is_text != (group == "provenance" or name == "names"):
-                    raise BadInput(f"/{group}/{name} holds {item.dtype}", where=where, allowed="numbers; text in names")
+                    raise BadInput(
+                        f"/{group}/{name} holds {item.dtype}",
+                        where=where,
+                        allowed="text in names and in provenance, otherwise numbers",
+                    )
                 if is_text:
                     _check_text_length(item, raw, where=where, checked_heaps=checked_heaps)
                 yield f"/{group}/{name}", (item.asstr() if is_text else item)[()]
 
 
 def _check_names(group: h5py.Group, path: str, *, where: str, known: list[str] | None) -> None:
-    """Refuse a group that holds what a stream does not; ``known`` is None for names of any kind."""
+    """Raise BadInput if a group has too many or unknown names; if ``known`` is None, any name is allowed."""
     if len(group) > MAX_NAMES:
         raise BadInput(f"/{path} holds {len(group):,} names", where=where, allowed=f"at most {MAX_NAMES:,}")
     for name in group:
         if known is not None and name not in known:
             raise BadInput(
-                f"holds /{path}{'/' * bool(path)}{name}, which is no part of a stream",
+                f"holds /{path}{'/' * bool(path)}{name}, which is not part of a stream",
                 where=where,
                 allowed=", ".join(sorted(known)),
                 nearest=closest(name, known),
@@ -109,14 +116,14 @@ def _check_names(group: h5py.Group, path: str, *, where: str, known: list[str] |
 
 def _check_link(file: h5py.File, name: str, *, where: str) -> None:
     if file.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
-        raise BadInput(f"/{name} is a link to elsewhere", where=where, allowed="data inside the file")
+        raise BadInput(f"/{name} is a link", where=where, allowed="data inside the file")
 
 
 def _open_dataset(file: h5py.File, name: str, *, where: str) -> h5py.Dataset:
-    """Return a dataset whose values lie inside the file, are of a plain type and not too many."""
+    """Return a dataset; raise BadInput unless it is inside the file, of a plain type and not too large."""
     _check_link(file, name, where=where)
-    # A stream has two dozen datasets, and most of the time to open it goes into what is asked of each: h5py's own ways
-    # take twice as long.
+    # A stream has two dozen datasets, and these checks take most of the time to open it: h5py's high-level interface
+    # would take twice as long.
     opened = h5py.h5o.open(file.id, name.encode())
     if not isinstance(opened, h5py.h5d.DatasetID):
         raise BadInput(f"/{name} is not a dataset", where=where, allowed="a saf-gen stream")
@@ -124,7 +131,7 @@ def _open_dataset(file: h5py.File, name: str, *, where: str) -> h5py.Dataset:
     dtype, shape = item.dtype, item.shape
     stored = opened.get_create_plist()
     if stored.get_layout() == h5py.h5d.VIRTUAL or stored.get_external_count():
-        raise BadInput(f"/{name} lies in other files", where=where, allowed="data inside the file")
+        raise BadInput(f"/{name} is stored in other files", where=where, allowed="data inside the file")
     filters = [stored.get_filter(i)[0] for i in range(stored.get_nfilters())]
     if not set(filters) <= set(ALLOWED_FILTERS):
         raise BadInput(f"/{name} has the filters {filters}", where=where, allowed="deflate (1) and shuffle (2)")
@@ -135,14 +142,20 @@ def _open_dataset(file: h5py.File, name: str, *, where: str) -> h5py.Dataset:
         if math.prod(shape) * dtype.itemsize > MAX_SMALL_BYTES:
             raise BadInput(f"/{name} has the shape {shape}", where=where, allowed=f"{MAX_SMALL_BYTES:,} bytes at most")
         if filters and opened.get_storage_size() > MAX_DEFLATED_BYTES:
-            raise BadInput(f"/{name} is compressed", where=where, allowed="plain datasets beside /spikes")
+            raise BadInput(
+                f"/{name} is compressed", where=where, allowed="large datasets without compression, except /spikes"
+            )
     return item
 
 
 def _check_text_length(
     item: h5py.Dataset, raw: IO[bytes] | ObjectReader, *, where: str, checked_heaps: set[int]
 ) -> None:
-    """Refuse text that is too long; how long it is stands in the ``raw`` file, beside the reference to it."""
+    """Raise BadInput if a dataset of text is too long.
+
+    The lengths of variable-length texts are read from the ``raw`` file, where they are stored with the references to
+    the texts.
+    """
     if item.ndim > 1 or item.size > MAX_NAMES:
         raise BadInput(f"{item.name} holds text of the shape {item.shape}", where=where, allowed="one text, or a list")
     total = item.size * item.dtype.itemsize
@@ -150,7 +163,7 @@ def _check_text_length(
         at = item.id.get_offset()
         if at is None:
             if item.id.get_storage_size():
-                raise BadInput(f"{item.name} is stored in pieces", where=where, allowed="text stored as one")
+                raise BadInput(f"{item.name} is stored in pieces", where=where, allowed="text stored in one piece")
             return
         raw.seek(at)
         references = np.frombuffer(raw.read(_REFERENCE_BYTES * item.size), np.uint8).reshape(-1, _REFERENCE_BYTES)
@@ -163,19 +176,21 @@ def _check_text_length(
 
 
 def _check_text_heap(raw: IO[bytes] | ObjectReader, begin: int, *, where: str) -> None:
-    """Refuse a collection of texts whose pieces do not follow each other to its end: HDF5 would look for it for ever.
+    """Raise BadInput if the pieces of a text heap do not follow each other to its end: HDF5 would search it for ever.
 
+    References
+    ----------
     HDF5 File Format Specification 3.0, section III.E, Global Heap.
     """
     raw.seek(begin)
     head = raw.read(_HEAP_HEAD.size)
     signature, size = _HEAP_HEAD.unpack(head) if len(head) == _HEAP_HEAD.size else (b"", 0)
     if signature != b"GCOL\1" or not _HEAP_HEAD.size < size <= 2 * MAX_TEXT_BYTES:
-        raise BadInput("its text lies nowhere", where=where, hint="make the file again")
+        raise BadInput("its text is not in the file", where=where, hint="make the file again")
     pieces, at = raw.read(size - _HEAP_HEAD.size), 0
     while at + _HEAP_PIECE.size <= len(pieces):
         number, length = _HEAP_PIECE.unpack_from(pieces, at)
-        step = length if number == 0 else _HEAP_PIECE.size + -(-length // 8) * 8  # 0 is the room that is left
+        step = length if number == 0 else _HEAP_PIECE.size + -(-length // 8) * 8  # 0 marks free space
         if step < _HEAP_PIECE.size or at + step > len(pieces):
             raise BadInput("its text is stored in broken pieces", where=where, hint="make the file again")
         at += step

@@ -1,4 +1,4 @@
-"""Makes a dataset of any folder of streams: writes the manifest that lists them."""
+"""Turns any folder of streams into a dataset by writing the manifest that lists them."""
 
 import re
 from pathlib import Path
@@ -8,27 +8,35 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.stream_file import open_stream
 
-OWN_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[a-z0-9_]+)-(?P<repeat>\d+)")
-"""How this package names a sequence; of other names scene and light are taken to be the name itself and one."""
+SEQUENCE_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[a-z0-9_]+)-(?P<repeat>\d+)")
+"""How this package names a sequence.
+
+If a name has another form, the whole name becomes that of the scene, and the light is called ``recorded``.
+"""
 
 
 def index_streams_of_folder(folder: str | Path, *, split: str = "test") -> Manifest:
-    """Write ``manifest.json`` for all streams (.h5) in a folder and below it, and return it.
+    """Write ``manifest.json`` for all streams (.h5) in a folder and below it, and return the manifest.
 
-    A sequence is named by its path, its folders joined by "-". A folder below is a split of its name, and what lies in
-    the folder itself belongs to ``split``. Files are opened, not read through: ``saf-gen verify`` does that.
+    The id of a sequence is its path, joined with "-". Streams in a subfolder belong to the split that has the name of
+    the subfolder, and streams in the folder itself to ``split``. Files are opened but not read completely;
+    ``saf-gen verify`` does that.
 
-    Raises BadInput for a folder that is a dataset already, that has no stream, or in which a file is no stream.
+    Raises BadInput if the folder is missing, is a dataset already, has no stream, or contains an .h5 file that is not a
+    stream.
     """
     root = Path(folder)
     if not root.is_dir():
         raise BadInput("there is no such folder", where=str(folder))
     if (root / MANIFEST_NAME).exists():
-        raise BadInput(f"has a {MANIFEST_NAME}", where=str(folder), hint="remove it, and this command makes a new one")
+        raise BadInput(f"has a {MANIFEST_NAME}", where=str(folder), hint="remove it and run this command again")
     files = sorted(root.rglob("*.h5"))
     if not files:
         raise BadInput(
-            "has no stream", where=str(folder), allowed="files *.h5, in it or below it", hint="saf-gen import"
+            "has no stream",
+            where=str(folder),
+            allowed="files *.h5, in it or below it",
+            hint="make one with saf-gen import",
         )
     manifest = Manifest(
         file_name_as_text(root.resolve().name), "", "recorded", tuple(_entry(root, file, split=split) for file in files)
@@ -40,19 +48,19 @@ def index_streams_of_folder(folder: str | Path, *, split: str = "test") -> Manif
 def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:
     inside = file.relative_to(root)
     if file_name_as_text(str(inside)) != str(inside):
-        raise BadInput(f"the name of {file} is no UTF-8", allowed="names that a manifest can hold", hint="rename it")
+        raise BadInput(f"the name of {file} is not UTF-8", allowed="names that a manifest can hold", hint="rename it")
     with open_stream(file) as stream:
         frames, content = stream.shape[0], stream.content_sha256
-    own = OWN_NAME.fullmatch(inside.stem)
+    named = SEQUENCE_NAME.fullmatch(inside.stem)
     return SequenceEntry(
         id="-".join((*inside.parts[:-1], inside.stem)),
         split=inside.parts[0] if len(inside.parts) > 1 else split,
-        scene=own["scene"] if own else inside.stem,
+        scene=named["scene"] if named else inside.stem,
         variant=0,
-        scene_motion="dynamic" if own and own["moves"] else "static",
+        scene_motion="dynamic" if named and named["moves"] else "static",
         lens_motion="recorded",
-        light=own["light"] if own else "recorded",
-        repeat=int(own["repeat"]) if own else 0,
+        light=named["light"] if named else "recorded",
+        repeat=int(named["repeat"]) if named else 0,
         seed=0,
         file=inside.as_posix(),
         frames=frames,

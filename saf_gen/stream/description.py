@@ -1,4 +1,4 @@
-"""What is in a stream, in words, and how it was made."""
+"""Descriptions of streams in words: what they contain and how they were made."""
 
 import math
 from itertools import pairwise
@@ -12,13 +12,13 @@ from saf_gen.stream.readable import ReadableStream
 from saf_gen.stream.recorded_grain import read_grain_of_stream
 
 RATE_BLOCKS = 50
-"""Parts of a recording whose mean rates are compared, at most."""
+"""Largest number of parts of a recording whose mean rates are compared."""
 
 
 def describe_stream_content(stream: ReadableStream, *, with_rates: bool = True) -> dict[str, str]:
-    """Return what is in a stream as text, by name: length, rates, light, lens, truth.
+    """Return what a stream contains as texts by name: length, rates, light, lens and truth.
 
-    Without the rates no spike is read, with them all are.
+    All spikes are read if ``with_rates`` is true, and none otherwise.
     """
     frames, rows, columns = stream.shape
     planned = _read_json(stream, "sequence")
@@ -54,8 +54,8 @@ def describe_stream_content(stream: ReadableStream, *, with_rates: bool = True) 
     return facts
 
 
-def describe_stream_making(stream: ReadableStream) -> dict[str, str]:
-    """Return how a stream was made as text, by name: size on the disk, versions, seeds, digests."""
+def describe_stream_provenance(stream: ReadableStream) -> dict[str, str]:
+    """Return how a stream was made as texts by name: size on the disk, versions, seeds and digests."""
     facts = {"size": f"{stream.path.stat().st_size * 8 / math.prod(stream.shape):.3f} bit per pixel and frame"}
     for name, text in stream.metadata.provenance.items():
         if name == "versions":
@@ -67,12 +67,12 @@ def describe_stream_making(stream: ReadableStream) -> dict[str, str]:
 
 
 def describe_stream_file(stream: ReadableStream) -> dict[str, str]:
-    """Return facts about a stream as text, by name: what is in it, then how it was made."""
-    return {**describe_stream_content(stream), **describe_stream_making(stream)}
+    """Return facts about a stream as texts by name: first what it contains, then how it was made."""
+    return {**describe_stream_content(stream), **describe_stream_provenance(stream)}
 
 
 def _read_json(stream: ReadableStream, name: str) -> dict[str, Any]:
-    """Return a text of the provenance that holds an object in JSON; empty where it is absent or something else."""
+    """Return a JSON object from the provenance; an empty one if the text is missing or holds anything else."""
     try:
         found = load_plain_json(stream.metadata.provenance.get(name, "{}"))
     except ValueError:
@@ -99,18 +99,18 @@ def _describe_rates(stream: ReadableStream) -> dict[str, str]:
 
 
 def _describe_time_in_focus(stream: ReadableStream) -> str:
-    """Return for how long the lens is within the depth of focus, as text; '' where that is unknown."""
+    """Return as text in how many frames the lens is within the depth of focus; '' if that is unknown."""
     lens, truth = stream.focus_position, stream.truth
     if lens is None or not truth.known:
         return ""
-    away = lens.astype(np.float64) - (truth.position if truth.track is None else truth.track)
+    offset = lens.astype(np.float64) - (truth.position if truth.track is None else truth.track)
     near, far = sorted(truth.depth_of_focus)
-    within = (away >= near - truth.position) & (away <= far - truth.position)
+    within = (offset >= near - truth.position) & (offset <= far - truth.position)
     return f", the lens is there in {np.mean(within):.1%} of the frames"
 
 
 def _describe_range(values: np.ndarray | None, unit: str) -> str:
-    """Return the first and last value as text, and the extremes if the values turned back in between."""
+    """Return the first and last value as text, with the extremes if the values turn back in between."""
     if values is None:
         return "not recorded"
     low, high, ends = values.min(), values.max(), (values[0], values[-1])
@@ -123,7 +123,7 @@ def _describe_range(values: np.ndarray | None, unit: str) -> str:
 
 
 def _describe_grain(stream: ReadableStream) -> str:
-    """Return how much noise of the renderer is in the pictures behind a stream, as text."""
+    """Return as text how much noise of the renderer the pictures behind a stream contain."""
     grain = read_grain_of_stream(stream.metadata.provenance)
     if grain is None or not math.isfinite(grain.rms_in_focus):
         return "unknown"

@@ -1,7 +1,7 @@
 """Texture from intervals (TFI): the brightness of each pixel from the time between two spikes.
 
-The counts of a window average over all of it. The interval round its middle is short, so that little moves
-meanwhile, but coarse, because it is a whole number of readouts.
+The counts of a window average over its whole duration. The interval around its middle is short, so that little moves
+in it, but coarse, because it is a whole number of readouts.
 """
 
 from collections.abc import Callable
@@ -14,14 +14,14 @@ from saf_gen.core.stopwatch import Stopwatch
 Read = Callable[[int, int], np.ndarray]
 
 FIRST_BYTES = 8
-"""Bytes along time that are read first on each side; each further read takes twice as many."""
+"""Bytes along time that are read first on each side of the middle; each further read is twice as long."""
 OPEN = -1
-"""Marks a spike that is not found yet."""
+"""Marks a pixel whose spike has not been found yet."""
 
 
 @njit(nogil=True, cache=True)
 def _look_back(packed, base, first, stop, found):
-    """Set ``found`` where OPEN to the last spike in first <= t < stop; return how many stay open."""
+    """Set each OPEN pixel of ``found`` to its last spike in first <= t < stop; return how many pixels stay open."""
     still_open = 0
     for y in range(packed.shape[0]):
         for x in range(packed.shape[1]):
@@ -41,7 +41,7 @@ def _look_back(packed, base, first, stop, found):
 
 @njit(nogil=True, cache=True)
 def _look_ahead(packed, base, first, stop, found):
-    """Set ``found`` where OPEN to the first spike in first <= t < stop; return how many stay open."""
+    """Set each OPEN pixel of ``found`` to its first spike in first <= t < stop; return how many pixels stay open."""
     still_open = 0
     for y in range(packed.shape[0]):
         for x in range(packed.shape[1]):
@@ -62,20 +62,25 @@ def _look_ahead(packed, base, first, stop, found):
 def texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) -> np.ndarray:
     """Return the texture from intervals of the n frames ``first <= t < stop``.
 
-    A pixel gets n over the interval from its last spike at or before the middle frame, (first + stop − 1)//2,
-    to its next one. That is what it would count in the window at that rate, so the unit is that of counts.
+    The value of a pixel is n divided by the interval from its last spike at or before the middle frame,
+    (first + stop − 1)//2, to its next spike. This is the number of spikes in the window at that rate, so that the
+    values have the unit of counts.
 
     Parameters
     ----------
-    read : ``read(first_byte, stop_byte)`` gives time-packed spikes uint8 (h, w, bytes) in any memory layout:
-        frame t is bit t mod 8, least significant first, of byte t div 8. It is called from the middle
-        outwards, until every pixel has its spikes.
-    count : ``count(first, stop)`` gives counts (h, w); it says which pixels have any spike.
-    first, stop : the window, frames from 0.
+    read : callable
+        ``read(first_byte, stop_byte)`` returns packed spikes, uint8 (h, w, bytes) in any memory layout: frame t is
+        bit t mod 8, least significant first, of byte t div 8. It is called from the middle outwards until every pixel
+        has its spikes.
+    count : callable
+        ``count(first, stop)`` returns counts (h, w), which show whether a pixel has any spike.
+    first, stop : int
+        The window, in frames from 0.
 
     Returns
     -------
-    float64 (h, w), 0...n; 0.0 where either spike is not in the window.
+    ndarray of float64, shape (h, w)
+        Values from 0 to n; 0.0 if either spike is not in the window.
 
     References
     ----------
@@ -102,13 +107,14 @@ def texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) 
 
 
 def time_texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) -> tuple[np.ndarray, float]:
-    """Return texture_of_stream_window and its seconds, without those spent in ``read`` and ``count``.
+    """Return the texture from intervals and the seconds that it took, not counting calls of ``read`` and ``count``.
 
-    Where a loop had to be compiled or loaded on the way, the texture is computed once more.
+    If a loop had to be compiled or loaded, the texture is computed once more, so that this time is not counted. The
+    parameters are those of :func:`texture_of_stream_window`.
     """
     compiled = _count_compiled_loops()
-    whole, camera = Stopwatch(), Stopwatch()
-    image = whole.time(
+    total, camera = Stopwatch(), Stopwatch()
+    image = total.time(
         texture_of_stream_window,
         lambda first_byte, stop_byte: camera.time(read, first_byte, stop_byte),
         lambda begin, end: camera.time(count, begin, end),
@@ -117,7 +123,7 @@ def time_texture_of_stream_window(read: Read, count: Read, *, first: int, stop: 
     )
     if _count_compiled_loops() > compiled:
         return time_texture_of_stream_window(read, count, first=first, stop=stop)
-    return image, whole.seconds - camera.seconds
+    return image, total.seconds - camera.seconds
 
 
 def _count_compiled_loops() -> int:

@@ -1,7 +1,7 @@
 """The manifest of a dataset folder: the list of sequences that `generate` writes and `evaluate` reads.
 
-``manifest.json`` lies beside the folders ``<split>/`` with the streams ``<id>.h5``. It is written whole or
-not at all and read strictly; a folder without a readable manifest is not a dataset.
+``manifest.json`` is next to the folders ``<split>/``, which contain the streams ``<id>.h5``. It is written completely
+or not at all, and read strictly; a folder without a readable manifest is not a dataset.
 """
 
 import os
@@ -24,19 +24,27 @@ FORMAT = "saf-gen dataset"
 LAYOUT = 1
 HINT = "remove it and run saf-gen generate again"
 
-Whole = Annotated[int, Field(strict=True)]
+StrictInteger = Annotated[int, Field(strict=True)]
 
 
 @dataclass(frozen=True)
 class SequenceEntry:
     """One sequence of a dataset.
 
-    variant : number of the member in the scene's family.
-    scene_motion : ``static`` or ``dynamic``.
-    lens_motion : the kind of the lens's motion.
-    file : path of the stream within the dataset folder, with '/'.
-    fingerprint : SHA-256 of the plan that the sequence was made from.
-    content_sha256 : SHA-256 of the stream's content.
+    Attributes
+    ----------
+    variant : int
+        Number of the member in its scene family.
+    scene_motion : str
+        ``static`` or ``dynamic``.
+    lens_motion : str
+        Kind of lens motion.
+    file : str
+        Path of the stream within the dataset folder, with '/'.
+    fingerprint : str
+        SHA-256 of the plan from which the sequence was made.
+    content_sha256 : str
+        SHA-256 of the content of the stream.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -44,21 +52,21 @@ class SequenceEntry:
     id: str
     split: str
     scene: str
-    variant: Whole
+    variant: StrictInteger
     scene_motion: str
     lens_motion: str
     light: str
-    repeat: Whole
-    seed: Whole
+    repeat: StrictInteger
+    seed: StrictInteger
     file: str
-    frames: Whole
+    frames: StrictInteger
     fingerprint: str
     content_sha256: str
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """A dataset: its name, the fingerprint of its recipe, what rendered it (``variant``), its sequences."""
+    """A dataset: its name, the fingerprint of its recipe, what rendered it (``variant``), and its sequences."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -76,9 +84,9 @@ class Manifest:
 def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
     """Return the manifest of a dataset folder, on a disk or in an object store.
 
-    Raises BadInput if the folder or its manifest is missing, and if the manifest is not JSON, has a newer
-    layout, an unknown or missing key, a value of the wrong type, a repeated id, or a file outside the folder, or is not
-    what was written.
+    Raises BadInput if the folder or its manifest is missing, or if the manifest is not JSON, has another layout
+    version, an unknown or missing key, a value of the wrong type, a repeated id or a file outside the folder, or was
+    changed since it was written.
     """
     where = find_path(folder)
     if not where.is_dir():
@@ -105,7 +113,7 @@ def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
 
 
 def verify_manifest_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> None:
-    """Read the whole stream of ``entry``; raises BadInput if it is missing, damaged or not as listed."""
+    """Read the complete stream of ``entry``; raise BadInput if it is missing, damaged or not as listed."""
     with open_stream(find_path(folder) / entry.file) as stream:
         frames = stream.shape[0]
         if stream.content_sha256 != entry.content_sha256 or frames != entry.frames:
@@ -119,7 +127,7 @@ def verify_manifest_entry(folder: str | os.PathLike[str] | StorePath, entry: Seq
 
 
 def write_manifest(folder: str | os.PathLike[str], manifest: Manifest) -> None:
-    """Write ``manifest`` into ``folder``, which is made if missing; raises BadInput if that fails."""
+    """Write ``manifest`` into ``folder``, which is created if it is missing; raise BadInput if that fails."""
     path = Path(folder) / MANIFEST_NAME
     for entry in manifest.sequences:
         if not _is_inside(entry.file):

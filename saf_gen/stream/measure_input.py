@@ -1,4 +1,4 @@
-"""Where a focus measure looks, and what it is given of a window of frames."""
+"""The region in which a focus measure looks, and its input from a window of frames."""
 
 from typing import Protocol
 
@@ -11,7 +11,7 @@ from saf_gen.stream.readable import ReadableStream
 
 
 class WindowSource(Protocol):
-    """Windows of frames that can be looked at, on a recording or on a running camera."""
+    """A source of windows of frames: a recording or a running camera."""
 
     def window(self, first: int, stop: int) -> np.ndarray: ...
 
@@ -19,10 +19,11 @@ class WindowSource(Protocol):
 
 
 def stream_input_for_measure(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
-    """Return what a measure is given of a window of n frames.
+    """Return the input of a measure from a window of n frames.
 
-    It is counts (h, w); or (2, h, w), the counts of the first n // 2 frames and of the rest; or interval texture (h,
-    w). Raises BadInput for a single frame, which has no halves.
+    It is counts (h, w); or, for a half-window measure, the counts (2, h, w) of the first n // 2 frames and of the rest;
+    or, for a measure of intervals, interval texture (h, w). Raises BadInput if a half-window measure would be given a
+    single frame.
     """
     if not wants_halves(measure):
         return source.intervals(first, stop) if wants_intervals(measure) else source.window(first, stop)
@@ -36,7 +37,7 @@ def stream_input_for_measure(source: WindowSource, measure: object, *, first: in
 
 
 def choose_stream_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
-    """Return the box of a region and its name; the box is None for the frame, also where there is no target."""
+    """Return the box of a region and its name; without a target that is the whole frame, whose box is None."""
     target = stream.truth.target
     if region == "target" and target is not None and np.any(target):
         return mask_bounding_box(target), "target"

@@ -1,11 +1,12 @@
-"""What a stream file holds beside the spikes, and the digest of its content.
+"""The metadata of a stream file (everything except the spikes) and the digest of its content.
 
 ``content_sha256`` identifies the content of a file, however it is stored. It is the SHA-256 of a text: the lines
 ``readout_hz`` and ``frames``, then one line per dataset, sorted by name, with name, dtype, shape and the SHA-256 of the
 values (little-endian, C order; text as UTF-8, each string followed by a zero byte). The values of ``/spikes`` are
 hashed as consecutive time blocks of 250 bytes along time, each in C order, so that both writing and verifying can
-stream. The group ``/provenance`` says how the content was made and is left out; the attribute ``provenance_sha256`` is
-the same over its lines. With the hash of the spikes alone, ``spikes_sha256``, everything small is checked on opening.
+stream. The group ``/provenance`` records how the content was made and is left out; the attribute ``provenance_sha256``
+is the SHA-256 of its lines. Because ``spikes_sha256`` holds the hash of the spikes alone, all other datasets can be
+checked when a file is opened.
 """
 
 import hashlib
@@ -21,22 +22,32 @@ from saf_gen.errors import BadInput, unknown
 
 FORMAT = "saf-gen stream"
 LAYOUT = 1
+MAX_PIXELS = 1 << 22
+"""Largest number of pixels of a frame: a time block of 2,000 frames with as many takes a gigabyte."""
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What is known of the true focus; NaN or None for what is not known.
+    """The true focus, as far as it is known; unknown numbers are NaN, unknown arrays None.
 
     Parameters
     ----------
-    position : optical best focus of the target, fraction of the travel.
-    depth_of_focus : the two positions at which the blur of the target is as wide as what the camera resolves in focus.
-    frame : fractional frame, from 0, at which the lens first passes ``position``.
-    depth : float32 (H, W), m.
-    target : bool (H, W), the pixels that should be in focus.
-    best_position : float32 (H, W), position that focuses each pixel, fraction of the travel.
-    sharpness : float64 (K,), noise-free SD at evenly spaced positions.
-    track : float32 (T,), ``position`` over time in a moving scene, in which all other fields hold at ``frame``.
+    position : float, default NaN
+        Optical best focus of the target, as a fraction of the travel.
+    depth_of_focus : tuple of float, default (NaN, NaN)
+        The two positions at which the blur of the target is as wide as what the camera resolves in focus.
+    frame : float, default NaN
+        Fractional frame, from 0, at which the lens first passes ``position``.
+    depth : ndarray of float32, shape (H, W), optional
+        Depth map, in metres.
+    target : ndarray of bool, shape (H, W), optional
+        The pixels that should be in focus.
+    best_position : ndarray of float32, shape (H, W), optional
+        Position that brings each pixel into focus, as a fraction of the travel.
+    sharpness : ndarray of float64, shape (K,), optional
+        Noise-free SD (variance divided by squared mean) of the box around the target at K evenly spaced positions.
+    track : ndarray of float32, shape (T,), optional
+        ``position`` in each frame of a moving scene; all other fields then hold at ``frame``.
     """
 
     position: float = math.nan
@@ -50,21 +61,21 @@ class Truth:
 
     @property
     def known(self) -> bool:
-        """Whether the position of best focus is known."""
+        """True if the position of best focus is known."""
         return math.isfinite(self.position)
 
     def __repr__(self) -> str:
         return f"Truth({', '.join(f'{name}={text}' for name, text in self._known_fields().items())})"
 
     def _repr_html_(self) -> str:
-        """Return what is known as a table for a notebook."""
+        """Return the known fields as an HTML table for a notebook."""
         rows = "".join(
             f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in self._known_fields().items()
         )
         return f"<table>{rows}</table>"
 
     def _known_fields(self) -> dict[str, str]:
-        """Return numbers as they are, and of arrays what they are: 100,000 depths say nothing on a screen."""
+        """Return the known fields as text: numbers by value, arrays by dtype and shape, which fit on a screen."""
         held = {field.name: getattr(self, field.name) for field in fields(self)}
         known = {n: v for n, v in held.items() if v is not None and not np.isnan(np.asarray(v, float)).all()}
         return {n: f"{v.dtype} {v.shape}" if isinstance(v, np.ndarray) else repr(v) for n, v in known.items()}
@@ -72,16 +83,22 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Metadata:
-    """What a stream file holds beside the spikes; every field is optional.
+    """Everything that a stream file holds except the spikes; every field is optional.
 
     Parameters
     ----------
-    focus_position : float32 (T,), position of the lens in the middle of each readout, fraction of the travel.
-    image_distance, object_distance : float32 (T,), m.
-    gain : float32 (T, G), light of each readout and light group, 1 being nominal.
-    light_names : names of the G light groups.
-    truth : the true focus.
-    provenance : how the stream was made, text by name.
+    focus_position : ndarray of float32, shape (T,), optional
+        Position of the lens in the middle of each readout, as a fraction of the travel.
+    image_distance, object_distance : ndarray of float32, shape (T,), optional
+        Distance from the lens to the sensor, and to the plane that is in focus, in metres.
+    gain : ndarray of float32, shape (T, G), optional
+        Gain of each light group in each readout; 1 is the nominal light.
+    light_names : tuple of str, default ()
+        Names of the G light groups.
+    truth : Truth, optional
+        The true focus.
+    provenance : mapping of str to str, optional
+        How the stream was made, as texts by name.
     """
 
     focus_position: np.ndarray | None = None
@@ -110,24 +127,24 @@ ARRAY_DATASETS = {
 }
 _SCALARS = ("position", "depth_of_focus", "frame")
 _IN_EVERY_FRAME = ("focus_position", "track")
-"""Fields that must be finite in every readout if they are given, because any answer is judged by them."""
+"""Fields that must be finite in every readout if they are given, because all answers are judged by them."""
 
 
-def _shaped(name: str, value: Any, *, shape: tuple[int, int, int]) -> np.ndarray:
+def _checked_array(name: str, value: Any, *, shape: tuple[int, int, int]) -> np.ndarray:
     _, dtype, axes = ARRAY_DATASETS[name]
-    given = np.asarray(value)
-    if given.dtype.kind not in "buif":
-        raise BadInput(f"{name} has dtype {given.dtype}", allowed=f"numbers ({dtype})")
+    source = np.asarray(value)
+    if source.dtype.kind not in "buif":
+        raise BadInput(f"{name} has dtype {source.dtype}", allowed=f"numbers ({dtype})")
     known = dict(zip("THW", shape, strict=True)) | {"2": 2}
     wanted = tuple(known.get(axis, -1) for axis in axes)
-    if given.ndim != len(axes) or any(w not in (-1, g) for w, g in zip(wanted, given.shape, strict=True)):
+    if source.ndim != len(axes) or any(w not in (-1, g) for w, g in zip(wanted, source.shape, strict=True)):
         text = ", ".join(str(w) if w >= 0 else f"any {axis}" for w, axis in zip(wanted, axes, strict=True))
-        raise BadInput(f"{name} has shape {given.shape}", allowed=f"({text}) for T, H, W = {shape}")
+        raise BadInput(f"{name} has shape {source.shape}", allowed=f"({text}) for T, H, W = {shape}")
     with np.errstate(over="ignore"):
-        held = np.ascontiguousarray(given, dtype=dtype).reshape(given.shape)
-    if given.dtype.kind == "f" and (beyond := np.isinf(held) & np.isfinite(given)).any():
-        raise BadInput(f"{name} holds {given[beyond].flat[0]:g}", allowed=f"numbers that {dtype} can hold")
-    return held
+        converted = np.ascontiguousarray(source, dtype=dtype).reshape(source.shape)
+    if source.dtype.kind == "f" and (beyond := np.isinf(converted) & np.isfinite(source)).any():
+        raise BadInput(f"{name} holds {source[beyond].flat[0]:g}", allowed=f"numbers that {dtype} can hold")
+    return converted
 
 
 def _check_finite(name: str, array: np.ndarray) -> None:
@@ -143,15 +160,18 @@ def _check_finite(name: str, array: np.ndarray) -> None:
 def stream_metadata_to_datasets(
     metadata: Metadata, shape: tuple[int, int, int]
 ) -> dict[str, np.ndarray | tuple[str, ...] | str]:
-    """Return every dataset except /spikes, checked, by name.
+    """Return every dataset except ``/spikes`` by name, after checking it.
 
-    Raises BadInput, naming the field, for a wrong dtype or shape and for positions that are not finite.
+    Raises BadInput, naming the field, if a dtype, shape or text is not allowed, if a number is too large for its dtype,
+    or if a position is not finite.
     """
     truth = metadata.truth
     held = {f: getattr(truth if hasattr(truth, f) else metadata, f) for f in ARRAY_DATASETS}
     if all(np.isnan(np.asarray(held[f], float)).all() for f in _SCALARS):
         held |= dict.fromkeys(_SCALARS)
-    out: dict[str, Any] = {ARRAY_DATASETS[f][0]: _shaped(f, v, shape=shape) for f, v in held.items() if v is not None}
+    out: dict[str, Any] = {
+        ARRAY_DATASETS[f][0]: _checked_array(f, v, shape=shape) for f, v in held.items() if v is not None
+    }
     for f in _IN_EVERY_FRAME:
         if ARRAY_DATASETS[f][0] in out:
             _check_finite(f, out[ARRAY_DATASETS[f][0]])
@@ -174,19 +194,19 @@ def _check_lights(gain: np.ndarray | None, lights: tuple[str, ...]) -> None:
 def _is_unicode(text: str) -> bool:
     try:
         text.encode()
-    except UnicodeEncodeError:  # half a letter, such as a byte of a file's name that is no UTF-8
+    except UnicodeEncodeError:  # a lone surrogate, such as a byte of a file name that is not UTF-8
         return False
     return True
 
 
 def _checked_text(name: str, text: object) -> str:
     if not isinstance(text, str) or "\0" in text or not _is_unicode(text):
-        raise BadInput(f"{name} holds {text!r:.40}", allowed="text of Unicode without zero bytes")
+        raise BadInput(f"{name} holds {text!r:.40}", allowed="Unicode text without zero bytes")
     return text
 
 
 def _stream_digest_line(name: str, value: Any) -> str:
-    """Return the line of the digest for a small dataset."""
+    """Return the line for a small dataset in the text that is hashed."""
     array = np.asarray(value)
     if array.dtype.kind in "OSU":
         strings = [s if isinstance(s, bytes) else str(s).encode() for s in array.ravel()]
@@ -197,7 +217,6 @@ def _stream_digest_line(name: str, value: Any) -> str:
 
 
 def _format_digest_line(name: str, dtype: str, *, shape: tuple[int, ...], sha256: str) -> str:
-    """Return a line of the digest from its parts."""
     return f"{name} {dtype} {'x'.join(map(str, shape)) or 'scalar'} {sha256}"
 
 
@@ -217,7 +236,8 @@ def stream_digests(
 ) -> tuple[str, str]:
     """Return ``content_sha256`` and ``provenance_sha256``.
 
-    ``datasets`` are all but ``/spikes``, by name; ``shape`` and ``spikes`` the shape and SHA-256 of that.
+    ``datasets`` are the names and values of all datasets except ``/spikes``, of which ``shape`` is the shape and
+    ``spikes`` the SHA-256.
     """
     spikes_line = _format_digest_line("/spikes", "uint8", shape=shape, sha256=spikes)
     lines = [_stream_digest_line(name, value) for name, value in datasets]
@@ -230,7 +250,7 @@ def stream_digests(
 
 
 def stream_metadata_from_options(options: Mapping[str, Any]) -> Metadata:
-    """Return metadata from keyword arguments; ``truth`` may be a mapping. BadInput for an unknown name."""
+    """Return metadata from keyword arguments; ``truth`` may be a mapping. Raises BadInput if a name is unknown."""
     _check_names("optional field", options, known=Metadata)
     truth = options.get("truth")
     if isinstance(truth, Mapping):
@@ -249,10 +269,10 @@ def _check_names(what: str, names: Iterable[str], *, known: type) -> None:
 def stream_metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
     """Return metadata from the small datasets of a file: the inverse of :func:`stream_metadata_to_datasets`.
 
-    Raises BadInput, naming the field, for a shape that does not fit (T, H, W).
+    Raises BadInput, naming the field, if a shape does not fit (T, H, W).
     """
     stored = {f: values[name] for f, (name, _, _) in ARRAY_DATASETS.items() if name in values}
-    found: dict[str, Any] = {f: _shaped(f, value, shape=shape) for f, value in stored.items()}
+    found: dict[str, Any] = {f: _checked_array(f, value, shape=shape) for f, value in stored.items()}
     truth = {f: found.pop(f) for f in tuple(found) if f in Truth.__dataclass_fields__}
     for name in ("position", "frame"):
         if name in truth:

@@ -1,4 +1,4 @@
-"""What an open stream offers to those who describe, draw or score it: they need not know how it is stored."""
+"""The interface of an open stream for code that describes, draws or scores it, however it is stored."""
 
 from typing import Protocol
 
@@ -10,7 +10,7 @@ from saf_gen.stream.metadata import Metadata, Truth
 
 
 class ReadableStream(Protocol):
-    """An open recording with what is known of it; :class:`saf_gen.stream.stream_file.SpikeStream` is one."""
+    """An open recording and its metadata, such as a :class:`saf_gen.stream.stream_file.SpikeStream`."""
 
     path: AnyPath
     shape: tuple[int, int, int]

@@ -1,7 +1,7 @@
-"""The grain of a recording's pictures, as a stream file keeps it: ``/provenance/grain``, text in JSON.
+"""The grain of the pictures behind a recording, which a stream file keeps as JSON text in ``/provenance/grain``.
 
-Grain is what the renderer's finite number of light paths leaves. The recording's own noise, that of the sensor, is not
-in it. A file without this text, as every file of other programs, is read all the same: its grain is unknown.
+Grain is the noise that the renderer's finite number of light paths leaves; it does not include the noise of the sensor.
+A file without this text, such as a file of another program, can still be read: its grain is unknown.
 """
 
 import json
@@ -18,12 +18,21 @@ DIGITS = 6
 
 @dataclass(frozen=True)
 class GrainMoment:
-    """The grain of the picture that the sensor saw at a frame, all lights at their gains, in the target's box.
+    """The grain of the picture that the sensor saw in one frame, in the box around the target.
 
-    position : of the rendered plane nearest to the lens, 0 to 1.
-    rms : root mean square of the noise over the mean.
-    noise, signal : energies over the squared mean, by name, those of :data:`saf_gen.stack.grain.ENERGIES`: what a focus
-        measure of that name, divided by the squared brightness, gets from the noise and from the picture without it.
+    All lights are at their gains in that frame.
+
+    Attributes
+    ----------
+    frame : int
+        The frame, from 0.
+    position : float
+        Position of the rendered focus plane nearest to that of the lens, 0 to 1.
+    rms : float
+        Root mean square of the noise, divided by the mean.
+    noise, signal : mapping of str to float
+        Energies divided by the squared mean, by the names in :data:`saf_gen.stack.grain.ENERGIES`: what a focus measure
+        of that name, divided by the squared brightness, returns for the noise and for the picture without it.
     """
 
     frame: int
@@ -37,9 +46,14 @@ class GrainMoment:
 class RecordedGrain:
     """The grain along a recording.
 
-    moments : at rising frames.
-    focus : index of the moment nearest to that at which the lens is at the truth.
-    samples : samples per pixel of the pictures, and of the second render that they were compared with.
+    Attributes
+    ----------
+    moments : tuple of GrainMoment
+        Grain at some frames, in ascending order.
+    focus : int
+        Index of the moment nearest to that at which the lens is at the truth.
+    samples : tuple of int
+        Samples per pixel of the pictures, and of the second render with which they were compared.
     """
 
     moments: tuple[GrainMoment, ...]
@@ -48,20 +62,20 @@ class RecordedGrain:
 
     @property
     def rms_in_focus(self) -> float:
-        """The rms of the noise over the mean at best focus, or as near to it as is known."""
+        """The rms of the noise, divided by the mean, at the known moment nearest to best focus."""
         return self.moments[self.focus].rms
 
     @property
     def rms_range(self) -> tuple[float, float]:
-        """The smallest and the largest rms along the recording; NaN where no picture has light."""
+        """The smallest and the largest rms along the recording; NaN if no picture has light."""
         known = [moment.rms for moment in self.moments if math.isfinite(moment.rms)]
         return (min(known), max(known)) if known else (math.nan, math.nan)
 
     def noise_over_curve(self, energy: str, *, curve_range: float | None = None) -> float:
-        """Return the largest noise energy along the recording over the range of the focus curve of that energy.
+        """Return the largest noise energy along the recording, divided by the range of the focus curve of that energy.
 
-        ``curve_range`` is in units of the squared mean; by default that of the signal along the recording. NaN where
-        nothing is known of the energy, infinite where its curve is flat.
+        ``curve_range`` is in units of the squared mean; by default it is the range of the signal along the recording.
+        The result is NaN if nothing is known of the energy, and infinite if its curve is flat despite noise.
         """
         noise = [m.noise[energy] for m in self.moments if math.isfinite(m.noise.get(energy, math.nan))]
         signal = [m.signal[energy] for m in self.moments if math.isfinite(m.signal.get(energy, math.nan))]
@@ -73,12 +87,12 @@ class RecordedGrain:
         return max(noise) / reach
 
     def to_text(self) -> str:
-        """Return the text that a stream file keeps."""
+        """Return the JSON text that a stream file keeps."""
         return json.dumps(_rounded(asdict(self)), indent=1)
 
 
 def read_grain_of_stream(provenance: Mapping[str, str]) -> RecordedGrain | None:
-    """Return the grain that a stream's provenance states; None where it states none, or none that can be read."""
+    """Return the grain that the provenance of a stream states; None if it is missing or cannot be read."""
     try:
         data = load_plain_json(provenance[PROVENANCE_KEY])
         moments = tuple(
@@ -103,7 +117,7 @@ def _number(value: float | None) -> float:
 
 
 def _rounded(value: Any) -> Any:
-    """Return plain data whose floats are rounded; JSON has no word for what is no number, so that becomes None."""
+    """Return plain data with rounded floats; NaN and infinity, which JSON cannot express, become None."""
     if isinstance(value, dict):
         return {key: _rounded(one) for key, one in value.items()}
     if isinstance(value, list | tuple):

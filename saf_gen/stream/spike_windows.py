@@ -1,7 +1,7 @@
-"""Windows of a dataset's spikes, to train a network with: what it sees and what it is to say, read fast in any order.
+"""Windows of spikes for training networks: inputs and targets from a dataset, read quickly in any order.
 
-No deep-learning library is needed here, and any can take these: ``torch.utils.data.DataLoader`` reads a
-:class:`SpikeWindows` as a map-style dataset. :mod:`saf_gen.torch` gives the same as tensors.
+This module needs no deep-learning library and works with all of them: ``torch.utils.data.DataLoader``, for example,
+accepts :class:`SpikeWindows` as a map-style dataset. :mod:`saf_gen.torch` returns the same windows as tensors.
 """
 
 import hashlib
@@ -17,9 +17,9 @@ import numpy as np
 
 from saf_gen.core.region import Region, mask_bounding_box, region_shape
 from saf_gen.errors import BadInput, unknown
+from saf_gen.stream.count_cache import KeptCounts, keep_stream_counts, type_of_stream_counts
 from saf_gen.stream.manifest import SequenceEntry, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
-from saf_gen.stream.window_counts import KeptCounts, keep_stream_counts, type_of_stream_counts
 
 COUNTS_FOLDER = "counts"
 TARGETS = ("error", "position")
@@ -36,7 +36,7 @@ class Window:
 
 @dataclass(frozen=True)
 class _Sequence:
-    """Counts and targets of a sequence's windows. The stream is open where a function tells targets."""
+    """Counts and targets of the windows of a sequence; the stream is open only if a function computes the targets."""
 
     counts: KeptCounts
     targets: np.ndarray
@@ -44,34 +44,46 @@ class _Sequence:
 
 
 class SpikeWindows:
-    """Windows of spike counts by number, each with what a network is to tell from it.
+    """Numbered windows of spike counts from a dataset, each with the target that a network should predict.
 
-    ``windows[i]`` is (counts, target): counts float32 (1, h, w), spikes per pixel in the window. When a sequence is
-    first asked for, all its windows are counted and kept in a file, from which any of them is read at once, in any
-    order and by any number of processes. It can be pickled, and used in processes that were forked.
+    ``windows[i]`` is a tuple (counts, target), where the counts are the spikes per pixel in the window, float32
+    (1, h, w). When the first window of a sequence is requested, all its windows are counted and kept in a file, from
+    which any number of processes read them quickly in any order. The object can be pickled and used in forked
+    processes.
 
     Parameters
     ----------
-    dataset : a dataset folder.
-    split : the split to take; None takes all.
-    window : frames in a window.
-    stride : frames from one window to the next; None is ``window``, so that each frame is in one window.
-    crop : (rows, columns) of the box to cut out round the middle of the target, moved so that it lies in the frame;
-        None is the whole frame.
-    target : ``error`` is how far the lens has to move, the truth less its position in the middle of the window, and
-        ``position`` the truth, of that moment where the scene moves; both in fractions of the travel, float32 (). A
-        function of (stream, first, stop) gives anything else.
-    counts : the folder that keeps the counts, a byte for each window and pixel, two for windows of more than 255
-        frames; None is ``counts`` in the dataset. Delete it when nothing reads it.
+    dataset : str or Path
+        Dataset folder.
+    split : str, optional
+        Split to use; by default all splits.
+    window : int, default 100
+        Frames per window.
+    stride : int, optional
+        Frames from the start of one window to that of the next; by default ``window``, so that each frame is in one
+        window.
+    crop : tuple of int, optional
+        Rows and columns of the box that is cut out around the middle of the target, shifted so that it lies within the
+        frame; if the stream has no target, around the middle of the frame. By default the whole frame.
+    target : str or callable, default "error"
+        ``error`` is how far the lens has to move: the truth minus the position of the lens in the middle of the window.
+        ``position`` is the truth. In a moving scene the truth is that of the same moment. Both are fractions of the
+        travel, float32 (). A function of (stream, first, stop) may return anything else.
+    counts : str or Path, optional
+        Folder that keeps the counts: one byte per window and pixel, or two for windows of more than 255 frames. By
+        default ``counts`` in the dataset. It may be deleted when nothing reads it.
 
     Attributes
     ----------
-    windows : the :class:`Window` of each number.
+    windows : list of Window
+        The sequence and the frames of each window.
 
     Raises
     ------
-    BadInput : a folder that is no dataset, an unknown split or target, numbers that do not fit; and, when a window is
-        read, a stream without the truth that its target needs, or a folder for the counts that cannot be written.
+    BadInput
+        If the folder is not a dataset, the split or target is unknown, or a number is not allowed; and, when a window
+        is read, if the stream lacks the truth or the lens positions that its target needs, if ``crop`` does not fit
+        the frame, or if the folder for the counts cannot be written.
     """
 
     def __init__(
@@ -92,8 +104,8 @@ class SpikeWindows:
             raise unknown("target", target, allowed=TARGETS, hint="or a function of (stream, first, stop)")
         entries = [entry for entry in manifest.sequences if split in (None, entry.split)]
         shortest = min((entry.frames for entry in entries), default=0)
-        self.window = _whole("window", window, most=shortest)
-        self.stride = self.window if stride is None else _whole("stride", stride)
+        self.window = _positive_integer("window", window, max_value=shortest)
+        self.stride = self.window if stride is None else _positive_integer("stride", stride)
         self.dataset, self.crop, self.target = Path(dataset), crop, target
         self.counts = Path(dataset, COUNTS_FOLDER) if counts is None else Path(counts)
         self.windows = [
@@ -118,23 +130,23 @@ class SpikeWindows:
         return {**self.__dict__, "_sequences": {}}
 
     def close(self) -> None:
-        """Close what is open; it is opened again when it is read."""
+        """Close all open streams; they are opened again when they are read."""
         for sequence in self._sequences.values():
             sequence.stream.close()
         self._sequences.clear()
 
     def _sequence(self, entry: SequenceEntry) -> _Sequence:
-        """Return what is known of a sequence; the first time its windows are counted, unless another process did."""
+        """Return the counts and targets of a sequence, whose windows are counted now unless a file of counts exists."""
         if entry.id not in self._sequences:
             firsts = np.arange(0, entry.frames - self.window + 1, self.stride)
             with ExitStack() as undo:
                 stream = undo.enter_context(open_stream(self.dataset / entry.file))
                 counts = self._keep_counts(stream, entry.id, firsts=firsts)
                 if callable(self.target):
-                    undo.pop_all()  # it is asked for each target
+                    undo.pop_all()  # the target function reads the open stream
                     targets = np.empty(0, np.float32)
                 else:
-                    targets = self._tell(stream, firsts + self.window // 2)
+                    targets = self._targets_at(stream, firsts + self.window // 2)
                 self._sequences[entry.id] = _Sequence(counts, targets, stream)
         return self._sequences[entry.id]
 
@@ -144,7 +156,7 @@ class SpikeWindows:
         sides = [[side.start, side.stop] for side in box]
         key = json.dumps([stream.content_sha256, self.window, self.stride, sides])
         path = self.counts / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}.npy"
-        with suppress(OSError, ValueError):  # not there, or damaged
+        with suppress(OSError, ValueError):  # missing or damaged
             kept = KeptCounts.open(path)
             if (kept.shape, kept.dtype) == (shape, dtype):
                 return kept
@@ -155,42 +167,45 @@ class SpikeWindows:
         frame = stream.shape[1:]
         if self.crop is None:
             return slice(0, frame[0]), slice(0, frame[1])
-        if not (len(self.crop) == 2 and all(1 <= n <= most for n, most in zip(self.crop, frame, strict=True))):
+        if not (len(self.crop) == 2 and all(1 <= n <= length for n, length in zip(self.crop, frame, strict=True))):
             raise BadInput(f"crop is {self.crop}", where=str(stream.path), allowed=f"(1, 1) to {frame}")
         mask = stream.truth.target
-        whole = slice(0, frame[0]), slice(0, frame[1])
-        box = mask_bounding_box(mask) if mask is not None and np.any(mask) else whole
+        full_frame = slice(0, frame[0]), slice(0, frame[1])
+        box = mask_bounding_box(mask) if mask is not None and np.any(mask) else full_frame
         begins = [
-            min(max((side.start + side.stop - n) // 2, 0), most - n)
-            for side, n, most in zip(box, self.crop, frame, strict=True)
+            min(max((side.start + side.stop - n) // 2, 0), length - n)
+            for side, n, length in zip(box, self.crop, frame, strict=True)
         ]
         return slice(begins[0], begins[0] + self.crop[0]), slice(begins[1], begins[1] + self.crop[1])
 
-    def _tell(self, stream: SpikeStream, moments: np.ndarray) -> np.ndarray:
-        """Return the targets at these frames, float32."""
+    def _targets_at(self, stream: SpikeStream, moments: np.ndarray) -> np.ndarray:
+        """Return what a network should predict at these frames: the truth, or the truth minus the position, float32."""
         track, position = stream.truth.track, stream.focus_position
         if not stream.truth.known:
-            raise _lacking(stream, "its true focus")
+            raise _missing_metadata_error(stream, "its true focus")
         truth = np.full(len(moments), stream.truth.position) if track is None else track[moments]
         if self.target == "position":
             return truth.astype(np.float32)
         if position is None:
-            raise _lacking(stream, "the positions of its lens")
+            raise _missing_metadata_error(stream, "the positions of its lens")
         return (truth - position[moments]).astype(np.float32)
 
 
-def _lacking(stream: SpikeStream, what: str) -> BadInput:
+def _missing_metadata_error(stream: SpikeStream, what: str) -> BadInput:
     return BadInput(
-        f"does not state {what}", where=str(stream.path), allowed="streams that do", hint="or a target of your own"
+        f"does not state {what}",
+        where=str(stream.path),
+        allowed="streams that do",
+        hint="or use a target function of your own",
     )
 
 
-def _whole(what: str, value: int, *, most: int | None = None) -> int:
+def _positive_integer(what: str, value: int, *, max_value: int | None = None) -> int:
     try:
         number = index(value)
     except TypeError:
         number = 0
-    if number < 1 or (most is not None and number > most):
-        allowed = "a whole number, at least 1" + ("" if most is None else f", at most {most}")
+    if number < 1 or (max_value is not None and number > max_value):
+        allowed = "a whole number, at least 1" + ("" if max_value is None else f", at most {max_value}")
         raise BadInput(f"{what} is {value!r}", allowed=allowed)
     return number

@@ -1,11 +1,11 @@
-"""The stream file, layout version 1: one HDF5 file per sequence, the contract of generating and benchmarking.
+"""The stream file, layout version 1: one HDF5 file per sequence, written by generation and read by the benchmark.
 
 Spikes are packed along time, uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of
-byte t div 8; unused bits of the last byte are 0. A chunk holds some rows, all columns and 250 bytes (2,000
-frames), so that neither a window of all pixels nor a band of rows over all time reads the rest. Chunks are
-deflated by isa-l on threads, outside HDF5's lock; every HDF5 library reads the result without a plug-in.
-:mod:`saf_gen.stream.time_blocks` inflates and transposes chunks; :mod:`saf_gen.stream.metadata` holds what
-lies beside the spikes, and ``content_sha256`` (over names, dtypes, shapes and values, not over the file).
+byte t div 8; unused bits of the last byte are 0. A chunk holds a band of rows, all columns and 250 bytes (2,000
+frames), so that a window of all pixels is read without other times, and a band of rows without other rows. isa-l
+compresses chunks with deflate on threads, outside HDF5's lock; every HDF5 library reads the result without a
+plug-in. :mod:`saf_gen.stream.time_blocks` decompresses and transposes chunks. :mod:`saf_gen.stream.metadata` defines
+the other datasets and ``content_sha256`` (over names, dtypes, shapes and values, not over the file).
 """
 
 import hashlib
@@ -21,33 +21,39 @@ import h5py
 import numpy as np
 
 from saf_gen.core import bits
+from saf_gen.core.files import HDF5_SIGNATURE
 from saf_gen.core.object_store import AnyPath, ObjectReader, StorePath, find_path
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
 from saf_gen.stream.checked_file import open_stream_spikes, read_small_stream_datasets, read_stream_attribute
+from saf_gen.stream.count_cache import count_stream_windows
 from saf_gen.stream.metadata import FORMAT, LAYOUT, stream_digests, stream_metadata_from_datasets
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
-from saf_gen.stream.window_counts import count_stream_windows
 
 
 def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None = None) -> "SpikeStream":
-    """Open a stream file for reading, best in a ``with`` statement.
+    """Open a stream file for reading, preferably in a ``with`` statement.
 
     Parameters
     ----------
-    path : a stream file (.h5), on a disk or in an object store (``s3://bucket/name.h5``), which is read by ranges.
-    threads : threads that inflate; one per core by default, eight at most.
+    path : str or Path
+        Stream file (.h5) on a disk or in an object store (``s3://bucket/name.h5``), which is read by ranges.
+    threads : int, optional
+        Number of threads that decompress this stream. By default all open streams share a pool of one thread
+        per core, at most eight.
 
     Returns
     -------
     SpikeStream
+        The open stream.
 
     Raises
     ------
-    BadInput : a file that is missing, truncated or damaged, not HDF5, not a stream, or of a newer layout; one that
-        leads to other files or holds what a stream does not, or not the small datasets that it was made with; a store
-        that cannot be used.
+    BadInput
+        If the file is missing, truncated, damaged, not HDF5, not a stream, or of another layout version; if it refers
+        to other files, contains anything that a stream does not, or does not contain the small datasets that it was
+        made with; or if the object store cannot be used.
     """
     where = find_path(path)
     if not where.is_file():
@@ -62,7 +68,7 @@ def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None
         with ExitStack() as undo:
             raw = undo.enter_context(where.open("rb"))
             start = raw.read(8)
-            if start != b"\x89HDF\r\n\x1a\n":
+            if start != HDF5_SIGNATURE:
                 problem = "is empty" if not start else "is not an HDF5 file"
                 raise BadInput(problem, where=str(where), allowed="a saf-gen stream", hint="import foreign files first")
             reader = raw if isinstance(raw, ObjectReader) else None
@@ -77,7 +83,7 @@ def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None
 
 
 _DAMAGE = (DamagedChunk, OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError)
-"""What h5py raises for damaged files, by where the damage is."""
+"""Exceptions that h5py raises for damaged files, depending on where the damage is."""
 
 
 def _damaged(path: AnyPath, error: Exception, *, reader: ObjectReader | None = None) -> BadInput:
@@ -88,22 +94,34 @@ def _damaged(path: AnyPath, error: Exception, *, reader: ObjectReader | None = N
 
 
 class SpikeStream:
-    """An open stream file; :func:`open_stream` makes it. It must be used by one thread at a time.
+    """An open stream file, as :func:`open_stream` returns it; only one thread at a time may use it.
 
-    Frame t is the readout [t, t+1)/readout_hz. A region is (slice of rows, slice of columns), of step 1,
-    inside the frame. Spikes that were read stay in memory, up to 512 MiB of all open streams together.
+    Frame t is the readout [t, t+1)/readout_hz. A region is a pair of slices (rows, columns) of step 1 within the
+    frame. Spikes that were read stay in memory, up to 512 MiB for all open streams together.
 
-    A stream can be given to other processes: pickled, it is opened there by its path, and in a process that was
-    forked it opens its file again when it is used first.
+    A stream can be passed to other processes: it is pickled as its path, which is opened again on unpickling. In a
+    forked process, a stream opens its file again when it is first used.
 
     Attributes
     ----------
-    path : the file, a Path, or a StorePath in an object store.
-    shape : (T, H, W).
-    readout_hz : readouts per second.
-    content_sha256 : as stored; :meth:`verify` compares it with the content.
-    metadata : everything beside the spikes; ``truth``, ``focus_position``, ``gain`` and ``light_names`` are
-        its fields, None if absent.
+    path : Path or StorePath
+        The file on a disk or in an object store.
+    shape : tuple of int
+        (T, H, W): frames, rows and columns.
+    readout_hz : float
+        Readouts per second.
+    content_sha256 : str
+        Digest of the content as stored; :meth:`verify` compares it with the content.
+    metadata : Metadata
+        Everything in the file except the spikes.
+    truth : Truth
+        The true focus, from ``metadata``.
+    focus_position : ndarray of float32, shape (T,), or None
+        Position of the lens in each frame, from ``metadata``.
+    gain : ndarray of float32, shape (T, G), or None
+        Gain of each light group in each frame, from ``metadata``.
+    light_names : tuple of str
+        Names of the light groups, from ``metadata``.
     """
 
     def __init__(
@@ -117,14 +135,14 @@ class SpikeStream:
             raise foreign
         if (layout := read_stream_attribute(file, "layout")) != LAYOUT:
             raise BadInput(f"has layout {layout}", where=where, allowed=f"layout {LAYOUT}", hint="update saf_gen")
-        small = dict(read_small_stream_datasets(file, where, reader=reader))  # texts are checked before one is read
+        small = dict(read_small_stream_datasets(file, where, reader=reader))  # checks all texts before any is read
         if read_stream_attribute(file, "format") != FORMAT:
             raise foreign
         self._spikes = open_stream_spikes(file, where)
         rows, columns, length = self._spikes.shape
         frames, hz = (read_stream_attribute(self._spikes, name) for name in ("frames", "readout_hz"))
         if None in (frames, hz) or not (float(hz) > 0 and math.isfinite(hz)):
-            raise BadInput("/spikes does not say frames and readout_hz", where=where, hint="make it again")
+            raise BadInput("/spikes does not state frames and readout_hz", where=where, hint="make it again")
         frames, self.readout_hz = int(frames), float(hz)
         self.content_sha256 = str(read_stream_attribute(file, "content_sha256"))
         self.metadata = stream_metadata_from_datasets(small, (frames, rows, columns))
@@ -135,18 +153,18 @@ class SpikeStream:
                 allowed="uint8 (H, W, ceil(T/8))",
             )
         self.shape = (frames, rows, columns)
-        if (spikes := read_stream_attribute(file, "spikes_sha256")) is not None:  # streams made before had none
+        if (spikes := read_stream_attribute(file, "spikes_sha256")) is not None:  # older streams have no such attribute
             self._check_digests(small.items(), str(spikes))
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
-        read = self._read_own_chunk if self._has_own_chunks() else self._read_any_chunk
+        read = self._read_standard_chunk if self._has_standard_chunks() else self._read_any_chunk
         self._time_blocks = time_blocks.TimeBlocks(self._spikes.shape, read=read, count=threads)
 
     def __reduce__(self) -> tuple[Callable[[str], "SpikeStream"], tuple[str]]:
         return partial(open_stream, threads=self._threads), (str(self.path),)
 
     def _reopen_after_fork(self) -> None:
-        """Take a file and threads of this process: those of the one that it was forked from are not there."""
+        """Open the file again after a fork, because the file and threads of the parent process cannot be used."""
         if self._process != os.getpid() and self._file:
             self.__dict__.update(open_stream(self.path, threads=self._threads).__dict__)
 
@@ -158,7 +176,7 @@ class SpikeStream:
         return f"<SpikeStream {self.path.name}: {size}, {focus}{state}>"
 
     def _repr_html_(self) -> str | None:
-        """Return pictures and facts for a notebook; None, so that the text is shown, once the stream is closed."""
+        """Return HTML with pictures and facts; None if the stream is closed, so that a notebook shows its text."""
         from saf_gen.stream.pictures.notebook import format_stream_as_html
 
         return format_stream_as_html(self) if self._file else None
@@ -170,16 +188,31 @@ class SpikeStream:
         self.close()
 
     def close(self) -> None:
-        """Close the file and free the memory of what was read."""
+        """Close the file and free the memory of the spikes that were read."""
         self._time_blocks.close()
         self._file.close()
         if self._reader is not None:
             self._reader.close()
 
     def frames(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
-        """Return frames ``first <= t < stop``, uint8 (frames, h, w) of 0 and 1.
+        """Return frames ``first <= t < stop``, in which 1 is a spike.
 
-        Raises BadInput unless 0 <= first < stop <= T and the region lies inside the frame.
+        Parameters
+        ----------
+        first, stop : int
+            The window, in frames from 0.
+        region : tuple of slice, optional
+            Rows and columns to read; by default the whole frame.
+
+        Returns
+        -------
+        ndarray of uint8, shape (stop - first, h, w)
+            Values 0 and 1, for the h rows and w columns of the region.
+
+        Raises
+        ------
+        BadInput
+            If not 0 <= first < stop <= T, if the region is empty or leaves the frame, or if the file is damaged.
         """
         window, part = self._validated(first, stop, region=region)
         out = np.empty((len(window), *region_shape(part)), np.uint8)
@@ -189,9 +222,24 @@ class SpikeStream:
         return out
 
     def counts(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
-        """Return the spikes per pixel in frames ``first <= t < stop``, uint32 (h, w).
+        """Return the number of spikes of each pixel in frames ``first <= t < stop``.
 
-        Raises BadInput as :meth:`frames` does.
+        Parameters
+        ----------
+        first, stop : int
+            The window, in frames from 0.
+        region : tuple of slice, optional
+            Rows and columns to count; by default the whole frame.
+
+        Returns
+        -------
+        ndarray of uint32, shape (h, w)
+            Spikes per pixel, 0 to stop - first.
+
+        Raises
+        ------
+        BadInput
+            If not 0 <= first < stop <= T, if the region is empty or leaves the frame, or if the file is damaged.
         """
         window, part = self._validated(first, stop, region=region)
         out = np.zeros(region_shape(part), np.uint32)
@@ -202,16 +250,36 @@ class SpikeStream:
     def counts_of_windows(
         self, firsts: Sequence[int] | np.ndarray, window: int, *, region: Region | None = None
     ) -> Iterator[np.ndarray]:
-        """Give the spikes per pixel of many windows, some at a time, unsigned (windows, h, w), 8 bits or more.
+        """Return an iterator over the spike counts of many windows, several windows at a time.
 
-        Window k is the frames ``firsts[k] <= t < firsts[k] + window``, where ``firsts`` rise. The stream is inflated
-        once, and nothing of it stays in memory: each of many windows costs a fraction of :meth:`counts`.
+        Each part of the stream is decompressed only once and does not stay in memory, so that each of many windows
+        costs a fraction of a call of :meth:`counts`.
 
-        Raises BadInput as :meth:`frames` does, and for windows that are not in order.
+        Parameters
+        ----------
+        firsts : sequence of int
+            First frame of each window, in ascending order.
+        window : int
+            Frames per window: window k is the frames ``firsts[k] <= t < firsts[k] + window``.
+        region : tuple of slice, optional
+            Rows and columns to count; by default the whole frame.
+
+        Yields
+        ------
+        ndarray of unsigned int, shape (n, h, w)
+            Spikes per pixel of the next n windows, in the smallest type that can hold ``window``.
+
+        Raises
+        ------
+        BadInput
+            If ``firsts`` is empty, not of whole numbers or not in ascending order, if a window leaves the recording,
+            if the region is empty or leaves the frame, or if the file is damaged.
         """
         begins = np.asarray(firsts)
         if begins.ndim != 1 or begins.dtype.kind not in "iu" or not begins.size or (begins[1:] < begins[:-1]).any():
-            raise BadInput(f"windows begin at {firsts!r:.60}", where=str(self.path), allowed="whole numbers that rise")
+            raise BadInput(
+                f"windows begin at {firsts!r:.60}", where=str(self.path), allowed="whole numbers in ascending order"
+            )
         _, part = self._validated(int(begins[0]), int(begins[0]) + window, region=region)
         self._validated(int(begins[-1]), int(begins[-1]) + window, region=region)
         return self._count_windows(begins.astype(np.int64), window, region=part)
@@ -221,7 +289,26 @@ class SpikeStream:
             yield from count_stream_windows(self._time_blocks, firsts, window=window, region=region)
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
-        """Return bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes); BadInput outside."""
+        """Return packed spikes, bytes ``first_byte <= i < stop_byte`` along time.
+
+        Parameters
+        ----------
+        first_byte, stop_byte : int
+            The window, in bytes from 0. Frame t is bit t mod 8, least significant first, of byte t div 8.
+        region : tuple of slice, optional
+            Rows and columns to read; by default the whole frame.
+
+        Returns
+        -------
+        ndarray of uint8, shape (h, w, stop_byte - first_byte)
+            The packed spikes of the region.
+
+        Raises
+        ------
+        BadInput
+            If not 0 <= first_byte < stop_byte <= ceil(T/8), if the region is empty or leaves the frame, or if the file
+            is damaged.
+        """
         self._reopen_after_fork()
         total = self._spikes.shape[2]
         window = validate_window(first_byte, stop_byte, total=total, what="bytes", where=str(self.path))
@@ -230,7 +317,14 @@ class SpikeStream:
             return self._time_blocks.packed(window.start, window.stop, region=part)
 
     def verify(self) -> None:
-        """Read everything; raise BadInput if it does not match ``content_sha256``."""
+        """Read the whole file and compare it with its digests.
+
+        Raises
+        ------
+        BadInput
+            If the content does not match ``content_sha256``, if the provenance does not match its digest, or if the
+            file is damaged.
+        """
         self._reopen_after_fork()
         sha = hashlib.sha256()
         for start in range(0, self._spikes.shape[2], TIME_BLOCK_BYTES):
@@ -242,16 +336,16 @@ class SpikeStream:
         )
 
     def _check_digests(self, datasets: Iterable[tuple[str, Any]], spikes: str) -> None:
-        """Raise BadInput unless the small datasets and spikes of this SHA-256 are what the file was made with."""
+        """Raise BadInput unless the small datasets, and spikes with this SHA-256, match the stored digests."""
         shape, hz, frames = self._spikes.shape, self.readout_hz, self.shape[0]
         found = stream_digests(datasets, shape, spikes=spikes, readout_hz=hz, frames=frames)
         stored = self.content_sha256, read_stream_attribute(self._file, "provenance_sha256")
-        for what, mine, listed in zip(("content", "provenance"), found, stored, strict=True):
-            if listed not in (mine, None):
+        for what, digest, stored_digest in zip(("content", "provenance"), found, stored, strict=True):
+            if stored_digest not in (digest, None):
                 raise BadInput(
-                    f"the {what} has SHA-256 {mine[:12]}...",
+                    f"the {what} has SHA-256 {digest[:12]}...",
                     where=str(self.path),
-                    allowed=f"{listed!s:.12}... as stored",
+                    allowed=f"{stored_digest!s:.12}... as stored",
                     hint="the file was changed or damaged: make it again",
                 )
 
@@ -273,8 +367,8 @@ class SpikeStream:
         except _DAMAGE as error:
             raise _damaged(self.path, error, reader=self._reader) from error
 
-    def _has_own_chunks(self) -> bool:
-        """Return whether chunks can be read as stored: our shape, only deflate, none missing."""
+    def _has_standard_chunks(self) -> bool:
+        """Return whether chunks can be read as stored: they have our shape, only deflate, and none is missing."""
         chunk = time_blocks.stream_chunk_shape(self._spikes.shape)
         grid = math.prod(-(-n // c) for n, c in zip(self._spikes.shape, chunk, strict=True))
         filters = self._spikes.id.get_create_plist()
@@ -285,13 +379,13 @@ class SpikeStream:
             and self._spikes.id.get_num_chunks() == grid
         )
 
-    def _read_own_chunk(self, top: int, start: int) -> bytes | np.ndarray:
+    def _read_standard_chunk(self, top: int, start: int) -> bytes | np.ndarray:
         skipped, data = self._spikes.id.read_direct_chunk((top, 0, start))
         # HDF5 itself skips the filter if deflate would make a chunk larger.
         return np.frombuffer(data, np.uint8).reshape(self._spikes.chunks) if skipped else data
 
     def _read_any_chunk(self, top: int, start: int) -> np.ndarray:
-        """Return the same part of a file that somebody else wrote, in chunks of any shape or in none."""
+        """Return one of our chunks from a file of other software, which has chunks of any shape or none."""
         ends = zip((top, 0, start), time_blocks.stream_chunk_shape(self._spikes.shape), self._spikes.shape, strict=True)
         window = [slice(first, min(first + size, total)) for first, size, total in ends]
         if (chunk := self._spikes.chunks) is None:
@@ -308,13 +402,13 @@ class SpikeStream:
         return out
 
     def _inflate_foreign_chunk(self, origin: tuple[int, ...]) -> np.ndarray | None:
-        """Return the chunk that begins at a (row, column, byte); None where it was never written."""
+        """Return the stored chunk that begins at (row, column, byte), or None if it was never written."""
         stored, chunk = self._spikes.id.get_create_plist(), self._spikes.chunks
         if self._spikes.id.get_chunk_info_by_coord(origin).byte_offset is None:
             return None
         skipped, data = self._spikes.id.read_direct_chunk(origin)
         filters = [stored.get_filter(i)[0] for i in range(stored.get_nfilters())]
-        deflate = h5py.h5z.FILTER_DEFLATE  # shuffling leaves single bytes where they are
+        deflate = h5py.h5z.FILTER_DEFLATE  # the shuffle filter leaves single bytes in their order
         if deflate in filters and not skipped >> filters.index(deflate) & 1:
             return time_blocks.inflate_stream_chunk(data, chunk)
         return np.frombuffer(data, np.uint8).reshape(chunk)

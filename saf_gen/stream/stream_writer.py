@@ -1,4 +1,4 @@
-"""Writing stream files, in pieces or from an array; the layout is in :mod:`saf_gen.stream.stream_file`."""
+"""Writers of stream files, in pieces or from an array; :mod:`saf_gen.stream.stream_file` describes the layout."""
 
 import hashlib
 import math
@@ -31,14 +31,14 @@ from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
 
 class _WriteAborted(Exception):
-    """Undoes a writer without passing on the caller's exception, which may be an OSError of another file."""
+    """Makes a writer undo its work, in place of the caller's exception, which may be an OSError of another file."""
 
 
-class _HeldFile:
-    """A new file for HDF5 to write to, which keeps the first error of the disk as ``error``.
+class _ErrorRecordingFile:
+    """A new file to which HDF5 writes; ``error`` keeps the first error of the disk.
 
-    On a full disk HDF5 can neither write nor drop what it holds, and each of its objects prints a traceback as it is
-    freed. So what follows an error is not written, and HDF5 is told that it was.
+    If the disk is full, HDF5 can neither write nor discard its buffers, and prints a traceback for each of its objects
+    that is freed. Therefore nothing more is written after an error, but every write still reports success to HDF5.
     """
 
     def __init__(self, path: Path) -> None:
@@ -74,35 +74,41 @@ class _HeldFile:
         return self._file.tell()
 
     def flush(self) -> None:
-        """Do nothing: nothing is buffered."""
+        """Do nothing, because nothing is buffered."""
 
     def close(self) -> None:
         self._file.close()
 
     def check(self) -> None:
-        """Raise the error of the disk, if there was one."""
+        """Raise the first error of the disk, if there was one."""
         if self.error is not None:
             raise self.error
 
 
 class StreamWriter:
-    """A context manager that writes a stream file in pieces; memory does not grow with T.
+    """A context manager that writes a stream file in pieces; its use of memory does not grow with T.
 
-    It writes to a temporary file beside ``path``. On a clean exit the file is closed, read back and compared
-    with what was written (the small datasets by value, each chunk of spikes by the CRC-32 of its deflated
+    It writes to a temporary file next to ``path``. On a clean exit the file is closed, read back and compared
+    with what was written (the small datasets by value, each chunk of spikes by the CRC-32 of its compressed
     bytes), and renamed; ``content_sha256`` is then set. On an exception the temporary file is removed.
 
     Parameters
     ----------
-    path : the file to write.
-    shape : (T, H, W), each at least 1.
-    readout_hz : readouts per second.
-    metadata : what the file holds beside the spikes.
-    threads : threads that deflate; one per core by default, eight at most.
+    path : str or Path
+        File to write.
+    shape : tuple of int
+        (T, H, W): frames, rows and columns, each at least 1.
+    readout_hz : float, default 20000
+        Readouts per second.
+    metadata : Metadata, optional
+        Everything that the file holds except the spikes.
+    threads : int, optional
+        Number of threads that compress; by default one per core, at most eight.
 
     Raises
     ------
-    BadInput : wrong shapes, or a folder that cannot be written.
+    BadInput
+        If the shape, ``readout_hz`` or a field of the metadata is not allowed, or if the folder cannot be written.
     """
 
     def __init__(
@@ -133,9 +139,9 @@ class StreamWriter:
     def __enter__(self) -> Self:
         with ExitStack() as undo:
             self._part = undo.enter_context(write_atomically(self.path))
-            self._held = _HeldFile(self._part)
-            undo.callback(self._held.close)
-            self._file = h5py.File(self._held, "w", libver="v110")  # its structures carry checksums
+            self._recording_file = _ErrorRecordingFile(self._part)
+            undo.callback(self._recording_file.close)
+            self._file = h5py.File(self._recording_file, "w", libver="v110")  # its structures carry checksums
             undo.callback(self._close)
             self._spikes = self._file.create_dataset(
                 "spikes",
@@ -154,7 +160,19 @@ class StreamWriter:
         return self
 
     def write(self, packed: np.ndarray) -> None:
-        """Append ``packed`` uint8 (H, W, bytes), any number of bytes along time."""
+        """Append packed spikes.
+
+        Parameters
+        ----------
+        packed : ndarray of uint8, shape (H, W, n)
+            Any number n of bytes along time. Frame t is bit t mod 8, least significant first, of byte t div 8.
+
+        Raises
+        ------
+        BadInput
+            If the writer is not open, if dtype or shape is wrong, if there are too many bytes or spikes after the last
+            frame, or if the disk is full.
+        """
         if self._file is None:
             raise BadInput("the writer is not open", where=str(self.path), hint="use it in a with statement")
         for time_block in self._assembler.add(packed):
@@ -176,7 +194,7 @@ class StreamWriter:
             for row, data in zip(starts, self._pool.map(deflate, starts), strict=True):
                 self._crcs[row, self._done] = time_blocks.checksum(data)
                 self._spikes.id.write_direct_chunk((row, 0, self._done), data)
-                self._held.check()
+                self._recording_file.check()
         except OSError as error:
             raise unwritable_file_error(self.path, error) from error
         finally:
@@ -194,7 +212,7 @@ class StreamWriter:
             self.content_sha256 = sha256
 
     def _verify_written(self) -> str:
-        """Close the file, compare it with what was written, and return its content_sha256."""
+        """Close the file, compare it with what was written, and return its ``content_sha256``."""
         self._assembler.check_complete()
         spikes, shape = self._sha.hexdigest(), self._spikes.shape
         digest = partial(stream_digests, spikes=spikes, readout_hz=self.readout_hz, frames=self.shape[0])
@@ -203,7 +221,7 @@ class StreamWriter:
             digests = {"content_sha256": sha256, "spikes_sha256": spikes, "provenance_sha256": provenance}
             self._file.attrs.update(format=FORMAT, layout=LAYOUT, **digests)
             self._file.close()
-        self._held.check()
+        self._recording_file.check()
         with h5py.File(self._part, "r") as file:
             stored = digest(read_small_stream_datasets(file, str(self.path)), shape)
             chunks = file["spikes"].id
@@ -212,7 +230,9 @@ class StreamWriter:
                 for (row, at), crc in self._crcs.items()
             )
         if not same or stored != written:
-            raise BadInput("what was read back is not what was written", where=str(self.path), hint="check the disk")
+            raise BadInput(
+                "the file that was read back differs from what was written", where=str(self.path), hint="check the disk"
+            )
         return sha256
 
     def _close(self) -> None:
@@ -222,23 +242,30 @@ class StreamWriter:
 
 
 def write_stream(path: str | os.PathLike[str], frames: Any, *, readout_hz: float = 20_000, **optional: Any) -> str:
-    """Write frames of any origin as a stream file.
+    """Write frames from any source as a stream file.
 
     Parameters
     ----------
-    path : the file to write; its folder is made if missing.
-    frames : (T, H, W) of 0 and 1, or bool. Anything that slices along time to arrays will do, such as a
-        memory map; it is read 2,000 frames at a time.
-    readout_hz : readouts per second.
-    **optional : fields of :class:`Metadata`; ``truth`` may be a mapping of fields of :class:`Truth`.
+    path : str or Path
+        File to write; its folder is created if it is missing.
+    frames : array_like of 0 and 1, or of bool, shape (T, H, W)
+        Any object with a shape whose slices along time are arrays will do, such as a memory map; 2,000 frames are
+        read at a time.
+    readout_hz : float, default 20000
+        Readouts per second.
+    **optional
+        Fields of :class:`Metadata`; ``truth`` may be a mapping of fields of :class:`Truth`.
 
     Returns
     -------
-    The ``content_sha256`` of the file.
+    str
+        The ``content_sha256`` of the file.
 
     Raises
     ------
-    BadInput : names the field whose shape, dtype or values are not allowed.
+    BadInput
+        If the shape, dtype or values of a field are not allowed, in which case the message names the field, or if the
+        file cannot be written.
     """
     if not hasattr(frames, "shape"):
         frames = np.asarray(frames)
@@ -249,12 +276,12 @@ def write_stream(path: str | os.PathLike[str], frames: Any, *, readout_hz: float
     with StreamWriter(path, shape=tuple(frames.shape), readout_hz=readout_hz, metadata=metadata) as writer:
         for first in range(0, total, 8 * TIME_BLOCK_BYTES):
             time_block = np.asarray(frames[first : first + 8 * TIME_BLOCK_BYTES])
-            if time_block.dtype.kind not in "bu" or time_block.max() > 1:  # the usual frames take one pass
+            if time_block.dtype.kind not in "bu" or time_block.max() > 1:  # a single pass for ordinary frames
                 wrong = time_block[(time_block != 0) & (time_block != 1)]
                 if time_block.dtype.kind not in "buif" or wrong.size:
                     value = f"value {wrong[0]!s}" if wrong.size else f"dtype {time_block.dtype}"
                     raise BadInput(
-                        f"frames {first} and on hold the {value}", where=str(path), allowed="0 and 1, or bool"
+                        f"frame {first} or a later one has the {value}", where=str(path), allowed="0 and 1, or bool"
                     )
             writer.write(bits.pack_bits(time_block))
     return writer.content_sha256

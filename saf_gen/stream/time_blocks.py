@@ -1,9 +1,9 @@
-"""Time blocks of packed spikes: assembled and deflated for the disk, inflated and transposed for reading.
+"""Time blocks of packed spikes: assembled and compressed for writing, decompressed and transposed for reading.
 
-A chunk holds some rows, all columns and 250 bytes along time; the chunks of the same bytes are a time block. In a chunk
-bytes are ordered pixel by pixel, as they deflate best. A block in memory is transposed to planes (bytes, H, W), in
-which a window of all pixels is contiguous. Chunks are processed on threads: isa-l and numpy release Python's lock.
-:mod:`saf_gen.stream.block_memory` keeps the blocks that were used last, of all streams.
+A chunk holds a band of rows, all columns and 250 bytes along time; the chunks of the same bytes form a time block.
+Bytes in a chunk are ordered pixel by pixel, because this order compresses best. A time block in memory is transposed to
+planes (bytes, H, W), in which a window of all pixels is contiguous. Chunks are processed on threads: isa-l and numpy
+release Python's lock. :mod:`saf_gen.stream.block_memory` keeps the most recently used time blocks of all streams.
 """
 
 import itertools
@@ -20,44 +20,44 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.block_memory import BLOCK_MEMORY, make_stream_thread_pool
 
 TIME_BLOCK_BYTES = 250
-_CHUNK_BYTES = 1_000_000  # bytes in a chunk before deflate: 10 rows of 400 columns
+_CHUNK_BYTES = 1_000_000  # bytes in a chunk before compression: 10 rows of 400 columns
 
 checksum = isal_zlib.crc32
 Result = TypeVar("Result")
 
 
 class DamagedChunk(ValueError):
-    """Stored bytes that do not inflate to a chunk."""
+    """Raised if stored bytes do not decompress to a chunk."""
 
 
 def stream_chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Return the chunk shape for packed spikes of ``shape`` (H, W, bytes): all columns, about 1 MB."""
+    """Return the shape of a chunk of about 1 MB, with all columns, for packed spikes of ``shape`` (H, W, bytes)."""
     rows, columns, length = shape
     time_block = min(TIME_BLOCK_BYTES, length)
     return min(rows, max(1, _CHUNK_BYTES // (columns * time_block))), columns, time_block
 
 
 def deflate_stream_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
-    """Return ``block`` (rows, W, bytes) as a stored chunk, filled with zeros at the edges."""
+    """Return ``block`` (rows, W, bytes), padded with zeros to the shape ``chunk`` and compressed."""
     if block.shape != chunk:
-        whole = np.zeros(chunk, np.uint8)
-        whole[: block.shape[0], :, : block.shape[2]] = block
-        block = whole
+        padded = np.zeros(chunk, np.uint8)
+        padded[: block.shape[0], :, : block.shape[2]] = block
+        block = padded
     return isal_zlib.compress(np.ascontiguousarray(block), 1, isal_zlib.MAX_WBITS)
 
 
 def inflate_stream_chunk(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarray:
-    """Return a stored chunk, uint8 of the shape ``chunk``; an array is given back as it is.
+    """Return a stored chunk as uint8 of the shape ``chunk``; an array is returned unchanged.
 
-    Raises DamagedChunk for bytes that are not a chunk of this size, or whose checksum is wrong. No more than the size
-    of a chunk is ever inflated.
+    Raises DamagedChunk if the bytes do not decompress to a chunk of this size or their checksum is wrong. At most one
+    byte more than the size of a chunk is decompressed.
     """
     if isinstance(data, np.ndarray):
         return data
     size, inflater = chunk[0] * chunk[1] * chunk[2], isal_zlib.decompressobj(isal_zlib.MAX_WBITS)
     try:
         found = inflater.decompress(data, size + 1)  # one byte more, so that the checksum at the end is read
-    except (igzip_lib.IsalError, ValueError) as error:  # type: ignore[misc]  # its stub says instance
+    except (igzip_lib.IsalError, ValueError) as error:  # type: ignore[misc]  # its stub declares an instance
         raise DamagedChunk(str(error)) from error
     if len(found) != size or not inflater.eof:
         raise DamagedChunk(f"a chunk does not hold {size:,} bytes")
@@ -65,9 +65,9 @@ def inflate_stream_chunk(data: bytes | np.ndarray, chunk: tuple[int, int, int]) 
 
 
 class TimeBlockAssembler:
-    """Joins pieces of packed spikes, of any length, to the time blocks of a stream of ``shape`` (T, H, W).
+    """Joins pieces of packed spikes, of any length, into the time blocks of a stream of ``shape`` (T, H, W).
 
-    ``length`` counts the bytes along time so far. A piece that is a whole time block is not copied.
+    ``length`` is the number of bytes along time so far. A piece that is a complete time block is not copied.
     """
 
     def __init__(self, shape: tuple[int, int, int], *, where: str) -> None:
@@ -107,34 +107,40 @@ class TimeBlockAssembler:
             )
 
     def add(self, piece: np.ndarray) -> Iterator[np.ndarray]:
-        """Yield every time block that ``piece`` uint8 (H, W, bytes) completes; the last may be shorter.
+        """Yield each time block that ``piece``, uint8 (H, W, bytes), completes; the last of the stream may be shorter.
 
-        Raises BadInput for a wrong dtype or shape, too many bytes, and spikes after frame T.
+        Raises BadInput if the dtype or shape is wrong, or if there are too many bytes or spikes after the last frame.
         """
         self._check(piece)
         at = 0
         while at < piece.shape[2]:
             filled = self.length % self._time_block
-            whole = min(self._time_block, self._total - self.length + filled)
-            part = piece[:, :, at : at + whole - filled]
+            block_length = min(self._time_block, self._total - self.length + filled)
+            part = piece[:, :, at : at + block_length - filled]
             at += part.shape[2]
             self.length += part.shape[2]
-            if part.shape[2] == whole:
+            if part.shape[2] == block_length:
                 yield part
                 continue
             if not self._held.size:
                 self._held = np.empty((*self._size, self._time_block), np.uint8)
             self._held[:, :, filled : filled + part.shape[2]] = part
-            if filled + part.shape[2] == whole:
-                yield self._held[:, :, :whole]
+            if filled + part.shape[2] == block_length:
+                yield self._held[:, :, :block_length]
 
 
 class TimeBlocks:
-    """Reads packed spikes of ``shape`` (H, W, bytes) and keeps the time blocks used most recently.
+    """Reads packed spikes and keeps the most recently used time blocks in memory.
 
-    ``read(top, start)`` gives the chunk at that row and byte, as deflated bytes or as an array already cut to
-    the edges; it is called only from the caller's thread. ``count`` threads of its own inflate, by default those
-    that all streams share.
+    Parameters
+    ----------
+    shape : tuple of int
+        (H, W, bytes) of the packed spikes.
+    read : callable
+        ``read(top, start)`` returns the chunk at that row and byte, as compressed bytes or as an array already cut to
+        the edges. It is called only from the caller's thread.
+    count : int, optional
+        Number of threads that decompress for this object alone; by default it uses the threads that all streams share.
     """
 
     _numbers = itertools.count()
@@ -144,29 +150,30 @@ class TimeBlocks:
     ) -> None:
         self.shape, self.chunk, self._read = shape, stream_chunk_shape(shape), read
         self._last, self._number = -1, next(self._numbers)
-        self._own_pool = make_stream_thread_pool("inflate", count) if count else None
+        self._private_pool = make_stream_thread_pool("inflate", count) if count else None
         self._forget = weakref.finalize(self, BLOCK_MEMORY.forget, self._number)
 
     @property
     def _pool(self) -> ThreadPoolExecutor:
-        return self._own_pool or BLOCK_MEMORY.pool
+        return self._private_pool or BLOCK_MEMORY.pool
 
     def close(self) -> None:
-        """Stop the threads of its own and free the memory."""
-        if self._own_pool:
-            self._own_pool.shutdown(cancel_futures=True)
+        """Stop the threads of this object and free its memory."""
+        if self._private_pool:
+            self._private_pool.shutdown(cancel_futures=True)
         self._forget()
 
     def split_frames(self, a: int, b: int) -> Iterator[tuple[int, int, int]]:
-        """Yield, for frames ``a <= t < b``, each time block's first byte and the first and stop bit in it."""
+        """Yield the first byte of each time block with frames ``a <= t < b``, and the first and stop bit in it."""
         time_block = 8 * self.chunk[2]
         for start in range(a // time_block * time_block, b, time_block):
             yield start // 8, max(a - start, 0), min(b - start, time_block)
 
     def map_chunks(self, start: int, rows: slice, *, work: Callable[[int, np.ndarray], Result]) -> Iterator[Result]:
-        """Yield, in order, ``work(top, chunk)`` of all chunks at byte ``start`` that hold ``rows``; threads do it.
+        """Yield ``work(top, chunk)``, called on threads, for each chunk at byte ``start`` that overlaps ``rows``.
 
-        ``top`` is the chunk's first row. The chunk, uint8 (rows, W, bytes), may go on after the last row and byte.
+        The results come in the order of the rows. ``top`` is the first row of the chunk, which is uint8 (rows, W,
+        bytes) and may extend beyond the last row and byte of the stream.
         """
 
         def run(top: int, data: bytes | np.ndarray) -> Result:
@@ -177,7 +184,7 @@ class TimeBlocks:
             yield future.result()
 
     def row_bands(self, start: int) -> Iterator[np.ndarray]:
-        """Yield the time block at byte ``start`` in C order, as bands of rows (rows, W, bytes)."""
+        """Yield the time block at byte ``start`` as bands of rows, uint8 (rows, W, bytes) in C order."""
         rows, _, length = self.shape
 
         def band(top: int, chunk: np.ndarray) -> np.ndarray:
@@ -186,18 +193,18 @@ class TimeBlocks:
         return self.map_chunks(start, slice(0, rows), work=band)
 
     def planes(self, start: int, rows: slice) -> np.ndarray:
-        """Return the time block at byte ``start``, uint8 (bytes, H, W), of which ``rows`` are filled."""
+        """Return the time block at byte ``start`` as uint8 (bytes, H, W); only ``rows`` are sure to be filled."""
         planes, filling = self._time_block(start, rows)
         after = start + self.chunk[2]
         if start - self._last == self.chunk[2] and after < self.shape[2]:
-            self._time_block(after, rows)  # reading in order: inflate the next block while this one is used
+            self._time_block(after, rows)  # read in order: decompress the next block while this one is used
         self._last = start
         for top in self._tops(rows):
             filling[top].result()
         return planes
 
     def packed(self, a: int, b: int, *, region: Region) -> np.ndarray:
-        """Return bytes ``a <= i < b`` along time of a region, uint8 (h, w, b-a)."""
+        """Return bytes ``a <= i < b`` along time of a region, uint8 (h, w, b - a)."""
         out = np.empty((*region_shape(region), b - a), np.uint8)
         for start, first, stop in self.split_frames(8 * a, 8 * b):
             part = slice(first // 8, stop // 8)

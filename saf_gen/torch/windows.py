@@ -9,11 +9,12 @@ from saf_gen.stream import spike_windows
 
 
 class SpikeWindows(spike_windows.SpikeWindows, Dataset):
-    """:class:`saf_gen.SpikeWindows` as a map-style dataset of tensors, for any sampler and any number of workers.
+    """Map-style dataset that returns windows as tensors, for any sampler and any number of workers.
 
-    ``windows[i]`` is (counts, target): counts float32 (1, h, w), spikes per pixel; the target float32 (), or what a
-    function of your own returns. A ``torch.utils.data.DataLoader`` may fork or spawn its workers, also after windows
-    were read. Parameters and errors are those of :class:`saf_gen.SpikeWindows`.
+    ``windows[i]`` is (counts, target): counts is a float32 tensor (1, h, w) of spikes per pixel; target is a float32
+    tensor (), or whatever the function returns if ``target`` is a function. A ``torch.utils.data.DataLoader`` may fork
+    or spawn its workers, even after windows have been read. Parameters and errors are those of
+    :class:`saf_gen.SpikeWindows`.
     """
 
     def __getitem__(self, number: int) -> tuple[torch.Tensor, Any]:

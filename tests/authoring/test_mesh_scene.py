@@ -1,4 +1,4 @@
-"""A scene round a mesh file: placed before the lens at a stated size, or told how it becomes one that can be read."""
+"""A scene round a mesh file: the mesh is placed in front of the lens, or refused with how to convert it."""
 
 import base64
 import importlib.util
@@ -22,7 +22,7 @@ OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + "".join("f {} {} {}\n
 
 
 def make_gltf(*, names=("lamp",), material=None):
-    """A glTF file of wedges, each moved by its node 10 to the right of the one before."""
+    """Return a glTF file of wedges, which their nodes place 10 apart."""
     data = CORNERS.tobytes() + FACES.tobytes()
     views = [
         {"buffer": 0, "byteOffset": 0, "byteLength": CORNERS.nbytes},
@@ -52,7 +52,7 @@ def here(own_folder):
 
 
 def shapes_of(name):
-    """The extent of each target shape in the scene, float64 (2, 3), from its file and the numbers in scene.xml."""
+    """Return the extent of each target shape, float64 (2, 3), from its file and the numbers in scene.xml."""
     folder = find_scene(name).folder
     text = (folder / "scene.xml").read_text()
     extents = {}
@@ -75,7 +75,7 @@ def test_a_mesh_stands_round_the_origin_with_a_largest_side_of_a_decimetre(here,
     assert extent == pytest.approx(np.array([[-0.025, -0.05, -0.0125], [0.025, 0.05, 0.0125]]), abs=1e-7)
     card = find_scene("wedge").card
     assert (card.licence, set(card.lights)) == ("", {"lamp", "room"})
-    read_scene_xml(here / "scenes/wedge/scene.xml", {})  # it passes what strangers' scenes must pass
+    read_scene_xml(here / "scenes/wedge/scene.xml", {})  # the tests of untrusted scenes
     assert "scaled by 0.025" in (here / "scenes/wedge/SOURCE.md").read_text()
 
 
@@ -84,7 +84,7 @@ def test_the_meshes_of_a_gltf_file_stay_where_its_scene_places_them(here):
     (here / "two.gltf").write_text(json.dumps(make_gltf(names=("lamp", "Cup 1"))))
     create_scene_from_export(here / "two.gltf", "two", root=here / "scenes")
     extents = shapes_of("two")
-    assert set(extents) == {"mesh_lamp", "mesh_Cup_1"}  # no name meets that of the lamp
+    assert set(extents) == {"mesh_lamp", "mesh_Cup_1"}  # no name is that of the lamp
     assert extents["mesh_Cup_1"][0, 0] - extents["mesh_lamp"][0, 0] == pytest.approx(10 * 0.1 / 12, abs=1e-7)
     assert extents["mesh_lamp"][0, 0] == pytest.approx(-0.05, abs=1e-7)
     assert extents["mesh_Cup_1"][1, 0] == pytest.approx(0.05, abs=1e-7)
@@ -121,10 +121,10 @@ def test_a_base_texture_is_copied_with_its_coordinates(here):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "told"),
+    ("name", "content", "message"),
     [
-        ("a.blend", b"BLENDER", "is a file of Blender | mitsuba-blender | .glb"),
-        ("a.fbx", b"", "is a file of FBX | allowed: a scene.xml, or a mesh: .obj, .ply, .glb, .gltf, .stl"),
+        ("a.blend", b"BLENDER", "is a Blender file | mitsuba-blender | .glb"),
+        ("a.fbx", b"", "is an FBX file | allowed: a scene.xml, or a mesh: .obj, .ply, .glb, .gltf, .stl"),
         ("a.obj", None, "a.obj cannot be read: there is no such file"),
         ("a.obj", b"v 0 0 0\n", "a.obj: "),
         ("a.ply", b"ply\n", "a.ply: the mesh is damaged: its header has no end"),
@@ -136,14 +136,14 @@ def test_a_base_texture_is_copied_with_its_coordinates(here):
         pytest.param("a.stl", b"solid\nendsolid\n", "a.stl: ", marks=needs_trimesh),
     ],
 )
-def test_a_mesh_that_cannot_be_placed_is_told_and_leaves_nothing(here, name, content, told):
+def test_a_mesh_that_cannot_be_placed_is_refused_and_leaves_nothing(here, name, content, message):
     if content is not None:
         (here / name).write_bytes(content)
-    assert_says(refusal(create_scene_from_export, here / name, "mine", root=here / "scenes"), told)
+    assert_says(refusal(create_scene_from_export, here / name, "mine", root=here / "scenes"), message)
     assert not (here / "scenes").exists()
 
 
-def test_without_the_extra_it_is_told_what_to_install(here, monkeypatch):
+def test_a_missing_extra_is_refused_with_what_to_install(here, monkeypatch):
     (here / "a.glb").write_bytes(b"glTF")
     monkeypatch.setattr("saf_gen.core.extras.find_spec", lambda _: None)
     error = refusal(create_scene_from_export, here / "a.glb", "mine", root=here / "scenes")

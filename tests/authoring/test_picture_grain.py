@@ -1,4 +1,4 @@
-"""What `scenes check` says of a scene's grain: planted in figures, and of scenes with and without it."""
+"""The findings of `scenes check` on grain: planted in figures, and in scenes with and without grain."""
 
 import math
 import re
@@ -13,11 +13,11 @@ from saf_gen.authoring import scene_grain
 from saf_gen.authoring.checks import SceneUnderTest, check_scene_grain
 from saf_gen.authoring.checks.picture_grain import _compare_with_goals
 from saf_gen.authoring.scene_grain import (
-    AWAY,
     BEST_FOCUS,
-    PlaceGrain,
+    QUARTER_AWAY,
+    PositionGrain,
     crop_sensor_for_scene_grain,
-    list_scene_grain_places,
+    list_scene_grain_positions,
 )
 from saf_gen.camera import get_sensor
 from saf_gen.render.scene_renderer import SceneRenderer
@@ -28,12 +28,12 @@ from saf_gen.stack.grain import ENERGIES, Grain, GrainFigure
 def planted(rms, contrast, *, known=True):
     figure = GrainFigure(contrast, contrast / 1.1, contrast * 1.1 if known else math.inf)
     grain = Grain(1.0, GrainFigure(rms, rms / 1.1, rms * 1.1), dict.fromkeys(ENERGIES, figure))
-    return PlaceGrain(0.5, grain, grain)
+    return PositionGrain(0.5, grain, grain)
 
 
 @pytest.mark.parametrize(("truth", "away"), [(0.3, 0.55), (0.5, 0.25), (0.9, 0.65)])
 def test_a_quarter_away_lies_on_the_longer_side(truth, away):
-    assert list_scene_grain_places(truth)[AWAY] == pytest.approx(away)
+    assert list_scene_grain_positions(truth)[QUARTER_AWAY] == pytest.approx(away)
 
 
 @pytest.mark.parametrize("shape", [(250, 400), (41, 64)], ids=str)
@@ -61,28 +61,28 @@ def test_a_pixel_of_a_cropped_sensor_sees_what_it_saw(tmp_path, monkeypatch, sma
 
 
 @pytest.mark.parametrize(
-    ("focus", "end", "moving", "said"),
+    ("focus", "end", "moving", "proposed"),
     [
         ((0.02, 0.001), (0.02, 0.009), False, None),
         ((0.02, 0.001), (0.02, 0.03), False, "samples: 256"),  # 64 · 3 = 192
         ((0.02, 0.001), (0.02, 0.0401), False, "samples: 512"),  # 257
-        ((0.3, 0.001), (0.3, 0.001), False, None),  # at rest the contrast alone has a goal
-        ((0.03, 0.5), (0.03, 0.04), True, None),  # in focus the rms alone has one
+        ((0.3, 0.001), (0.3, 0.001), False, None),  # still stacks have a goal only for contrast
+        ((0.03, 0.5), (0.03, 0.04), True, None),  # in focus only the rms has a goal
         ((0.08, 0.001), (0.03, 0.04), True, "slice_samples: 64"),  # twice the goal: four times the samples
         ((0.03, 0.001), (0.03, 0.1), True, "slice_samples: 32"),
     ],
 )
-def test_the_samples_that_would_do_follow_from_the_law(focus, end, moving, said):
+def test_the_proposed_samples_follow_from_the_law(focus, end, moving, proposed):
     found = {BEST_FOCUS: planted(*focus), "position 1": planted(*end)}
     usual = scene_grain.SLICE_SAMPLES if moving else scene_grain.STILL_SAMPLES
     finding = _compare_with_goals(found, samples=usual, usual=usual, moving=moving)
-    assert finding.level == ("ok" if said is None else "warning")
-    if said:
-        assert f"{said} in a recipe would do" in finding.text
+    assert finding.level == ("ok" if proposed is None else "warning")
+    if proposed:
+        assert f": use {proposed} in a recipe, or larger lamps" in finding.text
 
 
-def test_fewer_samples_are_brought_to_the_usual_ones():
-    """At a quarter of the samples the variance is four times as large; 3.6 % measured stand for 0.9 %."""
+def test_grain_of_fewer_samples_is_scaled_to_the_usual_number():
+    """A quarter of the samples gives four times the variance: 3.6 % measured means 0.9 %."""
     found = {BEST_FOCUS: planted(0.1, 0.036)}
     assert _compare_with_goals(found, samples=64, usual=256, moving=False).level == "ok"
     assert _compare_with_goals(found, samples=256, usual=256, moving=False).level == "warning"
@@ -96,8 +96,8 @@ def test_a_contrast_that_noise_hides_needs_no_samples():
 
 @pytest.mark.slow
 @needs_llvm
-def test_slices_with_the_samples_it_says_pass(tmp_path, monkeypatch, small_sensor):
-    """A lamp of some size on a plane of rough metal, whose paths share nothing. With the samples proposed it passes."""
+def test_slices_with_the_proposed_number_of_samples_pass(tmp_path, monkeypatch, small_sensor):
+    """An extended lamp lights a plane of rough metal, whose paths share no shading."""
     script = write_moving_plane(tmp_path, monkeypatch) / "scene.py"
     metal = '"type": "roughconductor",\n                "alpha": 0.3,\n                "specular_reflectance"'
     script.write_text(script.read_text().replace('"type": "diffuse",\n                "reflectance"', metal))
@@ -110,25 +110,24 @@ def test_slices_with_the_samples_it_says_pass(tmp_path, monkeypatch, small_senso
     found = scene_grain.measure_scene_grain_of_slices(
         subject.renderer,
         subject.depth_and_target,
-        places=list_scene_grain_places(subject.true_focus),
+        measured_positions=list_scene_grain_positions(subject.true_focus),
         positions=scene_grain.POSITIONS,
         samples=int(samples),
     )
-    for place, grain in found.items():
-        assert grain.box.rms.low < scene_grain.MAX_SLICE_RMS, place
-        if place != BEST_FOCUS:
-            assert grain.box.noise_over_signal["contrast"].low < scene_grain.MAX_SLICE_CONTRAST, place
+    for position_name, grain in found.items():
+        assert grain.box.rms.low < scene_grain.MAX_SLICE_RMS, position_name
+        if position_name != BEST_FOCUS:
+            assert grain.box.noise_over_signal["contrast"].low < scene_grain.MAX_SLICE_CONTRAST, position_name
 
 
 @pytest.mark.parametrize("variant", [pytest.param("llvm", marks=needs_llvm), "scalar"])
 def test_a_scene_of_even_light_has_no_grain(tmp_path, monkeypatch, variant):
-    """A glowing plane that fills the frame: every path brings the same light."""
+    """A glowing plane fills the frame, so that every path brings the same light."""
     shapes = (
         "{'glow': {'type': 'rectangle', 'to_world': t.rotate([0, 1, 0], 180).scale(1.0),"
         " 'emitter': {'type': 'area', 'radiance': {'type': 'rgb', 'value': 1.0}}}}"
     )
-    lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
-    scene = write_scene(tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="glow", target="glow")
+    scene = write_scene(tmp_path, monkeypatch, shapes=shapes, light="glow", target="glow")
     sensor = get_sensor("vidar_400x250", rows=20, columns=30)
     (finding,) = check_scene_grain(SceneUnderTest(scene, sensor, backend=variant))
     assert finding.level == "ok"

@@ -44,7 +44,7 @@ def grey(path):
 @pytest.mark.parametrize("kind", [pytest.param("image_distance", marks=pytest.mark.long), "focal_length", "stage"])
 @pytest.mark.slow
 def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
-    """With each drive, the first of which the sheets below have too: the same words fit."""
+    """The labels fit with each drive; other tests below draw the sheet of the first."""
     write_scene_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
     picture, size = grey(tmp_path / "preview" / "plane.png")
     assert size[0] == 1600
@@ -69,7 +69,7 @@ def test_a_dark_stack_is_drawn_all_the_same(tmp_path):
 
 
 def sheet_with(small):
-    """A sheet with so many small images."""
+    """Return a stack, and its sheet with this number of small images."""
     stack = stack_of(*DRIVES["image_distance"])
     pictures = [(f"member {n}", stack.radiance[0, 0]) for n in range(small)]
     return stack, ContactSheet("it", stack, SENSOR, stack.radiance[0, 2], pictures)
@@ -79,17 +79,17 @@ def sheet_with(small):
 def test_so_many_images_are_listed_that_they_fill_their_rows(small):
     cells = _list_cells(sheet_with(small)[1])
     assert len(cells) % choose_preview_columns(len(cells)) == 0
-    assert len(cells) - 7 - small == (small in (4, 6))  # the target alone, where 11 or 13 would leave a gap
+    assert len(cells) - 7 - small == (small in (4, 6))  # the target fills the gap that 11 or 13 images would leave
 
 
 MORE = (1, 2, 3, 5, 6)
 DRAWN = [4, pytest.param(0, marks=pytest.mark.slow), *(pytest.param(n, marks=pytest.mark.long) for n in MORE)]
-"""Twelve images of which one was added, seven in a row, and the others."""
+"""First twelve images, one of them added to fill a row; then seven in one row; then the others."""
 
 
 @pytest.mark.parametrize("small", DRAWN)
 def test_images_leave_no_gap_in_their_grid(tmp_path, small):
-    """Every cell of the grid holds an image: white, where there is none, is nowhere in its middle."""
+    """No cell is white, the colour of empty cells, in its middle."""
     stack, sheet = sheet_with(small)
     draw_preview_sheet(sheet, tmp_path / "it.png")
     picture, _ = grey(tmp_path / "it.png")
@@ -112,7 +112,7 @@ def test_a_sheet_is_a_figure_of_the_kind_that_its_name_says(tmp_path):
     assert refusal(draw_preview_sheet, sheet, tmp_path / "it.jpg").allowed == ".pdf, .png, .svg"
 
 
-def test_white_and_grey_are_for_the_eye():
+def test_display_white_is_the_brightest_percentile_and_grey_has_a_gamma():
     image = np.linspace(0, 2, 1001).reshape(7, 143)
     white = find_display_white_level(image)
     assert white == pytest.approx(1.99, abs=0.005)
@@ -131,7 +131,7 @@ def test_a_grid_is_as_small_as_asked_for(tmp_path):
 
 @pytest.fixture
 def mine(tmp_path, own_folder):
-    """The skeleton as ``mine``; gives a function that edits its card and finds it."""
+    """A function that edits the card of the scene ``mine``, made from a template, and returns the scene."""
     create_scene_from_template("mine", tmp_path / "scenes")
 
     def edit(old="", new=""):
@@ -171,7 +171,7 @@ def test_a_sheet_of_a_scene_that_moves_shows_moments(mine):
     ids=["out of reach", "out of sight"],
 )
 def test_a_scene_whose_target_is_not_where_it_should_be_is_drawn(mine, tmp_path, old, new):
-    """That is when its author wants to see it."""
+    """Its author needs the picture to see what is wrong."""
     scene = mine(old, new) if "origin" not in old else mine(old, new + "\n  # aside")
     if "origin" in old:
         scene = mine("look_at_m: [0, 0, 0]", "look_at_m: [0, 5, 0]")
@@ -179,7 +179,7 @@ def test_a_scene_whose_target_is_not_where_it_should_be_is_drawn(mine, tmp_path,
     assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
-def test_a_scene_that_cannot_be_built_is_told(mine, tmp_path):
+def test_a_scene_that_cannot_be_built_is_refused(mine, tmp_path):
     scene, path = mine("target: [card]", "target: [cart]"), tmp_path / "it.png"
     assert refusal(preview_scene, scene, SENSOR, path=path, backend=VARIANT).nearest == "card"
     assert not path.exists()
@@ -190,7 +190,7 @@ def test_a_scene_that_cannot_be_built_is_told(mine, tmp_path):
 
 @pytest.fixture
 def call_scenes(call, small_sensor):
-    """Runs a command of ``saf-gen scenes`` with a small sensor."""
+    """A function that runs a command of ``saf-gen scenes`` with a small sensor."""
     return lambda *arguments: call("scenes", *arguments, "--sensor", small_sensor, "--variant", VARIANT)
 
 
@@ -199,12 +199,8 @@ def test_new_then_preview(call, call_scenes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = call("scenes", "new", "mine")
     assert (code, err) == (0, "")
-    assert re.findall(r"scenes/mine/\S+", out) == [
-        "scenes/mine/SOURCE.md",
-        "scenes/mine/scene.py",
-        "scenes/mine/scene.yaml",
-    ]
-    assert "next: saf-gen scenes check mine; saf-gen scenes preview mine; and its licence in scene.yaml" in out
+    assert re.findall(r"scenes/mine/(\S+)", out) == ["SOURCE.md", "scene.py", "scene.yaml"]
+    assert "next: saf-gen scenes check mine; saf-gen scenes preview mine; then write its licence into scene.yaml" in out
     before = find_scene("mine").digest
     code, out, err = call_scenes("preview", "mine")
     assert (code, err) == (0, "")
@@ -220,21 +216,21 @@ def test_new_then_preview(call, call_scenes, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("args", "told"),
+    ("args", "message"),
     [
         (("new", "Mine"), "did you mean 'mine'?"),
-        (("new", "mine", "--xml", "--from", "x.xml"), "--xml and --from are both given; keep one"),
+        (("new", "mine", "--xml", "--from", "x.xml"), "--xml and --from are both given; leave --xml out"),
         (("new", "mine", "--from", "x.xml"), "x.xml cannot be read: No such file or directory"),
         (("preview", "mein"), "unknown scene 'mein'"),
         (("gallery", "mein"), "unknown scene 'mein'"),
     ],
 )
-def test_bad_input_is_one_line(call, tmp_path, monkeypatch, args, told):
+def test_bad_input_is_one_line(call, tmp_path, monkeypatch, args, message):
     monkeypatch.chdir(tmp_path)
     code, _, err = call("scenes", *args)
     assert code == 2
     assert len(err.strip().splitlines()) == 1
-    assert told in err
+    assert message in err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""New scenes: templates are whole scenes, an exported scene gets a card, and nothing is overwritten."""
+"""New scenes: templates are complete, an exported scene gets a card, and nothing is overwritten."""
 
 import shutil
 
@@ -19,14 +19,13 @@ EXPORTED = SCENES / "workbench/scene.xml"
 
 @pytest.fixture
 def here(own_folder):
-    """A working directory with nothing in it."""
     return own_folder
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["script", "xml"])
 def test_a_skeleton_passes_all_checks_but_for_a_licence_that_nobody_has_set(here, kind):
-    """Before the middle of the vidar_400x250: pixels of its size, but few of them."""
+    """The sensor is the middle of the vidar_400x250, with few pixels."""
     sensor = get_sensor("vidar_400x250", rows=40, columns=64)
     written = create_scene_from_template("mine", here / "scenes", kind=kind)
     assert {p.name for p in written} >= {"scene.yaml", "SOURCE.md"}
@@ -61,12 +60,12 @@ def test_nothing_is_overwritten(here, begin):
     folder = here / "scenes/mine"
     folder.mkdir(parents=True)
     (folder / "notes").write_text("mine")
-    assert "mine is there already" in refusal(begin, "mine", here / "scenes").problem
+    assert "mine already exists" in refusal(begin, "mine", here / "scenes").problem
     assert [p.name for p in folder.iterdir()] == ["notes"]
 
 
 def test_an_exported_scene_gets_a_card_with_its_own_camera(here):
-    """The file's camera is at (0, 0.2, 0.55), sees 18.18 degrees, and looks at the crate's front, z = 0."""
+    """The camera in the file is at (0, 0.2, 0.55), sees 18.18 degrees, and looks at the front of the crate, z = 0."""
     create_scene_from_export(EXPORTED, "bench", root=here / "scenes")
     scene = find_scene("bench")
     card, hand = scene.card, load_scene_folder(SCENES / "workbench").card
@@ -89,7 +88,7 @@ def test_an_exported_scene_gets_a_card_with_its_own_camera(here):
 
 @pytest.fixture
 def edited(tmp_path):
-    """A copy of the exported folder with text in its scene.xml replaced; gives the path of that."""
+    """A function that replaces text in the scene.xml of a copied export, and returns its path."""
 
     def edit(*pairs):
         shutil.copytree(SCENES / "workbench", tmp_path / "export")
@@ -107,17 +106,17 @@ LOOK = '<lookat origin="0.000000, 0.200000, 0.550000" target="0.000000, 0.157000
 
 
 def thin(radius):
-    """What makes the file's camera one with an aperture."""
+    """Return the edit that gives the camera in the file an aperture."""
     at = '<sensor type="perspective" id="Camera" name="Camera">'
     return at, f'{at.replace("perspective", "thinlens")}<float name="aperture_radius" value="{radius}"/>'
 
 
 @pytest.mark.parametrize(
-    ("pairs", "told"),
+    ("pairs", "message"),
     [
         ([('<sensor type="perspective"', '<sensor type="orthographic"')], "no perspective camera"),
         ([('target="0.000000, 0.157000', 'target="0.000000, 9.157000')], "nothing lies in the middle"),
-        ([("meshes/Ball.ply", "../Ball.ply")], "lies outside of the scene's folder"),
+        ([("meshes/Ball.ply", "../Ball.ply")], "is outside the scene's folder"),
         ([(FOV, "wide")], "scene.xml:16: Mitsuba does not understand this"),
         ([(FOV, "0.1")], "no card can have this camera: the lens of 506.6 mm cannot focus at 0.4271 m; allowed"),
         ([(FOV, "180")], "the camera's field of view: "),
@@ -130,18 +129,21 @@ def thin(radius):
         ([(LOOK, '<scale value="0"/>')], "to_world of the camera gives it no direction"),
         ([thin(-1)], "aperture_radius of the camera is -1.0; allowed"),
         ([thin("nan")], "aperture_radius of the camera is nan; allowed"),
-        ([thin(1e-5)], "aperture_radius of the camera is 1e-05, f/1197 on our sensor; allowed: up to f/64"),
+        (
+            [thin(1e-5)],
+            "aperture_radius of the camera is 1e-05, which is f/1197 with a sensor of 8 mm; allowed: up to f/64",
+        ),
     ],
 )
-def test_an_export_that_cannot_be_taken_over_is_told(here, edited, pairs, told):
+def test_an_export_that_cannot_be_used_is_refused(here, edited, pairs, message):
     error = refusal(create_scene_from_export, edited(*pairs), "bench", root=here / "scenes")
-    assert told in str(error)
+    assert message in str(error)
     assert not (here / "scenes").exists()
 
 
 @pytest.mark.parametrize("before", [False, True])
 def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
-    """Nothing is left of the first, and nothing that was there is touched."""
+    """The refused export leaves nothing behind and changes no file."""
     path = edited((FOV, "0.1"))
     if before:
         create_scene_from_template("other", here / "scenes")
@@ -159,7 +161,7 @@ def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
     assert find_scene("bench").id == "bench"
 
 
-def test_a_folder_that_cannot_be_written_is_told(here):
+def test_a_folder_that_cannot_be_written_is_refused(here):
     (here / "scenes").write_text("a file")
     error = refusal(create_scene_from_template, "mine", here / "scenes")
     assert "scenes/mine cannot be written" in error.problem
@@ -180,7 +182,7 @@ def test_linked_files_are_copied_under_the_names_in_the_file(here, edited):
 
 
 @pytest.mark.parametrize("name", ["scene.xml", "scene.yaml", "scene.py", "SOURCE.md"])
-def test_a_file_that_would_take_the_place_of_the_scenes_own_is_told(here, edited, name):
+def test_a_file_with_the_name_of_one_of_the_scenes_files_is_refused(here, edited, name):
     path = edited(("textures/print.png", name)).rename(here / "export.xml")
     shutil.copytree(SCENES / "workbench/meshes", here / "meshes")
     shutil.copyfile(SCENES / "workbench/textures/print.png", here / name)
@@ -194,7 +196,7 @@ def test_a_file_that_would_take_the_place_of_the_scenes_own_is_told(here, edited
     ("radius", "f_number"), [(0, 2.0), (0.005, None), (1.0, 1.0)], ids=["pinhole", "a lens", "very wide"]
 )
 def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_number):
-    """f/(2R), from f/1 on; a pinhole tells nothing, and gets f/2."""
+    """It is f/(2R), at least f/1; a pinhole has no aperture, and gets f/2."""
     create_scene_from_export(edited(thin(radius)), "bench", root=here / "scenes")
     lens = find_scene("bench").card.lens
     expected = f_number or lens.focal_length_mm / 1000 / (2 * radius)
@@ -206,7 +208,7 @@ def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_numb
     [('<string name="focal_length" value="85mm"/>', 85), ('<string name="focal_length" value="35"/>', 35), ("", 50)],
 )
 def test_a_focal_length_is_that_of_36_by_24_mm_with_the_same_diagonal_field(here, edited, words, focal_mm):
-    """Half the diagonal over the focal length, of which 1.6/√(1.6² + 1) lie across our sensor of 8:5."""
+    """The tangent is half the diagonal over the focal length, times 1.6/√(1.6² + 1) across our sensor of 8:5."""
     path = edited(('<string name="fov_axis" value="x"/>', ""), ('<float name="fov" value="18.180556"/>', words))
     create_scene_from_export(path, "bench", root=here / "scenes")
     scene = find_scene("bench")
@@ -215,7 +217,7 @@ def test_a_focal_length_is_that_of_36_by_24_mm_with_the_same_diagonal_field(here
     assert 4e-3 / image == pytest.approx(across, rel=2e-3)
 
 
-def test_an_export_without_lamps_is_told(here, edited):
+def test_an_export_without_lamps_is_refused(here, edited):
     text = EXPORTED.read_text()
     world = text[text.index("\t<emitter type=") : text.index('\t<shape type="rectangle"')]
     lamp = text[text.index('\t\t<emitter type="area"') : text.index('\t\t<bsdf type="null"')]

@@ -1,4 +1,4 @@
-"""The closed loop: a camera that runs while a method moves the lens; protocol, failures, judgement."""
+"""The closed loop: the running camera whose lens a method moves, the protocol, failures and judgement."""
 
 import math
 from contextlib import suppress
@@ -54,7 +54,7 @@ def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
 
 @pytest.mark.slow
 def test_records_state_the_grain_of_the_pictures_at_rest(dataset):
-    """Of a moving scene the closed loop has other slices than the recording, whose grain the file states."""
+    """For a moving scene the file states only the grain of the recording's slices, not of those of the closed loop."""
     protocol = ClosedLoopProtocol(IDEAL, budget_s=0.02)
     found = {
         r.scene_motion: r for r in evaluate_module.evaluate(dataset, methods=["sd+argmax"], protocol=protocol).records
@@ -65,7 +65,7 @@ def test_records_state_the_grain_of_the_pictures_at_rest(dataset):
 
 
 class GoTo:
-    """A search that sends the lens to a position and says so."""
+    """A search that sends the lens to a position and answers with it."""
 
     commands = True
 
@@ -79,7 +79,7 @@ class GoTo:
 
 
 class At:
-    """A search that estimates: looks at the sweep up to a frame, and answers with that frame."""
+    """An estimating search that looks at the sweep up to a frame, and answers with that frame."""
 
     def __init__(self, frame):
         self.frame = frame
@@ -90,25 +90,25 @@ class At:
 
 
 class Raises:
-    """Part of a method that raises: a search of either kind, or a measure."""
+    """A search of either kind, or a measure, that raises an error."""
 
     def __init__(self, error, *, commands=False):
         self.error, self.commands = error, commands
 
-    def __call__(self, given):
+    def __call__(self, view_or_counts):
         raise self.error
 
 
 class Commands:
-    """A search that commands the lens, and does what a function does."""
+    """A lens-commanding search that calls a function."""
 
     commands = True
 
-    def __init__(self, does):
-        self.does = does
+    def __init__(self, function):
+        self.function = function
 
     def __call__(self, view):
-        return self.does(view)
+        return self.function(view)
 
 
 def method(search, measure=None):
@@ -125,8 +125,8 @@ def run_method(capture, method, *, protocol=None, charge_source=None):
     return run_closed_loop_method(captured, method, protocol=protocol or ClosedLoopProtocol(IDEAL))
 
 
-def test_what_is_seen_is_the_stack_at_the_place_of_the_lens(capture):
-    """At rest at the truth and off it: SD of 320 frames, against a recording made there."""
+def test_the_camera_sees_the_stack_at_the_position_of_the_lens(capture):
+    """The SD of 320 frames at the truth equals that of a recording made there, and is smaller away from it."""
     sharp = start(capture, at=capture.truth.position).score(0, 320)
     blurred = start(capture).score(0, 320)
     captured = CapturedFrames(capture, capture.open_charge_source(), region=WHOLE)
@@ -141,7 +141,7 @@ def test_the_lens_is_on_its_way_while_the_camera_runs(capture):
     camera.move(1.0)
     assert camera.now == 0
     camera.score(0, 100)
-    assert camera.now == 104  # whole bytes
+    assert camera.now == 104  # a multiple of eight frames
     assert 0 < camera.path[103] < 1
     assert refusal(camera.position, 104).allowed == "0 to 103"
 
@@ -157,7 +157,7 @@ def test_what_was_seen_stays_as_it_was(capture):
 
 
 def test_a_search_looks_at_the_counts_of_a_running_camera_as_a_measure_does(capture):
-    """A measure that sums what it is given tells the same window; looking makes the camera run, as scoring does."""
+    """The sum of the counts is the score of er_count; reading counts makes the camera run, as scoring does."""
     camera, other = start(capture), start(capture)
     picture = camera.counts(16, 100)
     assert camera.now >= 100
@@ -215,7 +215,7 @@ def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(captur
         (Raises(OSError("no weights"), commands=True), "OSError: no weights"),
         (Raises(BadInput("no light", where="x")), "BadInput: x: no light"),
         (Raises(ValueError("a" * 400)), f"ValueError: {'a' * 287}…"),
-        (lambda view: Answer(1e6), "answered frame 1000000.0, which is not of the sweep"),
+        (lambda view: Answer(1e6), "answered frame 1000000.0, which is not in the sweep"),
         (lambda view: 1234.5, "it answers with float 1234.5; return saf_gen.parts.Answer(frame), or"),
         (lambda view: np.zeros((2, 2)), "it answers with ndarray array([[0., 0.], [0., 0.]]); return"),
         (lambda view: Answer(math.nan), "it answers frame nan; give a finite number, or None to abstain"),
@@ -227,7 +227,7 @@ def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(captur
         (Commands(lambda view: None), "it answers with NoneType None; return"),
     ],
 )
-def test_a_broken_method_fails_and_says_why(capture, search, problem):
+def test_a_broken_method_fails_with_the_reason(capture, search, problem):
     done = run(capture, search)
     assert problem in done.problem
     assert len(done.problem.splitlines()) == 1
@@ -237,30 +237,30 @@ def test_a_broken_method_fails_and_says_why(capture, search, problem):
     assert "error" not in verdict
 
 
-class Untold(Exception):
+class Unprintable(Exception):
     def __str__(self):
         raise RuntimeError("and no words")
 
 
-def test_an_exception_that_cannot_be_told_is_named(capture):
-    assert run(capture, Raises(Untold())).problem == "Untold"
+def test_an_exception_whose_text_fails_is_reported_by_its_class(capture):
+    assert run(capture, Raises(Unprintable())).problem == "Unprintable"
 
 
 @pytest.mark.parametrize("search", [GoTo(0.5), At(200.0)], ids=["commands", "estimates"])
-def test_a_broken_measure_is_told_like_a_broken_search(capture, search):
+def test_a_broken_measure_is_reported_like_a_broken_search(capture, search):
     broken = method(search, Raises(RuntimeError("no light")))
     done = run_method(capture, broken)
     assert done.problem == "RuntimeError: no light"
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt(), SystemExit(3)])
-def test_who_stops_the_evaluation_stops_it(capture, stop):
+def test_an_interrupt_stops_the_evaluation(capture, stop):
     with pytest.raises(type(stop)):
         run(capture, Raises(stop, commands=True))
 
 
-def test_broken_methods_take_no_other_along(dataset, monkeypatch):
-    """Each fails on each sequence, by its own record; the one that is sound answers on all."""
+def test_broken_methods_do_not_affect_others(dataset, monkeypatch):
+    """Each broken method has a failed record of each sequence; the sound one answers on all."""
     searches = {
         "sd+nowhere": GoTo(math.nan),
         "sd+float": lambda view: 1234.5,
@@ -277,18 +277,18 @@ def test_broken_methods_take_no_other_along(dataset, monkeypatch):
         assert bool(record.note) == (record.method != "sd+sound")
 
 
-def looks_and_goes_on(view):
-    """Keeps to itself whatever a look raises."""
+def ignore_errors(view):
+    """Look, ignore any error, and answer."""
     with suppress(Exception):
         view.score(0, 40)
     return Answer(position=0.5)
 
 
-@pytest.mark.parametrize("search", [GoTo(0.5), At(200.0), Commands(looks_and_goes_on)])
+@pytest.mark.parametrize("search", [GoTo(0.5), At(200.0), Commands(ignore_errors)])
 @pytest.mark.parametrize("error", [BadInput("is cut short", where="a.exr"), OSError("no such disk")])
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, monkeypatch, search, error):
     charge_source = capture.open_charge_source()
-    monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **given: Raises(error)(run))
+    monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **options: Raises(error)(run))
     with pytest.raises(type(error), match=str(error)):
         run_method(capture, method(search), charge_source=charge_source)
 
@@ -310,12 +310,12 @@ def test_both_regions_are_seen(dataset):
 
 
 def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, monkeypatch):
-    lights = ChargeSource.encoder_inputs
+    encoder_inputs = ChargeSource.encoder_inputs
 
-    def torn(self, run, **given):
+    def torn(self, run, **options):
         if self.time_stack.is_moving:
             raise BadInput("is cut short", where="a.exr")
-        return lights(self, run, **given)
+        return encoder_inputs(self, run, **options)
 
     monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
     monkeypatch.setattr(sequence_evaluation, "parse_method", lambda _: method(GoTo(0.5)))
@@ -326,7 +326,7 @@ def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, mo
 
 
 @pytest.mark.parametrize("kind", [Commands, lambda does: does], ids=["commands", "estimates"])
-def test_a_search_holds_what_a_view_promises_and_can_set_none_of_it(capture, kind):
+def test_a_view_has_only_the_promised_members_and_they_are_read_only(capture, kind):
     held = []
 
     def looks(view):
@@ -344,7 +344,7 @@ def test_a_search_holds_what_a_view_promises_and_can_set_none_of_it(capture, kin
 
 
 @pytest.mark.parametrize("window", [(-50, 50), (10, 10), (300, 321), (0.5, 10), (-8, -1)])
-def test_a_window_that_is_not_of_the_sweep_is_refused_as_a_recording_does(capture, window):
+def test_a_window_outside_the_sweep_is_refused(capture, window):
     camera = start(capture)
     camera.wait(80)
     view = SweepView(camera, begin=0.0, end=1.0, frames=320)
@@ -352,11 +352,11 @@ def test_a_window_that_is_not_of_the_sweep_is_refused_as_a_recording_does(captur
     assert (view.now, camera.scorer.windows) == (0, 0)
 
 
-def test_the_lens_before_a_sweep_is_not_of_it(capture):
+def test_the_lens_before_a_sweep_is_hidden_from_its_view(capture):
     camera = start(capture)
     camera.wait(80)
     view = SweepView(camera, begin=0.0, end=1.0, frames=320)
-    assert "none" in refusal(view.position, 0).allowed
+    assert "no frame" in refusal(view.position, 0).allowed
     view.score(0, 40)
     for frame in (-1, 40, math.nan):
         assert refusal(view.position, frame).allowed == "0 to 39"
@@ -365,7 +365,7 @@ def test_the_lens_before_a_sweep_is_not_of_it(capture):
 
 @pytest.mark.parametrize(("name", "budget"), [("voice_coil_hall", 800), ("liquid_lens", 800)])
 def test_a_sweep_ends_where_the_lens_is_at_the_far_end(capture, name, budget):
-    """One that is led at its own speed ends 3 and 12 % short of it."""
+    """If the command moved at the speed of the sweep, the lens would end 3 and 12 % short of the far end."""
     camera = start(capture, actuator=get_actuator(name, position_noise_rms=0), budget=budget)
     view = SweepView(camera, begin=0.0, end=1.0, frames=budget)
     view.wait(budget)
@@ -373,8 +373,8 @@ def test_a_sweep_ends_where_the_lens_is_at_the_far_end(capture, name, budget):
     assert camera.path[budget // 2] == pytest.approx(0.5, abs=0.1)
 
 
-def test_an_answer_is_the_place_of_the_lens_where_the_sensor_is_at_the_motor(capture):
-    """A liquid lens trails its current by 4 ms: 13 % of the travel in this sweep. After its first 12 ms."""
+def test_an_answer_is_the_position_of_the_lens_even_if_the_sensor_is_at_the_motor(capture):
+    """After its first 12 ms a liquid lens follows its current 4 ms late, which is 13 % of the travel in this sweep."""
     drive = get_actuator("liquid_lens", position_noise_rms=0, place_rms=0)
     camera = start(capture, actuator=drive)
     view = SweepView(camera, begin=0.0, end=1.0, frames=800)
@@ -393,7 +393,7 @@ def test_a_wait_is_never_shorter_than_was_asked(capture, frames, passed):
 
 
 @pytest.mark.parametrize("before", [0, 80])
-def test_an_answer_without_a_look_is_where_the_lens_stands(capture, before):
+def test_an_answer_without_a_look_is_the_current_lens_position(capture, before):
     camera = start(capture)
     camera.wait(before)
     assert SweepView(camera, begin=0.0, end=1.0, frames=320).position_at(100.0) == pytest.approx(0, abs=1e-6)
@@ -412,7 +412,7 @@ def ran(path, *, answered=0, answer=None):
 TRUTH = Truth(position=0.5, depth_of_focus=(0.48, 0.52))
 
 
-def test_the_verdict_is_of_the_last_place_against_the_truth_of_then():
+def test_the_verdict_compares_the_last_position_with_the_truth_at_that_time():
     moving = Truth(0.5, (0.48, 0.52), track=np.linspace(0.4, 0.6, 800))
     path = np.concatenate([np.linspace(0, 0.53, 100), np.full(300, 0.53)])
     still, then = (
@@ -427,7 +427,7 @@ def test_the_verdict_is_of_the_last_place_against_the_truth_of_then():
 
 
 def test_time_to_focus_is_when_the_lens_is_in_its_last_place_for_good():
-    """Within a quarter of the depth of focus, 0.01: from 0.2 to 0.5 in 100 frames it is there at 97."""
+    """In place means within a quarter of the depth of focus, 0.01: from 0.2 to 0.5 in 100 frames, that is at 97."""
     path = np.concatenate([np.full(100, 0.2), np.linspace(0.2, 0.5, 101), np.full(99, 0.5)])
     verdict = judge_closed_loop_run(ran(path, answered=100), TRUTH, readout_hz=20_000)
     assert verdict["time_to_focus_s"] == pytest.approx((100 + 97) / 20_000, abs=1.5 / 20_000)
@@ -441,7 +441,7 @@ def test_an_abstention_is_right_where_the_focus_is_out_of_reach(best, right):
     assert verdict["success_1dof"] is right
 
 
-def test_without_a_truth_nothing_is_said_of_it():
+def test_without_a_truth_a_run_has_a_position_but_no_success():
     verdict = judge_closed_loop_run(ran(np.full(10, 0.3)), Truth(), readout_hz=20_000)
     assert verdict["truth"] is None
     assert verdict["success_1dof"] is None
@@ -473,10 +473,10 @@ def test_a_protocol_that_cannot_be_kept_is_refused(capture, protocol, problem, a
 
 def test_a_protocol_that_no_sequence_can_keep_writes_nothing(dataset, tmp_path, call):
     loop = ("evaluate", dataset, "--track", "closed_loop", "--budget", 500, "--out", tmp_path / "o")
-    code, _, said = call(*loop)
+    code, _, err = call(*loop)
     assert code == 2
-    assert "none of 4 sequences can be evaluated" in said
-    assert "a budget of 500 ms" in said
+    assert "none of 4 sequences can be evaluated" in err
+    assert "a budget of 500 ms" in err
     assert not (tmp_path / "o").exists()
 
 

@@ -1,7 +1,6 @@
-"""What every registered focus measure, search and lens motion guarantees.
+"""Every registered focus measure, search and lens motion passes the conformance checks.
 
-The checks of measures and searches are the package's own; test_conformance_checks.py shows that each finds
-its fault.
+The package has the checks of measures and searches; test_conformance_checks.py shows that each finds its fault.
 """
 
 import importlib
@@ -30,27 +29,26 @@ from saf_gen.plugins.searches import search_names
 
 PAGES = [Path(__file__).parents[2] / "docs/how-to" / name for name in ("add-a-method.md", "add-a-search.md")]
 WARNINGS = {
-    "sgfs_printed": ["finds a bell"],  # the paper's algorithm to the letter stops at once
-    "sign_change": ["finds a bell"],  # one that begins in its first blocks, before noise can be told from growth
-    "valley": ["finds a bell"],  # it looks for the lowest place between two peaks
+    "sgfs_printed": ["finds a bell"],  # the algorithm as the paper prints it stops at once
+    "sign_change": ["finds a bell"],  # it cannot separate growth from noise if the bell begins in its first blocks
+    "valley": ["finds a bell"],  # it looks for the lowest position between two peaks
 }
-"""Registered searches that a check warns of, and that are kept as they are."""
+"""Known warnings of checks for registered searches."""
 
 
 def faults(results):
-    """The results that are no pass."""
     return [result for result in results if result.level != "pass"]
 
 
 def check_motion(motion, *, first=None):
-    """A motion begins at ``first``, stays in the travel, and does not jump."""
+    """Assert that a motion begins at ``first``, stays in the travel, and does not jump."""
     check_conformance_of_class(motion)
     for duration in (0.5, 1.0):
         times = np.linspace(0, duration, 8001)
         times.flags.writeable = False
         position = motion.positions(times, duration)
         assert position.shape == times.shape, "it does not give a position for each time"
-        assert position.dtype == np.float64, "its positions are no float64"
+        assert position.dtype == np.float64, "its positions are not float64"
         assert np.isfinite(position).all(), "its positions are not finite"
         assert position.min() >= 0, "it leaves the travel"
         assert position.max() <= 1, "it leaves the travel"
@@ -60,7 +58,7 @@ def check_motion(motion, *, first=None):
         if first is not None:
             assert position[0] == pytest.approx(first, abs=1e-9), "it does not begin where it says"
         widest, half = (np.abs(np.diff(position[::step])).max() for step in (2, 1))
-        assert half <= 0.75 * widest + 1e-12, "it jumps"  # twice as many readouts: steps half as wide
+        assert half <= 0.75 * widest + 1e-12, "it jumps"  # twice as many readouts should halve the steps
         assert motion_positions_at_readouts(motion, 800, readout_hz=800 / duration).shape == (800,)
 
 
@@ -72,7 +70,7 @@ MOTIONS = {
     "from_csv": {"file": {"path": "a.csv", "text": "time_s,position\n0,0.2\n0.3,0.9\n2,0.5\n"}},
     "hold": {"position": 0.4},
 }
-"""Options that a motion of ours is built with; another's must do without any."""
+"""Options for our motions; motions of other packages are built without options."""
 
 
 @pytest.mark.parametrize("name", registry.names("motions"))
@@ -82,7 +80,7 @@ def test_a_registered_motion_conforms(name):
 
 
 def test_every_motion_of_ours_is_tried_with_options():
-    assert set(MOTIONS) == registry._own("motions")
+    assert set(MOTIONS) == registry._builtin_names("motions")
 
 
 @pytest.mark.parametrize("name", measure_names())
@@ -117,27 +115,27 @@ def test_the_paper_s_measures_and_searches_are_registered():
         "argmax naive egs egs_code sgfs_code sgfs_causal sgfs_printed peak_fit photon_aware sign_change valley".split()
     )
     commanding = set("golden_section fibonacci ternary hill_climb rule_based coarse_to_fine".split())
-    assert registry._own("searches") == estimating | commanding
-    assert {name for name in registry._own("searches") if commands(get_search(name))} == commanding
+    assert registry._builtin_names("searches") == estimating | commanding
+    assert {name for name in registry._builtin_names("searches") if commands(get_search(name))} == commanding
 
 
-# docs/how-to/add-a-method.md and add-a-search.md: their code is run as it stands.
+# The code on docs/how-to/add-a-method.md and add-a-search.md, unchanged.
 
 
-def shown(language):
+def code_blocks(language):
     text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture
 def package_of_the_page(tmp_path, monkeypatch):
-    """The package that the pages describe, as pip would install it; forgotten afterwards."""
+    """Install the package that the pages describe, as pip would, and unload it afterwards."""
     modules = []
-    for text in shown("python"):
+    for text in code_blocks("python"):
         name = re.match(r"# (\w+)\.py\n", text)[1]
         modules.append(name)
         (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
-    project = tomllib.loads(shown("toml")[0])["project"]
+    project = tomllib.loads(code_blocks("toml")[0])["project"]
     info = tmp_path / "my_methods-0.1.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Name: {project['name']}\nVersion: {project['version']}\n")
@@ -148,17 +146,17 @@ def package_of_the_page(tmp_path, monkeypatch):
     (info / "entry_points.txt").write_text("\n".join(groups))
     monkeypatch.syspath_prepend(tmp_path)
     importlib.invalidate_caches()
-    registry._offered.cache_clear()
+    registry._entry_points.cache_clear()
     registry._find_plugin_class.cache_clear()
     yield
-    registry._offered.cache_clear()
+    registry._entry_points.cache_clear()
     registry._find_plugin_class.cache_clear()
     for name in modules:
         sys.modules.pop(name, None)
 
 
 def test_the_files_shown_are_complete_short_and_conform(package_of_the_page):
-    assert all(len(text.splitlines()) <= 25 for text in shown("python"))
+    assert all(len(text.splitlines()) <= 25 for text in code_blocks("python"))
     assert {"my_measure", "my_measure_n"} <= set(measure_names())
     assert {"my_search", "my_lens_search"} <= set(search_names())
     for name in ("my_measure", "my_measure_n"):
@@ -183,12 +181,12 @@ def test_a_package_that_cannot_be_loaded_is_reported_and_breaks_no_other(package
         assert error.hint
 
 
-# Motions broken on purpose: each must be caught, for its own fault.
+# Motions broken on purpose; each must be caught for its own fault.
 
 
 @dataclass(frozen=True)
 class Even:
-    """From one end to the other."""
+    """A sweep at constant speed from one end to the other."""
 
     def positions(self, seconds, duration_s):
         return np.asarray(seconds) / duration_s
@@ -204,7 +202,7 @@ BROKEN_MOTIONS = {
     "its dataclass is not frozen": motion_of(frozen=False),
     "it has no docstring": motion_of(__doc__=None),
     "it does not give a position for each time": motion_of(lambda self, t, T: path(self, t, T)[:-1]),
-    "its positions are no float64": motion_of(lambda self, t, T: path(self, t, T).astype(np.float32)),
+    "its positions are not float64": motion_of(lambda self, t, T: path(self, t, T).astype(np.float32)),
     "its positions are not finite": motion_of(lambda self, t, T: path(self, t, T) * math.nan),
     "it leaves the travel": motion_of(lambda self, t, T: path(self, t, T) * 1.01),
     "the same times get another motion": motion_of(lambda self, t, T: path(self, t, T) * random.random()),

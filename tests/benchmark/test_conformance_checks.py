@@ -1,4 +1,4 @@
-"""The checks of methods find faults: plug-ins broken on purpose, each caught for its own fault."""
+"""The conformance checks find faults: plug-ins are broken on purpose, and each is caught for its own fault."""
 
 import math
 import random
@@ -21,9 +21,9 @@ from saf_gen.benchmark.conformance import (
     check_method_conformance,
     check_search_conformance,
 )
+from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, TARGET_RATE, write_conformance_recordings
 from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
 from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, conformance_bell_curve
-from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, TARGET_RATE, write_conformance_recordings
 from saf_gen.benchmark.conformance.name_resolution import resolve_method_name
 from saf_gen.benchmark.method_spec import Method, parse_method
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method
@@ -31,13 +31,13 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 from saf_gen.stream.stream_file import open_stream
 
-SOON = CheckLimits(scores=50_000)  # ten times what the sound searches here ask for
+SOON = CheckLimits(scores=50_000)  # ten times as many as the sound searches here need
 HERE = r"\(test_conformance_checks.py, line \d+\)"
 BRIEF = CheckLimits(seconds=0.5)  # for plug-ins that never end
 
 
 def describe(value):
-    """Name a case by its check and words."""
+    """Return the id of a case: its check and words."""
     return value if isinstance(value, str) else ""
 
 
@@ -87,19 +87,19 @@ def measure_of(call=sum_of_squares, *, frozen=True, **members):
 
 
 class Plain:
-    """A class that is no dataclass."""
+    """A class that is not a dataclass."""
 
 
 BROKEN_MEASURES = [
     ("described", "its dataclass is not frozen", measure_of(frozen=False)),
     ("described", "it has no docstring", measure_of(__doc__=None)),
     ("described", "it cites no source", measure_of(source=" ")),
-    ("described", "is no dataclass", Plain()),
+    ("described", "it is not a dataclass", Plain()),
     ("stated", "its degree is 0.5", measure_of(degree=0.5)),
     ("stated", "its degree is -1, below 0", measure_of(degree=-1)),
     ("stated", "it states no range", measure_of(score_range="")),
     *(("stated", f"its cost is {cost!r}", measure_of(cost=cost)) for cost in (0.0, math.inf, "cheap", True)),
-    ("finite", "random counts is no float: int", measure_of(lambda s, c: int((c.astype(int) ** 2).sum()))),
+    ("finite", "random counts is not a float: int", measure_of(lambda s, c: int((c.astype(int) ** 2).sum()))),
     ("finite", "the score of random counts is inf", measure_of(lambda s, c: math.inf)),
     ("finite", "empty counts is nan", measure_of(partialmethod(contrast, empty=math.nan), degree=0)),
     ("finite", rf"ZeroDivisionError: .*{HERE}, for empty", measure_of(lambda s, c: 1 / int(c.max()))),
@@ -112,13 +112,13 @@ BROKEN_MEASURES = [
     ("leaves input", "it changes the counts", measure_of(scribble)),
     ("number types", "uint8 changes the score", measure_of(lambda s, c: float((c * c).sum(dtype=float)))),
     ("memory layout", "by columns", measure_of(lambda s, c: float(c.ravel("K")[::2].sum(dtype=float)))),
-    ("degree", "degree 2, and it states 1", measure_of(degree=1)),
+    ("degree", "degree 2, but it states 1", measure_of(degree=1)),
     ("degree", "no power of brightness", measure_of(lambda s, c: 6e4 - float(c.sum(dtype=float)))),
 ]
 
 
 def assert_caught(results, name, level, words):
-    """Assert that one result of this check and level says so, and what to do; return all results."""
+    """Assert that one result of this check and level matches ``words`` and gives advice; return all results."""
     found = list(results)
     caught = [f for f in found if (f.check, f.level) == (name, level) and re.search(words, f.seen)]
     assert len(caught) == 1, found
@@ -127,7 +127,7 @@ def assert_caught(results, name, level, words):
     return found
 
 
-# Searches that estimate
+# Estimating searches
 
 
 def best_block(self, view, *, size=50, answer=Answer):
@@ -143,14 +143,14 @@ def crashing_when_short(self, view):
 
 
 def centroid(self, view):
-    """Of the curve: there is none without a spike."""
+    """Answer with the centroid of the curve, which does not exist without spikes."""
     scores = [view.score(first, first + 20) ** 2 for first in range(0, max(view.frames - 20, 1), 20)]
     at = 20 * sum(i * score for i, score in enumerate(scores)) / sum(scores)
     return Answer(min(at, view.frames - 1.0))
 
 
 def first_fall(self, view):
-    """Causal: answers where the score falls for the first time."""
+    """Answer at the first fall of the score, without looking ahead."""
     if view.frames < 100:
         raise BadInput("too short")
     step = view.frames // 50
@@ -193,7 +193,7 @@ def idle(self, view):
 
 
 def endless_on_ties(self, view):
-    """Halves an interval until the two halves differ no more: where they never do, for good."""
+    """Halve an interval by comparing its halves; loops for ever if they are equal."""
     first, stop = 0, view.frames
     while stop - first > 4:
         middle = (first + stop) // 2
@@ -210,7 +210,7 @@ def search_of(call=best_block, *, frozen=True, **members):
 
 
 def answering(wrap):
-    """``best_block``, its answer made into another."""
+    """Return ``best_block`` with a changed answer."""
     return search_of(lambda self, view: wrap(best_block(self, view), view))
 
 
@@ -268,11 +268,11 @@ def test_a_doubtful_plug_in_is_warned_of(check, name, words, plug_in):
     assert "fail" not in {result.level for result in found}
 
 
-# Searches that command the lens
+# Lens-commanding searches
 
 
-def sent(self, view, *, positions=(0.0, 0.2, 0.4, 0.6, 0.8, 1.0)):
-    """Scores some positions of the travel, and answers with the best."""
+def scan(self, view, *, positions=(0.0, 0.2, 0.4, 0.6, 0.8, 1.0)):
+    """Score some positions of the travel, and answer with the best."""
     seen = []
     for position in positions:
         view.move(position)
@@ -288,12 +288,12 @@ def commanding(call, **members):
 
 
 def moving(wrap):
-    """``sent``, its answer made into another."""
-    return commanding(lambda self, view: wrap(sent(self, view)))
+    """Return ``scan`` with a changed answer."""
+    return commanding(lambda self, view: wrap(scan(self, view)))
 
 
 def hopeless(self, view):
-    """Waits for ever, whatever is raised."""
+    """Wait for ever, and ignore any error."""
     view.move(0.5)
     while True:
         try:
@@ -303,7 +303,7 @@ def hopeless(self, view):
 
 
 def in_the_past(self, view):
-    """Scores one past window for ever."""
+    """Score one past window for ever."""
     view.move(0.5)
     view.wait(8)
     while True:
@@ -315,7 +315,7 @@ def in_daylight(self, view):
     view.wait(8)
     if view.score(0, 8, "er_count") < 500:
         raise ValueError("dark")
-    return sent(self, view)
+    return scan(self, view)
 
 
 def too_long(self, view):
@@ -326,26 +326,26 @@ def too_long(self, view):
 
 def crashing_in_haste(self, view):
     if view.frames > 5000:
-        return sent(self, view)
+        return scan(self, view)
     view.move(0)
     return Answer(position=max([]))
 
 
 def minding_the_unit(self, view):
-    answer = sent(self, view)
+    answer = scan(self, view)
     return Answer(position=0.2) if answer.position and view.score(0, 800) > 1 else answer
 
 
 IN_TIME = "stays in travel and budget"
 BROKEN_LENS_SEARCHES = [
     ("not on a recording", "it answers Answer", commanding(lambda s, v: Answer(position=0.5))),
-    (IN_TIME, "sent to 1.2; .*with hand and 40,000", commanding(lambda s, v: sent(s, v, positions=(0.5, 1.2)))),
-    (IN_TIME, "over the budget", commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)])),
+    (IN_TIME, "sent to 1.2; .*with hand and 40,000", commanding(lambda s, v: scan(s, v, positions=(0.5, 1.2)))),
+    (IN_TIME, "exceeds the budget", commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)])),
     (IN_TIME, "it answers with a frame", moving(lambda answer: Answer(1.0, position=0.5))),
     (IN_TIME, "position 1.5", moving(lambda answer: Answer(position=1.5))),
     (IN_TIME, "its trace is", moving(lambda answer: Answer(None, (math.inf,), position=0.5))),
     ("little time", "without a score", moving(lambda a: Answer(position=a.position or 0.5))),
-    ("little time", "over the budget, with voice_coil_hall and 32 frames", commanding(too_long)),
+    ("little time", "exceeds the budget, with voice_coil_hall and 32 frames", commanding(too_long)),
     ("little time", f"ValueError: .*{HERE}", commanding(crashing_in_haste)),
     ("lights", f"ValueError: dark {HERE}, with voice_coil_hall", commanding(in_daylight)),
     ("repeatable", "another answer", moving(lambda a: Answer(position=a.position and random.random()))),
@@ -370,13 +370,13 @@ def test_the_plug_ins_that_the_broken_ones_are_made_of_conform():
         check_measure_conformance(measure_of(lambda s, c: float((c[0].astype(float) * c[1]).sum()), halves=True)),
         check_search_conformance(search_of()),
         check_search_conformance(search_of(first_fall, causal=True)),
-        check_search_conformance(commanding(sent)),
+        check_search_conformance(commanding(scan)),
     ]
     for results in checked:
         assert {result.level for result in results} == {"pass"}
 
 
-# Whole methods
+# Complete methods
 
 
 def method_of(search, measure="sd"):
@@ -396,7 +396,7 @@ CALLS = []
 
 
 def first_then_other(self, view):
-    """Like best_block on drawn curves; on anything else, every call one frame on."""
+    """Act like best_block on synthetic curves; on other views answer one frame later in each call."""
     CALLS.append(1)
     return best_block(self, view) if isinstance(view, SyntheticRecording) else Answer(len(CALLS))
 
@@ -441,7 +441,7 @@ def test_methods_of_ours_conform(name):
     assert {f.level for f in found} == {"pass"}, found
 
 
-# What the checks look at
+# The recordings and textures of the checks
 
 
 def test_recordings_of_the_test_scene_show_what_they_are_named_for(tmp_path):
@@ -450,8 +450,7 @@ def test_recordings_of_the_test_scene_show_what_they_are_named_for(tmp_path):
         with open_stream(path) as stream:
             assert stream.shape[0] == 2001
             rates[name] = stream.counts(0, 2001).mean() / 2001
-            said = stream.focus_position
-            assert (said is None) == (name in ("empty", "full"))
+            assert (stream.focus_position is None) == (name in ("empty", "full"))
             if name == "swept":
                 windows = [stream.counts(a, a + 200) for a in range(0, 2000, 200)]
                 sharpness = [w.var() / w.mean() ** 2 for w in windows]
@@ -502,7 +501,7 @@ def test_a_search_that_scores_the_past_for_ever_is_stopped():
 
 
 def test_a_loop_without_end_is_stopped_by_the_number_of_scores_in_a_thread_too():
-    """Outside the main thread there is no clock."""
+    """The time limit works only in the main thread."""
     found = []
     thread = threading.Thread(target=lambda: found.extend(check_search_conformance(search_of(endless), SOON)))
     thread.start()

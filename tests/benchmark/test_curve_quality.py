@@ -18,7 +18,7 @@ def lorentzian(centre=0.4, half=0.03):
 
 
 def test_a_gaussian_has_the_widths_of_its_formula():
-    """σ·2√(2 ln(1/L)); straight lines between blocks of 0.1 σ miss it by less than a thousandth."""
+    """The width is σ·2√(2 ln(1/L)); linear interpolation between blocks of 0.1 σ is off by less than 0.1 %."""
     found = assess_evaluated_curve(X, 7 + 3 * gaussian(), truth=0.41, depth=0.02)
     assert found.peak == pytest.approx(0.4)
     assert found.accuracy == pytest.approx(0.01)
@@ -30,7 +30,7 @@ def test_a_gaussian_has_the_widths_of_its_formula():
 
 
 def test_a_lorentzian_is_wide_below_and_narrow_above():
-    """Half width·2√(1/L − 1), of the height over the lowest place of the sweep."""
+    """The width is half width·2√(1/L − 1); L is relative to the height above the lowest score."""
     y = lorentzian()
     floor = y.min()
     found = assess_evaluated_curve(X, y, truth=0.4)
@@ -42,14 +42,14 @@ def test_a_lorentzian_is_wide_below_and_narrow_above():
 
 
 def test_a_ripple_makes_false_maxima_and_a_large_one_ends_the_range():
-    """A cosine on two slopes has a maximum a period, and one at each end: ten beside the peak."""
+    """A cosine on two slopes has one maximum per period, and one at each end: ten in addition to the peak."""
     base = 1 - np.abs(X - 0.5) / 0.5
     ripple = np.cos(2 * np.pi * (X - 0.5) / 0.1)
     small = assess_evaluated_curve(X, base + 0.04 * ripple)
     assert (small.false_maxima, small.false_peaks, small.range) == (8 + 2, 0, 1)
     large = assess_evaluated_curve(X, base + 0.15 * ripple)
     assert large.false_maxima == large.false_peaks == 8 + 2
-    # Where the slope 2 meets that of the ripple, 0.15·2π/0.1·sin: the minimum beside the peak.
+    # The minimum next to the peak is where the ripple's slope, 0.15·2π/0.1·sin, cancels the slope of 2.
     phase = np.pi + np.arcsin(2 / (0.15 * 2 * np.pi / 0.1))
     assert large.range == pytest.approx(2 * 0.1 * phase / (2 * np.pi), abs=0.005)
 
@@ -77,7 +77,7 @@ def test_a_curve_that_follows_a_brightening_light_is_wide_and_far_from_the_truth
 
 @pytest.mark.parametrize("sigma", [0.01, 0.03])
 def test_noise_is_the_standard_deviation_of_what_was_added(sigma):
-    """3,500 second differences, correlated (Σρ² = 1.94): the estimate has an sd of 1.7 %; four, one seed."""
+    """From 3,500 second differences, correlated (Σρ² = 1.94), the estimate has an sd of 1.7 %; four sd, one seed."""
     random = make_generator("test_curve_quality", "noise", int(1000 * sigma))
     x = np.linspace(0, 1, 4001)
     y = np.exp(-(((x - 0.4) / 0.05) ** 2) / 2) + sigma * random.standard_normal(x.size)

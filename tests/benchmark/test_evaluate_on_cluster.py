@@ -1,4 +1,4 @@
-"""Evaluation, tuning and checks of scenes on a Dask cluster give what one machine gives."""
+"""Evaluation, tuning and scene checks on a Dask cluster give the same results as on one machine."""
 
 import json
 import shutil
@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from planted_sweeps import list_streams, write_sweep
+from planted_sweeps import write_three_sweeps
 
 from saf_gen.authoring.checks import SceneFinding
 from saf_gen.benchmark import evaluate as module
@@ -17,27 +17,23 @@ from saf_gen.errors import SafGenError
 from saf_gen.leaderboard.tuning import tune_method
 
 MINE = "import numpy as np\n\ndef spread(counts: np.ndarray) -> float:\n    return float(np.ptp(counts))\n"
-NAMES = ("one", "two", "three")
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("data")
-    for n, name in enumerate(NAMES):
-        write_sweep(folder / "train" / f"{name}.h5", 200.0 + 200 * n)
-    return list_streams(folder, *({"id": name, "split": "train", "scene": name} for name in NAMES))
+    return write_three_sweeps(tmp_path_factory.mktemp("data"))
 
 
 def plain(result):
-    """Records without what they took; sweeps with their arrays as bytes."""
+    """Return records without their computing time, and parts of the sweeps with arrays as bytes."""
     records = [{f.name: getattr(r, f.name) for f in fields(r) if f.name != "seconds"} for r in result.records]
     return records, [(s.sequence, np.asarray(s.rate).tobytes(), s.thumbnails is not None) for s in result.sweeps]
 
 
 def test_an_evaluation_on_a_cluster_gives_the_same_in_the_same_order(dataset, cluster_address, tmp_path, monkeypatch):
-    """Also of a method in a file of the user's, and of answers made elsewhere."""
+    """This includes a method in a user's file, and predictions."""
     (tmp_path / "mine.py").write_text(MINE)
-    answers = [{"method": "theirs", "sequence": name, "frame": 300.0} for name in NAMES]
+    answers = [{"method": "theirs", "sequence": name, "frame": 300.0} for name in ("one", "two", "three")]
     (tmp_path / "answers.jsonl").write_text("".join(json.dumps(answer) + "\n" for answer in answers))
     monkeypatch.chdir(tmp_path)
     steps = []
@@ -55,7 +51,7 @@ def test_a_method_that_was_changed_meanwhile_is_a_failure_that_says_so(dataset, 
     monkeypatch.setattr("saf_gen.benchmark.sequence_evaluation._codes", lambda groups: (("x", str(id(groups))),))
     found = evaluate(dataset, methods=["mine.py:spread+argmax"], cluster=cluster_address)
     assert len(found.failures) == 3
-    assert "has other code on a worker" in found.failures[0].problem
+    assert "has different code on a worker" in found.failures[0].problem
 
 
 def test_a_damaged_sequence_is_a_failure_on_a_cluster_too(dataset, cluster_address, tmp_path):
@@ -93,8 +89,8 @@ def test_scenes_are_checked_on_a_cluster_with_the_same_findings(test_scenes, clu
     monkeypatch.setattr("saf_gen.authoring.checks.check_scene", check_scene)
     monkeypatch.setattr("saf_gen.authoring.checks.check_job.check_scene", check_scene)
     options = ("scenes", "check", "plane", "workbench", "--json", "--variant", "scalar")
-    code, found, told = call(*options, "--cluster", cluster_address)
+    code, found, err = call(*options, "--cluster", cluster_address)
     by_scene = {finding["scene"]: finding for finding in json.loads(found)}
-    assert (code, told) == (0, "")
+    assert (code, err) == (0, "")
     assert by_scene == {finding["scene"]: finding for finding in json.loads(call(*options)[1])}
     assert set(by_scene) == {"plane", "workbench"}

@@ -1,4 +1,4 @@
-"""Where the focus of a sequence lies: planted sweeps and truths for every bin of the axis, on both tracks."""
+"""The focus position of a sequence, with planted sweeps and truths for every bin of the axis, on both tracks."""
 
 import math
 from dataclasses import replace
@@ -11,11 +11,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge_method_answer
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
-from saf_gen.benchmark.tracks.focus_location import (
-    judge_when_focus_is_met,
-    judge_where_focus_lies,
-    truncate_truth_to_judge,
-)
+from saf_gen.benchmark.tracks.focus_location import judge_focus_crossing, judge_focus_location, truncate_truth_to_judge
 from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, list_sequences_to_evaluate
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import tabulate_leaderboard_by_axis
@@ -27,16 +23,16 @@ from saf_gen.stream.stream_writer import write_stream
 
 FRAMES = 800
 UP = np.linspace(0, 1, FRAMES, dtype=np.float32)
-PART = np.linspace(0.5, 1, FRAMES, dtype=np.float32)  # as recipes/saf_bench.yaml has it: from 0.5 to 1
+PART = np.linspace(0.5, 1, FRAMES, dtype=np.float32)  # as in recipes/saf_bench.yaml
 THERE_AND_BACK = np.concatenate([UP[::2], UP[::-2]]) * np.float32(0.5)
 
 
 def truth(best, dof=0.02, *, lens=None, track=None):
-    passed = math.nan
+    crossing = math.nan
     if lens is not None:
         found = find_focus_crossings(lens - (best if track is None else track), 0.0)
-        passed = float(found[0]) if found.size else math.nan
-    return Truth(position=best, depth_of_focus=(best - dof / 2, best + dof / 2), frame=passed, track=track)
+        crossing = float(found[0]) if found.size else math.nan
+    return Truth(position=best, depth_of_focus=(best - dof / 2, best + dof / 2), frame=crossing, track=track)
 
 
 PLANTED = [
@@ -66,7 +62,7 @@ def binned(records):
 
 @pytest.mark.parametrize(("lens", "best", "where"), [p[1:] for p in PLANTED], ids=[p[0] for p in PLANTED])
 def test_on_a_recording_it_lies_where_the_sweep_meets_it(tmp_path, lens, best, where):
-    """Whatever is answered, and outside where an abstention succeeds."""
+    """The bin does not depend on the answer, and is "outside" exactly if an abstention succeeds."""
     known = truth(best, lens=lens)
     write_stream(tmp_path / "a.h5", make_spikes(400, shape=(FRAMES, 8, 8)), focus_position=lens, truth=known)
     lines = (f'{{"method": "m{f}", "sequence": "a", "frame": {f}}}\n' for f in ("null", 5, 700))
@@ -92,10 +88,10 @@ def test_on_a_recording_it_lies_where_the_sweep_meets_it(tmp_path, lens, best, w
         (1.03, (None, 1.5)),
     ],
 )
-def test_in_the_closed_loop_it_lies_in_the_travel_wherever_the_recording_went(best, where):
-    """Out of the travel by more than 1 depth of focus is where the loop's abstention succeeds."""
+def test_in_the_closed_loop_the_focus_position_is_that_in_the_travel(best, where):
+    """An abstention succeeds if the focus is more than 1 depth of focus outside the travel."""
     known = truth(best, lens=PART)
-    location, off = judge_where_focus_lies(known)
+    location, off = judge_focus_location(known)
     assert (location, off) == (where[0], pytest.approx(where[1]))
     run = ClosedLoopRun(Answer(), "", 10, np.full(10, 0.3), 800, 1, 0.0)
     verdict = judge_closed_loop_run(run, known, readout_hz=20_000)
@@ -105,22 +101,22 @@ def test_in_the_closed_loop_it_lies_in_the_travel_wherever_the_recording_went(be
 
 
 def test_a_focus_that_moves_lies_where_the_lens_first_meets_it():
-    """It goes from 0.9 to 0.1 of the travel while the lens goes up: they meet in the middle."""
+    """The focus goes from 0.9 to 0.1 of the travel while the lens goes from 0 to 1: they meet in the middle."""
     track = np.linspace(0.9, 0.1, FRAMES)
     known = truth(0.5, lens=UP, track=track)
-    location, off = judge_when_focus_is_met(known, UP)
+    location, off = judge_focus_crossing(known, UP)
     assert location == pytest.approx(0.5, abs=1e-3)
     assert off == pytest.approx(0, abs=0.1)
-    assert judge_where_focus_lies(known) == (0.5, 0.0)
+    assert judge_focus_location(known) == (0.5, 0.0)
     away = truth(1.5, lens=UP, track=np.linspace(1.6, 1.4, FRAMES))
-    assert judge_when_focus_is_met(away, UP)[0] is None
-    assert judge_where_focus_lies(away) == (None, pytest.approx(20))
+    assert judge_focus_crossing(away, UP)[0] is None
+    assert judge_focus_location(away) == (None, pytest.approx(20))
 
 
 def test_the_pass_that_the_stream_names_is_the_first():
-    """Of a target that was out of sight before: see saf_gen.stack.true_focus."""
+    """The target was not visible at earlier crossings; see saf_gen.stack.true_focus."""
     both = replace(truth(0.3), frame=700.0)
-    assert judge_when_focus_is_met(both, THERE_AND_BACK)[0] == pytest.approx(700.5 / FRAMES)
+    assert judge_focus_crossing(both, THERE_AND_BACK)[0] == pytest.approx(700.5 / FRAMES)
 
 
 @pytest.mark.parametrize(
@@ -134,27 +130,24 @@ def test_the_pass_that_the_stream_names_is_the_first():
     ],
     ids=["no truth", "no lens", "no frame", "a lens with gaps", "a track with gaps"],
 )
-def test_where_nobody_knows_nothing_is_said(known, lens):
-    assert judge_when_focus_is_met(known, lens) == (None, None)
+def test_without_truth_lens_or_track_the_location_is_unknown(known, lens):
+    assert judge_focus_crossing(known, lens) == (None, None)
 
 
-def test_without_a_truth_nothing_is_said_of_the_travel_either():
-    assert (
-        judge_where_focus_lies(Truth()) == judge_where_focus_lies(truth(0.5, track=np.full(9, np.nan))) == (None, None)
-    )
+def test_without_a_truth_the_location_in_the_travel_is_unknown():
+    assert judge_focus_location(Truth()) == judge_focus_location(truth(0.5, track=np.full(9, np.nan))) == (None, None)
 
 
 def test_without_a_depth_of_focus_only_what_is_met_is_known():
     met, never = Truth(position=0.75), Truth(position=0.2)
-    assert judge_when_focus_is_met(met, PART) == (pytest.approx(0.5, abs=1e-3), None)
-    assert judge_when_focus_is_met(never, PART) == (None, None)
-    assert judge_where_focus_lies(met) == (0.75, 0.0)
-    assert judge_where_focus_lies(Truth(position=1.2)) == (None, None)
+    assert judge_focus_crossing(met, PART) == (pytest.approx(0.5, abs=1e-3), None)
+    assert judge_focus_crossing(never, PART) == (None, None)
+    assert judge_focus_location(met) == (0.75, 0.0)
+    assert judge_focus_location(Truth(position=1.2)) == (None, None)
 
 
 def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
-    """300 random lenses, truths and tracks, seed named here: exactly the rule of
-    saf_gen.benchmark.judgement.judge_method_answer."""
+    """300 random lenses, truths and tracks agree with saf_gen.benchmark.judgement.judge_method_answer; seed below."""
     random, seen = make_generator("test_reach", "judge"), set()
     for _ in range(300):
         lens = np.cumsum(random.normal(0, 0.01, 60)) + random.uniform(0, 1)
@@ -162,7 +155,7 @@ def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
         drift = np.linspace(0, random.uniform(-0.3, 0.3), 60)
         track = random.uniform(0, 1) + drift if random.random() < 0.3 else None
         known = truth(float(random.uniform(-0.3, 1.3)), dof=float(random.uniform(0.01, 0.2)), track=track)
-        location, off = judge_when_focus_is_met(known, lens)
+        location, off = judge_focus_crossing(known, lens)
         verdict = judge_method_answer(
             None, frames_seen=60, focus_position=lens, truth=known.position, track=track,
             truth_frame=known.frame, ends=known.depth_of_focus,
@@ -173,8 +166,7 @@ def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
     assert len(seen) == 4
 
 
-def test_both_tracks_say_it_of_a_sequence(tmp_path):
-    """The fields of a record, from the stream."""
+def test_records_of_both_tracks_state_the_focus_position(tmp_path):
     known = truth(0.52, lens=PART)
     write_stream(tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=PART, truth=known)
     (task,) = list_sequences_to_evaluate(tmp_path / "a.h5")
@@ -189,7 +181,7 @@ def test_both_tracks_say_it_of_a_sequence(tmp_path):
 
 
 def test_of_a_closed_loop_only_its_frames_count(tmp_path):
-    """A ramp from 1 to 4 and a target that drifts from 0.2 to 0.8, the first 200 of 800 frames of them."""
+    """The light rises from 1 to 4 and the focus drifts from 0.2 to 0.8; the closed loop uses 200 of the 800 frames."""
     drift, ramp = np.linspace(0.2, 0.8, FRAMES), np.linspace(1, 4, FRAMES, dtype=np.float32)
     known = Truth(position=0.5, frame=400.0, depth_of_focus=(0.49, 0.51), track=drift)
     write_stream(
@@ -199,21 +191,21 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
     (task,) = list_sequences_to_evaluate(tmp_path / "a.h5")
     light = np.arange(FRAMES) + 0.5, ramp / 10
     with open_stream(task.path) as stream:
-        said, first = (
+        every, first = (
             describe_evaluated_sequence(task, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200)
         )
-    assert (said["focus_place"], said["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
+    assert (every["focus_place"], every["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
     assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later
     assert first["light_ratio"] == pytest.approx(ramp[199], rel=1e-3)
     assert first["mean_rate"] == pytest.approx(ramp[:200].mean() / 10)
 
 
 def test_a_focus_that_comes_into_reach_later_is_outside_until_then():
-    comes = truth(0.9, track=np.linspace(1.3, 0.9, FRAMES))
-    assert judge_where_focus_lies(comes) == (0.9, 0.0)
-    location, off = judge_where_focus_lies(truncate_truth_to_judge(comes, 200))
+    approaching = truth(0.9, track=np.linspace(1.3, 0.9, FRAMES))
+    assert judge_focus_location(approaching) == (0.9, 0.0)
+    location, off = judge_focus_location(truncate_truth_to_judge(approaching, 200))
     assert location is None
     assert off > SUCCESS_LIMITS_DOF[1]
-    assert truncate_truth_to_judge(comes, FRAMES) is comes
-    met = replace(comes, frame=100.0)
+    assert truncate_truth_to_judge(approaching, FRAMES) is approaching
+    met = replace(approaching, frame=100.0)
     assert truncate_truth_to_judge(met, 200).position == 0.9

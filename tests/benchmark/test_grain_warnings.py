@@ -1,4 +1,4 @@
-"""What records say of grain: planted in the provenance of a sweep, and read from files without it."""
+"""The grain in records of sweeps with planted grain in their provenance, and of files without it."""
 
 import math
 
@@ -48,7 +48,7 @@ def evaluated(path, *methods, **options):
         ("brenner_n_tfi", 0.03 / 0.3),
         ("tenengrad", 0.5 / 8),
         ("er_count", None),
-        ("squared_gradient", None),  # the file says nothing of it
+        ("squared_gradient", None),  # not in the file
     ],
 )
 def test_grain_is_compared_with_the_curve_of_the_measure(stream, measure, expected):

@@ -1,4 +1,4 @@
-"""The closed loop as a Gymnasium environment: checker, seeds, observations, rewards, and records."""
+"""The closed loop as a Gymnasium environment: Gymnasium's checker, seeds, observations, rewards and records."""
 
 import gc
 import json
@@ -56,7 +56,7 @@ def visit(*positions):
 
 
 def play(env, *positions, **reset):
-    """Play an episode and return its (observation, reward, info) after the reset and each step."""
+    """Play an episode; return (observation, reward, info) after the reset and after each step."""
     observation, info = env.reset(**reset)
     policy, rows = visit(*positions)(), [(observation, 0.0, info)]
     over = False
@@ -79,7 +79,7 @@ def load(env, sequence=PLANE):
 
 
 def with_truth(env, **changes):
-    """Give the still plane of an environment another truth."""
+    """Change the truth of the still plane in an environment, and return the environment."""
     sequence = load(env)
     truth = replace(sequence.capture.truth, **changes)
     env._sequences[PLANE] = replace(sequence, capture=replace(sequence.capture, truth=truth))
@@ -90,8 +90,8 @@ def with_truth(env, **changes):
 
 
 @pytest.mark.slow
-def test_gymnasiums_own_checker_has_nothing_to_say(dataset):
-    """Warnings are errors here, so its recommendations count too."""
+def test_gymnasiums_checker_finds_nothing(dataset):
+    """Warnings are errors in tests, so the checker's recommendations count too."""
     check_env(gymnasium.make(ENVIRONMENT_ID, dataset=dataset, protocol=PROTOCOL, render_mode="rgb_array").unwrapped)
 
 
@@ -115,7 +115,7 @@ def test_episodes_after_a_seed_are_named_by_it_too(dataset):
     assert not are_equal(runs[0][0], runs[0][1])
 
 
-def test_seeds_draw_every_sequence_and_positions_of_the_whole_travel(dataset):
+def test_seeds_draw_every_sequence_and_positions_of_the_entire_travel(dataset):
     env = make_env(dataset)
     drawn = [env.reset(seed=seed) for seed in range(40)]
     assert {info["sequence"] for _, info in drawn} == {task.id for task in env.tasks}
@@ -133,7 +133,7 @@ def test_sequences_can_be_chosen(dataset):
 
 @pytest.mark.slow
 def test_memory_stays_flat_over_resets(dataset):
-    """Of all sequences that were loaded, only those to keep are alive."""
+    """Of all sequences that were loaded, only ``keep`` are alive."""
     env = make_env(dataset, keep=1)
     loaded = [weakref.ref(env.load_sequence(task)) for task in env.tasks]
     for seed in range(4):
@@ -150,11 +150,11 @@ def test_memory_stays_flat_over_resets(dataset):
         env.step(np.array([0.5, 0.0], np.float32))
 
 
-# --- what a policy sees -----------------------------------------------------------------------------
+# --- observations -----------------------------------------------------------------------------------
 
 
 class VisitingSearch:
-    """A search that does what ``visit`` does, and a measure that keeps what it was shown."""
+    """A search that acts like ``visit``, and a measure that records counts."""
 
     commands = True
 
@@ -177,7 +177,7 @@ class VisitingSearch:
 
 
 def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
-    """The same positions at the same times give the same path of the lens, spikes and judgement."""
+    """The same positions at the same times give the same lens path, spikes and judgement as the benchmark."""
     env = make_env(dataset)
     rows = play(env, 0.25, 0.75, 0.5, options={"sequence": PLANE})
     sequence = load(env)
@@ -203,7 +203,7 @@ def test_the_rest_of_an_observation_is_the_sensor_and_the_time(dataset):
 
 
 def test_a_period_is_scored_as_a_search_would_score_it_whatever_the_threads(dataset):
-    """So a wrapper that shows a policy scores shows what the benchmark does."""
+    """So a wrapper can show a policy the same scores as the benchmark."""
     env, sequence = make_env(dataset, threads=1), load(make_env(dataset))
     env.reset(options={"sequence": PLANE})
     env.step(np.array([0.75, 0], np.float32))
@@ -223,18 +223,17 @@ def test_a_period_is_scored_as_a_search_would_score_it_whatever_the_threads(data
 
 
 def test_the_truth_is_out_of_reach_before_the_end(dataset):
-    """With another truth all that a policy sees is the same to the bit, and only the reward differs."""
-    honest, moved = make_env(dataset), make_env(dataset)
-    truth = load(honest).capture.truth
-    with_truth(moved, position=truth.position + 0.3, depth_of_focus=(0.1, 0.9))
+    """With another truth all observations are the same to the bit, and only rewards differ."""
+    original, changed = make_env(dataset), make_env(dataset)
+    truth = load(original).capture.truth
+    with_truth(changed, position=truth.position + 0.3, depth_of_focus=(0.1, 0.9))
     positions = (0.2, 0.9, 0.4)
-    ours, theirs = (play(env, *positions, options={"sequence": PLANE}) for env in (honest, moved))
-    unpaid = [[(seen, 0.0, {}) for seen, _, _ in rows] for rows in (ours, theirs)]
-    assert are_equal(*unpaid)
-    assert [row[2] for row in ours[:-1]] == [row[2] for row in theirs[:-1]]
-    assert [row[1] for row in ours[1:]] != [row[1] for row in theirs[1:]]
-    assert ours[-1][2]["truth"] == truth.position
-    for seen, _, info in ours[:-1]:
+    first, second = (play(env, *positions, options={"sequence": PLANE}) for env in (original, changed))
+    assert are_equal(*([(seen, 0.0, {}) for seen, _, _ in rows] for rows in (first, second)))
+    assert [row[2] for row in first[:-1]] == [row[2] for row in second[:-1]]
+    assert [row[1] for row in first[1:]] != [row[1] for row in second[1:]]
+    assert first[-1][2]["truth"] == truth.position
+    for seen, _, info in first[:-1]:
         assert set(seen) == {"image", "lens", "left"}
         assert set(info) == {"sequence", "seconds"}
 
@@ -265,23 +264,23 @@ def test_grey_values_are_those_of_the_rate():
 
 @pytest.mark.parametrize("shape", [(6, 9), (5, 7), (2, 3), (40, 31)])
 def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
-    """The twin: pixels repeated until the areas are whole blocks."""
+    """The slow reference repeats pixels until each area is a block of pixels."""
     rows, columns = 6, 9
     image = np.random.default_rng(1).integers(0, 105, shape)
     fine = np.repeat(np.repeat(image, rows, axis=0), columns, axis=1)
-    twin = fine.reshape(rows, shape[0], columns, shape[1]).mean(axis=(1, 3))
+    expected = fine.reshape(rows, shape[0], columns, shape[1]).mean(axis=(1, 3))
     found = average_policy_observation(image, rows, columns=columns)
-    assert found == pytest.approx(twin, abs=1e-9)
+    assert found == pytest.approx(expected, abs=1e-9)
     assert found.mean() == pytest.approx(image.mean(), abs=1e-9)
     assert (average_policy_observation(np.full(shape, 7), rows, columns=columns) == 7).all()
 
 
-# --- what it earns ----------------------------------------------------------------------------------
+# --- rewards ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sequence", [PLANE, "plane-dynamic-constant-00"])
 def test_rewards_are_errors_over_time_and_a_bonus(dataset, sequence):
-    """The return of an episode from the path of the lens alone, for a still and for a moving scene."""
+    """The return of an episode follows from the lens path, for a still and for a moving scene."""
     env = make_env(dataset)
     rows = play(env, 0.2, 0.6, options={"sequence": sequence})
     run = env.episode.run
@@ -310,7 +309,7 @@ def test_without_a_truth_nothing_is_earned(dataset):
 
 
 def test_an_early_stop_is_not_cheaper_than_to_stay(dataset):
-    """A wrong position costs the same, answered at once or after some periods, apart from the settling."""
+    """A wrong answer costs the same at once as after some periods, except for the time to settle."""
     env = make_env(dataset)
     losses = [
         sum(reward for _, reward, _ in play(env, *positions, options={"sequence": PLANE}))
@@ -334,10 +333,10 @@ def test_the_budget_ends_an_episode(dataset):
         env.step(hold)
 
 
-@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, in a process that has threads
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, if a process has threads
 @pytest.mark.parametrize(("method", "count"), [("fork", 2), pytest.param("spawn", 1, marks=pytest.mark.slow)])
-def test_environments_run_in_processes_of_their_own(dataset, method, count):
-    """Also after the parent has captured; each gives what the parent's gives for the same seed."""
+def test_environments_run_in_separate_processes(dataset, method, count):
+    """Each gives the same results as in the parent for the same seed, even if the parent has used its own before."""
     here = make_env(dataset)
     actions = np.array([[0.2, 0.0], [0.6, 0.0]], np.float32)
     first, _ = here.reset(seed=5)
@@ -352,7 +351,7 @@ def test_environments_run_in_processes_of_their_own(dataset, method, count):
     apart.close()
 
 
-def test_a_pickled_environment_begins_anew(dataset):
+def test_a_pickled_environment_must_be_reset(dataset):
     env = make_env(dataset)
     rows = play(env, 0.2, 0.6, seed=5)
     again = pickle.loads(pickle.dumps(env))
@@ -365,7 +364,7 @@ def test_a_pickled_environment_begins_anew(dataset):
 
 
 def climber():
-    """Climbs by the contrast of the image from where the lens stands, and turns round once."""
+    """Return a policy that climbs by the contrast of the image, and turns round once."""
     state = {"best": -1.0, "position": None, "step": 0.1, "turned": False}
 
     def act(observation):
@@ -387,15 +386,15 @@ def climber():
 
 @pytest.fixture(scope="module")
 def folders(dataset, tmp_path_factory):
-    """Folders with the records of two searches, and of a policy."""
-    ours, theirs = (tmp_path_factory.mktemp(name) for name in ("searches", "policy"))
+    """Two folders: with the records of two searches, and with those of a policy."""
+    searches, policy = (tmp_path_factory.mktemp(name) for name in ("searches", "policy"))
     result = evaluate(dataset, methods=["sd+argmax", "sd+golden_section"], protocol=PROTOCOL)
-    (ours / "records.jsonl").write_text(format_benchmark_records(result.records))
-    evaluate_policy(make_env(dataset), climber, method="climber", out=theirs)
-    return ours, theirs
+    (searches / "records.jsonl").write_text(format_benchmark_records(result.records))
+    evaluate_policy(make_env(dataset), climber, method="climber", out=policy)
+    return searches, policy
 
 
-def test_a_policy_stands_in_one_table_with_searches(folders, tmp_path):
+def test_a_policy_is_in_one_table_with_searches(folders, tmp_path):
     both = tmp_path / "both"
     done = CliRunner().invoke(app, ["leaderboard", *map(str, folders), "--out", str(both)])
     assert done.exit_code == 0, done.output
@@ -406,7 +405,7 @@ def test_a_policy_stands_in_one_table_with_searches(folders, tmp_path):
 COMMON = ("track", "rig", "terms", "data", "region", "mean_rate", "truth_first", "focus_place", "light_ratio")
 
 
-def test_the_record_of_a_policy_says_what_that_of_a_search_says(folders):
+def test_the_record_of_a_policy_has_the_fields_of_that_of_a_search(folders):
     searches, policy = (read_records(folder) for folder in folders)
     assert [r.sequence for r in policy] == [r.sequence for r in searches if r.method == "sd+argmax"]
     for record in policy:
@@ -442,7 +441,7 @@ def test_what_a_policy_sees_is_part_of_its_code(dataset, folders):
 
 
 def test_a_policy_sees_and_acts_through_wrappers(dataset):
-    """Actions scaled to -1...1 and an image flattened: the same run as without."""
+    """Scaled actions and flattened observations give the same run as the environment without wrappers."""
     env = make_env(dataset, sequences=[PLANE])
     wrapped = gymnasium.wrappers.FlattenObservation(
         gymnasium.wrappers.RescaleAction(env, np.float32(-1), np.float32(1))
@@ -486,12 +485,12 @@ def test_an_exit_of_a_policy_ends_the_evaluation(dataset):
 
 
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatch):
-    lights = ChargeSource.encoder_inputs
+    encoder_inputs = ChargeSource.encoder_inputs
 
-    def torn(self, run, **given):
+    def torn(self, run, **options):
         if run.begin >= STILL:
             raise BadInput("is cut short", where="a.exr")
-        return lights(self, run, **given)
+        return encoder_inputs(self, run, **options)
 
     monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
     with pytest.raises(BadInput, match=r"a\.exr: is cut short"):
@@ -546,7 +545,7 @@ def test_an_environment_that_cannot_be_is_refused(dataset, more, problem, fix):
     [
         ({}, {"options": {"sequence": "x"}}, "'x'", PLANE),
         ({}, {"options": {"scene": "plane"}}, "'scene'", "sequence"),
-        ({"control_s": 0.03}, {}, "30 ms, with a budget of 40 ms", "half the budget"),
+        ({"control_s": 0.03}, {}, "30 ms, the budget 40 ms", "half the budget"),
         ({"protocol": ClosedLoopProtocol(PROTOCOL.actuator, budget_s=1.0)}, {}, "1000 ms", "ms"),
     ],
 )

@@ -7,23 +7,23 @@ from saf_gen.benchmark.judgement import (
     SUCCESS_LIMITS_DOF,
     judge_method_answer,
     judged_depth_of_focus,
+    judged_lens_position,
     lens_travel_to_method_answer,
     light_ratio_for_record,
-    position_of_method_answer,
 )
 
-SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t stands at t / 800
+SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t is at t / 800
 
 
-def judged(frame, **given):
+def judged(frame, **changes):
     known = {"focus_position": SWEEP, "truth": 0.5, "truth_frame": 400.0, "ends": (0.45, 0.55)}
-    return judge_method_answer(frame, frames_seen=801, **{**known, **given})
+    return judge_method_answer(frame, frames_seen=801, **{**known, **changes})
 
 
 def test_the_position_is_linear_between_readouts_and_held_beyond_the_ends():
-    assert position_of_method_answer(400.5, SWEEP) == pytest.approx(400.5 / 800)
-    assert position_of_method_answer(-3, SWEEP) == 0
-    assert position_of_method_answer(900, SWEEP) == 1
+    assert judged_lens_position(400.5, SWEEP) == pytest.approx(400.5 / 800)
+    assert judged_lens_position(-3, SWEEP) == 0
+    assert judged_lens_position(900, SWEEP) == 1
 
 
 def test_an_error_is_answer_minus_truth_in_every_unit():
@@ -101,19 +101,15 @@ def test_without_a_lens_record_nothing_about_positions_is_known():
     assert (blind.position, blind.error, blind.lens_travel) == (None, None, None)
 
 
-def test_a_full_sweep_with_the_focus_half_way_costs_one_and_a_half_travels():
-    assert lens_travel_to_method_answer(801, 400.0, focus_position=SWEEP) == pytest.approx(1.5)
+THERE_AND_BACK = np.concatenate([SWEEP, SWEEP[-2::-1]])  # frame t is at t/800, then at (1600 - t)/800
 
 
-THERE_AND_BACK = np.concatenate([SWEEP, SWEEP[-2::-1]])  # frame t stands at t/800, then at (1600 - t)/800
-
-
-@pytest.mark.parametrize(("frame", "passed"), [(430.0, 400.0), (799.0, 400.0), (801.0, 1200.0), (1150.0, 1200.0)])
-def test_an_error_in_frames_is_to_the_pass_nearest_to_the_answer(frame, passed):
+@pytest.mark.parametrize(("frame", "crossing"), [(430.0, 400.0), (799.0, 400.0), (801.0, 1200.0), (1150.0, 1200.0)])
+def test_an_error_in_frames_is_to_the_crossing_nearest_to_the_answer(frame, crossing):
     verdict = judged(frame, focus_position=THERE_AND_BACK)
-    assert verdict.truth_frame == passed
-    assert verdict.error_frames == frame - passed
-    assert verdict.error == pytest.approx(position_of_method_answer(frame, THERE_AND_BACK) - 0.5)
+    assert verdict.truth_frame == crossing
+    assert verdict.error_frames == frame - crossing
+    assert verdict.error == pytest.approx(judged_lens_position(frame, THERE_AND_BACK) - 0.5)
 
 
 def test_an_answer_on_the_way_back_is_as_good_as_one_on_the_way_there():
@@ -150,7 +146,7 @@ def test_at_rest_in_the_focus_every_frame_is_right():
 
 
 def test_a_truth_that_moves_is_followed():
-    """The target goes from 0.75 of the travel to 0.25 while the lens sweeps: they meet at frame 400."""
+    """The truth goes from 0.75 of the travel to 0.25 while the lens sweeps: they meet at frame 400."""
     track = np.linspace(0.75, 0.25, 801)
     late = judged(480.0, track=track)
     assert (late.truth, late.truth_frame) == (pytest.approx(0.45), 400.0)
@@ -160,28 +156,28 @@ def test_a_truth_that_moves_is_followed():
     assert judged(None, track=track).truth == 0.5
     still = judged(300.0, focus_position=np.full(801, 0.3), track=track, truth_frame=math.nan)
     assert still.error == pytest.approx(0.3 - (0.75 - 0.5 * 300 / 800))
-    assert still.truth_frame == pytest.approx(720)  # the target comes to the lens: 0.75 - 0.5·t/800 = 0.3
+    assert still.truth_frame == pytest.approx(720)  # the truth reaches the lens: 0.75 - 0.5·t/800 = 0.3
     assert judged(None, focus_position=np.zeros(801), track=track).success == (True, True, True)
 
 
-def test_what_the_lens_does_not_say_the_stream_may():
+def test_without_a_lens_record_the_frame_of_truth_is_that_of_the_stream():
     blind = judge_method_answer(400.0, frames_seen=801, focus_position=None, truth=0.5, truth_frame=380.0)
     assert (blind.truth_frame, blind.error_frames) == (380.0, None)
 
 
-def test_stopping_early_costs_the_way_there_and_back():
-    # METHODS.md 11: stopping at p0 / 0.8 is about twice as cheap at p0 = 0.5.
-    assert lens_travel_to_method_answer(501, 400.0, focus_position=SWEEP) == pytest.approx(0.625 + 0.125)
-
-
-def test_the_way_counts_every_reversal_of_the_lens():
-    there_and_back = np.concatenate([SWEEP, SWEEP[::-1]])
-    assert lens_travel_to_method_answer(1602, None, focus_position=there_and_back) == pytest.approx(2.0)
-
-
-def test_an_abstention_pays_for_what_it_saw_and_nothing_seen_costs_nothing():
-    assert lens_travel_to_method_answer(801, None, focus_position=SWEEP) == pytest.approx(1.0)
-    assert lens_travel_to_method_answer(0, None, focus_position=SWEEP) == 0
+@pytest.mark.parametrize(
+    ("seen", "answer", "lens", "travel"),
+    [
+        (801, 400.0, SWEEP, 1.5),
+        (501, 400.0, SWEEP, 0.625 + 0.125),  # METHODS.md 11: stopping at p0 / 0.8 is about twice as cheap at p0 = 0.5
+        (1601, None, THERE_AND_BACK, 2.0),
+        (801, None, SWEEP, 1.0),
+        (0, None, SWEEP, 0.0),
+    ],
+    ids=["full sweep", "early stop", "reversal", "abstention", "nothing seen"],
+)
+def test_lens_travel_is_the_way_of_the_lens_while_it_was_seen_and_back_to_the_answer(seen, answer, lens, travel):
+    assert lens_travel_to_method_answer(seen, answer, focus_position=lens) == pytest.approx(travel)
 
 
 @pytest.mark.parametrize(
@@ -189,22 +185,22 @@ def test_an_abstention_pays_for_what_it_saw_and_nothing_seen_costs_nothing():
     [
         ([[1.0], [1.0]], 1.0),
         ([[0.5], [2.0], [1.0]], 4.0),
-        ([[1.0, 3.0], [0.5, 1.0]], 3.0),  # of two lights the one that changes more
-        ([[0.0], [1.0]], 1000.0),  # one that goes out
-        ([[0.0, 2.0], [0.0, 1.0]], 2.0),  # one that is never on
+        ([[1.0, 3.0], [0.5, 1.0]], 3.0),  # the light that changes more
+        ([[0.0], [1.0]], 1000.0),  # a light that goes out
+        ([[0.0, 2.0], [0.0, 1.0]], 2.0),  # a light that is never on
         ([[0.0], [0.0]], None),
+        (np.zeros((0, 1)), None),
+        ([[1.0], [math.nan]], None),
+        ([[1.0, 1.0], [2.0, math.inf]], None),
     ],
+    ids=str,
 )
-def test_the_light_ratio_is_brightest_over_darkest(gain, ratio):
+def test_the_light_ratio_is_brightest_over_darkest_if_it_is_known(gain, ratio):
     assert light_ratio_for_record(np.array(gain, dtype=np.float32)) == (None if ratio is None else pytest.approx(ratio))
-
-
-def test_an_unknown_light_has_no_ratio():
     assert light_ratio_for_record(None) is None
-    assert light_ratio_for_record(np.zeros((0, 1))) is None
 
 
-def holed(array, *frames, value=math.nan):
+def with_gaps(array, *frames, value=math.nan):
     out = np.array(array, dtype=np.float64)
     out[list(frames)] = value
     return out
@@ -212,9 +208,9 @@ def holed(array, *frames, value=math.nan):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize("frame", [400.0, 700.0, 10.0, None])
-def test_a_lens_that_is_not_known_in_every_frame_is_as_good_as_none(frame, value):
-    """Wherever the answer lies, beside the gap or far from it, and for an abstention just so."""
-    verdict = judged(frame, focus_position=holed(SWEEP, 10, 11, value=value))
+def test_a_lens_record_with_gaps_counts_as_missing(frame, value):
+    """This holds for answers near the gap and far from it, and for abstentions."""
+    verdict = judged(frame, focus_position=with_gaps(SWEEP, 10, 11, value=value))
     assert verdict == judge_method_answer(
         frame, frames_seen=801, focus_position=None, truth=0.5, truth_frame=400.0, ends=(0.45, 0.55)
     )
@@ -226,7 +222,7 @@ def test_a_lens_that_is_not_known_in_every_frame_is_as_good_as_none(frame, value
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize("frame", [400.0, 700.0, 10.0, None])
 def test_a_track_that_is_not_known_in_every_frame_is_no_truth_for_answers_and_abstentions_alike(frame, value):
-    verdict = judged(frame, track=holed(np.full(801, 0.5), 10, 700, value=value))
+    verdict = judged(frame, track=with_gaps(np.full(801, 0.5), 10, 700, value=value))
     assert verdict.success == (None, None, None)
     assert (verdict.truth, verdict.truth_frame, verdict.error, verdict.error_frames) == (None,) * 4
     assert verdict.position == (None if frame is None else pytest.approx(frame / 800))
@@ -239,13 +235,8 @@ def test_a_track_without_a_position_of_best_focus_is_no_truth(frame):
     assert (verdict.truth, verdict.error, verdict.success) == (None, None, (None,) * 3)
 
 
-def test_the_light_ratio_of_gains_that_are_not_known_is_not_known():
-    assert light_ratio_for_record(np.array([[1.0], [math.nan]])) is None
-    assert light_ratio_for_record(np.array([[1.0, 1.0], [2.0, math.inf]])) is None
-
-
 def test_a_share_within_half_a_depth_of_focus_may_exceed_that_within_one():
-    """The focus is 0.8 depths of focus beyond the travel: an abstention is right where no answer could be."""
+    """The focus is 0.8 depths of focus outside the travel; an abstention is right if no answer could be right."""
     beyond = {"truth": 1.08, "truth_frame": math.nan, "ends": (1.03, 1.13)}
     assert judged(None, **beyond).success == (True, False, False)
     assert judged(800.0, **beyond).success == (False, True, True)

@@ -1,4 +1,4 @@
-"""An evaluation that was stopped goes on where it was, and takes up nothing that is not its own."""
+"""A stopped evaluation resumes where it was, and reuses only results of the same evaluation."""
 
 import dataclasses
 import os
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from handmade_records import BLANK
-from planted_sweeps import list_streams, write_sweep
+from planted_sweeps import write_three_sweeps
 
 from saf_gen.benchmark import evaluate as module
 from saf_gen.benchmark import kept_sequences
@@ -22,43 +22,39 @@ from saf_gen.leaderboard.tuning import tune_method
 from saf_gen.optics.actuators import get_actuator
 
 METHODS = ["sd+argmax", "er_count+argmax@frame"]
-NAMES = ("one", "two", "three")
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("data")
-    for n, name in enumerate(NAMES):
-        write_sweep(folder / "train" / f"{name}.h5", 200.0 + 200 * n)
-    return list_streams(folder, *({"id": name, "split": "train", "scene": name} for name in NAMES))
+    return write_three_sweeps(tmp_path_factory.mktemp("data"))
 
 
 @pytest.fixture(autouse=True)
 def _kept_at_once(monkeypatch):
-    monkeypatch.setattr(kept_sequences, "KEEP_EVERY_S", 0.0)
+    monkeypatch.setattr(kept_sequences, "WRITE_INTERVAL_S", 0.0)
 
 
 @pytest.fixture
 def evaluated(monkeypatch):
-    """The names of the sequences that are evaluated, in order; the run is stopped after ``stop_after`` of them."""
+    """The names of the evaluated sequences, in order; the evaluation is interrupted after ``stop_after`` of them."""
 
     class Evaluated(list[str]):
         stop_after = 99
 
     names, run = Evaluated(), module.evaluate_sequence
 
-    def counting(task, *given, **how):
+    def counting(task, *arguments, **options):
         if len(names) == names.stop_after:
             raise KeyboardInterrupt
         names.append(task.id)
-        return run(task, *given, **how)
+        return run(task, *arguments, **options)
 
     monkeypatch.setattr(module, "evaluate_sequence", counting)
     return names
 
 
 def without_times(value):
-    """A result as plain values; arrays as their bytes, and no seconds of computing."""
+    """Return a result as plain values, with arrays as bytes and without computing times."""
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if dataclasses.is_dataclass(value):
@@ -67,10 +63,10 @@ def without_times(value):
     return [without_times(one) for one in value] if isinstance(value, tuple) else repr(value)
 
 
-def stop_after(count, evaluated, run, *given, **how):
+def stop_after(count, evaluated, run, *arguments, **options):
     evaluated.stop_after = count
     with pytest.raises(KeyboardInterrupt):
-        run(*given, **how)
+        run(*arguments, **options)
     evaluated.stop_after = 99
     evaluated.clear()
 
@@ -79,17 +75,17 @@ def stop_after(count, evaluated, run, *given, **how):
 def test_a_stopped_evaluation_goes_on_and_gives_what_an_unbroken_one_gives(
     dataset, tmp_path, evaluated, monkeypatch, every_s
 ):
-    """After a stop all that was done is kept, also what was not due to be written yet."""
-    monkeypatch.setattr(kept_sequences, "KEEP_EVERY_S", every_s)
+    """An interrupt also saves results that were not due to be written yet."""
+    monkeypatch.setattr(kept_sequences, "WRITE_INTERVAL_S", every_s)
     unbroken = evaluate(dataset, methods=METHODS)
     evaluated.clear()
     stop_after(2, evaluated, evaluate, dataset, methods=METHODS, keep=KeptSequences(tmp_path / "kept"))
     steps, kept = [], KeptSequences(tmp_path / "kept")
     again = evaluate(dataset, methods=METHODS, keep=kept, progress=lambda *step: steps.append(step))
-    assert (evaluated, kept.taken) == (["three"], 2)
+    assert (evaluated, kept.reused) == (["three"], 2)
     assert without_times(again) == without_times(unbroken)
     assert again.sweeps[0].thumbnails is not None
-    assert steps[:2] == [(2, 6, "one had been evaluated"), (4, 6, "two had been evaluated")]
+    assert steps[:2] == [(2, 6, "one was already evaluated"), (4, 6, "two was already evaluated")]
 
 
 def change_stream(dataset, _):
@@ -110,7 +106,7 @@ def sign_by_another_user(_, kept):
 
 
 @pytest.mark.parametrize(
-    ("change", "how", "evaluated_again"),
+    ("change", "options", "evaluated_again"),
     [
         (change_stream, {}, {"one"}),
         (change_signature, {}, {"one", "two"}),
@@ -122,16 +118,16 @@ def sign_by_another_user(_, kept):
     ],
 )
 def test_what_is_not_of_the_same_methods_files_and_user_is_evaluated_again(
-    dataset, tmp_path, evaluated, monkeypatch, change, how, evaluated_again
+    dataset, tmp_path, evaluated, monkeypatch, change, options, evaluated_again
 ):
-    """Of two files one is enough to be damaged: the other is taken up."""
+    """If one of two files is damaged, the other is still used."""
     copy, kept = tmp_path / "data", tmp_path / "kept"
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     shutil.copytree(dataset, copy)
     stop_after(2, evaluated, evaluate, copy, methods=METHODS, keep=KeptSequences(kept))
     if change is not None:
         change(copy, kept)
-    evaluate(copy, **{"methods": METHODS, "keep": KeptSequences(kept)} | how)
+    evaluate(copy, **{"methods": METHODS, "keep": KeptSequences(kept)} | options)
     if change is change_signature:
         assert len(evaluated) == 2
         assert set(evaluated) < {*evaluated_again, "three"}
@@ -145,7 +141,7 @@ def test_without_a_place_for_the_secret_nothing_is_kept(dataset, tmp_path, evalu
     stop_after(2, evaluated, evaluate, dataset, methods=METHODS, keep=KeptSequences(tmp_path / "kept"))
     assert not (tmp_path / "kept").exists()
     evaluate(dataset, methods=METHODS, keep=KeptSequences(tmp_path / "kept"))
-    assert len(evaluated) == len(NAMES)
+    assert evaluated == ["one", "two", "three"]
 
 
 def test_the_secret_is_the_users_alone(tmp_path, monkeypatch):
@@ -163,11 +159,11 @@ def test_tuning_goes_on_too(dataset, tmp_path, evaluated):
     assert evaluated == ["three"]
 
 
-def test_the_command_says_so_and_leaves_nothing(dataset, tmp_path, evaluated, call):
+def test_the_command_reports_kept_results_and_leaves_no_files(dataset, tmp_path, evaluated, call):
     options = ("--method", "sd+argmax", "--try", "search.window=100,200", "--out", tmp_path / "out" / "found.json")
     evaluated.stop_after = 2
     code, _, err = call("tune", dataset, *options)
-    assert (code, err) == (130, "saf-gen: stopped; what was done is kept: run the same command again to go on\n")
+    assert (code, err) == (130, "saf-gen: stopped; finished work is kept: run the same command again to continue\n")
     evaluated.stop_after = 99
     code, _, err = call("tune", dataset, *options)
     assert (code, err) == (0, "2 sequences had been evaluated by a run that was stopped\n")
@@ -187,8 +183,8 @@ def test_a_closed_loop_is_kept_until_its_stacks_change(tmp_path):
         return KeptSequences(tmp_path / "kept").begin({}, protocol=protocol, **terms)
 
     begun().keep(task, result, draw="sweep")
-    assert without_times(begun().take(task, draw="sweep")) == without_times(result)
-    assert begun().take(task, draw="pictures") is None
-    assert begun(0.1).take(task, draw="sweep") is None
+    assert without_times(begun().reuse(task, draw="sweep")) == without_times(result)
+    assert begun().reuse(task, draw="pictures") is None
+    assert begun(0.1).reuse(task, draw="sweep") is None
     os.utime(tmp_path / "stacks" / "board-1", (1, 1))
-    assert begun().take(task, draw="sweep") is None
+    assert begun().reuse(task, draw="sweep") is None

@@ -1,4 +1,4 @@
-"""The learned methods of benchmarks/learned as they are run: no framework, only their weights."""
+"""The learned methods of benchmarks/learned, run from their weights without a framework."""
 
 import shutil
 import sys
@@ -22,7 +22,7 @@ SHOT = f"{LEARNED}/single_shot.py:SingleShot"
 
 
 class TexturedCamera(IdealCamera):
-    """Looks at texture of five octaves, whose blur is two pixels wide one depth of focus from ``focus``."""
+    """Sees texture of five octaves, whose blur is two pixels wide at one depth of focus from ``focus``."""
 
     def __init__(self, focus, *, depth=0.06, rate=0.2, shape=(80, 120), **more):
         super().__init__(None, sensor=0.0, lag_s=0.0, speed=50.0, **more)
@@ -64,11 +64,11 @@ def test_other_weights_are_another_version_of_the_method(tmp_path):
     shutil.copy(LEARNED / "running_curves.onnx", copy)
     before = parse_method(f"sd+{CURVES}:weights={copy}").code
     assert parse_method(f"sd+{CURVES}:weights={copy}").code == before
-    copy.write_bytes(copy.read_bytes().replace(b"pytorch", b"pytorcH"))  # who made it: one bit of the file
+    copy.write_bytes(copy.read_bytes().replace(b"pytorch", b"pytorcH"))  # one bit, in the producer's name
     assert parse_method(f"sd+{CURVES}:weights={copy}").code != before
 
 
-def test_what_a_learned_method_cannot_use_is_told_in_one_line(tmp_path):
+def test_bad_options_and_weights_of_a_learned_method_are_refused_in_one_line(tmp_path):
     assert "cannot be read" in refusal(get_search, CURVES, weights=str(tmp_path / "none.onnx")).problem
     assert "sure is 1" in refusal(get_search, CURVES, sure=1).problem
     assert "sure is 0" in refusal(get_search, SHOT, sure=0).problem
@@ -81,8 +81,8 @@ def test_what_a_learned_method_cannot_use_is_told_in_one_line(tmp_path):
 @pytest.mark.parametrize(("start", "focus"), [(0.1, 0.5), (0.9, 0.6), (0.35, 0.3)])
 def test_single_shot_sends_the_lens_to_the_focus_from_either_side(start, focus):
     answer = get_search(SHOT)(TexturedCamera(focus, start=start))
-    assert answer.position == pytest.approx(focus, abs=0.06)  # one depth of focus; noise is seeded by name
-    assert answer.trace[2] == pytest.approx(focus, abs=0.1)  # the first place that it was sent to
+    assert answer.position == pytest.approx(focus, abs=0.06)  # one depth of focus; the noise has a fixed seed
+    assert answer.trace[2] == pytest.approx(focus, abs=0.1)  # the first command
     assert 3 <= len(answer.trace) <= 7
 
 
@@ -94,7 +94,7 @@ def test_single_shot_abstains_in_the_dark_and_where_the_time_is_too_short_for_tw
 
 
 def test_single_shot_weighs_what_all_pairs_say_and_finds_a_focus_that_no_look_was_at():
-    """A network that knows distances in a depth of focus of 0.06 puts the focus where it is, within a bin."""
+    """With a network that gives the true distances, for a depth of focus of 0.06, the focus is found within a bin."""
     search = get_search(SHOT)
     module = sys.modules[type(search).__module__]
     bins = np.arcsinh((0.42 - np.array([[0.2], [0.3]])) / 0.06)
@@ -107,7 +107,7 @@ def test_single_shot_weighs_what_all_pairs_say_and_finds_a_focus_that_no_look_wa
 
 
 class LitCamera(IdealCamera):
-    """The camera with an ideal lens, which sees four spikes per pixel in 20 frames."""
+    """A camera with an ideal lens that sees four spikes per pixel in 20 frames."""
 
     def counts(self, first, stop):
         self.wait(max(stop - self.now, 0))

@@ -1,4 +1,4 @@
-"""Somebody's own measure and search, from a file or a package that is installed nowhere."""
+"""A user's measure and search, from a file or from a package that is not installed."""
 
 import pytest
 from own_plugins import PARTS
@@ -20,7 +20,7 @@ def own(tmp_path):
     return path
 
 
-def test_parts_of_a_file_run_beside_the_others(own):
+def test_plug_ins_of_a_file_run_together_with_the_others(own):
     spec = f"{own}:Range:power=2+{own}:Middle"
     records = evaluate(own.parent / "a.h5", methods=[spec, f"{own}:Range_n+argmax", "sd+argmax"]).records
     assert [r.frame for r in records][:1] == [399.5]
@@ -51,13 +51,13 @@ def test_a_change_in_the_file_changes_the_code_of_the_method(own, tmp_path):
         ("{own}:Range:powr=2", "unknown key.*'powr'.*did you mean 'power'"),
     ],
 )
-def test_what_cannot_be_loaded_is_told_in_one_line(own, name, message):
+def test_a_plug_in_that_cannot_be_loaded_is_refused_in_one_line(own, name, message):
     with pytest.raises(BadInput, match=message) as caught:
         parse_method(f"{name.format(own=own)}+argmax")
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_breaks_is_told_and_can_be_mended(tmp_path):
+def test_a_file_that_raises_is_refused_and_can_be_mended(tmp_path):
     path = tmp_path / "broken.py"
     path.write_text("1 / 0\n")
     assert_says(refusal(get_measure, f"{path}:Range"), "ZeroDivisionError: division by zero")
@@ -85,7 +85,7 @@ class Part:
 )
 @pytest.mark.parametrize("kind", ["tuned file", "list"])
 def test_a_file_runs_no_code_that_the_command_line_does_not_name(tmp_path, monkeypatch, form, kind):
-    """A tuned file and a list of methods may come from strangers, with the code that they name beside them."""
+    """Tuned files and lists of methods may be untrusted, and come with the code that they name."""
     path, trace = tmp_path / f"package_{kind[:4]}" / "parts.py", tmp_path / "trace"
     path.parent.mkdir()
     path.write_text(RUNS.format(trace=str(trace)))
@@ -103,9 +103,9 @@ def test_a_file_runs_no_code_that_the_command_line_does_not_name(tmp_path, monke
         return read_method_list(file) if kind == "list" else parse_method(f"@{file}")
 
     error = refusal(read)
-    assert_says(error, "names the code | registered names in files | name it first")
+    assert_says(error, "names the code | registered names in files | name it in a --method of its own")
     assert not trace.exists()
-    if form.startswith("{code}") or form == "module":  # named on the command line, it has been run and is taken
+    if form.startswith("{code}") or form == "module":  # code that the command line has named before may be used
         get_measure(method.split("+")[0].removesuffix("_n"))
         assert trace.exists()
         assert read()

@@ -1,4 +1,4 @@
-"""What a page tells of measures and searches: of those that ran, and of recorded ones whose code is the same."""
+"""Descriptions of measures and searches on report pages: of methods that ran, and of records with the same code."""
 
 from dataclasses import replace
 
@@ -50,14 +50,14 @@ def test_a_method_is_described_by_what_it_states_and_by_the_files_that_it_is_mad
     assert "threshold=50 (default:" in dict(search.facts)["options"]
 
 
-def test_of_methods_that_share_a_half_it_is_described_once():
+def test_a_measure_or_search_that_methods_share_is_described_once():
     described = describe_plugins_of_methods(
         map(parse_method, ("sd+argmax", "sd+egs_code", "cen+argmax", "sd+argmax:window=50"))
     )
     assert [d.name for d in described] == ["sd", "cen", "argmax", "egs_code", "argmax:window=50"]
 
 
-def test_a_measure_of_ones_own_is_described_with_its_file(own_file):
+def test_a_users_measure_is_described_with_its_file(own_file):
     measure, _ = describe_plugins_of_methods([parse_method(f"{own_file}:Sum+argmax")])
     assert measure.name == f"{own_file}:Sum"
     assert [name for name, _ in measure.code] == ["mine.py"]

@@ -1,4 +1,4 @@
-"""Answers made elsewhere: read strictly, judged like those of our own methods."""
+"""Predictions of external programs: read strictly, judged like the answers of methods."""
 
 import json
 from dataclasses import replace
@@ -13,7 +13,6 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import format_benchmark_records, read_records
 from saf_gen.benchmark.tracks.predictions import read_method_predictions
 from saf_gen.benchmark.tracks.sequence_tasks import list_sequences_to_evaluate
-from saf_gen.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +120,7 @@ def test_a_file_that_is_not_there_is_named_with_the_nearest(tmp_path):
         ([line("one", 3)], [], "my_net does not answer two"),
         ([line("one", 3), line("too", 3)], [], "unknown sequence 'too'"),
         ([line(name, 3) | {"method": "sd+argmax"} for name in ("one", "two")], ["sd+argmax"],
-         "the method 'sd+argmax' is also one that runs here"),
+         "the name 'sd+argmax' belongs to a method that is evaluated too"),
     ],
 )  # fmt: skip
 def test_predictions_fit_the_sequences_that_are_evaluated(dataset, tmp_path, lines, methods, problem):
@@ -129,19 +128,17 @@ def test_predictions_fit_the_sequences_that_are_evaluated(dataset, tmp_path, lin
     assert problem in refusal(evaluate, dataset, methods=methods, predictions=path).problem
 
 
-def test_predictions_of_other_data_are_refused_before_anything_runs(dataset, tmp_path, capsys):
+def test_predictions_of_other_data_are_refused_before_anything_runs(dataset, tmp_path, call):
     path = written(tmp_path / "p.jsonl", line("one", 3), line("two", 3, data="0" * 64))
     steps, out = [], tmp_path / "out"
     error = refusal(
         evaluate, dataset, methods=["sd+argmax"], predictions=path, progress=lambda *step: steps.append(step)
     )
-    assert error.problem == "two was made from other data: 000000000000"
+    assert error.problem == "the prediction for two was made from other data: 000000000000"
     assert error.where.endswith("p.jsonl, method my_net")
     assert steps == []
-    with pytest.raises(SystemExit) as ended:
-        main(["evaluate", str(dataset), "--predictions", str(path), "--method", "sd+argmax", "--out", str(out)])
-    assert ended.value.code == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    code, _, err = call("evaluate", dataset, "--predictions", path, "--method", "sd+argmax", "--out", out)
+    assert (code, err.count("\n")) == (2, 1)
     assert not out.exists()
 
 
@@ -162,7 +159,7 @@ def test_predictions_of_one_stream_are_held_to_the_stream_itself(dataset, tmp_pa
 def test_no_more_can_be_seen_than_was_recorded(dataset, tmp_path):
     path = written(tmp_path / "p.jsonl", line("one", 300), line("two", None, frames_seen=801))
     error = refusal(evaluate, dataset, methods=[], predictions=path)
-    assert error.problem == "two: frames_seen is 801, and 800 frames were recorded"
+    assert error.problem == "two: frames_seen is 801, but 800 frames were recorded"
     assert error.allowed == "1 to 800, or null for all"
 
 
@@ -175,11 +172,11 @@ def test_where_the_manifest_says_another_length_that_prediction_alone_fails(data
     ran, one, other, two = evaluate(dataset, methods=["sd+argmax"], predictions=path).records
     assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")
     assert (one.status, one.frames_seen, one.success_2dof) == ("failed", 800, False)
-    assert one.note == "frames_seen is 850, and 800 frames were recorded"
+    assert one.note == "frames_seen is 850, but 800 frames were recorded"
 
 
 @pytest.mark.parametrize("note", ["a\u2028b", "a\u0085b", "a\x1cb", "a\r\nb"])
-def test_a_note_may_hold_what_ends_a_line_elsewhere(dataset, tmp_path, note):
+def test_a_note_may_contain_line_separators(dataset, tmp_path, note):
     path = tmp_path / "p.jsonl"
     lines = [json.dumps(line(name, 300, note=note), ensure_ascii=False) for name in ("one", "two")]
     path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
@@ -189,21 +186,19 @@ def test_a_note_may_hold_what_ends_a_line_elsewhere(dataset, tmp_path, note):
     assert read_records(tmp_path) == list(records)
 
 
-def test_the_command_line_takes_them(dataset, tmp_path, capsys):
+def test_the_command_evaluates_predictions_on_the_recorded_track_only(dataset, tmp_path, call):
     path = written(tmp_path / "p.jsonl", line("one", 300), line("two", np.float64(500.0)))
-    out = str(tmp_path / "out")
-    with pytest.raises(SystemExit) as ended:
-        main(["evaluate", str(dataset), "--predictions", str(path), "--method", "sd+argmax", "--out", out])
-    assert ended.value.code == 0
-    assert "my_net" in capsys.readouterr().out
-    with pytest.raises(SystemExit) as ended:
-        main(["evaluate", str(dataset), "--predictions", str(path), "--track", "closed_loop"])
-    assert ended.value.code == 2
-    assert "in the closed loop; allowed: --track recorded" in capsys.readouterr().err
+    command = ("evaluate", dataset, "--predictions", path)
+    code, out, _ = call(*command, "--method", "sd+argmax", "--out", tmp_path / "out")
+    assert code == 0
+    assert "my_net" in out
+    code, _, err = call(*command, "--track", "closed_loop")
+    assert code == 2
+    assert "in the closed loop; allowed: --track recorded" in err
 
 
 def test_predictions_are_judged_where_the_evaluation_looks(dataset, tmp_path):
-    """Whatever the methods beside them name; the photon budget of a sequence is the same for all."""
+    """Regions that methods name do not matter, and the photon budget of a sequence is the same for all."""
     path = written(tmp_path / "p.jsonl", line("one", 300.0), line("two", 500.0))
     for methods in ([], ["sd+argmax@target"], ["sd+argmax", "sd+argmax@target"]):
         found = evaluate(dataset, methods=methods, predictions=path, region="frame")

@@ -1,4 +1,4 @@
-"""The protocol of the closed loop: frames of budget and sweep, what a slow actuator cannot do, its text."""
+"""The protocol of the closed loop: frames of budget and sweep, limits of slow actuators, and its description."""
 
 import math
 from pathlib import Path
@@ -18,24 +18,24 @@ from saf_gen.stack.capture import Capture
 from saf_gen.stream.metadata import Truth
 
 PRESETS = Path(actuators.__file__).parent / "presets"
-STEPPER = 5151  # frames: 1 ms until a command is in force, 250 ms from end to end, 6.5 for the lens to follow
-STEPPER_RESTS = 3040  # until it rests at an end, from the middle
+STEPPER = 5151  # frames of a sweep: 1 ms of latency, 250 ms from end to end, 6.5 ms for the lens to follow
+STEPPER_RESTS = 3040  # frames from the middle until it rests at an end
 
 
 def recorded(frames):
-    """A capture of so many frames at 20 kHz; nobody looks at what is before the lens."""
+    """Return a capture of this number of frames at 20 kHz, without a scene."""
     gain = np.ones((frames, 1), np.float32)
     return Capture(None, get_sensor("vidar_400x250"), gain, 1.0, 1, 1, Truth(), len(gain))
 
 
 @pytest.fixture
 def recording(captured_dataset):
-    """One sequence of 40 ms, a stream of a dataset."""
+    """A stream of 40 ms in a dataset."""
     return captured_dataset / "test" / "plane-constant-00.h5"
 
 
 @pytest.mark.parametrize(
-    ("name", "frames", "given", "expected"),
+    ("name", "frames", "times", "expected"),
     [
         ("voice_coil", 4000, {}, (4000, 2000)),
         ("voice_coil", 800, {}, (800, 200)),  # 600 until it rests
@@ -48,8 +48,8 @@ def recording(captured_dataset):
         ("hand", 55_000, {}, (55_000, 29_785)),
     ],
 )
-def test_the_usual_sweep_is_half_the_budget_or_what_the_drive_needs(name, frames, given, expected):
-    protocol, capture = ClosedLoopProtocol(get_actuator(name), **given), recorded(frames)
+def test_the_usual_sweep_is_half_the_budget_or_what_the_drive_needs(name, frames, times, expected):
+    protocol, capture = ClosedLoopProtocol(get_actuator(name), **times), recorded(frames)
     protocol.check_sweep(capture)
     assert protocol.count_frames(capture) == expected
 
@@ -66,7 +66,7 @@ def test_a_drive_needs_its_latency_the_whole_travel_and_the_lens_that_follows():
 
 @pytest.mark.parametrize("name", sorted(set(actuator_names()) - {"ideal"}))
 def test_the_shortest_sweep_comes_to_the_far_end_from_wherever_the_lens_was(name):
-    """A lens at the middle of the travel is farthest from an end. Half the play is out of reach."""
+    """The middle of the travel is farthest from the ends. Half the play is out of reach."""
     drive = get_actuator(name, place_rms=0)
     protocol = ClosedLoopProtocol(drive)
     before, sweep = protocol._count_rest_frames(20_000), protocol._count_sweep_frames(20_000)
@@ -88,7 +88,7 @@ def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
 
 
 @pytest.mark.parametrize(
-    ("name", "frames", "given", "problem", "allowed"),
+    ("name", "frames", "times", "problem", "allowed"),
     [
         ("stepper", 4000, {}, "stepper needs 409.55 ms for a sweep: 152 ", ["200 ms"]),
         ("stepper", 20_000, {"sweep_s": 0.1}, "100 ms with the actuator stepper", ["257.55 ms", "848 ms"]),
@@ -103,9 +103,9 @@ def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
         ("liquid_lens", 4000, {"sweep_s": 0.016}, "16 ms with the actuator liquid_lens", ["16.55 ms"]),
     ],
 )
-def test_a_sweep_that_shows_a_part_of_the_travel_is_refused(name, frames, given, problem, allowed):
-    protocol, capture = ClosedLoopProtocol(get_actuator(name), **given), recorded(frames)
-    protocol.count_frames(capture)  # for methods that command the lens it is well
+def test_a_sweep_that_shows_a_part_of_the_travel_is_refused(name, frames, times, problem, allowed):
+    protocol, capture = ClosedLoopProtocol(get_actuator(name), **times), recorded(frames)
+    protocol.count_frames(capture)  # it is allowed for lens-commanding methods
     error = refusal(protocol.check_sweep, capture)
     assert problem in error.problem
     assert all(time in error.allowed for time in allowed)
@@ -124,13 +124,13 @@ def test_times_that_no_recording_could_keep_are_refused(name, value):
 
 @pytest.mark.parametrize("option", ["--budget", "--sweep"])
 def test_an_enormous_time_is_refused_in_one_line(call, tmp_path, option):
-    code, _, said = call("evaluate", tmp_path, "--track", "closed_loop", option, "1e308")
-    assert (code, said.count("\n")) == (2, 1)
-    assert f"the {option[2:]} is 1e+305 s" in said
+    code, _, message = call("evaluate", tmp_path, "--track", "closed_loop", option, "1e308")
+    assert (code, message.count("\n")) == (2, 1)
+    assert f"the {option[2:]} is 1e+305 s" in message
 
 
 @pytest.mark.parametrize(
-    ("name", "frames", "given", "said"),
+    ("name", "frames", "times", "message"),
     [
         ("voice_coil", 4000, {}, "voice_coil, 200 ms, sweep 100 ms"),
         ("stepper", 9000, {}, "stepper, 450 ms, sweep 257.55 ms"),
@@ -138,11 +138,11 @@ def test_an_enormous_time_is_refused_in_one_line(call, tmp_path, option):
         ("stepper", 20_000, {"sweep_s": 0.1}, "stepper, 1000 ms, no sweep"),
     ],
 )
-def test_records_name_the_protocol_in_one_line(name, frames, given, said):
-    assert ClosedLoopProtocol(get_actuator(name), **given).describe(recorded(frames)) == said
+def test_records_name_the_protocol_in_one_line(name, frames, times, message):
+    assert ClosedLoopProtocol(get_actuator(name), **times).describe(recorded(frames)) == message
 
 
-def test_records_tell_a_drive_of_ones_own_from_the_preset_of_its_name():
+def test_records_distinguish_a_users_drive_from_the_preset_of_its_name():
     own = ClosedLoopProtocol(get_actuator("voice_coil", damping=1.0)).describe(recorded(4000))
     other = ClosedLoopProtocol(get_actuator("voice_coil", damping=0.9)).describe(recorded(4000))
     assert own.startswith("voice_coil (own, ")
@@ -158,25 +158,25 @@ def test_methods_with_drives_of_one_name_and_other_numbers_do_not_merge(recordin
         evaluate(recording, methods=[method], protocol=ClosedLoopProtocol(get_actuator(drive))).records
         for method, drive in (("sd+golden_section", "voice_coil"), ("sd+fibonacci", mine))
     )
-    said = str(refusal(merge_leaderboard_records, {"runs/a": ours, "runs/b": theirs}))
-    assert "voice_coil, 40 ms" in said
-    assert "voice_coil (own, " in said
+    message = str(refusal(merge_leaderboard_records, {"runs/a": ours, "runs/b": theirs}))
+    assert "voice_coil, 40 ms" in message
+    assert "voice_coil (own, " in message
 
 
 def test_a_slow_drive_runs_methods_that_command_it_and_no_sweep(recording, tmp_path, call):
-    """Recordings of 40 ms; the sweeps are refused before any method runs, and nothing is written."""
+    """In recordings of 40 ms sweeps are refused before any method runs, and nothing is written."""
     loop = ["evaluate", recording, "--track", "closed_loop", "--actuator", "stepper"]
     loop += ["--method", "sd+golden_section", "--out", tmp_path / "out"]
-    code, _, said = call(*loop, "--method", "sd+argmax")
+    code, _, message = call(*loop, "--method", "sd+argmax")
     assert code == 2
-    assert "the actuator stepper needs 409.55 ms for a sweep" in said
+    assert "the actuator stepper needs 409.55 ms for a sweep" in message
     assert not (tmp_path / "out").exists()
     assert call(*loop)[0] == 0
     assert {r.terms for r in read_records(tmp_path / "out")} == {"stepper, 40 ms, no sweep"}
 
 
 def test_a_drive_too_slow_for_half_the_budget_sweeps_from_end_to_end(recording):
-    """25 ms from end to end, of 40. The whole travel is looked at."""
+    """A sweep takes 25 of 40 ms, and covers the entire travel."""
     slow = ClosedLoopProtocol(get_actuator("ideal", speed=1 / 0.025))
     result = evaluate(recording, methods=["sd+argmax"], protocol=slow)
     (record,), (path,) = result.records, result.lens_paths

@@ -1,4 +1,4 @@
-"""What a method sees of a recording: counts against frames added up one by one, and what they cost."""
+"""A method's view of a recording: counts, compared with sums of single frames, and their cost."""
 
 import tracemalloc
 
@@ -12,8 +12,8 @@ from saf_gen.benchmark.view import RecordingView, WindowCounts, window_counts
 from saf_gen.core.seeds import make_generator
 
 
-def windows_of(frames):
-    """Short, long, aligned and odd windows, and random ones."""
+def list_windows(frames):
+    """Return short, long, aligned and unaligned windows, and random ones."""
     drawn = make_generator("windows", frames).integers(0, frames, (40, 2)).tolist()
     edges = [(0, frames), (0, 1), (frames - 1, frames), (0, frames // 2), (frames // 3, frames)]
     eights = [(8 * (a // 8), 8 * (a // 8) + 8 * n) for a in (0, 63, 64, 65) for n in (1, 8, 9)]
@@ -29,7 +29,7 @@ def test_counts_are_the_frames_added_up(monkeypatch, frames, region, knots):
     stream = InMemory(frames, 5, 8)
     counts = WindowCounts(stream, region)
     part = stream.spikes[:, *(region or (slice(None), slice(None)))]
-    for first, stop in windows_of(frames):
+    for first, stop in list_windows(frames):
         found = counts.window(first, stop)
         assert found.dtype == np.uint32
         np.testing.assert_array_equal(found, part[first:stop].sum(axis=0, dtype=np.uint32))
@@ -39,9 +39,9 @@ def test_long_windows_are_sums_of_knots_and_their_ends():
     stream = InMemory(20_480, 3, 4)
     counts = WindowCounts(stream)
     counts.window(0, 20_480)
-    assert sum(stop - first for first, stop in stream.asked) >= 20_000  # the knots, once
+    assert sum(stop - first for first, stop in stream.asked) >= 20_000  # sums at knots are counted once
     stream.asked.clear()
-    for first, stop in windows_of(20_480):
+    for first, stop in list_windows(20_480):
         counts.window(first, stop)
         assert sum(b - a for a, b in stream.asked) < 200
         stream.asked.clear()
@@ -69,7 +69,7 @@ def test_sums_at_knots_stay_within_their_memory(monkeypatch):
     monkeypatch.setattr(window_counts, "KNOT_BYTES", 10 * 4 * 3600)
     monkeypatch.setattr(window_counts, "WINDOW_BYTES", 0)
     counts = WindowCounts(InMemory(6400, 60, 60, rate=0.5))
-    counts._stream.counts = lambda *_, **__: np.ones((60, 60), np.uint32)  # what the stream needs is its own
+    counts._stream.counts = lambda *_, **__: np.ones((60, 60), np.uint32)  # without the memory of the stream
     tracemalloc.start()
     counts.window(0, 6400)
     peak = tracemalloc.get_traced_memory()[1]
@@ -96,8 +96,8 @@ def test_a_recording_scores_the_counts_with_its_measure():
     assert recording.score(17, 217) == get_measure("sd_code")(stream.spikes[17:217].sum(axis=0))
 
 
-def test_a_recording_counts_what_a_method_pays():
-    """What is on it is in test_stopwatch.py."""
+def test_a_recording_adds_up_the_windows_frames_and_time_of_a_method():
+    """Which time counts is tested in test_stopwatch.py."""
     counts = WindowCounts(InMemory(300, 4, 4))
     recording, other = (RecordingView(counts, get_measure("sd")) for _ in range(2))
     for first, stop in [(0, 10), (100, 250), (5, 30), (100, 250)]:
@@ -131,12 +131,12 @@ def test_a_stream_file_gives_the_same_counts(tmp_path):
     with open_stream(tmp_path / "made.h5") as stream:
         for region in (None, (slice(2, 9), slice(5, 17))):
             counts = WindowCounts(stream, region)
-            for first, stop in windows_of(2100):
+            for first, stop in list_windows(2100):
                 part = made.spikes[first:stop, *(region or (slice(None), slice(None)))]
                 np.testing.assert_array_equal(counts.window(first, stop), part.sum(axis=0))
 
 
-def test_a_recording_says_what_time_it_is_and_where_the_lens_was(tmp_path):
+def test_a_recording_knows_its_time_and_the_lens_positions(tmp_path):
     path = tmp_path / "a.h5"
     frames = np.zeros((400, 8, 8), np.uint8)
     write_stream(path, frames, readout_hz=10_000, focus_position=np.linspace(0, 1, 400, dtype=np.float32))
@@ -173,7 +173,7 @@ def test_a_search_may_look_through_another_measure_by_name():
 
 
 def plain_texture(spikes, first, stop):
-    """Pixel by pixel, as the definition reads."""
+    """Return the texture from intervals pixel by pixel, by its definition."""
     middle, out = (first + stop - 1) // 2, np.zeros(spikes.shape[1:])
     for y, x in np.ndindex(out.shape):
         times = first + np.flatnonzero(spikes[first:stop, y, x])
@@ -185,19 +185,19 @@ def plain_texture(spikes, first, stop):
 
 @pytest.mark.parametrize("frames", [1, 7, 9, 65, 1000])
 @pytest.mark.parametrize("rate", [0.0, 0.02, 0.3, 1.0])
-def test_texture_from_intervals_is_what_its_definition_says(frames, rate):
+def test_texture_from_intervals_follows_its_definition(frames, rate):
     stream = InMemory(frames, 5, 8, rate=rate)
     for region in (None, (slice(1, 4), slice(2, 7))):
         counts = WindowCounts(stream, region)
         part = stream.spikes[:, *(region or (slice(None), slice(None)))]
-        for first, stop in windows_of(frames):
+        for first, stop in list_windows(frames):
             found = counts.intervals(first, stop)
             assert found.dtype == np.float64
             np.testing.assert_array_equal(found, plain_texture(part, first, stop))
 
 
 def test_a_regular_train_gives_its_rate_exactly_wherever_the_window_lies():
-    """Spikes every p readouts, from any phase: n/p counts in n frames. Counting is off by up to one."""
+    """One spike every p readouts gives n/p spikes in n frames, at any phase; counts are off by up to one."""
     stream = InMemory(400, 4, 30)
     t, period = np.arange(400)[:, None, None], 1 + np.arange(30)
     stream.spikes = ((t + 3 * np.arange(4)[:, None]) % period == 0).astype(np.uint8)
@@ -209,7 +209,7 @@ def test_a_regular_train_gives_its_rate_exactly_wherever_the_window_lies():
 
 
 def test_light_that_changed_within_the_window_is_that_of_its_middle():
-    """Every 4th readout, then every 10th: counting mixes them, the interval round the middle does not."""
+    """Spikes in every 4th, then in every 10th readout: counts mix both rates, intervals round the middle do not."""
     stream = InMemory(200, 1, 1)
     stream.spikes = np.zeros((200, 1, 1), np.uint8)
     stream.spikes[0:60:4] = stream.spikes[60::10] = 1
@@ -223,14 +223,14 @@ def test_the_interval_between_two_lone_spikes_is_found_over_any_distance():
     stream = InMemory(20_000, 1, 3)
     stream.spikes = np.zeros((20_000, 1, 3), np.uint8)
     stream.spikes[[3, 19_990], 0, 0] = 1
-    stream.spikes[[3, 9000], 0, 1] = 1  # none after the middle
+    stream.spikes[[3, 9000], 0, 1] = 1  # no spike after the middle
     image = WindowCounts(stream).intervals(0, 20_000)
     np.testing.assert_array_equal(image, [[20_000 / 19_987, 0, 0]])
 
 
 def test_no_more_is_read_than_the_intervals_need():
     stream = InMemory(4000, 6, 6, rate=0.3)
-    stream.spikes[:, 0] = 0  # pixels that never fire do not keep it reading
+    stream.spikes[:, 0] = 0  # pixels that never fire must not prolong reading
     WindowCounts(stream).intervals(0, 4000)
     assert sum(stop - first for first, stop in stream.read) <= 2 * 24
     stream.read.clear()
@@ -238,7 +238,7 @@ def test_no_more_is_read_than_the_intervals_need():
     assert all(1003 // 8 <= first < stop <= 1017 // 8 + 1 for first, stop in stream.read)
 
 
-def test_textures_are_kept_beside_counts_and_cannot_be_changed():
+def test_textures_are_cached_and_cannot_be_changed():
     counts = WindowCounts(InMemory(500, 3, 4))
     image = counts.intervals(10, 300)
     assert counts.intervals(10, 300) is image
@@ -248,7 +248,7 @@ def test_textures_are_kept_beside_counts_and_cannot_be_changed():
     assert "400 to 501" in refusal(counts.intervals, 400, 501).problem
 
 
-def test_a_measure_of_textures_scores_what_the_intervals_say():
+def test_a_measure_of_textures_scores_the_intervals():
     stream = InMemory(300, 20, 30)
     counts = WindowCounts(stream)
     recording = RecordingView(counts, get_measure("tenengrad_n_tfi"))

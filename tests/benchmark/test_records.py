@@ -1,4 +1,4 @@
-"""The lines of records.jsonl: written, read back, and refused where they cannot be true."""
+"""The lines of records.jsonl: written, read back, and refused if they contradict themselves."""
 
 import json
 import math
@@ -29,25 +29,11 @@ from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth
 
 FULL = replace(
-    BLANK,
-    trace=(400.5, 3.0),
-    track="closed_loop",
-    terms="voice_coil, 400 ms",
-    variant=2,
-    scene_motion="dynamic",
-    lens_motion="sweep",
-    truth_first=0.4,
-    focus_place=0.35,
-    focus_off_dof=0.2,
-    mean_rate=0.21,
-    light_ratio=5.0,
-    time_to_focus_s=0.31,
-    reversals=2,
-    parameters="SpikeDispersion() + Argmax(window=100, refine=False)",
-    machine="x86_64, 2 cores",
-    grain_rms=0.02,
-    grain_of_curve=0.3,
-)
+    BLANK, trace=(400.5, 3.0), track="closed_loop", terms="voice_coil, 400 ms", variant=2, scene_motion="dynamic",
+    lens_motion="sweep", truth_first=0.4, focus_place=0.35, focus_off_dof=0.2, mean_rate=0.21, light_ratio=5.0,
+    time_to_focus_s=0.31, reversals=2, parameters="SpikeDispersion() + Argmax(window=100, refine=False)",
+    machine="x86_64, 2 cores", grain_rms=0.02, grain_of_curve=0.3,
+)  # fmt: skip
 EMPTY = replace(
     BLANK, **{f.name: None for f in fields(Record) if NoneType in get_args(f.type)}, status="abstained", trace=()
 )
@@ -55,7 +41,7 @@ EMPTY = replace(
 
 @pytest.fixture
 def read(tmp_path):
-    """Read text, or lines given as values, as the file records.jsonl."""
+    """A function that writes text, or lines given as values, to records.jsonl and reads that file."""
 
     def read_lines(*lines):
         text = "\n".join(line if isinstance(line, str) else json.dumps(line) for line in lines)
@@ -79,11 +65,11 @@ def test_texts_that_many_records_share_are_in_memory_once(tmp_path):
     assert not hasattr(one, "__dict__")
 
 
-def test_a_line_without_end_is_told_before_it_fills_the_memory(tmp_path, monkeypatch):
+def test_a_very_long_line_is_refused_before_it_fills_the_memory(tmp_path, monkeypatch):
     monkeypatch.setattr("saf_gen.core.config.document.MAX_LINE", 5_000)
     (tmp_path / "records.jsonl").write_text(format_benchmark_records([BLANK]) + " " * 5_001)
     error = refusal(read_records, tmp_path)
-    assert_says(error, "the line is too long | 5,000")
+    assert_says(error, "the line is too long | at most 5,000 characters")
     assert error.where.endswith("records.jsonl:2")
 
 
@@ -157,28 +143,30 @@ def test_keys_that_are_unknown_or_missing_are_named(read):
 
 
 @pytest.mark.parametrize(
-    ("line", "said"), [({"format": "saf-gen record 3"}, "'saf-gen record 3'"), ({"a": 1}, "no format"), ([1], "[1]")]
+    ("line", "found"), [({"format": "saf-gen record 3"}, "'saf-gen record 3'"), ({"a": 1}, "no format"), ([1], "[1]")]
 )
-def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, said):
+def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, found):
     error = refusal(read, line)
     assert "not a record of this version" in error.problem
-    assert said in error.problem
+    assert found in error.problem
     assert error.allowed == '"format": "saf-gen record 7"'
     assert error.hint == "run saf-gen evaluate again"
 
 
 def test_a_record_from_before_grain_was_known_is_read(read):
-    """Format 4 is format 5 without these keys; a line of format 5 must have them."""
-    line = {k: v for k, v in benchmark_record_to_json(FULL).items() if not k.startswith("grain_")}
-    assert read({**line, "format": "saf-gen record 4"}) == [
+    """Formats 4 to 6 lack keys that the current format must have."""
+
+    def lacking(*keys):
+        return {key: value for key, value in benchmark_record_to_json(FULL).items() if key not in keys}
+
+    older = lacking("grain_rms", "grain_of_curve")
+    assert read({**older, "format": "saf-gen record 4"}) == [
         replace(FULL, grain_rms=None, grain_of_curve=None, sensor=None, benchmark=None)
     ]
-    later = {key: value for key, value in benchmark_record_to_json(FULL).items() if key != "sensor"}
-    assert read({**later, "format": "saf-gen record 5"}) == [replace(FULL, sensor=None, benchmark=None)]
-    unnamed = {key: value for key, value in benchmark_record_to_json(FULL).items() if key != "benchmark"}
-    assert read({**unnamed, "format": "saf-gen record 6"}) == [replace(FULL, benchmark=None)]
-    assert "'benchmark' is missing" in refusal(read, unnamed).problem
-    assert "'grain_rms' is missing" in refusal(read, line).problem
+    assert read({**lacking("sensor"), "format": "saf-gen record 5"}) == [replace(FULL, sensor=None, benchmark=None)]
+    assert read({**lacking("benchmark"), "format": "saf-gen record 6"}) == [replace(FULL, benchmark=None)]
+    assert "'benchmark' is missing" in refusal(read, lacking("benchmark")).problem
+    assert "'grain_rms' is missing" in refusal(read, older).problem
 
 
 ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | dict.fromkeys(
@@ -190,27 +178,27 @@ ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | di
     ("change", "problem", "allowed"),
     [
         ({"frames_seen": 801}, "frames_seen is 801 of 800 frames", "0 to 800"),
-        ({"error_dof": 50.0}, "error_dof is 50, and success True, True, True", "False, False, False"),
-        ({"error_dof": -0.7}, "error_dof is -0.7, and success True, True, True", "False, True, True"),
+        ({"error_dof": 50.0}, "error_dof is 50, but success is True, True, True", "False, False, False"),
+        ({"error_dof": -0.7}, "error_dof is -0.7, but success is True, True, True", "False, True, True"),
         ({"success_1dof": None}, "success is known within some limits", "all three, or null in all"),
-        ({"status": "failed"}, "failed, with position 0.5", "null where there is no answer"),
-        ({**ABSTAINED, "status": "failed"}, "failed, with success", "null where the truth is unknown"),
-        ({**ABSTAINED, "error_dof": 0.0}, "abstained, with error_dof 0", "null where there is no answer"),
+        ({"status": "failed"}, "failed, but position is 0.5", "null if there is no answer"),
+        ({**ABSTAINED, "status": "failed"}, "failed, but success is true", "null if the truth is unknown"),
+        ({**ABSTAINED, "error_dof": 0.0}, "abstained, but error_dof is 0", "null if there is no answer"),
         ({**ABSTAINED, "success_half_dof": False}, "abstained, right within a larger limit", "other way round"),
-        ({**ABSTAINED, "frame": 3.0}, "abstained, with frame 3.0", "a frame where there is an answer"),
-        ({"frame": None}, "answered, with frame None", "a frame where there is an answer"),
+        ({**ABSTAINED, "frame": 3.0}, "abstained, but frame is 3.0", "a frame if there is an answer"),
+        ({"frame": None}, "answered, but frame is None", "a frame if there is an answer"),
         ({"frame": 900.0}, "frame is 900 of 800 frames", "-0.5 to 800"),
-        ({"truth": None}, "error is 0, and there is no truth", "null where the truth is unknown"),
-        ({"error": None}, "an error in depths of focus or a blur, and error is null", "null in all three"),
-        ({"error_dof": None}, "a success, and error_dof is null", "success false or null"),
+        ({"truth": None}, "error is 0, but truth is null", "null if the truth is unknown"),
+        ({"error": None}, "error_dof or blur_px is given, but error is null", "null in all three"),
+        ({"error_dof": None}, "success is true, but error_dof is null", "success false or null"),
         (
             {"focus_place": 0.5, "focus_off_dof": 1.5},
-            "focus_place is 0.5, and the lens stays 1.5 DoF away",
+            "focus_place is 0.5, but the lens stays 1.5 DoF away",
             "null beyond 1 DoF",
         ),
         (
             {**ABSTAINED, "focus_off_dof": 1.5},
-            "abstained 1.5 DoF from the focus, and success True, True, True",
+            "abstained 1.5 DoF from the focus, but success is True, True, True",
             "True, True, False",
         ),
     ],
@@ -228,7 +216,7 @@ def test_a_record_that_contradicts_itself_is_refused_with_its_line(read, change,
     ids=["inside", "far outside", "a little outside", "unknown"],
 )  # fmt: skip
 def test_whatever_the_recorded_track_writes_is_read_back(tmp_path, peak, known):
-    """Answers, abstentions, failures. Half a depth of focus is 39.95 frames: at 40 to abstain is right."""
+    """Half a depth of focus is 39.95 frames; for a focus 40 frames outside an abstention is right."""
     write_sweep(tmp_path / "a.h5", peak, known=known)
     (tmp_path / "p.jsonl").write_text(
         "".join(
@@ -246,7 +234,7 @@ def test_whatever_the_recorded_track_writes_is_read_back(tmp_path, peak, known):
 
 
 def test_whatever_the_closed_loop_judges_is_read_back(read):
-    """500 runs, seed named here: truths in and out of the travel and unknown, all three statuses."""
+    """500 random runs with all three statuses, and truths inside and outside the travel and unknown; seed below."""
     random, seen, records = make_generator("test_records", "closed loop"), set(), []
     for _ in range(500):
         best = float(random.choice([random.uniform(-0.5, 1.5), math.nan], p=[0.9, 0.1]))
@@ -261,22 +249,22 @@ def test_whatever_the_closed_loop_judges_is_read_back(read):
         none = dict.fromkeys(
             ("position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "truth_frame")
         )
-        said = {"frame": None if problem else float(run.answer_frame), "frames": 80, "frames_seen": run.answer_frame}
-        record = replace(BLANK, track="closed_loop", **{**none, **said, **verdict})
+        frames = {"frame": None if problem else float(run.answer_frame), "frames": 80, "frames_seen": run.answer_frame}
+        record = replace(BLANK, track="closed_loop", **{**none, **frames, **verdict})
         records.append(record)
         seen.add((record.status, record.success_half_dof, record.success_2dof))
     assert len(seen) >= 10
     assert read(*map(benchmark_record_to_json, records)) == records
 
 
-WHOLE = format_benchmark_records([BLANK, FULL])
-BEFORE = re.sub(r', "checksum": "\w+"', "", WHOLE)
+INTACT = format_benchmark_records([BLANK, FULL])
+BEFORE = re.sub(r', "checksum": "\w+"', "", INTACT)
 
 
 def test_a_flipped_bit_is_found_and_records_of_before_are_read(read, tmp_path):
-    whole, path = format_benchmark_records([BLANK]).encode(), tmp_path / "records.jsonl"
-    for at in range(0, len(whole), 5):  # the bits in turn
-        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :])
+    intact, path = format_benchmark_records([BLANK]).encode(), tmp_path / "records.jsonl"
+    for at in range(0, len(intact), 5):
+        path.write_bytes(intact[:at] + bytes([intact[at] ^ 1 << at % 8]) + intact[at + 1 :])
         assert str(path) in str(refusal(read_records, path))
     assert read(BEFORE) == [BLANK, FULL]
 
@@ -284,15 +272,15 @@ def test_a_flipped_bit_is_found_and_records_of_before_are_read(read, tmp_path):
 @pytest.mark.parametrize(
     ("text", "line", "problem"),
     [
-        (WHOLE[:-30], 2, "not JSON"),
-        ('{"a": 1}\n' + WHOLE, 1, "not a record of this version"),
-        (WHOLE + "\n" + WHOLE, 3, "not JSON"),
+        (INTACT[:-30], 2, "not JSON"),
+        ('{"a": 1}\n' + INTACT, 1, "not a record of this version"),
+        (INTACT + "\n" + INTACT, 3, "not JSON"),
         ("[" * 100_000, 1, "nested too deep"),
         (BEFORE.replace('"note": ""', '"note": ' + "[" * 400 + "]" * 400), 1, "note is [[[["),
-        (WHOLE.replace('"frames": 800', '"frames": 801'), 1, "this is not what was written"),
-        (WHOLE.replace('"frames": 800', '"frames": ' + "8" * 5000), 1, "too many digits"),
-        (WHOLE.replace('"seconds": 0.25', '"seconds": NaN'), 1, "NaN"),
-        (WHOLE.replace('"note": ""', '"note": "", "note": "twice"'), 1, "'note' stands twice"),
+        (INTACT.replace('"frames": 800', '"frames": 801'), 1, "this was changed after it was written"),
+        (INTACT.replace('"frames": 800', '"frames": ' + "8" * 5000), 1, "too many digits"),
+        (INTACT.replace('"seconds": 0.25', '"seconds": NaN'), 1, "NaN"),
+        (INTACT.replace('"note": ""', '"note": "", "note": "twice"'), 1, "'note' is given twice"),
     ],
 )
 def test_a_damaged_file_is_one_line_that_names_the_place(read, text, line, problem):
@@ -302,25 +290,25 @@ def test_a_damaged_file_is_one_line_that_names_the_place(read, text, line, probl
 
 
 @pytest.mark.parametrize("note", ["a\u2028b", "a\u0085b", "a\x1cb", "a\r\nb", "a\nb"])
-def test_a_note_may_hold_what_ends_a_line_elsewhere(tmp_path, note):
+def test_a_note_may_contain_line_separators(tmp_path, note):
     records = [replace(BLANK, note=note), FULL]
     (tmp_path / "records.jsonl").write_bytes(format_benchmark_records(records).encode())
     assert read_records(tmp_path) == records
 
 
-@pytest.mark.parametrize("text", [WHOLE.rstrip("\n"), WHOLE.replace("\n", "\r\n")])
+@pytest.mark.parametrize("text", [INTACT.rstrip("\n"), INTACT.replace("\n", "\r\n")])
 def test_a_file_without_its_last_line_end_or_with_those_of_windows_is_read(read, text):
     assert read(text) == [BLANK, FULL]
 
 
-def test_a_file_without_records_or_text_says_so(read, tmp_path):
+def test_a_file_without_records_or_text_is_refused(read, tmp_path):
     assert "no record" in refusal(read, "").problem
     (tmp_path / "records.jsonl").write_bytes(b"\xff\xfe")
     assert "cannot be read" in refusal(read_records, tmp_path).problem
 
 
 @pytest.mark.parametrize("what", ["nothing", ""])
-def test_where_there_are_no_records_the_way_to_make_them_is_said(tmp_path, what):
+def test_missing_records_are_refused_with_how_to_make_them(tmp_path, what):
     error = refusal(read_records, tmp_path / what)
     assert "no records.jsonl" in error.problem
     assert "saf-gen evaluate" in error.hint

@@ -1,4 +1,4 @@
-"""Which time of a run is a method's: its search, its measure, its textures, by a clock that each turns."""
+"""The computing time of a method: that of its search, measure and textures, by a simulated clock."""
 
 from types import SimpleNamespace
 
@@ -25,19 +25,19 @@ COMPILES = 2.5e8
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Stands still unless somebody turns it."""
+    """A clock that advances only when a test advances it."""
 
     class Clock:
         now = 0.0
 
         def takes(self, seconds, call):
-            """The call, after so many seconds."""
+            """Return a function that advances the clock and then calls ``call``."""
 
-            def late(*given, **more):
+            def late(*arguments, **options):
                 self.now += seconds
-                return call(*given, **more)
+                return call(*arguments, **options)
 
-            late.signatures = getattr(call, "signatures", [])  # of a compiled loop
+            late.signatures = getattr(call, "signatures", [])  # if it is a compiled loop
             return late
 
     clock = Clock()
@@ -52,7 +52,7 @@ def slow_counts(clock):
 
 
 def slow_search(clock, *windows, answers=None):
-    """Thinks before each look and before it answers."""
+    """Return a search that thinks before each look and before it answers."""
 
     def search(view):
         for first, stop in windows:
@@ -65,7 +65,7 @@ def slow_search(clock, *windows, answers=None):
 
 
 class SlowCapture:
-    """A camera that takes its time, and shows nothing."""
+    """A slow camera without a scene."""
 
     shape, frames, textures_s = (4, 6), 0, 0.0
 
@@ -129,31 +129,31 @@ def test_a_method_that_breaks_has_paid_until_then(clock, breaks):
     assert recording.scorer.seconds == (THINKS + SCORES if breaks == "measure" else 2 * THINKS + SCORES)
 
 
-def test_a_texture_is_paid_by_each_that_asks_for_it_without_reading_and_counting(clock, monkeypatch):
-    """The second one gets what was kept from the first, and must not be the cheaper for it."""
+def test_each_method_pays_for_a_texture_but_not_for_reading_and_counting(clock, monkeypatch):
+    """The second method gets the cached texture of the first, but pays the same time."""
     monkeypatch.setattr(interval_texture, "_look_back", clock.takes(LOOKS_UP, interval_texture._look_back))
     counts, measure = slow_counts(clock), get_measure("sd_tfi")
-    bills = []
+    costs = []
     for _ in range(2):
         recording = RecordingView(counts, measure)
         run_search_of_method(slow_search(clock, (0, 100)), recording, scorer=recording.scorer)
-        bills.append(recording.scorer.seconds)
+        costs.append(recording.scorer.seconds)
     assert clock.now > READS
-    assert bills[0] == bills[1]
-    looks, rest = divmod(bills[0] - 2 * THINKS, LOOKS_UP)
+    assert costs[0] == costs[1]
+    looks, rest = divmod(costs[0] - 2 * THINKS, LOOKS_UP)
     assert looks >= 1
     assert rest == 0
 
 
 def test_the_time_to_compile_is_not_paid(clock, monkeypatch):
-    """The first look of a process compiles its loop, or loads it, and that is not the method's."""
+    """The first look in a process compiles or loads the loop, which is not part of the method's time."""
     looks = clock.takes(LOOKS_UP, interval_texture._look_back)
 
-    def compiles(*given):
+    def compiles(*arguments):
         if not compiles.signatures:
-            compiles.signatures.append("as asked for")
+            compiles.signatures.append("a signature")
             clock.now += COMPILES
-        return looks(*given)
+        return looks(*arguments)
 
     compiles.signatures = []
     monkeypatch.setattr(interval_texture, "_look_back", compiles)
@@ -174,7 +174,7 @@ def test_a_texture_that_was_forgotten_is_timed_again(clock, monkeypatch):
     assert len(counts._texture_seconds) == 1
 
 
-def test_a_texture_on_film_is_paid_too(clock, monkeypatch):
+def test_a_texture_of_captured_frames_is_paid_too(clock, monkeypatch):
     monkeypatch.setattr(interval_texture, "_look_ahead", clock.takes(LOOKS_UP, interval_texture._look_ahead))
     stream = InMemory(80, 4, 6)
     read, count = clock.takes(READS, stream.packed), clock.takes(COUNTS, stream.counts)
@@ -208,7 +208,7 @@ def test_in_the_closed_loop_the_camera_and_the_drive_are_not_paid(clock):
 @pytest.mark.parametrize("frames", [160, 10_000], ids=["in time", "out of time"])
 @pytest.mark.parametrize("commands", [True, False])
 def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands, frames):
-    """On its own and by a sweep; a budget that is spent while it looks takes nothing off the scorer."""
+    """For commanding and estimating searches; if the budget runs out during a look, earlier time still counts."""
     camera = slow_camera(clock)
     answer = Answer(position=0.5) if commands else Answer(100.0)
     found = slow_search(clock, (0, 80), (80, 160), answers=answer)
@@ -221,7 +221,7 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
             return done
 
     Search.commands = commands
-    monkeypatch.setattr(closed_loop_run, "start_closed_loop_camera", lambda *given, **more: camera)
+    monkeypatch.setattr(closed_loop_run, "start_closed_loop_camera", lambda *_, **__: camera)
     protocol = SimpleNamespace(count_frames=lambda capture: (800, 320))
     captured = SimpleNamespace(capture=None)
     run = closed_loop_run.run_closed_loop_method(captured, Method("a+b", np.mean, Search(), "c"), protocol=protocol)
@@ -230,11 +230,11 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
 
 
 def test_time_is_never_less_than_none(clock):
-    """A search that looks from two threads at once is in the view for longer than it runs."""
+    """A search that looks from two threads at once spends more time in the view than it runs."""
     recording = RecordingView(slow_counts(clock), np.mean)
 
     def search(view):
-        view._within.seconds += 5.0  # as another thread would
+        view._within.seconds += 5.0  # as by another thread
         return Answer(3.0)
 
     run_search_of_method(search, recording, scorer=recording.scorer)

@@ -1,4 +1,4 @@
-"""Pinned numbers of both tracks: what saf_gen/benchmark/versions.py counts cannot move unnoticed."""
+"""Pinned numbers of both tracks: changes that need a new version in saf_gen/benchmark/versions.py are noticed."""
 
 import hashlib
 import json
@@ -53,7 +53,7 @@ CLOSED_LOOP_METHODS = [
 
 
 def digest(values: object) -> str:
-    """Sha256 of numbers, to 12 digits: machines differ in the last."""
+    """Return the SHA-256 of numbers, rounded to 12 digits because machines differ in the last ones."""
 
     def rounded(value: object) -> object:
         if isinstance(value, dict):
@@ -66,26 +66,14 @@ def digest(values: object) -> str:
 
 
 def numbers(records: list[Record]) -> list[dict[str, object]]:
-    """What these records say but for seconds, data, code, versions, and for grain, sensor and benchmark of the file."""
-    left_out = (
-        "seconds",
-        "note",
-        "data",
-        "code",
-        "machine",
-        "parameters",
-        "rig",
-        "grain_rms",
-        "grain_of_curve",
-        "sensor",
-        "benchmark",
-    )
+    """Return the fields of records that depend only on the evaluator, not on times, code, versions or the file."""
+    left_out = "seconds note data code machine parameters rig grain_rms grain_of_curve sensor benchmark".split()
     names = [f.name for f in fields(Record) if f.name not in left_out]
     return [{name: getattr(record, name) for name in names} for record in records]
 
 
 def write_recording(path: Path) -> None:
-    """A chequered board, sharp at frame PEAK, in growing light; integers, so the same on every machine."""
+    """Write a chequered board, sharp at frame PEAK, in growing light; in integers, so the same on every machine."""
     frame = np.arange(FRAMES)
     contrast = 12 + 230 * np.maximum(0, 150 - abs(frame - PEAK)) // 150  # in 256
     light = 8000 + 20 * frame  # in 65536 spikes per readout
@@ -102,7 +90,7 @@ def write_recording(path: Path) -> None:
 
 
 def make_capture() -> Capture:
-    """The board before a running camera, sharp at 0.375 of the travel, its contrast falling to both sides."""
+    """Return a capture of the board, sharp at 0.375 of the travel, with less contrast on both sides."""
     sensor = get_sensor("vidar_400x250", rows=ROWS, columns=COLUMNS)
     drive = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
     contrast = np.maximum(8, 240 - 40 * abs(np.arange(33) - 12))[:, None, None] / 256
@@ -119,7 +107,7 @@ def make_capture() -> Capture:
 
 
 def make_sequence() -> ClosedLoopSequence:
-    """The board before a running camera, and a box in it where methods look."""
+    """Return a sequence of that capture with a box where methods look."""
     capture, box = make_capture(), (slice(4, 20), slice(2, 28))
     task = SequenceTask("a", "test", "board", "ramp", Path("a.h5"), None)
     charge_source = capture.open_charge_source(rows_in_method_view(capture, box))
@@ -127,9 +115,10 @@ def make_sequence() -> ClosedLoopSequence:
 
 
 def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):
-    """When it fails, raise COUNTS_VERSION or JUDGEMENT_VERSION in saf_gen/benchmark/versions.py (none for a
-    change of a measure or a search: their digests stand in each record), pin the new digest, and add a line
-    under *Numbers that moved* in CHANGELOG.md."""
+    """If it fails, raise COUNTS_VERSION or JUDGEMENT_VERSION in saf_gen/benchmark/versions.py, pin the new digest, and
+    add a line under *Numbers that moved* in CHANGELOG.md. A change of a measure or search needs no new version, because
+    each record contains their digests.
+    """
     write_recording(tmp_path / "a.h5")
     (tmp_path / "p.jsonl").write_text(
         '{"method": "early", "sequence": "a", "frame": 250.5, "frames_seen": 400}\n'
@@ -140,9 +129,9 @@ def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):
 
 
 def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
-    """When it fails, raise CAPTURE_VERSION (or the version of what moved) in saf_gen/benchmark/versions.py,
-    pin the new digest, and add a line under *Numbers that moved* in CHANGELOG.md. A new ``MODEL`` of spikes
-    moves it as well."""
+    """If it fails, raise CAPTURE_VERSION, or the version of what moved, in saf_gen/benchmark/versions.py, pin the new
+    digest, and add a line under *Numbers that moved* in CHANGELOG.md. A new ``MODEL`` of spikes moves it as well.
+    """
     sequence = make_sequence()
     records = []
     for drive in ("voice_coil", "liquid_lens"):
@@ -154,7 +143,7 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
 
 
 def test_what_a_policy_observes_and_earns_is_that_of_its_version():
-    """When it fails, raise CAPTURE_VERSION, and do as above."""
+    """If it fails, raise CAPTURE_VERSION, pin the new digest, and add a line under *Numbers that moved*."""
     protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
     episode = Episode(make_sequence(), protocol, control_s=0.005, pixels=6)
     steps = [(episode.observe(), 0.0), episode.move(0.1), episode.move(0.6), episode.stop(0.375)]

@@ -1,4 +1,4 @@
-"""``sensors fit``: the files that it writes, what it prints, its bounds from one recording, and what it refuses."""
+"""``sensors fit``: its files and output, bounds from one recording, and errors."""
 
 import json
 import re
@@ -39,7 +39,7 @@ def recordings(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def without_theta(recordings, tmp_path_factory):
-    """The folder of a fit whose sensor is named "free": θ is not given, and the page has its plots."""
+    """The folder of a fit of a sensor "free" without --threshold-e, whose page has plots."""
     folder = tmp_path_factory.mktemp("free")
     command = ["sensors", "fit", "dim.h5", "bright.h5", "--dark", "dark.h5", "--name", "free", "--out", folder]
     with pytest.raises(SystemExit) as ended:
@@ -51,17 +51,17 @@ def without_theta(recordings, tmp_path_factory):
 @pytest.fixture
 def fit(recordings, call, tmp_path):
     def run(*names, **options):
-        given = [word for key, value in options.items() for word in (f"--{key.replace('_', '-')}", value)]
-        return call("sensors", "fit", *(recordings / n for n in names), "--out", tmp_path / "out", *given)
+        words = [word for key, value in options.items() for word in (f"--{key.replace('_', '-')}", value)]
+        return call("sensors", "fit", *(recordings / n for n in names), "--out", tmp_path / "out", *words)
 
     return run
 
 
 @pytest.mark.slow
 def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path, monkeypatch):
-    """The sensor file is read as it is, tells what was measured from what was assumed, and stands in the JSON too.
+    """The sensor file is valid, marks measured and assumed values, and agrees with the JSON file.
 
-    The page is without plots, which the next test looks at.
+    The page is written without plots, which are slow and tested below.
     """
     monkeypatch.setattr(fit_files, "draw_sensor_fit_plots", lambda found: [])
     code, shown, _ = fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="mine", threshold_e=29900)
@@ -85,7 +85,7 @@ def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path
 
 @pytest.mark.slow
 def test_the_page_stands_alone_and_has_a_plot_of_each_kind(without_theta):
-    """No address outside, no id twice, and as many drawings as captions."""
+    """It has no external address and no id twice, and as many drawings as captions."""
     page = (without_theta / "free.html").read_text()
     assert page.count("<svg") == page.count("<figcaption") == 7
     assert not re.search(r'(src|href)="https?://', page)
@@ -99,8 +99,9 @@ def test_the_page_stands_alone_and_has_a_plot_of_each_kind(without_theta):
 
 @pytest.mark.slow
 def test_a_fitted_sensor_has_the_statistics_of_the_camera(without_theta, recordings, call):
-    """The way round: the sensor beside the recording it was fitted to, given its light. CV2 and a Fano factor to 15 %:
-    the first column and row of the recording stay in its light, and count twice.
+    """The fitted sensor, given the light of the recording, has its CV2 and Fano factor to 15 %.
+
+    The response of the first column and row counts twice, because it remains in the estimated light.
     """
     code, shown, _ = call("sensors", "compare", recordings / "dim.h5", without_theta / "free.yaml", "--json")
     assert code == 0
@@ -120,7 +121,7 @@ def test_one_recording_gives_bounds_and_no_file(fit, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("moving", [False, True])
 def test_bounds_hold_whatever_the_light_does(moving):
-    """A picture, at rest and moving, before cameras of 40 × 64 pixels: every bound is above what the camera has."""
+    """Bounds from a still and a flickering picture are above the true values of six cameras of 40 × 64 pixels."""
     for seed in range(6):
         camera = cameras.draw_camera(seed)
         ramp = np.broadcast_to(np.linspace(0.3, 1.7, 64), (40, 64))
@@ -146,16 +147,16 @@ def test_bounds_hold_whatever_the_light_does(moving):
     ],
 )
 def test_what_cannot_be_fitted_is_refused_in_one_line(names, options, words, fit):
-    code, _, told = fit(*names, **options)
+    code, _, err = fit(*names, **options)
     assert code == 2
-    assert all(word in told.splitlines()[-1] for word in words.split(" | "))
+    assert all(word in err.splitlines()[-1] for word in words.split(" | "))
 
 
 def test_too_few_spikes_give_no_bounds(tmp_path, call):
     write_stream(tmp_path / "few.h5", np.zeros((100, 8, 8), np.uint8))
-    code, _, told = call("sensors", "fit", tmp_path / "few.h5")
+    code, _, err = call("sensors", "fit", tmp_path / "few.h5")
     assert code == 2
-    assert "fire 16 times or more" in told
+    assert "fire 16 times or more" in err
 
 
 @pytest.mark.parametrize(

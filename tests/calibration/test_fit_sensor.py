@@ -1,4 +1,4 @@
-"""Cameras with hidden numbers are fitted from their flat fields and the dark; what cannot be fitted is refused."""
+"""Sensors are fitted to flat fields and dark recordings of cameras with hidden parameters; bad input is refused."""
 
 from collections import Counter
 
@@ -19,13 +19,13 @@ COUNTED = (
     "response_column_rms", "response_row_rms", "response_twist_rms", "response_first_column", "response_first_row",
     "response_per_dark", "dark_rate", "dark_log_sd", "dark_hot_fraction", "column_white_rms", "row_white_rms",
 )  # fmt: skip
-"""Numbers whose intervals are counted: all that a small array tells, and the bounds."""
+"""Estimates and bounds whose intervals are counted: all that a small array can determine."""
 ASKED = ("dark_rate", "dark_log_sd", "response_column_rms", "response_row_rms", "white_and_threshold_rms",
          "response_white_rms", "threshold_noise_rms", "threshold_spread_rms", "loss")  # fmt: skip
 
 
 def fitted(seed, **options):
-    """A camera drawn by a seed, and its fit from two levels that are drawn too."""
+    """Return a random camera, and its fit from flat fields at two random levels."""
     camera = cameras.draw_camera(seed)
     random = make_generator("levels", seed)
     levels = (float(random.uniform(0.08, 0.15)), float(random.uniform(0.3, 0.45)))
@@ -48,12 +48,13 @@ def close(found, truth):
 @pytest.mark.slow
 @pytest.mark.parametrize("key", ASKED)
 def test_ten_cameras_are_recovered_within_3_percent_or_inside_their_intervals(ten, key):
-    """48 × 64 pixels, 6,000 readouts at two levels and 20,000 in the dark; the first ten seeds, 0 to 9.
+    """48 × 64 pixels, 6,000 readouts at each of two levels and 20,000 without light; seeds 0 to 9.
 
-    An interval of 95 % may miss, and these ten do not by more than 3 %; the next test counts the misses.
+    A 95 % interval may miss the truth, but none of these estimates is then off by more than 3 %; the next test counts
+    the misses.
     """
     missed = [
-        f"{camera.name}: {fit.estimates[key]} holds not {cameras.true_numbers(camera)[key]}"
+        f"{camera.name}: {fit.estimates[key]} misses {cameras.true_numbers(camera)[key]}"
         for camera, fit in ten
         if not close(fit.estimates[key], cameras.true_numbers(camera)[key])
     ]
@@ -62,7 +63,7 @@ def test_ten_cameras_are_recovered_within_3_percent_or_inside_their_intervals(te
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth_95_times_in_100(ten):
-    """160 intervals of ten cameras: more misses have a chance below 1e-3 if each has one of 5 % (binomial)."""
+    """160 intervals of ten cameras: more misses have a probability below 1e-3 if each has 5 % (binomial)."""
     missed = Counter(
         key for camera, fit in ten for key in COUNTED if not fit.estimates[key].holds(cameras.true_numbers(camera)[key])
     )
@@ -71,9 +72,8 @@ def test_intervals_hold_the_truth_95_times_in_100(ten):
 
 
 @pytest.mark.slow
-def test_intervals_are_narrow_enough_to_be_of_use(ten):
-    """Half widths over the value, the worst of ten cameras, on an array of 48 × 64 pixels: a fit of full size has a
-    sixth of them."""
+def test_intervals_are_narrow_enough_to_be_useful(ten):
+    """Relative half widths of the worst of ten cameras of 48 × 64 pixels; those of a full array are a sixth of them."""
     worst = {"interval_noise": 0.02, "dark_rate": 0.05, "dark_log_sd": 0.05, "response_column_rms": 0.15,
              "response_row_rms": 0.15, "white_and_threshold_rms": 0.08}  # fmt: skip
     for key, most in worst.items():
@@ -83,7 +83,7 @@ def test_intervals_are_narrow_enough_to_be_of_use(ten):
 
 
 @pytest.mark.slow
-def test_the_law_of_saturation_is_told_every_time(ten):
+def test_the_law_of_saturation_is_always_found(ten):
     assert [fit.sensor.saturation for _, fit in ten] == [camera.saturation for camera, _ in ten]
     assert {camera.saturation for camera, _ in ten} == {"subtract", "dead_readout"}
 
@@ -91,7 +91,7 @@ def test_the_law_of_saturation_is_told_every_time(ten):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [20, 21, 22])
 def test_a_camera_of_full_size_is_recovered(seed):
-    """250 × 400 pixels, 20,000 readouts: all that is counted within 3 % or its interval, but for one of 16 numbers."""
+    """250 × 400 pixels, 20,000 readouts: at most one of 16 estimates is off by 3 % and outside its interval."""
     camera, fit = fitted(seed, shape=(250, 400), frames=20_000)
     truth = cameras.true_numbers(camera)
     missed = [key for key in COUNTED if not close(fit.estimates[key], truth[key])]
@@ -117,7 +117,7 @@ def small():
 
 
 def test_a_small_camera_is_fitted(small):
-    """24 × 40 pixels, 3,000 readouts: noise to 5 %, dark to 10 %, and the law of saturation."""
+    """24 × 40 pixels, 3,000 readouts: noise to 5 %, dark rate to 10 %, and the law of saturation."""
     assert small.estimates["threshold_noise_rms"].value == pytest.approx(0.02, rel=0.05)
     assert small.estimates["dark_rate"].value == pytest.approx(0.0045, rel=0.1)
     assert small.sensor.saturation == "subtract"
@@ -125,7 +125,7 @@ def test_a_small_camera_is_fitted(small):
 
 
 def test_without_theta_shot_noise_and_threshold_noise_are_one():
-    """The sensor has the same noise of intervals; the interval of σ reaches from 0 to all of it, and θ has a bound."""
+    """The fit keeps the joint noise of intervals; the interval of σ reaches from 0 to all of it, and θ has a bound."""
     fit = fit_small()
     joint = fit.estimates["interval_noise"]
     assert fit.estimates["threshold_noise_rms"].low == 0
@@ -137,8 +137,8 @@ def test_without_theta_shot_noise_and_threshold_noise_are_one():
 
 
 @pytest.mark.slow
-def test_jitter_of_the_reset_is_told_from_threshold_noise(small):
-    """Both on, 2 % and 0.05 readouts: each to 6 %. Without jitter it is 0, with a bound below half of that."""
+def test_reset_jitter_is_separated_from_threshold_noise(small):
+    """Noise of 2 % and jitter of 0.05 readouts are each found to 6 %; without jitter its bound is below 0.025."""
     jittery = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_jitter=0.05, noise={"reset_jitter": True})
     flats = [cameras.flat(jittery, rate, **SMALL) for rate in (0.1, 0.4)]
     fit = fit_small(flats, unlit=cameras.dark(jittery, shape=(24, 40), frames=8000), threshold_e=29_900)
@@ -149,7 +149,7 @@ def test_jitter_of_the_reset_is_told_from_threshold_noise(small):
     assert 0 < small.estimates["reset_jitter"].high < 0.025
 
 
-def test_one_level_bounds_and_says_so():
+def test_one_level_gives_bounds_and_a_note():
     fit = fit_small([cameras.flat(CAMERA, 0.3, **SMALL)])
     assert "loss" not in fit.estimates
     assert any("with one level the law of saturation and the reset loss cannot be told" in note for note in fit.notes)
@@ -164,7 +164,7 @@ def test_one_level_bounds_and_says_so():
     ],
 )
 def test_light_that_flickers_or_drifts_is_noticed_and_divided_out(light, words):
-    """5 % at 100 Hz, and 6 % of drift: noise, which either would double, is found to 6 %, and the rms to 15 %."""
+    """Flicker of 5 % at 100 Hz, or drift of 6 %, would double the noise; it is found to 6 %, and their rms to 15 %."""
     flats = [cameras.flat(CAMERA, 0.1, **SMALL), cameras.flat(CAMERA, 0.4, light=light, name="lamp.h5", **SMALL)]
     fit = fit_small(flats, threshold_e=29_900)
     note = next(note for note in fit.notes if "lamp.h5" in note)
@@ -175,7 +175,7 @@ def test_light_that_flickers_or_drifts_is_noticed_and_divided_out(light, words):
 
 
 def test_steady_light_is_seldom_taken_for_light_that_varies():
-    """20 flat fields, two tests at 1e-4 each: one alarm has a chance of 0.4 %."""
+    """20 flat fields, two tests at 1e-4 each: the probability of a false alarm is 0.4 %."""
     from saf_gen.calibration.flat_checks import find_light_variation_of_flat
     from saf_gen.calibration.spike_statistics import measure_spike_statistics
 
@@ -192,7 +192,7 @@ def test_steady_light_is_seldom_taken_for_light_that_varies():
 
 
 def picture(shape=(24, 40)):
-    """Soft blobs, 20 % rms: a scene far out of focus."""
+    """Return soft blobs of 20 % rms, like a scene far out of focus."""
     from scipy.ndimage import gaussian_filter
 
     blobs = gaussian_filter(make_generator("picture").standard_normal(shape), 3)
@@ -245,7 +245,7 @@ def saturated():
 
 
 def moving():
-    """Soft bars of 4 % that move by half a period within the recording, as a scene behind a diffuser would."""
+    """Return a recording of soft bars of 4 % that move by half a period, like a scene behind a diffuser."""
     phase = 2 * np.pi * np.add.outer(np.arange(24) / 24, np.arange(40) / 20)
     charge = 0.3 * CAMERA.threshold_e * (1 + 0.04 * np.stack([np.sin(phase), -np.sin(phase)])).astype(np.float32)
     return EncodedRecording(
@@ -255,7 +255,7 @@ def moving():
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_flat_field_is_refused_in_one_line(case):
+def test_a_bad_flat_field_is_refused_in_one_line(case):
     flats, words = REFUSED[case]
     assert_says(refusal(fit_small, flats()), words)
 
@@ -263,10 +263,10 @@ def test_what_is_no_flat_field_is_refused_in_one_line(case):
 def test_a_dark_that_is_none_is_refused():
     lit = cameras.flat(CAMERA, 0.4, name="lit.h5", **SMALL)
     flats = [cameras.flat(CAMERA, 0.1, **SMALL)]
-    assert_says(refusal(fit_small, flats, unlit=lit), "flat_0.1.h5 | are the two exchanged?")
+    assert_says(refusal(fit_small, flats, unlit=lit), "flat_0.1.h5 | check whether the two recordings are exchanged")
     short = cameras.dark(CAMERA, shape=(24, 40), frames=160)
     assert_says(refusal(fit_small, flats, unlit=short), "spikes per pixel in 160 readouts | record at least")
 
 
 def test_a_threshold_with_more_shot_noise_than_there_is_noise_is_refused():
-    assert_says(refusal(fit_small, threshold_e=100.0), "has more shot noise than the intervals have | at least 2")
+    assert_says(refusal(fit_small, threshold_e=100.0), "more shot noise than the measured noise | at least 2")

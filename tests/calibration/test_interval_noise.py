@@ -5,14 +5,14 @@ import pytest
 import synthetic_cameras as cameras
 from scipy import stats
 
-from saf_gen.calibration.dark_rates import dark_probabilities_to_fit, fit_dark_recording
+from saf_gen.calibration.dark_rates import fit_dark_recording, fitted_dark_probabilities
 from saf_gen.calibration.interval_noise import (
-    difference_variance_to_fit,
     fit_interval_noise,
-    interpolated_variance_to_fit,
-    oscillation_to_fit,
+    fitted_difference_variance,
+    fitted_phase_oscillation,
+    interpolate_fitted_variance,
 )
-from saf_gen.calibration.linearity import fit_sensor_response, tell_fitted_saturation
+from saf_gen.calibration.linearity import fit_sensor_response, infer_fitted_saturation
 from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spike_statistics
 from saf_gen.camera import get_sensor
 from saf_gen.camera.counting_law import pixel_count_oscillation
@@ -23,7 +23,7 @@ CASES = [(m, sd, lag) for m in (1.3, 2.5, 3.0, 4.76, 7.81) for sd, lag in ((0.00
 
 
 def drawn(interval, sd, lag):
-    """Second differences of 40,000 pixels, drawn from their definition: ⌈S⌉ of normal intervals, from an even phase."""
+    """Return second differences of 40,000 pixels by definition: times ⌈S⌉, normal intervals, uniform phase."""
     random = make_generator("second differences", round(100 * interval), lag)
     steps = interval * (lag + sd * np.sqrt(lag) * random.standard_normal((2, 40_000)))
     start = random.random(40_000)
@@ -33,36 +33,38 @@ def drawn(interval, sd, lag):
 
 @pytest.mark.parametrize(("interval", "sd", "lag"), CASES)
 def test_second_differences_obey_the_exact_law(interval, sd, lag):
-    """The mean square of 40,000, within its own standard error at a significance of 1e-4."""
+    """The mean square of 40,000 differences agrees within its standard error, at a significance of 1e-4."""
     squares = drawn(interval, sd, lag) ** 2
-    law = float(difference_variance_to_fit(np.array([interval]), sd**2, lag=lag)[0])
+    law = float(fitted_difference_variance(np.array([interval]), sd**2, lag=lag)[0])
     assert abs(squares.mean() - law) < FAR * max(squares.std(), 1e-3) / np.sqrt(squares.size) + 1e-12
 
 
-def test_the_exact_law_is_told_from_the_average_one():
+def test_the_test_above_can_reject_the_average_law():
     """2·k·s² + 1/2 is off by more than ten times what the test above allows in at least 8 of the 15 cases."""
-    told = 0
+    rejected = 0
     for interval, sd, lag in CASES:
         squares = drawn(interval, sd, lag) ** 2
         average = 2 * lag * (sd * interval) ** 2 + 0.5
-        told += abs(squares.mean() - average) > 10 * FAR * squares.std() / np.sqrt(squares.size)
-    assert told >= 8
+        rejected += abs(squares.mean() - average) > 10 * FAR * squares.std() / np.sqrt(squares.size)
+    assert rejected >= 8
 
 
 @pytest.mark.parametrize("variance", [0.0, 1e-6, 1e-3, 0.09, 0.2, 2.0])
 def test_the_oscillation_of_many_pixels_is_that_of_the_law(variance):
     mean = 2 + 500 * make_generator("oscillation").random(300)
     spread = variance * (mean / 2) ** 2
-    assert oscillation_to_fit(mean, spread) == pytest.approx(pixel_count_oscillation(mean, spread), rel=0, abs=1e-12)
+    assert fitted_phase_oscillation(mean, spread) == pytest.approx(
+        pixel_count_oscillation(mean, spread), rel=0, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("noise", [1e-4, 3e-4, 2e-3])
 @pytest.mark.parametrize("lag", [1, 2, 16, 256])
 def test_the_law_of_many_pixels_is_that_of_each(noise, lag):
-    """50,000 intervals from 2 to 3 readouts, interpolated from fewer, against the law pixel by pixel."""
+    """The interpolated law at 50,000 intervals from 2 to 3 readouts equals the law of each pixel."""
     interval = 2 + make_generator("many pixels").random(50_000)
-    law = interpolated_variance_to_fit(interval, noise, lag=lag)
-    assert np.abs(law - difference_variance_to_fit(interval, noise, lag=lag)).max() < 1e-4
+    law = interpolate_fitted_variance(interval, noise, lag=lag)
+    assert np.abs(law - fitted_difference_variance(interval, noise, lag=lag)).max() < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -75,7 +77,7 @@ def test_the_law_of_many_pixels_is_that_of_each(noise, lag):
     ],
 )
 def test_the_noise_of_intervals_is_found_inside_its_interval(rate, changes):
-    """32 × 48 pixels, 6,000 readouts, ten seeds each: standardised errors are normal (mean and square, at 1e-4)."""
+    """32 × 48 pixels, 6,000 readouts, ten seeds each: standardised errors are normal (mean and square at 1e-4)."""
     sensor = get_sensor("vidar_400x250", **changes)
     truth = 1 / sensor.threshold_e + sensor.threshold_noise_rms**2
     off = []
@@ -89,7 +91,7 @@ def test_the_noise_of_intervals_is_found_inside_its_interval(rate, changes):
 
 
 def test_the_law_of_dark_counts_is_that_of_its_definition():
-    """χ² of 200,000 counts ⌊X + u⌋ of log-normal and Pareto rates, 1e-4 (seed 1); probabilities add up to 1."""
+    """χ² test of 200,000 counts ⌊X + u⌋ of log-normal and Pareto rates at 1e-4 (seed 1); probabilities add up to 1."""
     random = make_generator("dark law", 1)
     numbers = {"median": 3.3, "log_sd": 0.5, "extra": 0.01, "factor": 4.0, "exponent": 2.5}
     size = 200_000
@@ -98,18 +100,18 @@ def test_the_law_of_dark_counts_is_that_of_its_definition():
     x[hot] = 4 * 3.3 * (1 - random.random(hot.sum())) ** (-1 / 2.5)
     seen = np.floor(x + random.random(size)).astype(int)
     n = np.arange(40)
-    p = dark_probabilities_to_fit(n, **numbers)
-    assert dark_probabilities_to_fit(np.arange(100_000), **numbers).sum() == pytest.approx(1, abs=1e-6)
+    p = fitted_dark_probabilities(n, **numbers)
+    assert fitted_dark_probabilities(np.arange(100_000), **numbers).sum() == pytest.approx(1, abs=1e-6)
     found = np.bincount(np.clip(seen, 0, 40), minlength=41)
     expected = np.append(p, 1 - p.sum()) * size
     assert stats.chi2.sf(((found - expected) ** 2 / expected).sum(), 40) > 1e-4
 
 
 @pytest.mark.parametrize("frames", [500, 20_000])
-def test_dark_is_found_though_pixels_never_fire(frames):
-    """3,000 pixels of a log-normal law of median 0.004, ten seeds; at 500 readouts some are silent.
+def test_dark_rates_are_found_although_some_pixels_never_fire(frames):
+    """3,000 pixels with log-normal rates of median 0.004, ten seeds; in 500 readouts some never fire.
 
-    Standardised errors of the mean rate and of the sd of ln, their sum and sum of squares at 1e-4.
+    The sum and the sum of squares of standardised errors of the mean rate and of the sd of ln are tested at 1e-4.
     """
     off, silent = [], []
     for seed in range(10):
@@ -126,29 +128,21 @@ def test_dark_is_found_though_pixels_never_fire(frames):
 
 
 def regular(rates, frames=20_000, seed=1):
-    """Statistics of trains without noise at these rates, as the pass over spikes would give them."""
+    """Return the statistics of noise-free spike trains at these rates, like measure_spike_statistics."""
     phase = make_generator("regular", seed).random(rates.shape)
     number = np.floor(rates * frames + phase).astype(np.int64)
     first, last = np.ceil((1 - phase) / rates), np.ceil((number - phase) / rates)
     empty = np.zeros((*rates.shape, 11))
     return SpikeStatistics(
-        shape=(frames, *rates.shape),
-        counts=number,
-        interval=(last - first) / (number - 1),
-        cv2=0.0,
-        interval_change=0.0,
-        fano={},
-        half_rates=np.zeros((2, *rates.shape)),
-        series=np.zeros(1),
-        series_variance=0.0,
-        squares=empty,
-        numbers=empty.astype(np.int64),
-    )
+        shape=(frames, *rates.shape), counts=number, interval=(last - first) / (number - 1), cv2=0.0,
+        interval_change=0.0, fano={}, half_rates=np.zeros((2, *rates.shape)), series=np.zeros(1), series_variance=0.0,
+        squares=empty, numbers=empty.astype(np.int64),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.02, 1.0])
 def test_pixels_that_differ_tell_what_is_lost_after_a_spike(loss):
-    """Three levels nobody knows, 60 × 60 pixels of 5 %: ℓ in its interval, levels to 10⁻³, responses to their error."""
+    """Three unknown levels, 60 × 60 pixels of 5 %: ℓ in its interval, levels to 10⁻³, responses to 1.3 sd."""
     response = 1 + 0.05 * make_generator("line").standard_normal((60, 60))
     response /= response.mean()
     levels = np.array([0.08, 0.2, 0.5])
@@ -159,12 +153,12 @@ def test_pixels_that_differ_tell_what_is_lost_after_a_spike(loss):
     assert fit.loss.high - fit.loss.low < 0.004
     assert fit.levels == pytest.approx(levels, rel=1e-3)
     assert np.std((fit.response - response) / fit.error) < 1.3
-    assert tell_fitted_saturation(fit.loss)[0] == ("dead_readout" if loss == 1 else "subtract")
+    assert infer_fitted_saturation(fit.loss)[0] == ("dead_readout" if loss == 1 else "subtract")
     assert fit.misfit < 1.3
 
 
 def test_pixels_that_do_not_differ_tell_nothing():
-    """The same light on the same pixels: any ℓ will do, and the interval says so."""
+    """With equal pixels any ℓ fits, and its interval shows that."""
     flats = [regular(np.full((30, 30), rate), seed=i) for i, rate in enumerate((0.1, 0.4))]
     dark = np.full((30, 30), 0.004)
-    assert tell_fitted_saturation(fit_sensor_response(flats, dark, dark_error=0 * dark, noise=1e-6).loss) is None
+    assert infer_fitted_saturation(fit_sensor_response(flats, dark, dark_error=0 * dark, noise=1e-6).loss) is None

@@ -1,4 +1,4 @@
-"""Statistics of a map against planted profiles, spectra, tails and neighbours."""
+"""Statistics of a map, compared with planted profiles, spectra, tails and correlations of neighbours."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_profiles_and_rest_add_up_to_the_map_and_are_orthogonal():
 
 
 def test_planted_profiles_are_found():
-    """Columns a cosine of 4 %, rows a slope of 2 % rms: known in closed form."""
+    """Columns are a cosine of 4 % rms and rows a slope of 2 % rms, whose statistics have closed forms."""
     columns = 0.04 * np.sqrt(2) * np.cos(2 * np.pi * np.arange(128) / 16)
     rows = 0.02 * np.sqrt(3) * np.linspace(-1, 1, 1001)
     found = measure_pattern_statistics(5.0 * (1 + columns + rows[:, None]))
@@ -45,11 +45,11 @@ def test_bands_hold_all_of_the_variance_and_each_wave_is_in_its_own():
 
 
 def test_white_noise_is_spread_over_bands_by_their_width():
-    """The mean of 400 profiles of 400 white numbers; each fraction to 4 standard errors (1e-4 of two sides; seed 1)."""
+    """Mean of 400 profiles of 400 white numbers; each fraction to 4 standard errors (1e-4 two-sided; seed 1)."""
     random = make_generator("white bands", 1)
     found = np.array([band_statistics_of_pattern(random.standard_normal(400)) for _ in range(400)])
     number = np.diff([0, *(np.floor(np.array(BANDS) * 400 + 1e-9))])
-    number[-1] -= 0.5  # the highest frequency stands once in the spectrum, all others twice
+    number[-1] -= 0.5  # the highest frequency is in the spectrum once, all others twice
     error = found.std(axis=0) / np.sqrt(len(found))
     assert (np.abs(found.mean(axis=0) - number / number.sum()) < 4 * error).all()
 
@@ -63,9 +63,9 @@ def test_legendre_fits_hold_the_polynomials_they_are_made_for():
 
 
 def test_tails_and_neighbours_of_a_white_rest_are_found():
-    """250 × 400 normal numbers: kurtosis 3, robust rms the rms, no neighbours, within 4 standard errors (seed 3).
+    """250 × 400 normal numbers have kurtosis 3, robust rms = rms, and no correlation, to 4 standard errors (seed 3).
 
-    Then 50 pixels are set to 7 rms and 20 to 30 rms, and every pixel is mixed with the next one.
+    Then 50 pixels are set to 7 rms and 20 to 30 rms, and each pixel is mixed with its neighbour.
     """
     random = make_generator("white rest", 3)
     noise = 0.02 * random.standard_normal((250, 400))
@@ -89,7 +89,7 @@ def test_tails_and_neighbours_of_a_white_rest_are_found():
 
 
 def test_the_dark_is_that_of_a_log_normal_with_hot_and_silent_pixels():
-    """250 × 400 rates; sd of ln within 4 standard errors (seed 2)."""
+    """250 × 400 rates; median, sd of ln and hot fraction to 4 standard errors (seed 2)."""
     rates = 0.004 * np.exp(0.4 * make_generator("dark", 2).standard_normal((250, 400)))
     tail = stats.norm.sf(np.log(4) / 0.4)
     found = measure_dark_statistics(rates)

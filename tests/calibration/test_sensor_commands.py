@@ -1,4 +1,4 @@
-"""``sensors list``, ``show``, ``check`` and ``compare``: what they print, and what they refuse."""
+"""``sensors list``, ``show``, ``check`` and ``compare``: their output and errors."""
 
 import json
 
@@ -25,7 +25,7 @@ from saf_gen.camera.sensor_files import find_implausible_sensor_keys, nominal_se
 SMALL = HERE / "small_sensor.yaml"
 
 
-def test_every_sensor_is_listed_with_its_array_and_what_nobody_has_measured(call):
+def test_every_sensor_is_listed_with_its_array_and_nominal_keys(call):
     code, shown, _ = call("sensors", "list")
     assert code == 0
     for name in sensor_names():
@@ -37,7 +37,7 @@ def test_every_sensor_is_listed_with_its_array_and_what_nobody_has_measured(call
 
 @pytest.mark.parametrize("name", [*sensor_names(), SMALL])
 def test_a_sensor_is_shown_as_its_file_is_written(name, call):
-    """The text printed is a sensor file: read again it is the same sensor."""
+    """The printed text is a sensor file of the same sensor."""
     code, shown, _ = call("sensors", "show", name)
     assert code == 0
     assert yaml.safe_load(shown)["dark_rate"] == get_sensor(name).dark_rate
@@ -45,10 +45,10 @@ def test_a_sensor_is_shown_as_its_file_is_written(name, call):
 
 
 def test_a_sensor_that_is_not_there_is_named_with_the_nearest(call):
-    code, _, told = call("sensors", "show", "vidar_400x25")
+    code, _, err = call("sensors", "show", "vidar_400x25")
     assert code == 2
-    assert "vidar_400x250" in told
-    assert told.count("\n") == 1
+    assert "vidar_400x250" in err
+    assert err.count("\n") == 1
 
 
 @pytest.mark.parametrize("name", sensor_names())
@@ -79,10 +79,10 @@ def test_a_sensor_file_is_checked(call, tmp_path):
     assert (code, shown.splitlines()[0]) == (0, "unlikely: pitch_m is 60 µm; usual: 5 to 50")
     broken = tmp_path / "mine.yaml"
     broken.write_text(SMALL.read_text().replace("dark_rate:", "dark_rte:"))
-    code, _, told = call("sensors", "check", broken)
+    code, _, err = call("sensors", "check", broken)
     assert code == 2
-    assert "dark_rate" in told
-    assert told.count("\n") == 1
+    assert "dark_rate" in err
+    assert err.count("\n") == 1
 
 
 @pytest.mark.slow
@@ -100,12 +100,12 @@ def test_two_sensors_differ_where_their_files_differ(tmp_path, call):
     assert "local variation of intervals" in shown
 
 
-def test_a_sensor_beside_a_recording_is_given_its_light(tmp_path, call):
-    """A recording by the sensor itself has the statistics of its light encoded again; a noisier one is told from it.
+def test_a_sensor_is_compared_with_a_recording_under_its_light(tmp_path, call):
+    """A recording has the statistics of its light encoded again by the same sensor, and not those of a noisier one.
 
-    40 × 64 pixels, 2,000 readouts, seeds 4 and 1. CV2 to 10 % and Fano factors to 5 %: smoothing leaves a little.
+    40 × 64 pixels, 2,000 readouts, seeds 4 and 1. CV2 agrees to 10 % and Fano factors to 5 %, because of smoothing.
     """
-    sensor = get_sensor(SMALL, response_first_column=0, response_first_row=0)  # smoothing does not keep these edges
+    sensor = get_sensor(SMALL, response_first_column=0, response_first_row=0)  # smoothing would remove these edges
     light = mean_light_for_statistics(sensor, 0.1) * np.broadcast_to(np.linspace(0.5, 1.5, 64), (1, 40, 64)).astype(
         np.float32
     )
@@ -127,7 +127,7 @@ def test_a_sensor_beside_a_recording_is_given_its_light(tmp_path, call):
 
 
 def test_light_encoded_again_follows_the_recording_in_time():
-    """A lamp that doubles halfway doubles in both; rates of 10 windows agree to 3 % but where the lamp turns."""
+    """A lamp doubles halfway; rates of 10 windows agree to 3 %, except near the change."""
     sensor = get_sensor(SMALL, noise={"dark": False})
     light = np.full((2, 40, 64), 3000, np.float32) * np.array([1, 2], np.float32)[:, None, None]
     lamp = EncodedRecording(
@@ -142,8 +142,8 @@ def test_light_encoded_again_follows_the_recording_in_time():
     assert again[far] == pytest.approx(real[far], rel=0.03)
 
 
-def test_published_figures_stand_beside_ours_of_the_same_kind(call):
-    """Every published figure has one of ours; on a small array here, so that only kinds are compared."""
+def test_published_figures_are_compared_with_ours_of_the_same_kind(call):
+    """Each published figure has one of ours; the array is small, so only the kinds of figures are compared."""
     real, sources = published_sensor_statistics()
     ours = sensor_statistics_as_published(get_sensor(SMALL))
     assert set(ours) == set(real)
@@ -172,7 +172,6 @@ def test_a_sensor_without_dark_has_no_dark_figures():
     ],
 )
 def test_what_cannot_be_compared_is_refused_in_one_line(arguments, words, call):
-    code, _, told = call("sensors", "compare", *arguments)
+    code, _, err = call("sensors", "compare", *arguments)
     assert code == 2
-    line = told.splitlines()[-1]
-    assert words in line
+    assert words in err.splitlines()[-1]

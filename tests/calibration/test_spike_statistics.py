@@ -1,4 +1,4 @@
-"""Statistics of recordings against a slow reference, one pixel and one spike at a time, and against planted numbers."""
+"""Statistics of recordings, compared with a slow reference, spike by spike, and with planted numbers."""
 
 from itertools import pairwise
 
@@ -17,7 +17,7 @@ from saf_gen.stream.stream_writer import StreamWriter
 
 
 def random_stream(path, *, frames=4517, rate=0.06, shape=(6, 9)):
-    """A stream of independent spikes whose rate rises from pixel to pixel; the first pixel never fires."""
+    """Write and return independent spikes whose rate rises from pixel to pixel; the first pixel never fires."""
     random = make_generator("spike statistics").random((frames, *shape))
     spikes = (random < rate * np.arange(np.prod(shape)).reshape(shape) / 20).astype(np.uint8)
     write_stream(path, spikes, readout_hz=20_000)
@@ -59,7 +59,7 @@ def test_cv2_and_the_change_of_intervals_are_those_of_neighbouring_intervals(mea
 
 
 @pytest.mark.parametrize("window", [10, 20, 50])
-def test_the_fano_factor_is_that_of_whole_windows(measured, window):
+def test_the_fano_factor_is_that_of_complete_windows(measured, window):
     spikes, found = measured
     whole = spikes[: len(spikes) // window * window].reshape(-1, window, spikes.shape[1]).sum(axis=1)
     assert found.fano[window] == pytest.approx(whole.var(axis=0, ddof=1).mean() / whole.mean())
@@ -85,7 +85,7 @@ def test_second_differences_are_those_of_every_so_many_spikes(measured):
 
 @pytest.mark.slow
 def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_path):
-    """And a raw file of another camera is the recording it was made from, bit for bit."""
+    """A raw file of another camera also gives the bits of the recording from which it was made."""
     sensor = get_sensor("vidar_400x250")
     charge = np.full((1, 250, 400), 0.2 * sensor.threshold_e, np.float32)
     encoded = EncodedRecording("flat", sensor, charge, frames=2100, seed=3)
@@ -103,9 +103,9 @@ def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_pat
 
 @pytest.mark.slow
 def test_a_spread_that_is_planted_between_halves_is_found(tmp_path):
-    """Rates of 10,000 pixels differ between halves by 5 % rms of the mean: 3.54 % a half, to 3 %, four sigma (seed 5).
+    """Rates of 10,000 pixels differ between halves by 5 % rms of the mean: 3.54 % per half, to 3 %, four sd (seed 5).
 
-    Regular trains of 1/rate readouts; what reading in steps adds, about 1/(2·interval·number), is 0.1 %.
+    Trains are regular with 1/rate readouts; discrete readouts add about 1/(2·interval·number), or 0.1 %.
     """
     random = make_generator("halves", 5)
     shape, half = (80, 125), 500

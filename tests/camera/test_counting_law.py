@@ -1,4 +1,4 @@
-"""Counts and intervals of the encoder against their exact law, saf_gen/camera/counting_law.py."""
+"""Counts and intervals of the encoder, compared with their exact law, saf_gen/camera/counting_law.py."""
 
 import numpy as np
 import pytest
@@ -15,36 +15,33 @@ from saf_gen.camera.counting_law import (
 
 THETA, THRESHOLD_NOISE = 400.0, 0.03
 PER_SPIKE = 1 / THETA + THRESHOLD_NOISE**2  # relative variance of a threshold
-EVEN = 1.5  # noise, in the unit of the phase, that leaves 10⁻¹⁹ of any unevenness
+EVEN = 1.5  # noise, in units of the phase, that leaves 10⁻¹⁹ of any unevenness of the phase
 BEFORE = 8 * int(2 * EVEN**2 / PER_SPIKE / 8)  # readouts at half a threshold each
-FAR = stats.norm.isf(0.5e-4)  # standard deviations, at a significance of 1e-4 on two sides
+FAR = stats.norm.isf(0.5e-4)  # standard deviations, at a two-sided significance of 1e-4
 RATES = [0.05, 0.08, 0.13, 0.17, 0.21, 0.29, 0.37, 0.43, 0.5, 0.61, 0.7, 0.77]
 MEANS = [0.3, 0.8, 1.0, 1.25, 2.0, 2.5, 3.3, 5.0, 7.5, 10.0, 20.5]
 
 
 def spikes(charge, *, frames, seed, before=0):
-    """Spikes (pixel, frame) of 40,000 pixels that all collect this charge, without fixed pattern or dark.
+    """Return spikes (pixel, frame) of 40,000 pixels that all collect this charge, without fixed pattern or dark charge.
 
-    ``before`` readouts of half a threshold each go ahead and are left out: noise spreads the phase evenly meanwhile.
+    They are preceded by ``before`` readouts of half a threshold each, so that noise spreads the phase evenly.
     """
     noise = dict.fromkeys(("dark", "response", "threshold_spread", "dust"), False)
     sensor = get_sensor(
         "vidar_400x250", reset_loss=0, threshold_e=THETA, threshold_noise_rms=THRESHOLD_NOISE, noise=noise
     )
-    given = np.repeat([THETA / 2, charge], [before, frames])[:, None]
+    gain = np.repeat([THETA / 2, charge], [before, frames])[:, None]
     packed = Encoder(sensor, (200, 200), seed=seed).encode(
-        np.ones((1, 1, 200, 200), np.float32),
-        index=np.zeros(len(given), int),
-        fraction=np.zeros(len(given)),
-        gain=given,
+        np.ones((1, 1, 200, 200), np.float32), index=np.zeros(len(gain), int), fraction=np.zeros(len(gain)), gain=gain
     )
-    return np.unpackbits(packed, axis=-1, bitorder="little", count=len(given)).reshape(-1, len(given))[:, before:]
+    return np.unpackbits(packed, axis=-1, bitorder="little", count=len(gain)).reshape(-1, len(gain))[:, before:]
 
 
 @pytest.mark.parametrize("sd", [0.02, 0.1, 0.3, 1.0])
 @pytest.mark.parametrize("mean", [0.37, 1.0, 2.5, 7.81])
 def test_the_law_has_the_moments_of_its_probabilities(mean, sd):
-    """The series and the second difference of an integral are two ways to one variance; the mean is exact."""
+    """The variance by a series is that of the probabilities (second differences of an integral); the mean is exact."""
     n, p = pixel_count_probabilities(mean, sd**2)
     assert p.sum() == pytest.approx(1, rel=1e-12)
     assert (n * p).sum() == pytest.approx(mean, rel=1e-12)
@@ -52,7 +49,10 @@ def test_the_law_has_the_moments_of_its_probabilities(mean, sd):
 
 
 def test_the_law_has_its_limits():
-    """Without noise f(1 − f); much noise, or the mean over m, s² + 1/6; the series is between −1/12 and 1/6."""
+    """The variance is f(1 − f) without noise, and s² + 1/6 with much noise or averaged over m.
+
+    The oscillating part is between −1/12 and 1/6.
+    """
     for mean in (0.2, 0.5, 3.0, 4.9):
         assert pixel_count_variance(mean, 0.0) == pytest.approx(mean % 1 * (1 - mean % 1), abs=1e-4)
         assert pixel_count_variance(mean, 1.0) == pytest.approx(1 + 1 / 6, rel=1e-8)
@@ -65,9 +65,9 @@ def test_the_law_has_its_limits():
 
 @pytest.mark.parametrize("rate", RATES)
 def test_intervals_obey_the_exact_law(rate):
-    """Pearson's χ², and the variance, of 40,000 intervals at each of 12 rates; significance 1e-4 each, seed 9.
+    """Pearson's χ² and the variance of 40,000 intervals at each of 12 rates; significance 1e-4 each, seed 9.
 
-    Each is the interval after so many spikes that the phase of the readout is even.
+    Each interval comes after enough spikes to make the phase uniform.
     """
     charge = np.float32(rate * THETA)
     mean = THETA / float(charge)
@@ -83,7 +83,7 @@ def test_intervals_obey_the_exact_law(rate):
 
 @pytest.mark.parametrize("mean", MEANS)
 def test_counts_obey_the_exact_law(mean):
-    """Pearson's χ², and the variance, of 40,000 counts at each of 11 means; significance 1e-4 each, seed 3."""
+    """Pearson's χ² and the variance of 40,000 counts at each of 11 means; significance 1e-4 each, seed 3."""
     frames = 200
     charge = np.float32(mean * THETA / frames)
     mean = float(charge) * frames / THETA
@@ -93,25 +93,25 @@ def test_counts_obey_the_exact_law(mean):
     assert abs(pixel_count_deviations(seen, mean, variance=variance)) < FAR
 
 
-@pytest.mark.parametrize(("places", "noise_grows_as", "told"), [(RATES, 2, 7), (MEANS, 1, 10)])
-def test_so_many_numbers_tell_the_exact_law_from_the_average_one(places, noise_grows_as, told):
-    """s² + 1/6 is off by more than 3 times what the tests above allow, at 7 of the 12 rates and 10 of the 11 means."""
+@pytest.mark.parametrize(("values", "noise_grows_as", "rejected"), [(RATES, 2, 7), (MEANS, 1, 10)])
+def test_the_tests_above_can_reject_the_average_law(values, noise_grows_as, rejected):
+    """s² + 1/6 is off by more than 3 times what they allow, at 7 of the 12 rates and 10 of the 11 means."""
     off = []
-    for place in places:
-        mean = 1 / place if noise_grows_as == 2 else place
+    for value in values:
+        mean = 1 / value if noise_grows_as == 2 else value
         variance = PER_SPIKE * mean**noise_grows_as
         n, p = pixel_count_probabilities(mean, variance)
         exact = pixel_count_variance(mean, variance)
         sd = np.sqrt(((p * (n - mean) ** 4).sum() - exact**2) / 40_000)
         off.append(abs(variance + 1 / 6 - exact) / sd)
-    assert sum(one > 3 * FAR for one in off) == told
+    assert sum(one > 3 * FAR for one in off) == rejected
 
 
 @pytest.mark.parametrize("mean", [0.5, 0.8, 1.0, 1.5, 2.25, 3.0, 4.4, 6.5])
-def test_adjacent_half_windows_share_what_the_law_says(mean):
-    """cov(A, B) = (Var(A + B) − Var A − Var B)/2, from 0 to −1/4 and −1/12 on average; 40,000 pixels, 1e-4, seed 8.
+def test_the_covariance_of_adjacent_half_windows_obeys_the_law(mean):
+    """cov(A, B) = (Var(A + B) − Var A − Var B)/2, from 0 to −1/4, on average −1/12; 40,000 pixels, 1e-4, seed 8.
 
-    The standard error is that of a mean of products, from the sample.
+    The standard error of the mean product is computed from the sample.
     """
     frames = 200
     charge = np.float32(mean * THETA / frames)

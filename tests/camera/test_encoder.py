@@ -1,4 +1,4 @@
-"""The encoder against closed forms and against its slow reference."""
+"""The encoder, compared with closed forms and with its slow reference."""
 
 import hashlib
 import inspect
@@ -27,12 +27,12 @@ QUIET = dict.fromkeys(asdict(get_sensor("ideal").noise), False)
 
 
 def vidar(on=(), **changes):
-    """The real sensor with only the noise terms ``on`` and no reset loss."""
+    """Return the vidar_400x250 with only the noise terms ``on``, and without reset loss by default."""
     return get_sensor("vidar_400x250", **{"reset_loss": 0, **changes}, noise=QUIET | dict.fromkeys(on, True))
 
 
 def unpacked(spikes, frames=None):
-    """Packed spikes (H, W, bytes) as frames (T, H, W)."""
+    """Return packed spikes (H, W, bytes) as frames (T, H, W)."""
     return np.moveaxis(np.unpackbits(spikes, axis=-1, bitorder="little", count=frames), -1, 0)
 
 
@@ -45,7 +45,7 @@ def uniform(charge, shape=(40, 50)):
 
 
 def schedule(frames=404, shape=(5, 30), groups=2, seed=3):
-    """Inputs of an encoder: a stack of light groups swept over its knots, with changing gains."""
+    """Return inputs of an encoder: a stack of light groups, swept over its knots, with changing gains."""
     random = np.random.default_rng(seed)
     stack = random.uniform(0, 12_000, (groups, 4, *shape)).astype(np.float32)
     index, fraction = encoder_knot_weights((np.arange(frames) + 0.5) / frames, 4)
@@ -54,7 +54,6 @@ def schedule(frames=404, shape=(5, 30), groups=2, seed=3):
 
 
 def some_frames(inputs, frames):
-    """The inputs of some frames."""
     return {key: value if key == "stack" else value[frames] for key, value in inputs.items()}
 
 
@@ -78,7 +77,7 @@ def some_frames(inputs, frames):
     ],
 )
 def test_the_bits_are_those_of_the_scalar_reference(changes):
-    """Of 90 pixels: a block of 64, and a part of one."""
+    """The 90 pixels are a block of 64 and a part of a block."""
     sensor = vidar(**changes)
     inputs = schedule(shape=(3, 30))
     fast = Encoder(sensor, (3, 30), seed=11).encode(**inputs)
@@ -86,7 +85,7 @@ def test_the_bits_are_those_of_the_scalar_reference(changes):
 
 
 def test_intervals_are_distributed_as_with_normal_noise():
-    """Two-sample chi² on 2 x 30,000 intervals at 40 e- a spike; significance 1e-4, seed 5."""
+    """Two-sample χ² test of 2 × 30,000 intervals at 40 e⁻ per spike; significance 1e-4, seed 5."""
     sensor = vidar(on=("shot", "threshold_noise"), threshold_e=40)
     stack = np.full((1, 1, 10, 100), 10.0, np.float32)
     index, fraction, gain = np.zeros(124, int), np.zeros(124), np.ones((124, 1))
@@ -106,13 +105,13 @@ def test_intervals_are_distributed_as_with_normal_noise():
 
 @pytest.mark.parametrize("rate", [0.013, 0.2, 0.5, 0.77, 1.0])
 def test_the_rate_of_a_uniform_field_is_charge_over_threshold(rate):
-    """5 million pixel·frames; the phase alone leaves 1e-5."""
+    """4 million pixel·frames; the phase leaves an error of 1e-5."""
     spikes = encode(uniform(rate * THETA), vidar(), frames=2_000, seed=1)
     assert counts(spikes).mean() / 2_000 == pytest.approx(rate, rel=0.005)
 
 
 def test_with_all_noise_on_the_mean_rate_is_light_plus_dark():
-    """2,000 pixels, 4,000 frames, seed 2: spread .055 of .2 leaves 1.3e-3 of white parts, 0.5 % allowed."""
+    """10,000 pixels, 4,000 frames, seed 2; 0.5 % is allowed, and a spread of pixels of 5.5 % leaves 0.06 %."""
     sensor = get_sensor("vidar_400x250")
     spikes = encode(uniform(0.2 * THETA, (100, 100)), sensor, frames=4_000, seed=2)
     expected = (0.2 + 0.0045) / (1 + 0.002 * 0.2045)
@@ -159,7 +158,7 @@ def test_overload_fires_every_readout_and_echoes_at_most_once():
 
 
 def first_intervals(charge, sensor, frames, seed):
-    """Charge between the first two spikes of each pixel, e-."""
+    """Return the charge between the first two spikes of each pixel, in electrons."""
     spikes = unpacked(encode(uniform(charge, (160, 250)), sensor, frames=frames, seed=seed))
     first = spikes.argmax(axis=0)
     after = np.arange(frames)[:, None, None] > first
@@ -167,10 +166,10 @@ def first_intervals(charge, sensor, frames, seed):
 
 
 def test_shot_noise_makes_the_variance_of_an_interval_the_threshold():
-    """chi² of 40,000 independent intervals at 400 e- a spike, significance 1e-4, seed 9.
+    """χ² test of 40,000 independent intervals at 400 e⁻ per spike, significance 1e-4, seed 9.
 
-    Reading out in steps of q = 8 e- adds q²/6: of the exact law (test_counting_law.py) nothing else is left, because
-    the noise of an interval is 2.5 readouts.
+    Readout in steps of q = 8 e⁻ adds q²/6. Other terms of the exact law (test_counting_law.py) vanish, because the
+    noise of an interval is 2.5 readouts.
     """
     charge = first_intervals(8.0, vidar(on=("shot",), threshold_e=400), 128, 9)
     expected = 400 + 8.0**2 / 6
@@ -180,7 +179,7 @@ def test_shot_noise_makes_the_variance_of_an_interval_the_threshold():
 
 
 def test_threshold_noise_alone_has_its_own_variance():
-    """chi² of 40,000 intervals, significance 1e-4, seed 9; as above."""
+    """χ² test of 40,000 intervals, significance 1e-4, seed 9; readout adds q²/6."""
     sensor = vidar(on=("threshold_noise",), threshold_e=400, threshold_noise_rms=0.05)
     charge = first_intervals(8.0, sensor, 128, 9)
     z = (charge.var() / ((0.05 * 400) ** 2 + 8.0**2 / 6) - 1) / np.sqrt(2 / charge.size)
@@ -189,9 +188,9 @@ def test_threshold_noise_alone_has_its_own_variance():
 
 @pytest.mark.parametrize("interval", [2.6, 5.3, 12.7])
 def test_reset_jitter_adds_its_square_to_the_variance_of_an_interval_at_any_rate(interval):
-    """Pearson's χ² of 40,000 intervals against the exact law with s² = j², and the variance; 1e-4 each, seed 9.
+    """Pearson's χ² and the variance of 40,000 intervals, for the exact law with s² = j²; 1e-4 each, seed 9.
 
-    In charge that is (j·charge per readout)². The law asks for an even phase: jitter makes it one in 60 spikes.
+    In charge that is (j·charge per readout)². The law needs a uniform phase, which jitter produces in 60 spikes.
     """
     jitter, skipped = 0.2, 60
     sensor = vidar(on=("reset_jitter",), reset_jitter=jitter)
@@ -218,11 +217,11 @@ def test_jitter_does_not_move_the_rate():
 
 
 def test_intervals_are_independent_in_time_and_between_pixels():
-    """Correlation of thousands of pairs each, significance 1e-4 two-sided, seed 4."""
+    """Correlations of thousands of pairs each; significance 1e-4, two-sided, seed 4."""
     spikes = unpacked(encode(uniform(1.0, (40, 250)), vidar(on=("shot",), threshold_e=100), frames=460, seed=4))
     order = np.argsort(~spikes.astype(bool), axis=0, kind="stable")[:4].reshape(4, -1)
     first, second, third = np.diff(order, axis=0)
-    # Whole steps of 1 e- correlate neighbouring intervals by -1/1200 here, far below the limit.
+    # Steps of 1 e⁻ correlate neighbouring intervals by -1/1200, far below the limit.
     for a, b in [(first, second), (second, third), (first, third), (first[:-1], first[1:])]:
         assert abs(np.corrcoef(a, b)[0, 1]) * np.sqrt(a.size) < stats.norm.isf(0.5e-4)
 
@@ -230,26 +229,26 @@ def test_intervals_are_independent_in_time_and_between_pixels():
 def test_the_contrast_of_counts_is_light_plus_shot_noise_plus_phase():
     """E[C²_obs] = C² + F/ū + q/ū² with F = 1/threshold, q = 1/6; 100,000 pixels, 5 sd allowed, seed 8.
 
-    1/6 is the average law: it holds because what pixels expect runs over two whole spikes. See test_counting_law.py.
+    1/6 is the average law; it holds because the expected counts range over two spikes. See test_counting_law.py.
     """
     theta, mean, frames = 100.0, 20.0, 400
-    wanted = mean * np.linspace(0.95, 1.05, 100_000)  # spikes a pixel: whole periods of the phase
-    charge = np.float32(wanted * theta / frames).reshape(1, 250, 400)
+    expected = mean * np.linspace(0.95, 1.05, 100_000)  # spikes per pixel: an integer number of periods of the phase
+    charge = np.float32(expected * theta / frames).reshape(1, 250, 400)
     seen = counts(encode(charge, vidar(on=("shot",), threshold_e=theta), frames=frames, seed=8)).astype(float)
-    contrast = wanted.var() / mean**2
+    contrast = expected.var() / mean**2
     noise = (1 / theta) / mean + (1 / 6) / mean**2
     sd = np.sqrt(2 * noise**2 + 4 * contrast * noise) / np.sqrt(seen.size)
     assert seen.var() / seen.mean() ** 2 == pytest.approx(contrast + noise, abs=5 * sd)
-    assert noise > 50 * sd  # the test can tell
+    assert noise > 50 * sd  # so the test can fail
 
 
 def test_adjacent_half_windows_share_the_residue():
-    """Covariance -1/12 of 100,000 pixels whose expectation runs over whole spikes; 5 sd, seed 8."""
-    wanted = np.linspace(20.0, 22.0, 100_000).reshape(250, 400)
-    spikes = encode(np.float32(wanted * THETA / 200)[None], vidar(), frames=400, seed=8)
-    first = counts(spikes[..., :25]) - wanted
-    second = counts(spikes[..., 25:]) - wanted
-    assert (first * second).mean() == pytest.approx(-1 / 12, abs=5 * (1 / 6) / np.sqrt(wanted.size))
+    """The covariance is -1/12 for 100,000 pixels whose expected counts range over two spikes; 5 sd, seed 8."""
+    expected = np.linspace(20.0, 22.0, 100_000).reshape(250, 400)
+    spikes = encode(np.float32(expected * THETA / 200)[None], vidar(), frames=400, seed=8)
+    first = counts(spikes[..., :25]) - expected
+    second = counts(spikes[..., 25:]) - expected
+    assert (first * second).mean() == pytest.approx(-1 / 12, abs=5 * (1 / 6) / np.sqrt(expected.size))
 
 
 def test_flicker_of_100_hz_vanishes_in_windows_of_200_frames():
@@ -259,16 +258,16 @@ def test_flicker_of_100_hz_vanishes_in_windows_of_200_frames():
     encoder = Encoder(vidar(), (100, 100), seed=3)
     stack = np.full((1, 1, 100, 100), 0.2 * THETA, np.float32)
     spikes = encoder.encode(stack, index=np.zeros(2_000, int), fraction=np.zeros(2_000), gain=gain)
-    whole = unpacked(spikes).reshape(10, 200, 100, 100).sum(axis=1)
-    half = unpacked(spikes)[:1_600].reshape(16, 100, 100, 100).sum(axis=1)
-    assert abs(whole - 40.0).max() <= 1
-    assert np.ptp(whole.mean(axis=(1, 2))) < 0.02
-    assert np.ptp(half.mean(axis=(1, 2))) > 15
+    periods = unpacked(spikes).reshape(10, 200, 100, 100).sum(axis=1)
+    halves = unpacked(spikes)[:1_600].reshape(16, 100, 100, 100).sum(axis=1)
+    assert abs(periods - 40.0).max() <= 1
+    assert np.ptp(periods.mean(axis=(1, 2))) < 0.02
+    assert np.ptp(halves.mean(axis=(1, 2))) > 15
 
 
 @pytest.mark.parametrize("term", QUIET)
 def test_each_noise_term_changes_only_what_it_should(term):
-    """Rates over 2,000 frames against the same 2,000 pixels without noise: as the maps of the device say; seed 7."""
+    """Rates of 2,000 pixels over 2,000 frames change by the maps of the device; seed 7."""
     sensor = vidar(on=(term,), dead_fraction=0.01, dust_fraction=0.02, reset_jitter=0.1)
     charge = uniform(0.2 * THETA)
     quiet, noisy = (encode(charge, one, frames=2_000, seed=7) for one in (vidar(), sensor))
@@ -285,8 +284,8 @@ def test_each_noise_term_changes_only_what_it_should(term):
 
 
 def sums_to_a_ramp(sensor, slope, *, frames=4_096, rows=17, columns=4_000):
-    """Mean spikes (row,) that pixels of each row fire while the charge of a readout rises from 0 by ``slope``."""
-    knots = np.float32([slope / 2, slope * (frames - 0.5)])  # of the middle of the first and of the last readout
+    """Return the mean number of spikes per row, (row,), while the charge per readout rises from 0 by ``slope``."""
+    knots = np.float32([slope / 2, slope * (frames - 0.5)])  # at the middle of the first and last readouts
     stack = np.broadcast_to(knots[:, None, None], (1, 2, rows, columns)).copy()
     index, fraction = encoder_knot_weights(np.arange(frames) / (frames - 1), 2)
     encoder = Encoder(sensor, (rows, columns), seed=2)
@@ -296,10 +295,10 @@ def sums_to_a_ramp(sensor, slope, *, frames=4_096, rows=17, columns=4_000):
 
 @pytest.mark.parametrize("skew", [0.25, 1.0])
 def test_under_a_ramp_each_row_is_behind_by_its_part_of_the_skew(skew):
-    """Row r of n has the charge of (n - 1 - r)/(n - 1) of the skew earlier: slope·frames·skew/θ spikes at most.
+    """Row r of n is read (n - 1 - r)/(n - 1) of the skew earlier, and is behind by at most slope·frames·skew/θ spikes.
 
-    A pixel counts one spike less with that probability f, or none: 4,000 of them know it to √(f(1 − f)/4,000), of which
-    5 are allowed. The first readout lacks slope·e², far below. Seed 2.
+    A pixel has one spike less with that probability f. The mean of 4,000 pixels has a standard error of
+    √(f(1 − f)/4,000), of which 5 are allowed. The first readout lacks slope·e², which is negligible. Seed 2.
     """
     slope, frames, rows = 0.9 * THETA / 4_096, 4_096, 17
     late = sums_to_a_ramp(vidar(), slope) - sums_to_a_ramp(vidar(row_skew=skew), slope)
@@ -309,9 +308,10 @@ def test_under_a_ramp_each_row_is_behind_by_its_part_of_the_skew(skew):
 
 
 def test_rows_see_a_flicker_at_their_own_time():
-    """100 Hz at 20 kHz, a lamp of full modulation, skew 1: the phase of each row's counts, by Fourier, 2,000 readouts.
+    """The Fourier phase of each row's counts under a fully modulated lamp of 100 Hz, skew 1, 2,000 readouts at 20 kHz.
 
-    The first row is a readout behind: 1.8° of 100 Hz. 4,000 pixels of a row even out what whole spikes leave.
+    The first row is one readout behind, 1.8° of 100 Hz. Each row averages 4,000 pixels, so that rounding to spikes
+    is negligible.
     """
     frames, rows, columns = 2_000, 5, 4_000
     gain = (1 + np.sin(2 * np.pi * 100 * (np.arange(frames) + 0.5) / 20_000))[:, None]
@@ -341,11 +341,11 @@ def test_skew_does_nothing_to_light_that_stands_still():
 def test_any_cut_into_blocks_gives_the_same_bits(cut, changes):
     inputs = schedule()
     sensor = get_sensor("vidar_400x250", threshold_e=2_000, **changes)
-    whole = Encoder(sensor, (5, 30), seed=11).encode(**inputs)
+    uncut = Encoder(sensor, (5, 30), seed=11).encode(**inputs)
     encoder, parts = Encoder(sensor, (5, 30), seed=11), []
     for a, b in zip((0, *cut), (*cut, 404), strict=True):
         parts.append(encoder.encode(**some_frames(inputs, slice(a, b))))
-    assert np.array_equal(np.concatenate(parts, axis=-1), whole)
+    assert np.array_equal(np.concatenate(parts, axis=-1), uncut)
     assert encoder.frames == 404
 
 
@@ -360,16 +360,16 @@ def test_the_number_of_threads_does_not_matter(threads):
 @pytest.mark.parametrize("skew", [0, 0.9])
 @pytest.mark.parametrize("rows", [slice(0, 5), slice(4, 9), slice(20, None), slice(None)])
 def test_some_rows_fire_as_they_do_in_the_whole(rows, skew):
-    """48 columns: blocks of 64 pixels begin in every fourth row."""
+    """With 48 columns blocks of 64 pixels begin in every fourth row."""
     inputs = schedule(shape=(23, 48))
     sensor = get_sensor("vidar_400x250", row_skew=skew)
-    whole = Encoder(sensor, (23, 48), seed=11).encode(**inputs)
+    all_rows = Encoder(sensor, (23, 48), seed=11).encode(**inputs)
     some = Encoder(sensor, (23, 48), seed=11, rows=rows)
     parts = [
         some.encode(**some_frames(inputs, t) | {"stack": inputs["stack"][:, :, rows]})
         for t in (slice(200), slice(200, None))
     ]
-    assert np.array_equal(np.concatenate(parts, axis=-1), whole[rows])
+    assert np.array_equal(np.concatenate(parts, axis=-1), all_rows[rows])
 
 
 @pytest.mark.parametrize("rows", [slice(3, 9), slice(5, 5)])
@@ -387,15 +387,15 @@ def digest_of_a_stream():
 
 
 def test_the_bits_are_the_same_on_every_machine():
-    """A pinned digest: when it moves, every stream ever made has moved (changelog: Numbers that moved)."""
+    """If this pinned digest changes, all streams change; add a line under *Numbers that moved* in CHANGELOG.md."""
     assert digest_of_a_stream() == DIGEST
 
 
 @pytest.mark.slow
 def test_the_bits_are_the_same_on_a_processor_without_vector_extensions(tmp_path):
-    """Compiled for the plainest processor, and without numpy's own vector loops.
+    """The kernel is compiled for a generic processor, and numpy's vector loops are disabled.
 
-    Its process is given the two functions alone: it imports neither pytest nor scipy's statistics.
+    The process gets only the source of two functions, so that it imports neither pytest nor scipy.stats.
     """
     environment = os.environ | {
         "NUMBA_CPU_NAME": "generic",
@@ -426,7 +426,7 @@ def test_the_last_byte_is_filled_with_zeros():
 
 
 def test_memory_does_not_grow_with_the_recording():
-    """The least of three peaks: threads that earlier tests have left behind may allocate at the same time."""
+    """Uses the least of three peaks, because threads of earlier tests may allocate memory at the same time."""
     inputs = schedule(frames=800, shape=(50, 64))
     encoder = Encoder(get_sensor("vidar_400x250"), (50, 64), seed=1)
 

@@ -1,4 +1,4 @@
-"""Light to charge, and the scale of exposure, against closed forms and against the encoder."""
+"""Charge from light, and the scale of exposure, compared with closed forms and with the encoder."""
 
 from dataclasses import dataclass
 from math import atan, cos, hypot, pi
@@ -17,7 +17,7 @@ V, R = 0.052, 0.009
 
 @dataclass
 class Lens:
-    """A lens at ``distances`` (m) from the sensor, whatever its positions."""
+    """A lens at ``distances`` (m) from the sensor at any position."""
 
     distances: np.ndarray
     aperture_radius_m: float = R
@@ -32,7 +32,7 @@ def test_irradiance_falls_with_the_fourth_power_of_the_cosine():
     for row, column in [(0, 0), (124, 200), (249, 17)]:
         angle = atan(hypot((row - 124.5) * 2e-5, (column - 199.5) * 2e-5) / V)
         assert factor[row, column] == pytest.approx(pi * R**2 / V**2 * cos(angle) ** 4, rel=1e-12)
-    assert factor[0, 0] < 0.99 * factor[124, 199]  # the corner sees it
+    assert factor[0, 0] < 0.99 * factor[124, 199]  # the effect is large in the corner
 
 
 def test_irradiance_falls_with_the_square_of_the_bellows():
@@ -50,7 +50,7 @@ def test_electrons_are_photons_times_quantum_efficiency_and_fill_factor():
 
 
 def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows():
-    """PHYSICS closed form, within 0.5 %: four quarters of the field at two image distances, seed 1."""
+    """Four quarters of the field at two image distances agree with the closed form within 0.5 %; seed 1."""
     radiance = np.full((2, 2, 60, 80), 0.5 * 0.1, np.float32)  # two groups share the light
     sensor = get_sensor("ideal", pitch_m=2e-4)  # wide angles
     distances = np.array([V, 1.3 * V])
@@ -74,7 +74,7 @@ def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bel
 @pytest.mark.parametrize("saturation", ["subtract", "dead_readout"])
 @pytest.mark.parametrize("dark", [True, False])
 def test_the_scale_makes_the_encoder_fire_at_the_mean_rate(mean_rate, saturation, dark):
-    """A textured target of 1,500 pixels, 1 % allowed; the response's own mean there is left out; seed 3."""
+    """A textured target of 1,500 pixels without fixed response, whose mean there is not 1; 1 % allowed; seed 3."""
     random = np.random.default_rng(3)
     charge = random.uniform(20, 2_000, (60, 80)).astype(np.float32)
     target = np.zeros((60, 80), bool)
@@ -88,7 +88,7 @@ def test_the_scale_makes_the_encoder_fire_at_the_mean_rate(mean_rate, saturation
 
 
 def test_a_warm_sensor_with_uncertain_resets_fires_at_the_mean_rate_too():
-    """Dark current is 8 times that at 25 °C, 0.036 of the rate of 0.2; 4,800 pixels, 0.5 % allowed, seed 3."""
+    """Dark current is 8 times that at 25 °C, 0.036 of the rate of 0.2; 4,800 pixels, 0.5 % allowed; seed 3."""
     sensor = get_sensor(
         "vidar_400x250", temperature_c=49, dark_hot_fraction=0, reset_jitter=0.1, row_skew=1,
         noise={"response": False, "dust": False, "reset_jitter": True},
@@ -108,7 +108,7 @@ def test_without_noise_the_scale_is_a_ratio():
 
 
 def test_the_scale_hides_the_order_of_summation():
-    """Differences in a mean's last bits are rounded away: 20 bits are kept."""
+    """The scale is rounded to 20 bits, which removes differences in the last bits of a mean."""
     charge = np.random.default_rng(1).uniform(1, 1e3, (50, 50))
     everywhere = np.ones((50, 50), bool)
     scale = camera_exposure_scale(charge, everywhere, sensor=VIDAR, mean_rate=0.2)

@@ -1,4 +1,4 @@
-"""The fixed pattern of one device against the numbers of its sensor, and of many against a real one. Seeds named."""
+"""The fixed pattern of a device, compared with its sensor's parameters, and of many devices with a real one."""
 
 from dataclasses import replace
 
@@ -15,9 +15,9 @@ from saf_gen.core.seeds import make_generator
 VIDAR = get_sensor("vidar_400x250")
 SHAPE = (250, 400)
 PLAIN = replace(VIDAR, response_first_column=0, response_first_row=0, response_per_dark=0, response_twist_rms=0)
-"""The profiles and white pixels alone."""
+"""A sensor with only profiles and white pixels."""
 
-FAR = stats.norm.isf(0.5e-4)  # standard deviations, at a significance of 1e-4 on two sides
+FAR = stats.norm.isf(0.5e-4)  # standard deviations, at a two-sided significance of 1e-4
 
 
 def response_of(sensor, shape=SHAPE, *, seed):
@@ -31,7 +31,7 @@ def pattern():
 
 # --- a real chip --------------------------------------------------------------------------------------
 
-# The calibration map Nl of BIT-Vision/SpikeNeRF, 250 x 400 rates over their mean, as measure() takes it.
+# The calibration map Nl of BIT-Vision/SpikeNeRF, 250 x 400 rates over their mean, measured with measure().
 REAL = {
     "rms": 0.0564, "column_rms": 0.0411, "row_rms": 0.0264, "white_rms": 0.0282, "white_robust_rms": 0.0261,
     "beyond_5": 0.00089, "beyond_10": 0.00026, "correlation_1": 0.051, "correlation_20": 0.049, "least": 0.28,
@@ -45,7 +45,7 @@ SHARES = {
 
 
 def measure(rate):
-    """The statistics of a map of rates; correlations 1 and 20 columns apart are of the rest within 3 robust rms."""
+    """Return statistics of a map of rates, and correlations 1 and 20 columns apart of its rest, clipped at 3 rms."""
     found = vars(measure_pattern_statistics(rate))
     rest = split_pattern_for_statistics(rate)[2]
     clipped = np.clip(rest - np.median(rest), -3 * found["white_robust_rms"], 3 * found["white_robust_rms"])
@@ -55,8 +55,8 @@ def measure(rate):
 
 
 def signs_of(seed, kind, *, shares, length):
-    """The signs of a device's Legendre terms, without drawing the device."""
-    profile = _draw_profile(length, 1.0, shares=shares, random=make_generator("device", seed, f"response {kind}"))
+    """Return the signs of a device's Legendre terms without drawing the device."""
+    profile = _draw_profile(length, 1.0, fractions=shares, random=make_generator("device", seed, f"response {kind}"))
     return np.sign(np.polynomial.legendre.Legendre.fit(np.arange(length), profile, len(shares)).coef[1:])
 
 
@@ -76,7 +76,7 @@ def devices():
 @pytest.mark.parametrize("name", REAL)
 @pytest.mark.slow
 def test_a_real_chip_could_be_one_of_these_devices(devices, name):
-    """Its figure lies within 4 standard deviations of theirs, and half of its last digit."""
+    """Its figure is within 4 standard deviations, and half of its last digit, of their mean."""
     ours = np.array([one[name] for one in devices])
     half_a_digit = 0.5 * 10.0 ** -len(f"{REAL[name]:f}".rstrip("0").split(".")[1])
     assert len(ours) > 30
@@ -85,16 +85,16 @@ def test_a_real_chip_could_be_one_of_these_devices(devices, name):
 
 @pytest.mark.parametrize("name", SHARES)
 def test_a_real_chip_has_the_spectrum_and_the_shape_of_these_devices(devices, name):
-    """Every band within 4 standard deviations of theirs and half of its last digit."""
+    """Each fraction is within 4 standard deviations, and half of its last digit, of their mean."""
     ours = np.array([one[name] for one in devices])
     half_a_digit = 0.0005 if "bands" in name else 0.005
     assert (abs(ours.mean(axis=0) - SHARES[name]) < 4 * ours.std(axis=0, ddof=1) + half_a_digit).all()
 
 
-def test_the_kurtosis_and_the_brightest_pixel_of_a_real_chip_are_no_wonder(devices):
-    """131 and 2.64 hang on the one pixel that is hottest, so the law has neither a fourth moment nor a largest value.
+def test_the_kurtosis_and_the_brightest_pixel_of_a_real_chip_are_usual(devices):
+    """131 and 2.64 depend on the hottest pixel, so the law has neither a fourth moment nor a largest value.
 
-    Between 2 % and 98 % of these devices lie below; without that pixel the real one has 16.5.
+    Between 2 % and 98 % of these devices are below; without that pixel the real kurtosis is 16.5.
     """
     for name, real in (("white_kurtosis", 131), ("largest", 2.64)):
         assert 0.02 < np.mean([one[name] < real for one in devices]) < 0.98
@@ -102,7 +102,7 @@ def test_the_kurtosis_and_the_brightest_pixel_of_a_real_chip_are_no_wonder(devic
 
 
 def test_bright_outliers_have_much_dark_charge_and_dark_ones_are_dust(pattern):
-    """As on the real chip, where all 49 above 5 robust sd have more than twice the median dark charge."""
+    """On the real chip all 49 pixels above 5 robust sd have more than twice the median dark charge."""
     rate = pattern.response.astype(float) / pattern.threshold
     rate = rate[1:, 1:] / rate.mean()
     rest = rate - rate.mean(axis=0) - rate.mean(axis=1)[:, None] + 1
@@ -119,10 +119,10 @@ def test_bright_outliers_have_much_dark_charge_and_dark_ones_are_dust(pattern):
 
 @pytest.mark.parametrize("name", sensor_names())
 def test_every_sensor_has_the_response_of_its_numbers(name):
-    """Its own array, seed 3: mean 1, white pixels within FAR standard errors of their rms, and the smooth profiles.
+    """The full array, seed 3, has mean 1, the white rms within FAR standard errors, and the smooth profiles.
 
-    The mean of n white pixels adds σ²/n to a profile's variance, and the profile's own white part is a χ² of as many
-    degrees of freedom as it has pixels; Legendre terms are as large as they are said to be, to that noise.
+    The mean of n white pixels adds σ²/n to the variance of a profile. The white part of a profile of n pixels follows a
+    χ² law of n degrees of freedom. Legendre terms have their sizes within that noise.
     """
     sensor = get_sensor(name)
     shape = (sensor.rows, sensor.columns)
@@ -151,8 +151,8 @@ def test_every_sensor_has_the_response_of_its_numbers(name):
         assert abs(z) < FAR
 
 
-def test_a_profile_without_smooth_shares_is_white():
-    """χ² of 400 columns, and no correlation of neighbours; significance 1e-4 each, seed 2."""
+def test_a_profile_without_legendre_terms_is_white():
+    """χ² of 400 columns, and the correlation of neighbours; significance 1e-4 each, seed 2."""
     sensor = replace(PLAIN, response_column_legendre=(), response_row_rms=0, response_white_rms=0)
     columns = response_of(sensor.with_noise(dust=False), seed=2)[0] - 1
     z = ((columns**2).sum() / 0.0403**2 - 399) / np.sqrt(2 * 399)
@@ -160,8 +160,8 @@ def test_a_profile_without_smooth_shares_is_white():
     assert abs(np.corrcoef(columns[1:], columns[:-1])[0, 1]) < FAR / np.sqrt(399)
 
 
-def test_the_signs_of_smooth_terms_are_the_devices():
-    """40 devices: each sign occurs, with a chance of 2·2⁻⁴⁰ that it does not; seeds 0 to 39."""
+def test_the_signs_of_smooth_terms_vary_from_device_to_device():
+    """Among 40 devices each sign occurs, except with probability 2·2⁻⁴⁰; seeds 0 to 39."""
     sensor = replace(PLAIN, response_twist_rms=0.02)
     x, y = np.linspace(-1, 1, 400), np.linspace(-1, 1, 250)[:, None]
     maps = [response_of(sensor, seed=s) for s in range(40)]
@@ -171,37 +171,34 @@ def test_the_signs_of_smooth_terms_are_the_devices():
 
 
 def test_the_twist_correlates_pixels_however_far_apart_and_nothing_else_does():
-    """Share T of the rest's variance correlates pixels d rows apart by T·(1 - 1.5·d/H), 1e-4, seed 6; none without."""
+    """A twist with a fraction T of the variance correlates pixels d rows apart by T·(1 - 1.5·d/H); 1e-4, seed 6."""
     for twist in (0.006, 0.0):
         sensor = replace(PLAIN, response_twist_rms=twist).with_noise(dust=False)
         response = response_of(sensor, seed=6)
         rest = response - response.mean(axis=0) - response.mean(axis=1)[:, None] + 1
-        share = twist**2 / (twist**2 + VIDAR.response_white_rms**2)
+        part = twist**2 / (twist**2 + VIDAR.response_white_rms**2)
         for distance in (1, 20):
             seen = (rest[distance:] * rest[:-distance]).mean() / rest.var()
-            # A difference of d rows costs the product of two tilts 1.5·d/H of their mean square.
-            assert seen == pytest.approx(
-                share * (1 - 1.5 * distance / 250), abs=FAR / np.sqrt(rest.size) + 0.01 * share
-            )
+            # The product of two tilts d rows apart is smaller than their mean square by a fraction 1.5·d/H.
+            assert seen == pytest.approx(part * (1 - 1.5 * distance / 250), abs=FAR / np.sqrt(rest.size) + 0.01 * part)
 
 
 def test_the_first_column_and_row_stand_out_by_their_numbers():
-    """Means of 399 and 249 differences of neighbours; standard errors from the white rest; 1e-4, seed 4."""
+    """Means of 249 and 399 differences of neighbours, with standard errors from the white rest; 1e-4, seed 4."""
     sensor = replace(VIDAR, response_per_dark=0).with_noise(dust=False)
     response = response_of(sensor, seed=4)
     for rise, excess in (
         (response[1:, 0] - response[1:, 1], VIDAR.response_first_column),
         (response[0, 1:] - response[1, 1:], VIDAR.response_first_row),
     ):
-        allowed = (
-            FAR * VIDAR.response_white_rms * np.sqrt(2 / rise.size) + 0.006
-        )  # slope of the profile, its white part
+        profile = 0.006  # its slope and white part
+        allowed = FAR * VIDAR.response_white_rms * np.sqrt(2 / rise.size) + profile
         assert rise.mean() == pytest.approx(excess, abs=allowed)
     assert abs(np.diff(response[1:, 1:].mean(axis=0))).max() < 0.02
 
 
 def test_response_rises_with_dark_charge():
-    """Regression over 100,000 pixels: slope, and spread of the slope, within 5 %; seed 5."""
+    """The mean and the spread of the slope over 100,000 pixels agree within 5 %; seed 5."""
     sensor = replace(PLAIN, response_per_dark=0.026, response_white_rms=0, response_column_rms=0, response_row_rms=0)
     pattern = draw_sensor_fixed_pattern(sensor.with_noise(dust=False), SHAPE, seed=5)
     dark = pattern.dark.astype(float) / VIDAR.mean_dark_e
@@ -214,7 +211,7 @@ def test_response_rises_with_dark_charge():
 
 
 def test_dust_takes_half_normal_light_from_its_share_of_the_pixels():
-    """5,000 of 100,000 pixels expected, 5 sd; Kolmogorov-Smirnov of what they lose, 1e-4; seed 7."""
+    """5,000 of 100,000 pixels within 5 sd; Kolmogorov-Smirnov test of the lost light at 1e-4; seed 7."""
     sensor = get_sensor("ideal", dust_fraction=0.05, dust_depth_rms=0.2, noise={"dust": True})
     lost = 1 - response_of(sensor, seed=7)
     dusty = lost[lost > 0]
@@ -223,7 +220,7 @@ def test_dust_takes_half_normal_light_from_its_share_of_the_pixels():
 
 
 def test_dead_pixels_never_fire():
-    """1,000 of 100,000 expected, 5 sd; seed 8."""
+    """1,000 of 100,000 pixels within 5 sd; seed 8."""
     sensor = replace(VIDAR, dead_fraction=0.01)
     pattern = draw_sensor_fixed_pattern(sensor, SHAPE, seed=8)
     dead = pattern.response == 0
@@ -237,7 +234,7 @@ def test_dead_pixels_never_fire():
 
 
 def test_dark_charge_is_log_normal_with_hot_pixels_and_the_stated_mean():
-    """Four devices, 400,000 pixels: the mean within 1 %, 800 hot pixels within 5 sd; seeds 0 to 3."""
+    """400,000 pixels of four devices: the mean within 1 %, 800 hot pixels within 5 sd; seeds 0 to 3."""
     dark = np.stack([draw_sensor_fixed_pattern(VIDAR, SHAPE, seed=s).dark for s in range(4)]).astype(float)
     assert dark.mean() == pytest.approx(0.0045 * VIDAR.threshold_e, rel=0.01)
     logs = np.log(dark[dark < 3 * np.median(dark)])
@@ -247,9 +244,9 @@ def test_dark_charge_is_log_normal_with_hot_pixels_and_the_stated_mean():
 
 
 def test_hot_pixels_grow_rare_by_a_pareto_law():
-    """Eight devices: above x medians, 1,600·(x/4)^-2.7 pixels, where the log-normal has none left; 5 sd; seeds 0 to 7.
+    """Eight devices have 1,600·(x/4)^-2.7 pixels above x medians, far more than a log-normal law; 5 sd; seeds 0 to 7.
 
-    The real chip has 27, 7, 5 and 1 of 99,351 above 8, 12, 20 and 30 medians: all within 95 % of that Poisson law.
+    Of the real chip's 99,351 pixels 27, 7, 5 and 1 are above 8, 12, 20 and 30 medians, within 95 % of that Poisson law.
     """
     dark = np.stack([draw_sensor_fixed_pattern(VIDAR, SHAPE, seed=s).dark for s in range(8)]).astype(float)
     ratio = dark / np.median(dark)
@@ -263,7 +260,7 @@ def test_hot_pixels_grow_rare_by_a_pareto_law():
 
 @pytest.mark.parametrize(("warmer", "factor"), [(8, 2), (-16, 0.25), (0, 1)])
 def test_dark_charge_doubles_every_eight_kelvins(pattern, warmer, factor):
-    """The whole map, to the grid on which it lies, and the mean that exposure knows of."""
+    """This holds exactly for the map, whose values are on a grid, and for the mean that exposure uses."""
     sensor = replace(VIDAR, temperature_c=25 + warmer)
     assert sensor.mean_dark_e == factor * VIDAR.mean_dark_e
     warm = draw_sensor_fixed_pattern(sensor, SHAPE, seed=1)
@@ -328,7 +325,7 @@ def test_any_shape_has_a_pattern(shape):
 
 
 def test_smaller_arrays_have_the_spread_of_the_whole():
-    """What is said of a profile holds for the array that is drawn, no cut of a larger one: within 5 %, seed 1."""
+    """A small array is not cut from a large one: its profiles have the stated rms within 5 %; seed 1."""
     for shape in ((32, 48), (125, 200)):
         columns = response_of(PLAIN, shape, seed=1).mean(axis=0)
         assert columns.std() == pytest.approx(VIDAR.response_column_rms, rel=0.05)

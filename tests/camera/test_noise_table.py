@@ -5,7 +5,7 @@ from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE, make_sensor_nois
 
 
 def test_the_table_is_standard_normal():
-    """chi² over 256 classes of equal probability; significance 1e-4, 65,536 entries, its one seed."""
+    """χ² test of 65,536 entries in 256 classes of equal probability; significance 1e-4; the table has one seed."""
     table = make_sensor_noise_table()[:NOISE_TABLE_SIZE].astype(np.float64)
     assert abs(table.mean()) < 1e-6
     assert abs(table.var() - 1) < 1e-6
@@ -15,7 +15,7 @@ def test_the_table_is_standard_normal():
 
 
 def test_entries_know_nothing_of_each_other_at_any_distance():
-    """Circular autocorrelation -1/(N - 1), where independent draws would scatter by 1/sqrt(N) = 0.004."""
+    """The circular autocorrelation is -1/(N - 1); that of independent draws would scatter by 1/√N = 0.004."""
     table = make_sensor_noise_table()[:NOISE_TABLE_SIZE].astype(np.float64)
     correlation = np.fft.irfft(np.abs(np.fft.rfft(table)) ** 2) / NOISE_TABLE_SIZE
     assert abs(correlation[0] - 1) < 1e-6

@@ -1,4 +1,4 @@
-"""Sensors: strict reading, changes, the arithmetic behind derived numbers, the laws of every one."""
+"""Sensors: changes, the arithmetic behind derived numbers, the laws of each sensor, and sensor files in recipes."""
 
 from dataclasses import asdict, replace
 
@@ -35,12 +35,12 @@ def test_every_sensor_that_comes_along_is_in_that_list():
 def test_the_noisy_one_is_the_nominal_one_but_for_the_noise_of_its_thresholds():
     nominal, noisy = get_sensor("vidar_400x250"), get_sensor("vidar_400x250_noisy")
     assert (nominal.threshold_noise_rms, noisy.threshold_noise_rms) == (0.0058, 0.035)
-    own = {key: getattr(nominal, key) for key in ("name", "threshold_noise_rms", "sources")}
-    assert replace(noisy, **own) == nominal
+    differ = {key: getattr(nominal, key) for key in ("name", "threshold_noise_rms", "sources")}
+    assert replace(noisy, **differ) == nominal
 
 
 def test_the_fast_mode_is_the_same_chip_read_twice_as_often():
-    """What is a matter of seconds keeps its seconds: light, dark current, the time of a reset."""
+    """Light, dark current and the time of a reset are the same per second."""
     slow, fast = get_sensor("vidar_400x250"), get_sensor("vidar_400x250_40khz")
     assert sensor_electrons_per_irradiance(fast) == pytest.approx(sensor_electrons_per_irradiance(slow) / 2)
     assert fast.mean_dark_e * fast.readout_hz == pytest.approx(slow.mean_dark_e * slow.readout_hz)
@@ -50,7 +50,7 @@ def test_the_fast_mode_is_the_same_chip_read_twice_as_often():
 
 
 def test_the_fast_mode_fires_as_often_a_second():
-    """The same light, 0.2 s of each; shot noise and dark current on, 2,000 pixels, 0.5 % allowed."""
+    """0.2 s of the same light, with shot noise and dark current; 2,000 pixels, 0.5 % allowed, seed 1."""
     seconds = []
     for name in ("vidar_400x250", "vidar_400x250_40khz"):
         sensor = get_sensor(name, reset_loss=0, noise={"response": False, "threshold_spread": False})
@@ -69,7 +69,7 @@ def test_ideal_has_no_noise_at_all():
 
 
 def test_ideal_counts_charge_to_the_last_spike():
-    """Every pixel of 1,000, over any window: the charge over the threshold, to one spike of phase."""
+    """Each of 1,000 pixels counts charge over threshold in any window, to one spike because of the phase."""
     charge = np.linspace(0, 0.99, 1_000, dtype=np.float32).reshape(1, 20, 50) * 29_900
     spikes = encode(charge, "ideal", frames=2_000, seed=4)
     for frames in (8, 800, 2_000):
@@ -81,10 +81,10 @@ def test_ideal_counts_charge_to_the_last_spike():
 @pytest.mark.parametrize("saturation", ["subtract", "dead_readout"])
 @pytest.mark.parametrize("reset", ["subtract", "hard"])
 def test_every_sensor_obeys_the_law_of_its_reset_and_saturation(name, saturation, reset):
-    """1,000 pixels, 2,000 readouts, no noise; the loss after a spike is ℓ, of a dead readout 1.
+    """1,000 pixels, 2,000 readouts, no noise; the loss after a spike is ℓ, which is 1 for a dead readout.
 
-    subtract: a spike costs θ + ℓ·q, so rate = q/(θ + ℓ·q). hard: the n-th readout after a spike is the
-    first with (n - ℓ)·q at least θ, so rate = 1/⌈θ/q + ℓ⌉. The phase leaves less than 1/2,000.
+    subtract: a spike costs θ + ℓ·q, so rate = q/(θ + ℓ·q). hard: the next spike is in the first readout n
+    with (n - ℓ)·q at least θ, so rate = 1/⌈θ/q + ℓ⌉. The phase leaves an error below 1/2,000.
     """
     off = dict.fromkeys(asdict(get_sensor(name).noise), False)
     sensor = get_sensor(name, saturation=saturation, reset=reset, noise=off)
@@ -128,12 +128,12 @@ def test_shot_noise_needs_electrons_enough_to_be_normal():
     assert get_sensor("vidar_400x250", threshold_e=4, noise={"shot": False}).threshold_e == 4
 
 
-# --- a file of one's own in a recipe -----------------------------------------------------------------
+# --- a sensor file in a recipe -----------------------------------------------------------------------
 
 
 @pytest.fixture
 def recipe(tmp_path, test_scenes, small_sensor):
-    """The small recipe whose sensor is recipes/cameras/mine.yaml, a copy of the small sensor: path."""
+    """The path of the small recipe, whose sensor is recipes/cameras/mine.yaml, a copy of the small sensor."""
     path = tmp_path / "recipes" / "small.yaml"
     (path.parent / "cameras").mkdir(parents=True)
     (path.parent / "cameras" / "mine.yaml").write_text(small_sensor.read_text())
@@ -168,16 +168,16 @@ def test_the_content_of_a_sensor_file_decides_and_not_its_name(recipe):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("cameras/mine.yaml", "cameras/mein.yaml", r"cameras/mein.yaml does not exist; did you mean .*mine.yaml"),
         ("cameras/mine.yaml", "mine.yaml", r"recipes/mine.yaml does not exist"),
         ("cameras/mine.yaml", "vidar", r"unknown sensor 'vidar'.*or give the path of a .yaml file"),
     ],
 )
-def test_a_sensor_that_a_recipe_cannot_have_is_told_in_one_line(recipe, old, new, told):
+def test_a_recipe_with_a_missing_sensor_is_refused_in_one_line(recipe, old, new, message):
     recipe.write_text(recipe.read_text().replace(old, new))
-    with pytest.raises(BadInput, match=told) as caught:
+    with pytest.raises(BadInput, match=message) as caught:
         resolve_recipe(recipe)
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2

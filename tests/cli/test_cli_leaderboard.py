@@ -1,4 +1,4 @@
-"""``saf-gen leaderboard``: evaluations of different days in one table."""
+"""``saf-gen leaderboard``: several evaluations in one table."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ def exit_code(*arguments):
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    """Two scenes of one split, one of them under a light that grows fourfold, in a sweep of 800 frames."""
+    """A dataset of two scenes in one split, one under a light that grows fourfold, in sweeps of 800 frames."""
     folder = tmp_path_factory.mktemp("data")
     (folder / "test").mkdir()
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
@@ -48,7 +48,7 @@ def dataset(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def evaluated(dataset, tmp_path_factory):
-    """Two evaluations of the dataset: two methods, and one that was run later."""
+    """The folder of two evaluations of the dataset: of two methods, and of one that was run later."""
     folder = tmp_path_factory.mktemp("evaluated")
     methods = {"first": ["sd+argmax", "er_count+argmax"], "later": ["sd_code+egs_code"]}
     for name, some in methods.items():
@@ -62,15 +62,11 @@ def runs(evaluated, tmp_path):
     return tuple(shutil.copytree(evaluated / name, tmp_path / name) for name in ("first", "later"))
 
 
-def test_records_say_what_was_filmed_and_how(runs):
+def test_records_state_light_motion_and_method(runs):
     by_light = {r.light: r for r in read_records(runs[0])}
     for record in by_light.values():
-        assert (record.track, record.variant, record.scene_motion, record.lens_motion) == (
-            "recorded",
-            1,
-            "static",
-            "sweep",
-        )
+        described = (record.track, record.variant, record.scene_motion, record.lens_motion)
+        assert described == ("recorded", 1, "static", "sweep")
         assert record.time_to_focus_s == record.frames_seen / 20_000
         assert record.reversals is None
         assert "cores" in record.machine
@@ -80,7 +76,7 @@ def test_records_say_what_was_filmed_and_how(runs):
     assert by_light["ramp"].light_ratio == pytest.approx(4)
     assert by_light["ramp"].mean_rate == pytest.approx(0.25 * 1.25, rel=0.02)
     (parameters,) = {r.parameters for r in read_records(runs[1])}
-    assert "sd_code" not in parameters  # the parts as they are, with every option
+    assert "sd_code" not in parameters  # measure and search are stated with every option
     assert parameters.endswith(")")
     assert " + " in parameters
 
@@ -143,13 +139,13 @@ def test_an_evaluation_is_never_written_over(call, runs):
 
 def test_what_holds_no_records_is_one_line(call, runs, tmp_path):
     assert "there is no records.jsonl" in refused(call, runs[0], tmp_path / "nothing")
-    whole = (runs[0] / "records.jsonl").read_text()
-    (runs[0] / "records.jsonl").write_text(whole[:-20])
+    intact = (runs[0] / "records.jsonl").read_text()
+    (runs[0] / "records.jsonl").write_text(intact[:-20])
     assert "records.jsonl:4: this is not JSON" in refused(call, *runs)
 
 
 @pytest.mark.usefixtures("drawn_figures")
-def test_an_evaluation_replaces_the_earlier_one_as_a_whole_and_says_so(call, dataset, tmp_path):
+def test_an_evaluation_replaces_all_files_of_the_earlier_one_and_reports_it(call, dataset, tmp_path):
     out = tmp_path / "out"
     code, printed, _ = call("evaluate", dataset, "--out", out, "--method", "sd+argmax", "--method", "sd+egs")
     assert code == 0
@@ -161,7 +157,7 @@ def test_an_evaluation_replaces_the_earlier_one_as_a_whole_and_says_so(call, dat
     assert printed.splitlines()[-1] == "replaced the earlier evaluation of 2 methods"
     assert {r.method for r in read_records(out)} == {"sd+egs"}
     names = {p.name for p in out.iterdir()}
-    assert names == {*FILES, "records.jsonl", "figures", "notes.txt"}  # no curves of argmax, nothing half done
+    assert names == {*FILES, "records.jsonl", "figures", "notes.txt"}  # no curves of argmax, no partial files
     assert not list(out.glob("figures/curves-*"))
 
 
@@ -207,24 +203,24 @@ def interrupted(*_, **__):
     raise KeyboardInterrupt
 
 
-AGAIN = "what was done is kept: run the same command again to go on"
+AGAIN = "finished work is kept: run the same command again to continue"
 
 
-def test_ctrl_c_in_an_evaluation_says_how_to_go_on(call, dataset, tmp_path, monkeypatch):
+def test_an_interrupted_evaluation_reports_how_to_go_on(call, dataset, tmp_path, monkeypatch):
     monkeypatch.setattr("saf_gen.benchmark.evaluate.evaluate", interrupted)
     code, printed, err = call("evaluate", dataset, "--out", tmp_path / "out")
     assert (code, printed, err) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
     assert not (tmp_path / "out").exists()
 
 
-def test_ctrl_c_while_tuning_says_how_to_go_on(call, dataset, tmp_path, monkeypatch):
+def test_interrupted_tuning_reports_how_to_go_on(call, dataset, tmp_path, monkeypatch):
     monkeypatch.setattr("saf_gen.leaderboard.tuning.tune_method", interrupted)
     file = tmp_path / "cen.json"
-    call_ = ("tune", dataset, "--method", "cen+argmax", "--try", "measure.highest=0.1,0.2", "--out", file)
-    assert call(*call_) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
+    command = ("tune", dataset, "--method", "cen+argmax", "--try", "measure.highest=0.1,0.2", "--out", file)
+    assert call(*command) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
     assert not file.exists()
 
 
-def test_ctrl_c_in_a_command_that_writes_nothing_says_no_more_than_that(call, tmp_path, monkeypatch):
+def test_an_interrupted_command_that_writes_nothing_reports_only_that(call, tmp_path, monkeypatch):
     monkeypatch.setattr("saf_gen.stream.inspection.verify_streams_of_dataset", interrupted)
     assert call("verify", tmp_path) == (130, "", "saf-gen: stopped\n")

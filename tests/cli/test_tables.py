@@ -1,4 +1,4 @@
-"""Tables in a terminal: what is printed fits, whole; what has no room is left out and named."""
+"""Tables in a terminal: nothing that is printed is cut; columns that do not fit are left out and named."""
 
 import json
 import re
@@ -19,24 +19,24 @@ from saf_gen.cli._terminal import err, out, print_progress_bars
 COLUMNS = [
     TableColumn("name"),
     TableColumn("what it is", folds=True),
-    TableColumn("digits", justify="right", detail=2),
-    TableColumn("more", detail=1),
+    TableColumn("digits", justify="right", drop_order=2),
+    TableColumn("more", drop_order=1),
 ]
 ROWS = [("a_name_that_one_must_type", "A line of prose that may be folded at its words.", "0.123456", "yes, and more")]
 
 
 @pytest.fixture
 def terminal(monkeypatch):
-    """Make the console a terminal of so many characters."""
+    """A function that makes the console a terminal of a width in characters."""
 
-    def be(width):
+    def set_width(width):
         monkeypatch.setattr(out, "_force_terminal", True)
         monkeypatch.setattr(out, "_width", width)
 
-    return be
+    return set_width
 
 
-def cells_of(text):
+def joined(text):
     return " ".join(text.split())
 
 
@@ -45,7 +45,7 @@ def cells_of(text):
 )
 def test_a_table_fits_and_no_name_or_figure_is_cut(terminal, capsys, width, left_out):
     terminal(width)
-    print_table(COLUMNS, ROWS, elsewhere="in a file")
+    print_table(COLUMNS, ROWS, where_to_find="in a file")
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= width
     assert "…" not in shown
@@ -53,15 +53,15 @@ def test_a_table_fits_and_no_name_or_figure_is_cut(terminal, capsys, width, left
     assert ("yes, and more" in shown) == ("more" not in left_out)
     if width > 24:
         assert "a_name_that_one_must_type" in shown
-    assert (f"No room here for: {', '.join(left_out)} (in a file)" in cells_of(shown)) == bool(left_out)
+    assert (f"Columns that do not fit here: {', '.join(left_out)} (in a file)" in joined(shown)) == bool(left_out)
 
 
 def test_a_pipe_has_all_of_a_table(monkeypatch, capsys):
     monkeypatch.setattr(_tables, "out", Console(width=30, force_terminal=False))
-    print_table([TableColumn(f"column_{i:02}", detail=i) for i in range(40)], [["0.123456"] * 40])
+    print_table([TableColumn(f"column_{i:02}", drop_order=i) for i in range(40)], [["0.123456"] * 40])
     shown = capsys.readouterr().out
     assert shown.count("0.123456") == 40
-    assert "No room" not in shown
+    assert "do not fit" not in shown
     assert all(f"column_{i:02}" in shown for i in range(40))
 
 
@@ -72,12 +72,14 @@ LISTS += ["inspect STREAM", "bench", "validate"]
 
 @pytest.fixture
 def nothing_measured(monkeypatch):
-    """Let bench and validate print what they would, of long names, without measuring anything."""
+    """Let bench and validate print results with long names without measuring anything."""
     figure = BenchFigure("encode", "peak memory, 200,000 frames recorded" * 2, 1234.5, "GiB", 2, True, 0.1, 2345.6)
     monkeypatch.setattr(speed, "run_benches", lambda *a, **b: BenchResults((figure,), (), {}))
     verdicts = [Verdict(check.name, "passed", 0.0) for check in validation.choose_validation_checks([])]
     monkeypatch.setattr("saf_gen.acceptance.validation.runner.run_validation_checks", lambda *a, **b: verdicts)
-    monkeypatch.setattr("saf_gen.acceptance.validation.page.write_validation_page", lambda *a, **b: "validation.md")
+    monkeypatch.setattr(
+        "saf_gen.acceptance.validation.validation_page.write_validation_page", lambda *a, **b: "validation.md"
+    )
 
 
 @pytest.mark.parametrize("command", LISTS)
@@ -106,7 +108,7 @@ def test_every_list_is_there_for_programs(call, command):
     assert len({next(iter(row.values())) for row in rows}) == len(rows)
 
 
-def test_every_name_of_a_list_is_whole_at_80_columns(call, terminal):
+def test_no_name_of_a_list_is_cut_at_80_columns(call, terminal):
     from saf_gen.core.config import registry
     from saf_gen.scene.scene_folder import scene_names
 
@@ -137,22 +139,22 @@ def test_the_leaderboard_keeps_rank_method_success_and_error(terminal, capsys, w
     assert "…" not in shown
     for word in ("#", "method", "≤1 DoF", "err DoF", "modified_laplacian_n+sgfs_code", "sd_code+argmax"):
         assert word in shown
-    assert ("No room here for:" in shown) == (width < 240)
-    table = shown.partition("No room here for:")[0]
+    assert ("Columns that do not fit here:" in shown) == (width < 240)
+    table = shown.partition("Columns that do not fit here:")[0]
     assert ("constant" in table) == ("continuously_varying" in table) == (width == 240), "all lights, or none"
 
 
-def test_columns_are_left_out_together_and_what_is_level_with_them_fills_the_room(terminal, capsys):
+def test_columns_of_a_group_are_left_out_together_and_others_fill_the_space(terminal, capsys):
     terminal(40)
-    pair = [TableColumn(f"light_{i}_of_two", detail=1, together="lights") for i in range(2)]
-    columns = [TableColumn("name"), *pair, TableColumn("errors", detail=1), TableColumn("x", detail=2)]
+    pair = [TableColumn(f"light_{i}_of_two", drop_order=1, group="lights") for i in range(2)]
+    columns = [TableColumn("name"), *pair, TableColumn("errors", drop_order=1), TableColumn("x", drop_order=2)]
     print_table(columns, [["a_name_that_is_long", "1", "2", "0.5", "9"]])
     shown = capsys.readouterr().out
     assert "errors" in shown.splitlines()[1]
-    assert "No room here for: light_0_of_two, light_1_of_two, x" in cells_of(shown)
+    assert "Columns that do not fit here: light_0_of_two, light_1_of_two, x" in joined(shown)
 
 
-def test_a_bar_names_what_is_at_work_in_full(monkeypatch, capsys):
+def test_the_name_of_a_progress_bar_is_not_cut(monkeypatch, capsys):
     monkeypatch.setattr(err, "_force_terminal", True)
     monkeypatch.setattr(err, "_width", 80)
     name = "evaluate a_scene-continuously_varying-00 structure_calibrated+photon_aware:window=100"

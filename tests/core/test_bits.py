@@ -1,4 +1,4 @@
-"""Bits along time against numpy's own packing, on sizes that fit nothing."""
+"""Bits along time, compared with numpy's packing, on sizes that fit no block."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Parts as recipes write them: checked at the corners, resolved by name."""
+"""Components in recipes: their options are checked at the ends of ranges, and drawn by name."""
 
 import json
 
@@ -10,7 +10,7 @@ from saf_gen.core.config.yaml_document import read_yaml
 NAME = (7, "test", "camel-constant-00")
 
 
-def read_part(tmp_path, text):
+def read_motion(tmp_path, text):
     path = tmp_path / "r.yaml"
     path.write_text(f"motion: {text}\n")
     document = read_yaml(path)
@@ -20,38 +20,37 @@ def read_part(tmp_path, text):
 def test_a_part_is_read_as_it_was_written_but_for_its_files(tmp_path):
     (tmp_path / "a.csv").write_text("time_s,position\n0,0.5\n")
     table = {"path": "a.csv", "text": "time_s,position\n0,0.5\n"}
-    assert read_part(tmp_path, "{kind: sweep, to: {uniform: [0.5, 0.9]}}") == {
+    assert read_motion(tmp_path, "{kind: sweep, to: {uniform: [0.5, 0.9]}}") == {
         "kind": "sweep",
         "to": {"uniform": [0.5, 0.9]},
     }
-    assert read_part(tmp_path, "{kind: from_csv, file: a.csv}")["file"] == table
-    among = read_part(tmp_path, "{kind: from_csv, file: {choice: [a.csv, a.csv]}}")["file"]
+    assert read_motion(tmp_path, "{kind: from_csv, file: a.csv}")["file"] == table
+    among = read_motion(tmp_path, "{kind: from_csv, file: {choice: [a.csv, a.csv]}}")["file"]
     assert among == {"choice": [table, table]}
-    again = json.dumps({"kind": "from_csv", "file": table})  # as a recording's own recipe has it
-    assert read_part(tmp_path, again)["file"] == table
+    again = json.dumps({"kind": "from_csv", "file": table})  # as in the recipe of a recording
+    assert read_motion(tmp_path, again)["file"] == table
 
 
 def test_a_corner_that_no_draw_may_hit_is_found(tmp_path):
     assert_says(
-        refusal(read_part, tmp_path, "{kind: sweep, from: {uniform: [0, 0.1]}, to: {choice: [0.5, 1.5, 0.7]}}"),
+        refusal(read_motion, tmp_path, "{kind: sweep, from: {uniform: [0, 0.1]}, to: {choice: [0.5, 1.5, 0.7]}}"),
         "r.yaml:1: to is 1.5 | 0 to 1",
     )
 
 
 def test_a_part_is_resolved_by_the_names_of_recording_and_purpose():
-    part = {"kind": "hand", "irregularity": {"uniform": [0.1, 0.9]}, "bandwidth_hz": {"uniform": [5, 9]}}
-    one = components.draw_config_component("motions", part, name=NAME, purpose=("motion",))
-    assert one == components.draw_config_component("motions", part, name=NAME, purpose=("motion",))
+    motion = {"kind": "hand", "irregularity": {"uniform": [0.1, 0.9]}, "bandwidth_hz": {"uniform": [5, 9]}}
+
+    def draw(component=motion, name=NAME, purpose="motion"):
+        return components.draw_config_component("motions", component, name=name, purpose=(purpose,))
+
+    one = draw()
+    assert one == draw()
     assert 0.1 <= one["irregularity"] <= 0.9
-    others = [
-        components.draw_config_component("motions", part, name=NAME, purpose=("another",)),
-        components.draw_config_component("motions", part, name=(8, *NAME[1:]), purpose=("motion",)),
-    ]
-    for other in others:
+    for other in (draw(purpose="another"), draw(name=(8, *NAME[1:]))):
         assert other["seed"] != one["seed"]
         assert other["irregularity"] != one["irregularity"]
-    fixed = components.draw_config_component("motions", part | {"irregularity": 0.5}, name=NAME, purpose=("motion",))
-    assert fixed == one | {"irregularity": 0.5}  # one key's draw moves no other
+    assert draw(motion | {"irregularity": 0.5}) == one | {"irregularity": 0.5}  # draws of keys are independent
 
 
 def test_a_choice_among_parts_draws_a_part_and_then_its_numbers():
@@ -59,6 +58,6 @@ def test_a_choice_among_parts_draws_a_part_and_then_its_numbers():
     drawn = [
         components.draw_config_component("motions", among, name=(seed, "a"), purpose=("motion",)) for seed in range(40)
     ]
-    held = [part["position"] for part in drawn if part["kind"] == "hold"]
-    assert 5 < len(held) < 35  # a fair coin leaves this range with a chance of 1.4·10⁻⁶
+    held = [motion["position"] for motion in drawn if motion["kind"] == "hold"]
+    assert 5 < len(held) < 35  # a fair coin leaves this range with probability 1.4·10⁻⁶
     assert len(set(held)) == len(held)

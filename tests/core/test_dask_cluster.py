@@ -1,4 +1,4 @@
-"""Jobs on a Dask cluster that runs on this machine: results, what is refused, workers that die, a lost scheduler."""
+"""Jobs on a Dask cluster on this machine: results, refusals, workers that die, a lost scheduler."""
 
 import errno
 import os
@@ -50,7 +50,7 @@ def test_bad_input_of_a_job_on_a_cluster_keeps_its_exit_code(cluster):
 
 @dataclass(frozen=True)
 class Where(Light):
-    """A job that tells which worker has it."""
+    """A job that returns the name of its worker."""
 
     number: int
     wants_gpu: bool
@@ -70,7 +70,7 @@ def test_jobs_that_want_a_gpu_go_to_the_worker_that_offers_one(cluster):
 
 
 def test_workers_with_another_version_are_refused_in_one_line(cluster, monkeypatch):
-    """The first to be asked is this machine, which hands out the jobs."""
+    """The first versions that are read are those of this machine, which hands out the jobs."""
     asked = iter([installed_versions() | {"numpy": "1.0"}])
     monkeypatch.setattr(dask_cluster, "installed_versions", lambda: next(asked, installed_versions()))
     problem = refusal(done, [Square(1)], cluster=cluster)
@@ -87,7 +87,7 @@ def test_a_worker_whose_file_system_cannot_rename_is_refused_in_one_line(cluster
         raise OSError(errno.ENOSYS, "")
 
     monkeypatch.setattr(Path, "replace", refuse)
-    assert_says(refusal(done, [Square(1)], cluster=cluster), "put a file in the place of another | atomic renaming")
+    assert_says(refusal(done, [Square(1)], cluster=cluster), "replace a file by another | atomic renaming")
 
 
 def test_a_scheduler_with_another_dask_is_refused_in_one_line(cluster, monkeypatch):
@@ -120,16 +120,16 @@ def test_a_command_with_a_cluster_that_is_not_there_ends_in_one_line(
     small_recipe, test_scenes, tmp_path, call, monkeypatch
 ):
     monkeypatch.setattr(dask_cluster, "CONNECT_S", "0.3s")
-    code, _, told = call("generate", small_recipe, "--out", tmp_path / "ds", "--cluster", "tcp://127.0.0.1:1")
-    assert (code, len(told.splitlines())) == (2, 1)
+    code, _, err = call("generate", small_recipe, "--out", tmp_path / "ds", "--cluster", "tcp://127.0.0.1:1")
+    assert (code, len(err.splitlines())) == (2, 1)
 
 
-# Workers and a scheduler in processes of their own.
+# Workers and a scheduler in separate processes.
 
 
 @dataclass(frozen=True)
 class Waits(Light):
-    """A job that notes its process, and ends when it is let go."""
+    """A job that writes its process id, and waits for a file ``go``."""
 
     folder: Path
     name: str = "waits"
@@ -142,28 +142,28 @@ class Waits(Light):
 
 
 @pytest.mark.slow
-def test_workers_die_and_join_and_the_scheduler_dies_each_told_in_a_line(tmp_path, capfd):
-    """One cluster serves all: processes take a second each to start."""
+def test_workers_that_die_or_join_and_a_lost_scheduler_are_one_line_each(tmp_path, capfd):
+    """All is tested on one cluster, because each process takes a second to start."""
     with scheduler_process(tmp_path) as (scheduler, address):
-        cluster, told = Cluster(address, tmp_path, writes=True), []
+        cluster, lines = Cluster(address, tmp_path, writes=True), []
 
-        with ThreadPoolExecutor(1) as thread:  # no worker is there yet
+        with ThreadPoolExecutor(1) as thread:  # there is no worker yet
             monkeypatch_seconds = pytest.MonkeyPatch()
             monkeypatch_seconds.setattr(dask_cluster, "LOOK_FOR_WORKERS_S", 0.1)
-            waits = thread.submit(done, [Square(3)], cluster=cluster, tell=told.append)
-            wait_until(lambda: told)
+            waits = thread.submit(done, [Square(3)], cluster=cluster, notify=lines.append)
+            wait_until(lambda: lines)
             with worker_processes(tmp_path, address):
                 assert waits.result(60)["square 3"][0][0] == 9
                 monkeypatch_seconds.undo()
-                assert told == [f"waiting: the scheduler at {address} has no workers; 1 jobs wait"]
-                told.clear()
+                assert lines == [f"waiting: the scheduler at {address} has no workers; 1 jobs wait"]
+                lines.clear()
 
                 mark = tmp_path / "mark"
-                results = done([DiesOnce(mark), *(Square(n) for n in range(5))], cluster=cluster, tell=told.append)
+                results = done([DiesOnce(mark), *(Square(n) for n in range(5))], cluster=cluster, notify=lines.append)
                 assert results["dies once"] == ("done", "")
                 assert [results[f"square {n}"][0][0] for n in range(5)] == [n * n for n in range(5)]
-                assert all(line.endswith("died: killed, or out of memory?)") for line in told)
-                assert sum(line.startswith("again: dies once (its worker tcp://127.0.0.1:") for line in told) == 1
+                assert all(line.endswith("died: killed, or out of memory?)") for line in lines)
+                assert sum(line.startswith("again: dies once (its worker tcp://127.0.0.1:") for line in lines) == 1
 
                 other_code = tmp_path / "other" / "saf_gen"
                 shutil.copytree(Path(sys.modules["saf_gen"].__file__).parent, other_code)

@@ -1,4 +1,4 @@
-"""YAML and JSON are read strictly, and an error names the line of what does not fit."""
+"""YAML and JSON are read strictly, and errors name the line."""
 
 import itertools
 import os
@@ -47,7 +47,7 @@ def test_a_good_document_becomes_a_frozen_value_that_knows_its_lines(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         (
             "name: x\ninner: {size: 3}\ninnr: 1\n",
@@ -69,13 +69,13 @@ def test_a_good_document_becomes_a_frozen_value_that_knows_its_lines(tmp_path):
             "doc.yaml:4: inner.kind is 'sqare'; allowed: round, square; did you mean 'square'?",
         ),
         ("name: x\n", "doc.yaml:1: the key 'inner' is missing"),
-        ("name: x\nname: y\n", "doc.yaml:2: the key 'name' stands twice; keep one of the two"),
+        ("name: x\nname: y\n", "doc.yaml:2: the key 'name' is given twice; keep one of the two"),
         ("name: [x\n", "doc.yaml:2: this is not YAML: expected ',' or ']', but got '<stream end>'"),
         ("", "doc.yaml: the file holds no keys; allowed: name, inner, many"),
     ],
 )
-def test_what_does_not_fit_is_told_in_one_line(tmp_path, text, told):
-    assert complaint(tmp_path, text) == told
+def test_a_document_that_does_not_fit_is_one_line(tmp_path, text, message):
+    assert complaint(tmp_path, text) == message
 
 
 class Disc(FrozenModel):
@@ -97,7 +97,7 @@ class Drawing(FrozenModel):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         (
             "part:\n  shape: disk\n  radius: 1\n",
@@ -112,31 +112,31 @@ class Drawing(FrozenModel):
         ("part: 3\n", "doc.yaml:1: part.shape is 'none'; allowed: disc, box"),
     ],
 )
-def test_what_does_not_fit_one_of_several_kinds_is_told_by_that_kind(tmp_path, text, told):
+def test_a_value_that_does_not_fit_one_of_several_kinds_is_reported_by_that_kind(tmp_path, text, message):
     path = tmp_path / "doc.yaml"
     path.write_text(text)
     with pytest.raises(BadInput) as caught:
         validate_document(Drawing, read_yaml(path))
-    assert str(caught.value).replace(str(tmp_path) + "/", "") == told
+    assert str(caught.value).replace(str(tmp_path) + "/", "") == message
 
 
-def test_a_missing_file_is_told_with_the_nearest_one(tmp_path):
+def test_a_missing_file_is_refused_with_the_nearest_one(tmp_path):
     (tmp_path / "quickstart.yaml").write_text("name: x")
     with pytest.raises(BadInput, match=r"quickstrt.yaml does not exist; did you mean '.*quickstart.yaml'\?"):
         read_yaml(tmp_path / "quickstrt.yaml")
 
 
-def test_a_file_that_is_not_text_is_told(tmp_path):
+def test_a_file_that_is_not_text_is_refused(tmp_path):
     (tmp_path / "doc.yaml").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(BadInput, match="doc.yaml cannot be read"):
         read_yaml(tmp_path / "doc.yaml")
 
 
-TOO_MANY = "1" * 5000  # digits: more than Python takes
+TOO_MANY = "1" * 5000  # more digits than Python converts
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("x: 1\nat: 2001-13-45\n", "doc.yaml:2: '2001-13-45' is not a valid timestamp: month must"),
         ("x: 1\nat: [1, 0b_]\n", "doc.yaml:2: '0b_' is not a valid int: invalid literal"),
@@ -151,16 +151,16 @@ TOO_MANY = "1" * 5000  # digits: more than Python takes
         (f"%YAML {TOO_MANY}.1\n---\nx: 1\n", "doc.yaml:1: this is not YAML: Exceeds the limit"),
         ("x: 1\n" + "y: " + "[" * 700 + "]" * 700, "doc.yaml:2: this is nested too deep, or in a circle"),
         ("y: 1\nx: &a [1, *a]\nz: 2\n", "doc.yaml:2: this is nested too deep, or in a circle"),
-        ("x: 1\n? [a, b]\n: 2\n", "doc.yaml:2: a key must be a name"),  # what Python could not hash
+        ("x: 1\n? [a, b]\n: 2\n", "doc.yaml:2: a key must be a name"),  # not hashable in Python
         ("x: 1\n? {a: b}\n: 2\n", "doc.yaml:2: a key must be a name"),
         ("x: 1\ny: =\n", "doc.yaml:2: this is not YAML: could not determine a constructor"),
         ("x: 1\ny: !!binary é\n", "doc.yaml:2: this is not YAML: failed to convert base64"),
     ],
     ids=lambda held: held[:24],
 )
-def test_what_only_looks_like_a_value_is_told_with_its_line(tmp_path, text, told):
+def test_malformed_values_are_refused_with_their_line(tmp_path, text, message):
     line = complaint(tmp_path, text)
-    assert line.startswith(told)
+    assert line.startswith(message)
     assert "\n" not in line
 
 
@@ -194,15 +194,15 @@ def test_a_json_document_knows_its_lines(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ('{"name": "x",\n"scor": 1}', "r.jsonl:8: unknown key 'scor'; allowed: name, score; did you mean"),
         ('{"score":\n 1}', "r.jsonl:7: the key 'name' is missing; make it again"),
         ('{"name": "x",\n "score": "high"}', "r.jsonl:8: score is 'high'; allowed: a valid number; make it"),
         ('{"name": "x",\n "score": 1e999}', "r.jsonl:8: score is inf; allowed: a finite number"),
-        ('{"name": "x",\n "score": NaN}', "r.jsonl:8: NaN is not a number of JSON; make it again"),
-        ('{"name": "x",\n "score": -Infinity}', "r.jsonl:8: -Infinity is not a number of JSON"),
-        ('{"name": "NaN",\n "name": {"b": 1, "b": 2}', "r.jsonl:8: the key 'name' stands twice; make it"),
+        ('{"name": "x",\n "score": NaN}', "r.jsonl:8: NaN is not a JSON number; make it again"),
+        ('{"name": "x",\n "score": -Infinity}', "r.jsonl:8: -Infinity is not a JSON number"),
+        ('{"name": "NaN",\n "name": {"b": 1, "b": 2}', "r.jsonl:8: the key 'name' is given twice; make it"),
         ('{"name": "x",\n "score": -' + TOO_MANY, "r.jsonl:8: -11111111111… has too many digits"),
         ('{"name": "x",\n "score"}', "r.jsonl:8: this is not JSON: Expecting ':' delimiter; make it again"),
         ("", "r.jsonl:7: this is not JSON: Expecting value"),
@@ -211,14 +211,14 @@ def test_a_json_document_knows_its_lines(tmp_path):
     ],
     ids=lambda held: held[:24],
 )
-def test_what_does_not_fit_in_json_is_told_with_its_line(text, told):
+def test_json_that_does_not_fit_is_refused_with_its_line(text, message):
     with pytest.raises(BadInput) as caught:
         validate_document(Row, parse_json(text, "r.jsonl", first_line=7, hint="make it again"), hint="make it again")
-    assert str(caught.value).startswith(told)
+    assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
 
 
-def test_a_json_file_that_cannot_be_read_is_told(tmp_path):
+def test_a_json_file_that_cannot_be_read_is_refused(tmp_path):
     (tmp_path / "tuned.json").write_bytes(b"\xff")
     with pytest.raises(BadInput, match=r"tuned.json cannot be read: .*; make it again"):
         read_json(tmp_path / "tuned.json", hint="make it again")
@@ -227,7 +227,7 @@ def test_a_json_file_that_cannot_be_read_is_told(tmp_path):
 
 
 def test_a_few_lines_that_hold_millions_of_values_are_refused(tmp_path):
-    """Ten times ten times ten names of one list: 250 bytes that would fill the memory."""
+    """Each list names the one before ten times: 250 bytes that would fill the memory."""
     names = "abcdefghi"
     lines = ["a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
     lines += [f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]" for a, b in itertools.pairwise(names)]
@@ -239,7 +239,7 @@ def test_a_few_lines_that_hold_millions_of_values_are_refused(tmp_path):
 
 @pytest.mark.parametrize("read", [read_yaml, read_json])
 def test_what_is_no_file_on_a_disk_is_refused_before_it_is_read(tmp_path, read):
-    """A pipe without a writer would be waited for, and a device without an end read for ever."""
+    """Reading a pipe without a writer or an endless device would never end."""
     os.mkfifo(tmp_path / "pipe.yaml")
     for path in (tmp_path / "pipe.yaml", Path("/dev/zero")):
         assert_says(refusal(read, path), f"{path} is not a file on a disk")

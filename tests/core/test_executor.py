@@ -1,4 +1,4 @@
-"""Jobs on cores and on a cluster: results, failures named, dead processes, workers that outlive nobody."""
+"""Jobs on the cores of this machine: results, failures, dead processes, and workers that end with their parent."""
 
 import os
 import random
@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from dask_processes import wait_until
 from pool_jobs import Dies, DiesOnce, Heavy, Naps, Raises, Sleeps, Square
 
 from saf_gen.core.execution import run_jobs
@@ -33,7 +34,7 @@ def alive(pid):
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:
         return False
-    return state != "Z"  # a zombie has ended; nobody in a container may have asked for its end
+    return state != "Z"  # a zombie has ended; in a container possibly nobody waits for it
 
 
 def ended_within(seconds, pids):
@@ -54,16 +55,16 @@ def test_each_job_gives_its_result_from_another_process():
     assert os.getpid() not in {result[1] for result, _ in results.values()}
 
 
-def test_all_that_jobs_tell_is_heard_in_order():
-    """Also what the last job told just before it ended."""
+def test_all_progress_of_jobs_is_reported_in_order():
+    """This includes the last report of the last job."""
     heard = []
     done([Square(n) for n in range(6)], workers=2, report=lambda name, done: heard.append((name, done)))
     for n in range(6):
-        assert [share for name, share in heard if name == f"square {n}"] == [0.5, 1.0]
+        assert [fraction for name, fraction in heard if name == f"square {n}"] == [0.5, 1.0]
 
 
-def test_what_a_job_told_is_heard_before_it_is_said_to_have_ended():
-    pool, heard = WorkerPool(1, tell=lambda line: None), []
+def test_progress_of_a_job_is_reported_before_its_end():
+    pool, heard = WorkerPool(1, notify=lambda line: None), []
     pool.add([Square(3)])
     wait(pool.futures)
     ended = [job.name for job, _ in pool.collect(lambda name, done: heard.append(done))]
@@ -72,7 +73,7 @@ def test_what_a_job_told_is_heard_before_it_is_said_to_have_ended():
 
 
 def test_a_process_that_dies_between_two_jobs_costs_neither():
-    pool = WorkerPool(1, tell=pytest.fail)
+    pool = WorkerPool(1, notify=pytest.fail)
     results = []
     for number in (2, 3):
         pool.add([Square(number)])
@@ -104,7 +105,7 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
 
 
 def followers(job, result):
-    """A square of a one-digit number is squared again."""
+    """Square a one-digit result again."""
     return [Square(result[0])] if result[0] < 10 else []
 
 
@@ -119,8 +120,8 @@ def test_what_follows_from_a_job_runs_after_it():
 
 
 @pytest.mark.slow
-def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_another(tmp_path):
-    """The light one ends although the heavy ones, one after the other, are still at it: they wait for its end."""
+def test_a_job_that_takes_all_cores_runs_with_light_jobs_but_not_with_another(tmp_path):
+    """The light job ends while the heavy ones, which wait for its end and run one after the other, are running."""
     heavy = [Heavy(tmp_path / "mark", 0.5, name=name) for name in ("one", "two")]
     ended = []
     for job, result, _ in run_jobs([*heavy, Square(1)], workers=1, report=lambda name, done: None):
@@ -148,7 +149,7 @@ def test_what_follows_runs_although_a_process_has_died_before(tmp_path):
     assert "its process died twice" in str(results["dies"])
 
 
-def test_bad_input_is_told_apart_from_other_failures():
+def test_bad_input_and_other_failures_have_different_exit_codes():
     jobs = [Raises(BadInput("gain -1")), Raises(ZeroDivisionError("division by zero"))]
     errors = {job.name: error for job, _, error in run_jobs(jobs, workers=1, report=lambda name, done: None)}
     assert errors["raises BadInput"].exit_code == 2
@@ -157,10 +158,10 @@ def test_bad_input_is_told_apart_from_other_failures():
 
 @pytest.mark.parametrize("workers", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(workers):
-    """Jobs that ran beside it when it died are run again, one at a time."""
+    """Jobs that ran in the pool when it died are run again, one at a time."""
     jobs = [Square(1), Dies(), *(Square(n) for n in range(2, 8)), Dies("dies too")]
     again = []
-    results = done(jobs, workers=workers, tell=again.append)
+    results = done(jobs, workers=workers, notify=again.append)
     assert set(results) == {job.name for job in jobs}
     for n in range(1, 8):
         assert results[f"square {n}"][0][0] == n * n
@@ -172,9 +173,9 @@ def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(workers
     assert len(again) <= 2 * workers
 
 
-def test_a_job_whose_process_dies_once_is_run_again_and_that_is_told(tmp_path):
+def test_a_job_whose_process_dies_once_is_run_again_and_reported(tmp_path):
     again = []
-    results = done([DiesOnce(tmp_path / "mark"), Square(2)], tell=again.append)
+    results = done([DiesOnce(tmp_path / "mark"), Square(2)], notify=again.append)
     assert results["dies once"] == ("done", "")
     assert again == [f"again: dies once ({DEATH})"]
     assert results["square 2"][0][0] == 4
@@ -182,7 +183,7 @@ def test_a_job_whose_process_dies_once_is_run_again_and_that_is_told(tmp_path):
 
 @pytest.mark.slow
 def test_processes_killed_at_random_lose_no_job(tmp_path):
-    """Six processes are killed, one after the other (seed 3); what dies twice is named, the others are done."""
+    """Six processes are killed, one after the other (seed 3); jobs that die twice are named, the others succeed."""
     rng, killed, over = random.Random(3), [], threading.Event()
 
     def kill():
@@ -203,16 +204,14 @@ def test_processes_killed_at_random_lose_no_job(tmp_path):
     for n in range(20):
         result, error = results[f"naps {n}"]
         assert result == n or "died twice" in error
-    assert sum(bool(error) for _, error in results.values()) < len(killed)  # the second death is each one's own
+    assert sum(bool(error) for _, error in results.values()) < len(killed)  # a job fails only by its second death
 
 
 def test_workers_end_when_the_caller_stops_listening(tmp_path):
     note = tmp_path / "pid"
     jobs = run_jobs([Square(1), Sleeps(note)], workers=2, report=lambda name, done: None)
     next(jobs)
-    deadline = time.monotonic() + 30
-    while not note.exists() and time.monotonic() < deadline:
-        time.sleep(0.02)
+    wait_until(note.exists, 30)
     worker = int(note.read_text())
     assert alive(worker)
     jobs.close()
@@ -220,9 +219,9 @@ def test_workers_end_when_the_caller_stops_listening(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGTERM], ids=["SIGKILL", "SIGTERM"])
-def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
-    """Else every killed run leaves a process behind that holds memory and a hand on the dataset."""
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM], ids=["SIGKILL", "SIGTERM"])
+def test_workers_end_when_their_parent_is_killed(tmp_path, sent):
+    """Otherwise a killed run would leave a process that occupies memory and writes to the dataset."""
     script = tmp_path / "script.py"
     script.write_text(
         textwrap.dedent(
@@ -247,12 +246,10 @@ def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
         stderr=subprocess.DEVNULL,
     )
     try:
-        deadline = time.monotonic() + 30
-        while not all(note.exists() for note in notes) and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_until(lambda: all(note.exists() for note in notes), 30)
         workers = [int(note.read_text()) for note in notes]
         assert all(map(alive, workers))
-        run.send_signal(blow)
+        run.send_signal(sent)
         run.wait()
         assert ended_within(10, workers)
     finally:

@@ -1,4 +1,4 @@
-"""Files are there whole or not at all."""
+"""Files are complete or missing."""
 
 import errno
 import os
@@ -20,12 +20,12 @@ from saf_gen.core.files import (
 from saf_gen.errors import BadInput
 
 
-def test_a_file_appears_when_it_is_whole(tmp_path):
+def test_a_file_appears_when_it_is_complete(tmp_path):
     with write_atomically(tmp_path / "new" / "a.txt") as part:
-        part.write_text("whole")
+        part.write_text("complete")
         assert not (tmp_path / "new" / "a.txt").exists()
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["a.txt"]
-    assert (tmp_path / "new" / "a.txt").read_text() == "whole"
+    assert (tmp_path / "new" / "a.txt").read_text() == "complete"
 
 
 def test_an_error_leaves_the_old_file_and_no_temporary(tmp_path):
@@ -42,8 +42,8 @@ def test_an_error_leaves_the_old_file_and_no_temporary(tmp_path):
     assert (tmp_path / "a.txt").read_text() == "old"
 
 
-def test_two_may_write_the_same_file_and_the_last_one_wins_whole(tmp_path):
-    """As two containers with the same number of process do."""
+def test_if_two_write_the_same_file_the_last_one_wins(tmp_path):
+    """Two containers may use the same process id."""
     with write_atomically(tmp_path / "a.txt") as one, write_atomically(tmp_path / "a.txt") as other:
         one.write_text("one")
         other.write_text("other")
@@ -52,14 +52,14 @@ def test_two_may_write_the_same_file_and_the_last_one_wins_whole(tmp_path):
 
 
 def abandoned(part: Path, **changes: str) -> Path:
-    """The name of a temporary file or folder, but for its machine or process."""
+    """Return the path of a temporary file or folder, with another machine or process in its name."""
     *before, machine, pid, _ = part.name.split(".")
     return part.with_name(".".join([*before, changes.get("machine", machine), changes.get("pid", pid), "part"]))
 
 
 def test_what_the_dead_left_goes_when_somebody_writes_there_and_nothing_else(tmp_path):
-    """A process of another machine is unknown: what it has not changed for a day goes."""
-    dead = str(2**22 + 1)  # above the largest number of a process
+    """Processes of other machines are unknown, so their files are deleted if they have not changed for a day."""
+    dead = str(2**22 + 1)  # above the largest process id
     with temporary_folder(tmp_path / "other" / "x") as mine:
         gone = abandoned(tmp_path / mine.name, pid=dead)
         old, new = (abandoned(tmp_path / mine.name, machine=name) for name in ("far", "farther"))
@@ -70,19 +70,19 @@ def test_what_the_dead_left_goes_when_somebody_writes_there_and_nothing_else(tmp
             file.write_text("")
         os.utime(old, (time.time() - 2 * ABANDONED_S,) * 2)
         with write_atomically(tmp_path / "b.txt") as part:
-            part.write_text("whole")
+            part.write_text("complete")
         assert {p.name for p in tmp_path.iterdir()} == {"b.txt", "other", *(p.name for p in kept)}
         deep = abandoned(mine, pid=dead)
         deep.write_text("")
-        remove_leftover_files(tmp_path, below=True)
+        remove_leftover_files(tmp_path, recursive=True)
         assert not deep.exists()
         assert mine.is_dir()
 
 
-def test_a_folder_appears_when_it_is_whole_or_not_at_all(tmp_path):
+def test_a_folder_appears_when_it_is_complete_or_not_at_all(tmp_path):
     def fill(fails: bool) -> None:
         with write_folder_atomically(tmp_path / "out") as part:
-            (part / "a.txt").write_text("whole")
+            (part / "a.txt").write_text("complete")
             if fails:
                 raise KeyboardInterrupt
 
@@ -90,14 +90,14 @@ def test_a_folder_appears_when_it_is_whole_or_not_at_all(tmp_path):
         fill(True)
     assert not list(tmp_path.iterdir())
     fill(False)
-    assert (tmp_path / "out" / "a.txt").read_text() == "whole"
+    assert (tmp_path / "out" / "a.txt").read_text() == "complete"
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
     with pytest.raises(BadInput, match="out cannot be written: Directory not empty"):
         fill(False)
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-def test_a_full_disk_is_told_with_the_name_that_a_file_gets_in_the_end(tmp_path):
+def test_a_full_disk_is_reported_with_the_final_name_of_the_file(tmp_path):
     with (
         pytest.raises(BadInput) as raised,
         write_folder_atomically(tmp_path / "out") as part,
@@ -109,16 +109,15 @@ def test_a_full_disk_is_told_with_the_name_that_a_file_gets_in_the_end(tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_name_is_on_disk_before_the_next_thing_is_done(tmp_path, monkeypatch):
-    """After the rename the folder itself is synced."""
+def test_the_folder_is_synced_after_a_rename(tmp_path, monkeypatch):
     synced = []
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(Path(f"/proc/self/fd/{file}").resolve()))
     with write_atomically(tmp_path / "a.txt") as part:
-        part.write_text("whole")
+        part.write_text("complete")
     assert synced == [part, tmp_path]
 
 
-def test_a_folder_in_the_way_is_told_in_one_line(tmp_path):
+def test_a_file_in_place_of_a_folder_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(BadInput, match=r"file/a.txt cannot be written: .*; choose another folder"),
@@ -144,12 +143,12 @@ def raises(number):
 @pytest.mark.parametrize(
     ("name", "number", "fragments"),
     [
-        ("pathlib.Path.replace", errno.ENOSYS, "cannot put a file in the place of another | Function not impl | ext4"),
+        ("pathlib.Path.replace", errno.ENOSYS, "cannot replace a file by another | Function not impl | ext4"),
         ("os.fsync", errno.EINVAL, "cannot sync files to the disk | NFS"),
         ("fcntl.flock", errno.ENOLCK, "cannot lock files | HDF5_USE_FILE_LOCKING=FALSE"),
     ],
 )
-def test_a_file_system_that_cannot_hold_a_dataset_is_told(tmp_path, monkeypatch, name, number, fragments):
+def test_a_file_system_that_cannot_hold_a_dataset_is_refused(tmp_path, monkeypatch, name, number, fragments):
     check_file_system(tmp_path)
     monkeypatch.setattr(name, raises(number))
     assert_says(refusal(check_file_system, tmp_path), f"{tmp_path} | {fragments}")

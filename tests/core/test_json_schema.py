@@ -1,4 +1,4 @@
-"""JSON Schemas of recipes and scene cards accept what the models accept, and refuse what they refuse."""
+"""JSON Schemas of recipes and scene cards accept and refuse the same documents as the models."""
 
 import json
 from copy import deepcopy
@@ -8,7 +8,6 @@ import pytest
 import yaml
 from small_dataset import HERE, SCENES
 
-from saf_gen.cli import main
 from saf_gen.core.config.field_docs import config_field_docs
 from saf_gen.core.config.ranges import RANGE_FORMS
 from saf_gen.generate.recipe import Recipe
@@ -38,7 +37,7 @@ def test_every_recipe_and_card_of_the_project_is_accepted(path, validators):
 
 
 def changed(document, keys, value):
-    """The document with one value replaced or added."""
+    """Return the document with one value replaced or added."""
     copy = deepcopy(document)
     inner = copy
     for key in keys[:-1]:
@@ -98,7 +97,7 @@ def test_a_mistake_is_refused(kind, keys, value, validators):
 
 @pytest.mark.parametrize("kind", ["recipe", "card"])
 def test_every_key_has_a_description(kind, validators):
-    """Keys whose value is a model of its own are described by the docstring of that model."""
+    """Keys whose value is another model are described by the docstring of that model."""
     schema = validators[kind].schema
     parts = {"": schema, **schema["$defs"]}
     bare = {
@@ -127,11 +126,9 @@ def test_the_docstring_below_a_field_is_found_and_its_bases_come_first():
 
 
 @pytest.mark.parametrize(("group", "make"), [("recipes", make_recipe_schema), ("scenes", make_scene_card_schema)])
-def test_the_command_prints_the_schema_or_writes_it(group, make, tmp_path, capsys):
-    for option in ([], ["--out", str(tmp_path / "schema.json")]):
-        with pytest.raises(SystemExit) as stop:
-            main([group, "schema", *option])
-        assert stop.value.code == 0
+def test_the_command_prints_the_schema_or_writes_it(group, make, tmp_path, call):
     expected = json.loads(json.dumps(make()))
-    assert json.loads(capsys.readouterr().out) == expected
+    code, printed, _ = call(group, "schema")
+    assert (code, json.loads(printed)) == (0, expected)
+    assert call(group, "schema", "--out", tmp_path / "schema.json")[0] == 0
     assert json.loads((tmp_path / "schema.json").read_text()) == expected

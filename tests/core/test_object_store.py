@@ -1,4 +1,4 @@
-"""Paths in object stores, reading by ranges, and uploads that are whole or not there."""
+"""Paths in object stores, reading by ranges, and uploads that are complete or missing."""
 
 import os
 import time
@@ -17,7 +17,7 @@ CONTENT = bytes(range(256)) * 4096
 
 @pytest.fixture
 def store(monkeypatch):
-    """A folder of fsspec's store in memory, whose ETags say nothing of the content."""
+    """A folder of fsspec's in-memory store, whose ETags are no digests of the content."""
     import fsspec
 
     monkeypatch.setitem(object_store.SCHEMES, "memory", "fsspec")
@@ -26,7 +26,7 @@ def store(monkeypatch):
 
 
 @pytest.mark.parametrize("text", ["s3://data/a/b.h5", "s3:/data/a/b.h5", Path("s3://data/a/b.h5"), "S3://data//a/b.h5"])
-def test_an_address_is_a_path_in_a_store_also_where_a_path_was_made_of_it(text):
+def test_an_address_of_a_store_is_a_path_in_it_even_as_a_path_object(text):
     path = find_path(text)
     assert path == StorePath("s3", "data/a/b.h5")
     assert str(path) == "s3://data/a/b.h5"
@@ -41,8 +41,8 @@ def test_all_else_is_a_path_on_a_disk(text):
 @pytest.mark.parametrize(
     ("text", "fragments"),
     [
-        ("foo://data/a", "foo:// is no kind of address that is known | s3://, or a path on a disk"),
-        ("https://host/a", "https:// is no kind | saf-gen fetch"),
+        ("foo://data/a", "foo:// is not a known kind of address | s3://, or a path on a disk"),
+        ("https://host/a", "https:// is not a known kind | saf-gen fetch"),
         ("s3:///", "names no bucket | s3://BUCKET/FOLDER"),
         ("s3://data/../a", "names no bucket"),
     ],
@@ -54,11 +54,11 @@ def test_an_address_of_something_else_is_refused(text, fragments):
 def test_nothing_but_generate_writes_to_a_store(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     error = refusal(write_text_atomically, Path("s3://data/a.txt"), "text")
-    assert_says(error, "s3://data/a.txt is in an object store | `saf-gen generate` alone")
+    assert_says(error, "s3://data/a.txt is in an object store | only `saf-gen generate` writes")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_missing_extra_is_told_in_one_line(monkeypatch):
+def test_a_missing_extra_is_one_line(monkeypatch):
     monkeypatch.setitem(object_store.SCHEMES, "s3", "no_such_package")
     error = refusal(StorePath("s3", "data/a").exists)
     assert_says(error, "s3:// needs the package no_such_package | pip install 'saf-gen[s3]'")
@@ -78,7 +78,7 @@ def test_reading_goes_by_ranges_that_grow_and_stay_within_their_memory(store, tm
 
 
 def test_an_upload_is_read_back_where_the_store_gives_no_digest(store, tmp_path, monkeypatch):
-    """What is not the same is deleted, so that it cannot be taken for whole."""
+    """An object that differs is deleted, so that it cannot be mistaken for a complete one."""
     file = tmp_path / "file"
     file.write_bytes(CONTENT)
     upload_file(file, store / "file")
@@ -91,14 +91,14 @@ def test_an_upload_is_read_back_where_the_store_gives_no_digest(store, tmp_path,
         files.pipe_file(target, CONTENT[:-1] + b"?")
 
     monkeypatch.setattr(type(files), "put_file", lambda self, *args, **options: spoil(*args, **options))
-    assert_says(refusal(upload_file, file, store / "spoilt"), "spoilt | not what was uploaded, and was deleted")
+    assert_says(refusal(upload_file, file, store / "spoilt"), "spoilt | differs from the uploaded file and was deleted")
     assert list_objects(store) == {"file"}
 
 
 @pytest.mark.slow
 def test_an_upload_in_parts_is_checked_by_its_etag_alone(s3, tmp_path, monkeypatch):
     monkeypatch.setattr(object_transfers, "PART_BYTES", 5 << 20)
-    monkeypatch.setattr(object_transfers, "_reads_the_same", lambda file, target: pytest.fail("it was read back"))
+    monkeypatch.setattr(object_transfers, "_has_same_content", lambda file, target: pytest.fail("it was read back"))
     file, target = tmp_path / "file", StorePath("s3", "data/parts/file")
     for content in (CONTENT, CONTENT * 11):
         file.write_bytes(content)
@@ -107,19 +107,19 @@ def test_an_upload_in_parts_is_checked_by_its_etag_alone(s3, tmp_path, monkeypat
     assert s3.info(target.key)["ETag"].endswith('-3"')
 
 
-def test_uploads_that_were_broken_off_are_aborted_where_nobody_else_writes_them(s3, monkeypatch):
-    monkeypatch.setattr(object_transfers, "ABANDONED_S", 1e9)  # moto says of every upload that it began in 2010
+def test_unfinished_uploads_are_aborted_unless_others_may_be_writing_them(s3, monkeypatch):
+    monkeypatch.setattr(object_transfers, "ABANDONED_S", 1e9)  # moto reports that every upload began in 2010
     for name in ("ours", "others", "elsewhere"):
         key = f"{'kills' if name != 'elsewhere' else 'other'}/{name}"
         upload = s3.call_s3("create_multipart_upload", Bucket="data", Key=key)
         s3.call_s3("upload_part", Bucket="data", Key=key, PartNumber=1, UploadId=upload["UploadId"], Body=b"half")
     folder = StorePath("s3", "data/kills")
     assert list_objects(folder) == set()
-    assert abort_unfinished_uploads(folder, ours={"ours"}) == (1, 1)
+    assert abort_unfinished_uploads(folder, own_names={"ours"}) == (1, 1)
     left = s3.call_s3("list_multipart_uploads", Bucket="data")["Uploads"]
     assert sorted(upload["Key"] for upload in left) == ["kills/others", "other/elsewhere"]
     monkeypatch.setattr(object_transfers, "ABANDONED_S", 0.0)
-    assert abort_unfinished_uploads(folder, ours=()) == (1, 0)
+    assert abort_unfinished_uploads(folder, own_names=()) == (1, 0)
 
 
 def ask(address):
@@ -135,7 +135,7 @@ def ask(address):
         ("s3://data/a", {"AWS_PROFILE": "nobody"}, "no credentials | nobody"),
     ],
 )
-def test_a_store_that_cannot_be_used_is_told_in_one_line(
+def test_a_store_that_cannot_be_used_is_one_line(
     s3, forget_store_clients, address, environment, fragments, monkeypatch, tmp_path
 ):
     for name, value in {"AWS_EC2_METADATA_DISABLED": "true", "AWS_MAX_ATTEMPTS": "1", **environment}.items():
@@ -144,7 +144,7 @@ def test_a_store_that_cannot_be_used_is_told_in_one_line(
     assert_says(refusal(ask(address)), fragments)
 
 
-def test_what_refuses_is_told(s3, monkeypatch):
+def test_a_store_that_denies_access_is_one_line(s3, monkeypatch):
     def refuse(key):
         raise PermissionError(13, "Forbidden")
 

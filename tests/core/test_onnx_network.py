@@ -1,4 +1,4 @@
-"""Networks in ONNX files: run without the framework that trained them; what is no network is told in one line."""
+"""Networks in ONNX files run without the framework that trained them; other files are refused in one line."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from saf_gen.core.onnx_network import DECIMALS, OnnxNetwork
 
 
 def pieces(*fields):
-    """Return a protobuf message of (number, value): a whole number, text, or the bytes of a message."""
+    """Return a protobuf message of (number, value) fields; values are integers, texts or the bytes of messages."""
     message = b""
     for number, value in fields:
         if isinstance(value, int):
@@ -21,7 +21,7 @@ def pieces(*fields):
 
 
 def scaling_network(factor):
-    """Return an ONNX file by hand: output ``y`` (2) is input ``x`` (2) times a factor."""
+    """Return the bytes of an ONNX file in which output ``y`` (2) is input ``x`` (2) times a factor."""
     kind = pieces((1, pieces((1, 1), (2, pieces((1, pieces((1, 2))))))))  # tensor(float), shape (2)
     weight = pieces((2, 1), (8, "factor"), (9, np.float32(factor).tobytes()))
     node = pieces((1, "x"), (1, "factor"), (2, "y"), (4, "Mul"))
@@ -50,14 +50,14 @@ def test_its_version_is_that_of_its_weights(scaling, tmp_path):
     assert versions[0] != scaling.version == versions[1]
 
 
-def test_what_cannot_run_is_told_in_one_line(scaling, tmp_path):
+def test_a_file_or_input_that_cannot_run_is_one_line(scaling, tmp_path):
     (tmp_path / "text.onnx").write_text("no network")
     (tmp_path / "half.onnx").write_bytes(scaling_network(2)[:-20])
     for name in ("text.onnx", "half.onnx"):
-        assert "is no network that onnxruntime" in refusal(OnnxNetwork, tmp_path / name).problem
+        assert "is not a network that onnxruntime" in refusal(OnnxNetwork, tmp_path / name).problem
     assert "cannot be read" in refusal(OnnxNetwork, tmp_path / "none.onnx").problem
-    for given in ({"x": np.zeros(3)}, {"z": np.zeros(2)}):
-        assert "does not run" in refusal(scaling, **given).problem
+    for inputs in ({"x": np.zeros(3)}, {"z": np.zeros(2)}):
+        assert "cannot be run" in refusal(scaling, **inputs).problem
 
 
 def test_without_onnxruntime_the_extra_is_named(monkeypatch, tmp_path):

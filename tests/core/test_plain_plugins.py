@@ -1,4 +1,4 @@
-"""Plain functions and classes as plug-ins: their parameters are options, and what they lack is found or assumed."""
+"""Plain functions and classes as plug-ins: their parameters are options; missing statements are found or assumed."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def spread(counts, power=1, *, scale=2.0):
     return scale * np.std(counts.astype(float)) ** power
 
 
-def whole(counts):
+def highest(counts):
     return int(counts.max())
 
 
@@ -43,7 +43,7 @@ class Contrast:
 
 
 class Middle:
-    """The middle frame of the first whole of so many frames."""
+    """The middle of the first frames."""
 
     def __init__(self, frames):
         self.frames = frames
@@ -83,7 +83,7 @@ def test_the_parameters_of_a_function_after_the_first_are_options(plain):
     measure = get_measure(f"{plain}:spread", power=3, scale=0.5)
     assert measure(COUNTS) == 0.5 * COUNTS.std() ** 3
     assert repr(measure) == "spread(power=3, scale=0.5)"
-    assert type(get_measure(f"{plain}:whole")(COUNTS)) is float
+    assert type(get_measure(f"{plain}:highest")(COUNTS)) is float
 
 
 def test_the_parameters_of_a_class_are_options(plain):
@@ -97,7 +97,7 @@ def test_the_parameters_of_a_class_are_options(plain):
         ("spread", {}, 1),
         ("spread", {"power": 2}, 2),
         ("spread", {"power": 0.5}, 0),
-        ("whole", {}, 1),
+        ("highest", {}, 1),
         ("Contrast", {}, 0),
     ],
 )
@@ -111,7 +111,7 @@ def test_plain_code_has_the_forms_of_its_degree(plain):
     assert "does not grow with brightness" in refusal(get_measure, f"{plain}:Contrast_n").problem
 
 
-def test_plain_code_runs_beside_the_others_and_its_options_are_part_of_its_digest(plain, tmp_path):
+def test_plain_code_runs_and_its_options_are_part_of_its_digest(plain, tmp_path):
     write_sweep(tmp_path / "a.h5", 300.0)
     methods = [f"{plain}:spread:power=2+argmax", f"{plain}:Contrast+{plain}:Middle:frames=51", f"sd+{plain}:last"]
     records = evaluate(tmp_path / "a.h5", methods=methods).records
@@ -130,16 +130,15 @@ def test_a_change_in_the_file_of_a_function_changes_the_code_of_the_method(plain
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("spread:powr=1", "unknown key | 'powr' | did you mean 'power'?"),
         ("needs", "missing 1 required"),
         ("Stopped", "RuntimeError: no camera"),
     ],
 )
-def test_what_plain_code_does_not_take_is_told_in_one_line(plain, name, told):
-    error = refusal(parse_method, f"{plain}:{name}+argmax")
-    assert_says(error, told)
+def test_bad_options_of_plain_code_are_refused_in_one_line(plain, name, message):
+    assert_says(refusal(parse_method, f"{plain}:{name}+argmax"), message)
 
 
 def test_plain_code_without_a_source_is_warned_of_and_passes(plain):
@@ -153,11 +152,11 @@ def test_plain_code_without_a_source_is_warned_of_and_passes(plain):
 
 @pytest.fixture
 def undecorated(monkeypatch):
-    """Measures that the test adds are forgotten after it."""
-    monkeypatch.setitem(registry._added, "measures", {})
+    """Remove measures that the test adds after the test."""
+    monkeypatch.setitem(registry._registered_here, "measures", {})
 
 
-def test_a_decorated_function_has_a_name_of_its_own_and_stays_what_it_is(undecorated, tmp_path):
+def test_a_decorated_function_has_a_registered_name_and_remains_a_function(undecorated, tmp_path):
     @saf_gen.measure
     def brightest(counts, power=1):
         """Largest count."""
@@ -176,13 +175,13 @@ def test_a_decorated_function_has_a_name_of_its_own_and_stays_what_it_is(undecor
     assert [r.status for r in found] == ["answered"] * 2
 
     @saf_gen.measure
-    def brightest(counts):  # as when a cell of a notebook is run again
+    def brightest(counts):  # as if a notebook cell were run again
         return 7.0
 
     assert get_measure("brightest")(COUNTS) == 7.0
 
 
-def test_what_cannot_be_decorated_is_told(undecorated):
+def test_functions_and_statements_that_cannot_be_registered_are_refused(undecorated):
     def sd(counts):
         return 0.0
 

@@ -1,4 +1,4 @@
-"""Sensors and actuators as files: strict reading, changed fields, and errors that say what is allowed."""
+"""Files of sensors and actuators: strict reading, changed fields, and errors with what is allowed."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ KINDS = pytest.mark.parametrize(
 
 @pytest.fixture
 def write_copy(tmp_path):
-    """Write a copy of a preset's file with one text replaced; gives its path."""
+    """A function that writes a copy of a preset's file with one text replaced, and returns its path."""
 
     def write(presets, name, old, new):
         text = (presets.folder / f"{name}.yaml").read_text(encoding="utf-8")
@@ -80,14 +80,14 @@ def test_a_device_names_its_sources(presets, name, sources, tmp_path):
             "",
             "",
             "the key 'response_row_legendre' is missing",
-            "shares of the profile's variance in Legendre polynomials of degree 1, 2, …; the rest is white",
+            "fractions of the profile's variance in Legendre polynomials of degree 1, 2, …; the rest is white",
         ),
         (
             "dark_hot_exponent: 2.7",
             "",
             "",
             "the key 'dark_hot_exponent' is missing",
-            "how steeply hot pixels grow rare",
+            "how fast hot pixels become rarer",
         ),
         (
             "[0.9123, 0.0866]",
@@ -96,7 +96,7 @@ def test_a_device_names_its_sources(presets, name, sources, tmp_path):
             "response_row_legendre is [0.9, 0.2]",
             "each 0 to 1 and together at most 1",
         ),
-        ("[0.9123, 0.0866]", "0.9", "", "response_row_legendre is 0.9", "a list of at most 8 shares"),
+        ("[0.9123, 0.0866]", "0.9", "", "response_row_legendre is 0.9", "a list of at most 8 fractions"),
         ("reset: subtract", "reset: soft", "", "reset is 'soft'", "subtract, hard"),
         ("{shot: true, ", "{shots: true, ", "", "unknown key 'shots' in noise", "shot"),
         ("{shot: true, ", "{", "", "the key 'noise.shot' is missing", ""),
@@ -143,13 +143,13 @@ def test_an_actuator_file_that_does_not_fit_is_refused_with_its_line(write_copy,
         (", dust: true, dead: true, reset_jitter: false", {"noise": {"dust": False, "dead": False}}),
     ],
 )
-def test_what_a_file_leaves_out_of_newer_keys_is_absent(write_copy, line, absent):
-    """A file from before there were dust, twist and temperature means what it meant: none, and one temperature."""
+def test_newer_keys_that_an_older_file_lacks_have_no_effect(write_copy, line, absent):
+    """A file older than dust, twist and temperature has no dust and no twist, and the reference temperature."""
     name = "vidar_400x250_40khz"
     assert get_sensor(write_copy(SENSORS, name, line, "")) == get_sensor(name, **absent)
 
 
-def test_a_file_of_ones_own_is_read(write_copy):
+def test_a_users_file_is_read(write_copy):
     assert get_sensor(str(write_copy(SENSORS, "vidar_400x250", "rows: 250", "rows: 64"))).rows == 64
     own = write_copy(ACTUATORS, "voice_coil", "damping: 0.10 ", "damping: 0.3 ")
     assert get_actuator(own).damping == 0.3

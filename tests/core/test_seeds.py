@@ -15,6 +15,6 @@ def test_names_are_hashed_as_lists_not_joined():
 
 
 def test_the_stream_of_a_purpose_is_fixed_for_good():
-    # A dataset made today must be made alike next year: these are values, not properties.
+    # Pinned values, so that a dataset can be made again in later years.
     assert seeds.derive_seed("sequence", 7) == 1766924209584151614
     assert int(seeds.make_generator("sequence", 7).integers(2**62)) == 1691169232200190960

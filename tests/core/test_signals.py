@@ -1,4 +1,4 @@
-"""The table of signals, and the check at its borders."""
+"""The table of signals, and the check of arrays."""
 
 import numpy as np
 import pytest
@@ -10,9 +10,9 @@ from saf_gen.core.signals import SIGNALS, validate_signal
 def test_axes_stand_in_the_order_light_focus_time_row_column():
     order = ["light", "focus", "frame", "row", "col"]
     for signal in SIGNALS.values():
-        places = [order.index(a) for a in signal.axes if a in order]
-        if signal.name not in ("spikes", "gain"):  # time lies innermost in packed spikes; gain is a table
-            assert places == sorted(places), signal.name
+        positions = [order.index(a) for a in signal.axes if a in order]
+        if signal.name not in ("spikes", "gain"):  # time is the last axis of packed spikes; gain is a table
+            assert positions == sorted(positions), signal.name
 
 
 def test_values_are_kept_and_the_dtype_is_the_tables():
@@ -22,12 +22,12 @@ def test_values_are_kept_and_the_dtype_is_the_tables():
 
 
 @pytest.mark.parametrize(
-    ("array", "told"),
+    ("array", "message"),
     [
         (np.ones((3, 4)), "charge has shape (3, 4) | 3 axes (focus, row, col)"),
         (np.full((1, 1, 1), np.nan), "charge holds values that are not finite"),
         (np.array([[["a"]]]), "charge has dtype <U1 | numbers"),
     ],
 )
-def test_an_array_that_does_not_fit_is_refused(array, told):
-    assert_says(refusal(validate_signal, "charge", array), told)
+def test_an_array_that_does_not_fit_is_refused(array, message):
+    assert_says(refusal(validate_signal, "charge", array), message)

@@ -1,4 +1,4 @@
-"""Which files are behind a plug-in, and what moves the digest of a method's code."""
+"""The source files of a plug-in, and the digest of a method's code."""
 
 import subprocess
 import sys
@@ -58,7 +58,7 @@ def names(*plugins: object) -> list[str]:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder that Python looks into; what is loaded from it is forgotten afterwards."""
+    """A folder on Python's path, whose modules are unloaded afterwards."""
     monkeypatch.syspath_prepend(tmp_path)
     before = set(sys.modules)
     yield tmp_path
@@ -66,12 +66,12 @@ def folder(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def test_private_modules_beside_a_file_are_behind_it_wherever_it_imports_them(folder):
+def test_private_modules_next_to_a_file_are_sources_wherever_it_imports_them(folder):
     files = {
         "src_a.py": mine("import _src_b, statistics\nfrom _src_c import SCALE as s", "s", "import _src_d"),
         "_src_b.py": "import src_public\n",
         "_src_c.py": "import _src_b\nSCALE = 2.0\n",
-        "_src_d.py": "print 'of another age'\n",
+        "_src_d.py": "print 'Python 2'\n",
         "_src_unused.py": "",
         "src_public.py": "",
         "statistics.py": "",
@@ -93,7 +93,7 @@ def test_private_modules_of_a_package_are_behind_its_plugins(folder, imports):
 
 
 def code_of(spec: str, folder: Path) -> str:
-    """The digest of a method as another process sees it, which finds modules in ``folder`` too."""
+    """Return the digest of a method as computed by another process that also finds modules in ``folder``."""
     run = f"import sys; sys.path.insert(0, {str(folder)!r})\n"
     run += f"from saf_gen.benchmark.method_spec import parse_method\nprint(parse_method({spec!r}).code)"
     done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=True, cwd=folder)
@@ -121,16 +121,11 @@ def test_the_digest_follows_the_code_of_a_helper_and_not_its_text_or_place(tmp_p
 
 
 def test_behind_our_plugins_are_the_private_modules_of_their_folder():
-    assert names(get_measure("sd_code"), get_search("egs_code")) == [
-        "_counts.py",
-        "_golden_narrowing.py",
-        "_moments.py",
-        "egs_code.py",
-        "sd_code.py",
-    ]
+    found = names(get_measure("sd_code"), get_search("egs_code"))
+    assert found == ["_counts.py", "_golden_narrowing.py", "_moments.py", "egs_code.py", "sd_code.py"]
 
 
-def test_records_from_before_our_plugins_moved_to_a_folder_of_their_own_mix_with_later_ones(folder):
+def test_the_digest_did_not_change_when_our_plugins_moved_to_a_folder(folder):
     late = "from saf_gen{}.measures._counts import counts_as_integers"
     digests = []
     for name, inside in (("old", ""), ("new", ".plugins")):

@@ -22,7 +22,7 @@ from saf_gen.stream.stream_file import open_stream
 @pytest.mark.parametrize("name", sorted(read_frozen_benchmarks()))
 def test_a_frozen_recipe_gives_the_spikes_that_it_gave(name):
     resolved, frozen = resolve_recipe(name), read_frozen_benchmarks()[name]
-    assert digest_resolved_recipe(resolved) == frozen.digest, "another benchmark needs another name"
+    assert digest_resolved_recipe(resolved) == frozen.digest, "a benchmark with other spikes needs another name"
     counted = [s.planned.split for s in resolved.plan]
     assert {split: counted.count(split) for split in counted} == frozen.sequences
 
@@ -54,7 +54,7 @@ def test_the_digest_moves_with_what_decides_the_spikes_and_with_nothing_else(sma
 
 @pytest.fixture
 def frozen_small(small_recipe, test_scenes, monkeypatch):
-    """The small recipe without waves, which any renderer makes, frozen; its digest."""
+    """Freeze the small recipe without diffraction, so that any renderer can render it, and return its digest."""
     small_recipe.write_text(small_recipe.read_text().replace("max_depth: 3", "max_depth: 3, diffraction: false"))
     digest = digest_resolved_recipe(resolve_recipe(small_recipe))
     benchmark = FrozenBenchmark(digest=digest, since=date(2026, 11, 23), sequences={"test": 3})
@@ -64,9 +64,8 @@ def frozen_small(small_recipe, test_scenes, monkeypatch):
 
 
 def test_a_frozen_name_with_other_spikes_is_refused_before_anything_is_made(call, frozen_small, small_recipe, tmp_path):
-    assert f"digest {frozen_small:.12}, a frozen benchmark" in call("recipes", "check", small_recipe)[1].replace(
-        "\n", " "
-    )
+    shown = " ".join(call("recipes", "check", small_recipe)[1].split())
+    assert f"digest {frozen_small:.12}, a frozen benchmark" in shown
     small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
     for words in (("generate", small_recipe, "--out", tmp_path / "d"), ("recipes", "check", small_recipe)):
         code, _, err = call(*words)

@@ -1,4 +1,4 @@
-"""The dataset card says what the recipe says."""
+"""The dataset card states the lens motion of the recipe."""
 
 import pytest
 from small_dataset import SMALL_RECIPE
@@ -29,7 +29,7 @@ def card(tmp_path, motion):
         ("{kind: from_csv, file: {choice: [lens.csv]}}", "`from_csv` (file choice lens.csv)"),
     ],
 )
-def test_the_card_tells_how_the_lens_moves_in_one_row(tmp_path, motion, words):
+def test_the_card_states_the_lens_motion_in_one_row(tmp_path, motion, words):
     assert f"| lens motion | {words} |\n" in card(tmp_path, motion)
 
 

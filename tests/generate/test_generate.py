@@ -1,4 +1,4 @@
-"""Generating: whole, the same whoever works, resumed after a kill, refused before anything is made."""
+"""Generating a dataset: complete, independent of the workers, resumed after a kill, refused before anything is made."""
 
 import json
 import os
@@ -14,6 +14,7 @@ from itertools import islice
 import h5py
 import numpy as np
 import pytest
+from capture_dataset import VARIANT
 from refusals import assert_says, refusal
 from small_dataset import SCENES, SMALL_RECIPE
 
@@ -23,28 +24,24 @@ from saf_gen.errors import SafGenError
 from saf_gen.generate import run
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.plugins.lights import light_group_gains
-from saf_gen.render import backend
 from saf_gen.stack.exr import read_stack_planes
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stream.description import describe_stream_file
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.recorded_grain import read_grain_of_stream
 
-VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
-
 
 def digests(folder):
     return {e.id: e.content_sha256 for e in read_manifest(folder).sequences}
 
 
-TOLD_DONE: dict[str, set[str]] = {}
-"""The files that were there when a piece of work of the small dataset was first said to be done."""
+FILES_WHEN_DONE: dict[str, set[str]] = {}
+"""Names of the files that existed when each job of the small dataset was first reported as done."""
 
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """The small dataset, made once; tests get copies of it."""
+    """The small dataset, generated once; tests get copies of it."""
     folder = tmp_path_factory.mktemp("first")
     recipe = folder / "small.yaml"
     recipe.write_text(SMALL_RECIPE)
@@ -53,7 +50,7 @@ def first(tmp_path_factory):
 
         def report(name: str, done: float) -> None:
             if done >= 1:
-                TOLD_DONE.setdefault(name, {path.name for path in folder.rglob("*")})
+                FILES_WHEN_DONE.setdefault(name, {path.name for path in folder.rglob("*")})
 
         return generate(resolve_recipe(recipe), folder / "made", variant=VARIANT, report=report)
 
@@ -65,7 +62,7 @@ def work(test_scenes, small_recipe):
 
 @pytest.fixture
 def made(first, test_scenes, tmp_path):
-    """A copy of the small dataset that a test may spoil."""
+    """A copy of the small dataset that a test may change."""
     assert first.failed == {}
     shutil.copytree(first.folder, tmp_path / "made")
     return replace(first, folder=tmp_path / "made")
@@ -82,13 +79,13 @@ def test_a_recipe_becomes_streams_with_truth(made):
         assert stream.truth.target.all()
         assert stream.truth.sharpness.shape == (9,)
         counts = stream.counts(0, 400)
-    # Mean rate 0.2 in the target at its best focus: 1.02 million pixel readouts round it, so sampling
-    # noise is below 0.1 %; the light over the sweep varies by 1 % (bellows).
+    # The mean rate is 0.2 in the target at best focus. Over 1.02 million pixel readouts sampling noise is below
+    # 0.1 %; the light varies by 1 % over the sweep (bellows).
     assert counts.mean() / 400 == pytest.approx(0.2, rel=0.02)
 
 
-def test_a_still_stack_has_a_contact_sheet_that_is_drawn_once(made, work, monkeypatch, contact_sheets_as_for_a_user):
-    monkeypatch.setattr(run, "_write_previews", contact_sheets_as_for_a_user)
+def test_a_still_stack_has_a_contact_sheet_that_is_drawn_once(made, work, monkeypatch, draw_contact_sheets):
+    monkeypatch.setattr(run, "_write_previews", draw_contact_sheets)
     (sheet,) = (made.folder / "preview").iterdir()
     sheet.unlink()
     generate(work, made.folder)
@@ -100,23 +97,23 @@ def test_a_still_stack_has_a_contact_sheet_that_is_drawn_once(made, work, monkey
     assert sheet.read_bytes() == drawn
 
 
-def test_done_is_said_of_what_has_its_name(first):
+def test_a_job_is_reported_as_done_once_its_files_have_their_names(first):
     assert first.failed == {}
-    whole = {f"record {name}": {f"{name}.h5"} for name in first.recorded}
-    whole |= {"render plane · geometry": {"geometry.exr", "geometry.json"}, "render plane · light": {"lamp.json"}}
-    assert TOLD_DONE.keys() == {*whole, "render plane · grain"}
-    assert {name: TOLD_DONE[name] & files for name, files in whole.items()} == whole
-    assert not any(name.endswith(".part") for files in TOLD_DONE.values() for name in files)
+    expected = {f"record {name}": {f"{name}.h5"} for name in first.recorded}
+    expected |= {"render plane · geometry": {"geometry.exr", "geometry.json"}, "render plane · light": {"lamp.json"}}
+    assert FILES_WHEN_DONE.keys() == {*expected, "render plane · grain"}
+    assert {name: FILES_WHEN_DONE[name] & files for name, files in expected.items()} == expected
+    assert not any(name.endswith(".part") for files in FILES_WHEN_DONE.values() for name in files)
 
 
 def test_every_recording_says_how_much_grain_its_pictures_have(made):
     with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
         grain = read_grain_of_stream(stream.metadata.provenance)
-        told = describe_stream_file(stream)["grain"]
+        described = describe_stream_file(stream)["grain"]
         assert abs(grain.moments[grain.focus].frame - stream.truth.frame) <= 0.5
     assert grain.samples == (16, 2)
     assert 0.01 < grain.rms_in_focus < 0.3
-    assert told.startswith(f"{grain.rms_in_focus:.2%} of the mean in focus")
+    assert described.startswith(f"{grain.rms_in_focus:.2%} of the mean in focus")
 
 
 def test_a_recording_without_grain_is_read_all_the_same(made):
@@ -130,12 +127,12 @@ def test_a_recording_without_grain_is_read_all_the_same(made):
 
 
 def test_grain_that_is_missing_is_measured_and_moves_no_spike(made, work):
-    """As after a run that was stopped between a stack and its grain: nothing is rendered but the second time."""
+    """A run may stop between a stack and its grain: then only the second pictures, for the grain, are rendered."""
     before = digests(made.folder)
     (note,) = made.folder.rglob("stack.grain.json")
     note.unlink()
     again = generate(work, made.folder, variant=VARIANT)
-    assert not note.exists(), "every recording is there: nobody needs it"
+    assert not note.exists(), "every recording exists, so no grain is needed"
     (made.folder / "test" / "plane-constant-00.h5").unlink()
     again = generate(work, made.folder, variant=VARIANT)
     assert note.exists()
@@ -199,7 +196,7 @@ def test_a_damaged_sequence_is_made_again_alone(work, made):
 
 
 @pytest.mark.slow
-def test_another_seed_records_anew_and_renders_nothing(small_recipe, made):
+def test_another_seed_records_again_and_renders_nothing(small_recipe, made):
     small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
     again = generate(resolve_recipe(small_recipe), made.folder, variant=VARIANT)
     assert again.rendered == []
@@ -213,33 +210,33 @@ def test_a_shard_after_a_change_of_recipe_lists_nothing_of_the_old_one(small_rec
     assert [e.id for e in part.manifest.sequences] == part.recorded == ["plane-constant-00"]
 
 
-def spec_of(work):
-    """The one stack of the small dataset."""
+def stack_spec(work):
+    """The only stack of the small dataset."""
     ((spec,),) = (time_stack.specs for time_stack in work.sequences_by_stack())
     return spec
 
 
 @pytest.mark.slow
-def test_another_stack_records_anew(small_recipe, work, made):
+def test_a_changed_stack_is_recorded_again(small_recipe, work, made):
     for path in made.folder.glob("stacks/*/lamp.*"):
         path.unlink()
-    store = StackStore(made.folder / "stacks", spec_of(work))
-    store.write_group("lamp", store_radiance(made.folder, work) * 2, backend=VARIANT)
+    store = StackStore(made.folder / "stacks", stack_spec(work))
+    store.write_group("lamp", room_radiance(made.folder, work) * 2, backend=VARIANT)
     again = generate(work, made.folder, variant=VARIANT)
     assert again.rendered == []
     assert len(again.recorded) == 3
 
 
-def store_radiance(folder, work):
-    """The room's radiance, here to stand in for another lamp's."""
+def room_radiance(folder, work):
+    """The room's radiance, which here serves as another lamp's."""
     planes, _ = read_stack_planes(next(folder.glob("stacks/*/room.exr")))
-    return np.array([planes[f"focus.{k:04d}"] for k in range(spec_of(work).positions)])
+    return np.array([planes[f"focus.{k:04d}"] for k in range(stack_spec(work).positions)])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("when", ["after the first piece of the stack", "after the first sequence"])
 def test_a_killed_generation_goes_on_where_it_was(work, small_recipe, made, tmp_path, when):
-    """SIGKILL to the whole process group, then the same command: same digests, nothing rendered twice."""
+    """After SIGKILL to the process group the same command gives the same digests and renders nothing twice."""
     folder = tmp_path / "killed"
     command = [sys.executable, "-m", "saf_gen", "generate", str(small_recipe), "--out", str(folder)]
     command += ["--variant", VARIANT]
@@ -259,9 +256,9 @@ def test_a_killed_generation_goes_on_where_it_was(work, small_recipe, made, tmp_
 
 
 @pytest.mark.parametrize("end", [KeyboardInterrupt(), SchedulerLost("the Dask scheduler at tcp://there:1 is gone")])
-def test_a_run_that_is_stopped_lists_what_is_whole(work, made, monkeypatch, end):
-    """One of three sequences is recorded again before the end, one after the next run."""
-    whole, run_all = digests(made.folder), run.run_jobs
+def test_a_stopped_run_lists_the_complete_sequences(work, made, monkeypatch, end):
+    """Two of three sequences are missing: one is recorded before the run stops, the other by the next run."""
+    complete, run_all = digests(made.folder), run.run_jobs
     first, second, third = (entry.file for entry in read_manifest(made.folder).sequences)
     for file in (second, third):
         (made.folder / file).unlink()
@@ -277,20 +274,23 @@ def test_a_run_that_is_stopped_lists_what_is_whole(work, made, monkeypatch, end)
     if isinstance(end, SchedulerLost):
         assert "2 of 3 sequences are whole and listed; start a scheduler and run the same command" in str(stopped.value)
     monkeypatch.setattr(run, "run_jobs", run_all)
-    assert digests(generate(work, made.folder, variant=VARIANT).folder) == whole
+    assert digests(generate(work, made.folder, variant=VARIANT).folder) == complete
 
 
-def test_a_group_that_the_scene_lacks_is_told_before_anything_is_made(small_recipe, test_scenes):
-    small_recipe.write_text(small_recipe.read_text().replace("    lamp:", "    lmap:"))
-    assert_says(refusal(resolve_recipe, small_recipe), "light 'lamp_only' on plane | 'lmap'")
+@pytest.mark.usefixtures("test_scenes")
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("    lamp:", "    lmap:", "light 'lamp_only' on plane | 'lmap'"),
+        ("[plane]", "[plain]", "'plain' | mean 'plane"),
+    ],
+)
+def test_an_unknown_light_group_or_scene_is_refused_before_anything_is_made(small_recipe, old, new, message):
+    small_recipe.write_text(small_recipe.read_text().replace(old, new))
+    assert_says(refusal(resolve_recipe, small_recipe), message)
 
 
-def test_a_scene_that_is_nowhere_is_told(small_recipe, test_scenes):
-    small_recipe.write_text(small_recipe.read_text().replace("[plane]", "[plain]"))
-    assert_says(refusal(resolve_recipe, small_recipe), "'plain' | mean 'plane")
-
-
-def test_a_folder_that_cannot_be_written_is_told(work, tmp_path):
+def test_a_folder_that_cannot_be_written_is_refused(work, tmp_path):
     (tmp_path / "file").write_text("in the way")
     assert_says(refusal(generate, work, tmp_path / "file" / "ds", variant=VARIANT), "file/ds cannot be written")
 
@@ -302,14 +302,14 @@ def test_the_folder_of_another_dataset_is_not_touched(work, made, small_recipe):
     assert sorted(made.folder.rglob("*")) == before
 
 
-def test_a_disk_too_small_is_told_before_anything_is_made(work, tmp_path, monkeypatch):
+def test_a_full_disk_is_refused_before_anything_is_made(work, tmp_path, monkeypatch):
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage(1, 1, 0))
     assert_says(refusal(generate, work, tmp_path / "ds", variant=VARIANT), "needs about | 0 MB are free")
     assert not (tmp_path / "ds").exists()
 
 
-def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(small_recipe, tmp_path, monkeypatch, test_scenes):
+def test_a_scene_that_fails_is_named_and_leaves_no_recording(small_recipe, tmp_path, monkeypatch, test_scenes):
     shutil.copytree(test_scenes / "plane", tmp_path / "scenes" / "plane")
     script = tmp_path / "scenes" / "plane" / "scene.py"
     script.write_text(script.read_text().replace("return {", "return 1/0, {"))
@@ -322,20 +322,12 @@ def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(small_recipe, tmp_
     assert not list((tmp_path / "ds").rglob("*.h5"))
 
 
-def test_a_group_without_a_schedule_stays_at_gain_one():
-    gains = light_group_gains(
-        {"lamp": {"kind": "constant", "level": 0.5}}, ("lamp", "room"), frames=20, readout_hz=1000.0
-    )
-    assert gains[:, 0] == pytest.approx(0.5)
-    assert gains[:, 1] == pytest.approx(1.0)
-
-
 @pytest.mark.slow
 def test_scalar_renders_geometric_stacks_and_says_so(work, small_recipe, tmp_path, call):
-    """The file says that it was made without diffraction, has the geometric depth of focus, and is kept."""
-    code, told, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--variant", "scalar")
+    """The file states that diffraction is off, has the geometric depth of focus, and is kept by the next run."""
+    code, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--variant", "scalar")
     assert code == 0
-    assert "rendered without diffraction: only the variants llvm and cuda have it" in told
+    assert "rendered without diffraction: only the variants llvm and cuda have it" in out
     (spec,) = work.without_diffraction().sequences_by_stack().popitem()[0].specs
     assert StackStore(tmp_path / "ds" / "stacks", spec).missing_pieces() == []
     with saf_gen.open_stream(tmp_path / "ds" / "test" / "plane-constant-00.h5") as stream:

@@ -1,4 +1,4 @@
-"""Time slices are deleted when nothing needs them any more, and never before; what was recorded from them is kept."""
+"""Time slices are deleted once nothing needs them any more, and never before; their recordings are kept."""
 
 import os
 import shutil
@@ -24,7 +24,7 @@ from saf_gen.stream.manifest import read_manifest
 pytestmark = pytest.mark.slow
 
 RECIPE = capture_dataset.RECIPE.replace("whole_slices: true", "whole_slices: 0.02")
-"""Half of the 40 ms have slices of all positions beside the others."""
+"""Half of the 40 ms also have slices of all positions."""
 MOVING = ["plane-dynamic-constant-00", "plane-dynamic-lamp_only-00"]
 CHOICES = ["all", "closed-loop", "none"]
 
@@ -53,24 +53,24 @@ def digests(folder):
 
 
 def pictures(folder, stack):
-    """Those files of a time-resolved stack that hold pictures, and that are there."""
+    """The existing picture files of a time-resolved stack."""
     return [path for spec in stack.specs for path in (folder / "stacks" / spec.key).glob("*.exr")]
 
 
 def slices(work):
-    """The time slices of the moving plane's recordings, and of its closed loop."""
+    """The time slices of the moving plane's recordings, and those of its closed loop."""
     moving = next(s for s in work.plan if s.planned.scene_motion == "dynamic")
     return moving.time_stack, moving.closed_loop_slices
 
 
 def put_slices(made, folder, stack):
-    """Put time slices of the dataset ``made`` there, as if they had been rendered."""
+    """Copy time slices of the dataset ``made`` to a folder, as if they had been rendered there."""
     for spec in stack.specs:
         shutil.copytree(made / "stacks" / spec.key, folder / "stacks" / spec.key, dirs_exist_ok=True)
 
 
 def run_again(work, folder, choice):
-    """What another run renders and records, with everything kept."""
+    """Generate once more, without failures, and return the outcome."""
     again = generate(work, folder, variant=VARIANT, keep_slices=choice)
     assert again.failed == {}
     return again
@@ -78,7 +78,7 @@ def run_again(work, folder, choice):
 
 @pytest.mark.parametrize("choice", CHOICES)
 def test_each_choice_keeps_what_it_says_and_the_recordings(work, made, copy, choice):
-    """11 slices of some positions and 6 of all, each depth and two lights; the scene at rest keeps its stack."""
+    """11 slices of some positions and 6 of all, each with depth and two lights; the static scene keeps its stack."""
     recorded_from, for_closed_loop = slices(work)
     still = next(s.time_stack for s in work.plan if s.planned.scene_motion == "static")
     before = {path: path.stat().st_size for path in copy.glob("stacks/*/*")}
@@ -107,7 +107,7 @@ def test_a_dataset_made_with_a_choice_has_the_recordings_of_any_other(work, made
 
 
 def test_with_no_slices_to_keep_none_are_rendered_for_the_closed_loop_alone(work, made, tmp_path):
-    """As the case ``none`` above, but that the stacks of the recordings are there and not rendered."""
+    """Like the case ``none`` above, but the stacks of the recordings exist and are not rendered."""
     folder = tmp_path / "fresh"
     recorded_from, for_closed_loop = slices(work)
     still = next(s.time_stack for s in work.plan if s.planned.scene_motion == "static")
@@ -123,18 +123,18 @@ def test_with_no_slices_to_keep_none_are_rendered_for_the_closed_loop_alone(work
 
 
 def test_the_sizes_are_those_of_the_planes(work, tmp_path):
-    """1.3 bytes, compressed, for each of 40 × 64 pixels and two lights; 3 for depth and target.
+    """1.3 compressed bytes for each of 40 × 64 pixels and two lights, 3 for depth and target.
 
-    Plain paths leave more noise, which takes 1.5 bytes.
+    The noise of plain paths is stronger, so that they take 1.5 bytes.
     """
     plane, geometry = 2 * 40 * 64 * 13 // 10, 40 * 64 * 3
     recorded_from, for_closed_loop = slices(work)
     some = plane * sum(spec.rendered_count for spec in recorded_from.specs) + 11 * geometry
-    whole = plane * 9 * 6 + 6 * geometry
+    complete = plane * 9 * 6 + 6 * geometry
     assert {spec.rendered_count for spec in for_closed_loop.specs} == {9}
-    assert [work.kept_slice_bytes(choice) for choice in CHOICES] == [some + whole, whole, 0]
+    assert [work.kept_slice_bytes(choice) for choice in CHOICES] == [some + complete, complete, 0]
     expected = [work.estimate_bytes(tmp_path / "new", choice) for choice in CHOICES]
-    assert [expected[0] - one for one in expected] == [0, 0, whole]
+    assert [expected[0] - one for one in expected] == [0, 0, complete]
     (tmp_path / "takes.yaml").write_text(RECIPE.replace("samples: 16,", "samples: 16, estimator: plain,", 1))
     plain = resolve_recipe(tmp_path / "takes.yaml").kept_slice_bytes("closed-loop") - 6 * geometry
     assert plain == pytest.approx(plane * 9 * 6 * 15 / 13)
@@ -146,7 +146,7 @@ def test_a_dry_run_says_what_each_choice_keeps(work, tmp_path, call):
     code, shown, _ = call("generate", recipe, "--out", folder, "--dry-run", "--keep-slices", "none")
     assert code == 0
     shown = " ".join(shown.split())
-    assert f"time slices kept in the end: {sizes}; chosen: --keep-slices none" in shown
+    assert f"time slices kept at the end: {sizes}; chosen: --keep-slices none" in shown
     assert "all positions" not in shown
     assert not folder.exists()
 
@@ -173,7 +173,7 @@ def test_the_closed_loop_runs_as_before_without_the_slices_of_recordings(work, m
 def test_the_closed_loop_says_what_to_do_where_no_slices_were_kept(
     made, captured_dataset, tmp_path, monkeypatch, whole
 ):
-    """And the same command with another choice does it: the recordings stay."""
+    """The same command with another choice then renders the missing slices; the recordings stay."""
     monkeypatch.setenv("SAF_GEN_SCENES", str(made.parent / "scenes"))
     path, folder = tmp_path / "takes.yaml", tmp_path / "takes"
     path.write_text(RECIPE.replace("whole_slices: 0.02", f"whole_slices: {whole}"))
@@ -189,10 +189,8 @@ def test_the_closed_loop_says_what_to_do_where_no_slices_were_kept(
         assert Capture.from_stream(stream, folder / "stacks").frames == {"true": 800, "0.02": 400}[whole]
 
 
-def test_where_all_slices_are_whole_the_hint_is_the_same_and_only_they_would_be_rendered(
-    captured_dataset, tmp_path, monkeypatch
-):
-    """As the case ``true`` above, which renders them: here they are put back, and the closed loop runs to its end."""
+def test_if_all_slices_are_whole_only_they_would_be_rendered(captured_dataset, tmp_path, monkeypatch):
+    """Like the case ``true`` above, which renders them: here they are copied back; the closed loop runs to its end."""
     monkeypatch.setenv("SAF_GEN_SCENES", str(captured_dataset.parent / "scenes"))
     path, folder = tmp_path / "takes.yaml", tmp_path / "takes"
     path.write_text(capture_dataset.RECIPE)
@@ -213,7 +211,7 @@ def test_where_all_slices_are_whole_the_hint_is_the_same_and_only_they_would_be_
 
 
 def test_a_shard_deletes_nothing_that_another_needs(work, made, copy, tmp_path):
-    """Of the two moving recordings each shard makes one, from slices that are there; the second to end deletes."""
+    """Each shard makes one of the two moving recordings, from existing slices; the second to end deletes them."""
     folder, recorded_from = copy, slices(work)[0]
     for file in (folder / "manifest.json", *folder.glob("test/*.h5")):
         file.unlink()
@@ -231,15 +229,15 @@ def test_a_shard_deletes_nothing_that_another_needs(work, made, copy, tmp_path):
 
 
 def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(made, tmp_path, monkeypatch):
-    """The lens goes all the way, or stops short of its end: the first slices serve both.
+    """One motion goes to the end of the travel, the other stops short of it: the first slices serve both.
 
-    Those of the first way are there, as if they had been rendered; the others of the second are rendered.
+    Those of the first motion exist, as if they had been rendered; the remaining ones of the second are rendered.
     """
     monkeypatch.setenv("SAF_GEN_SCENES", str(made.parent / "scenes"))
     table = tmp_path / "short.csv"
     table.write_text("time_s,position\n0,0\n0.03,0.75\n0.04,0.75\n")
-    ways = "motion: {choice: [{kind: sweep}, {kind: from_csv, file: short.csv}]}"
-    text = RECIPE.replace("positions: 9}", f"positions: 9, {ways}}}")
+    motion = "motion: {choice: [{kind: sweep}, {kind: from_csv, file: short.csv}]}"
+    text = RECIPE.replace("positions: 9}", f"positions: 9, {motion}}}")
     path = tmp_path / "takes.yaml"
     path.write_text(text.replace("scene_motion: [static, dynamic]", "repeats: 4, scene_motion: [dynamic]"))
     work = resolve_recipe(path)
@@ -262,7 +260,7 @@ def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(mad
 
 
 def test_a_damaged_recording_has_its_slices_rendered_again(work, copy):
-    """They are deleted again after it; the other recordings are read, and kept if the slices are the same bits."""
+    """They are then deleted again; the other recordings are read, and kept if the slices have the same bits."""
     before = digests(copy)
     run_again(work, copy, "closed-loop")
     damaged = copy / "test" / f"{MOVING[0]}.h5"
@@ -284,7 +282,7 @@ def test_a_damaged_recording_has_its_slices_rendered_again(work, copy):
 
 
 def test_more_repeats_need_the_slices_again(work, made, copy, tmp_path):
-    """As the damaged recording above has them rendered: here they are put back, and deleted once more in the end."""
+    """The damaged recording above has them rendered; here they are copied back, and deleted again at the end."""
     run_again(work, copy, "closed-loop")
     (tmp_path / "takes.yaml").write_text(RECIPE.replace("scene_motion:", "repeats: 2, scene_motion:"))
     more = resolve_recipe(tmp_path / "takes.yaml")
@@ -353,10 +351,10 @@ SHORT, *OTHERS = (pytest.param(files, id=name) for name, files in KILLED.items()
 
 @pytest.mark.parametrize("files", [SHORT, *(pytest.param(*p.values, id=p.id, marks=pytest.mark.long) for p in OTHERS)])
 def test_a_killed_run_goes_on_and_renders_nothing_twice(work, made, tmp_path, files):
-    """SIGKILL when these files are there, then the same again. tests/generate/test_generate.py kills workers too.
+    """SIGKILL once these files exist, then the same run again. tests/generate/test_generate.py also kills workers.
 
-    Where it is killed after a recording, the stacks of the recordings were there, and those of the closed loop are
-    rendered before it.
+    If it is killed after a recording, the stacks of the recordings existed, and those of the closed loop are rendered
+    before it.
     """
     folder = tmp_path / "killed"
     if "stacks/*/lamp.exr" not in files:

@@ -1,4 +1,4 @@
-"""Recipes: what is right is read, what is wrong is told with its line."""
+"""Recipes: correct ones are read, wrong ones are refused with the line number."""
 
 import math
 from pathlib import Path
@@ -7,7 +7,6 @@ from typing import get_args
 import pytest
 from refusals import assert_says, refusal
 
-from saf_gen.errors import BadInput
 from saf_gen.generate.recipe import FocusSettings, read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.optics import DRIVES
@@ -33,11 +32,11 @@ def read(tmp_path, text):
 
 
 def test_a_recipe_can_ask_for_every_drive_there_is():
-    asked, _none = get_args(FocusSettings.model_fields["drive"].annotation)
-    assert get_args(asked) == tuple(DRIVES)
+    choices, _none = get_args(FocusSettings.model_fields["drive"].annotation)
+    assert get_args(choices) == tuple(DRIVES)
 
 
-def test_a_recipe_is_read_whole(tmp_path):
+def test_a_recipe_is_read(tmp_path):
     recipe = read(tmp_path, GOOD)
     assert recipe.camera.frames == 100
     assert recipe.splits["test"].lights == ("constant", "mixed")
@@ -51,7 +50,7 @@ def test_every_recipe_of_the_project_is_right(path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("frames: 100", "frmes: 100", "r.yaml:3 | 'frmes' | mean 'frames"),
         ("seed: 1", "seed: -1", "r.yaml:2 | seed is -1 | greater than or equal to 0"),
@@ -84,7 +83,7 @@ def test_every_recipe_of_the_project_is_right(path):
         (
             "lights: [constant, mixed]",
             "lights: [constant], scene_motion: [dynamic], at_rest: [usaf_target]",
-            "r.yaml:10 | splits.test is | scene_motion: [static, dynamic] where scenes are at_rest",
+            "r.yaml:10 | splits.test is | scene_motion: [static, dynamic] if scenes are at_rest",
         ),
         ("[1, 2]}", "[1, .inf]}", "r.yaml:8 | uniform is [1, inf] | finite numbers"),
         (
@@ -96,13 +95,13 @@ def test_every_recipe_of_the_project_is_right(path):
         ("  mixed:", "  Mixed/up:", "'Mixed/up'"),
     ],
 )
-def test_a_wrong_recipe_is_told_in_one_line(tmp_path, old, new, told):
+def test_a_wrong_recipe_is_refused_in_one_line(tmp_path, old, new, message):
     assert old in GOOD
-    assert_says(refusal(read, tmp_path, GOOD.replace(old, new)), told)
+    assert_says(refusal(read, tmp_path, GOOD.replace(old, new)), message)
 
 
 @pytest.mark.parametrize(
-    ("motion", "told"),
+    ("motion", "message"),
     [
         ("sweep", "r.yaml:4 | focus.motion is 'sweep' | a lens motion | such as {kind: sweep}"),
         ("{from: 0.1}", "r.yaml:4 | motion has no kind | from_csv, hand, hold, steps, sweep, sweep_"),
@@ -115,29 +114,29 @@ def test_a_wrong_recipe_is_told_in_one_line(tmp_path, old, new, told):
         ("{choice: [sweep]}", "r.yaml:4 | motion is 'sweep' | {kind: ...,"),
         ("{kind: from_csv, file: lns.csv}", "r.yaml:4 | 'lns.csv' | mean 'lens.csv"),
         ("{kind: from_csv, file: ../lens.csv}", "r.yaml:4 | '../lens.csv' | outside"),
-        ("{kind: from_csv, file: lens.csv}", "lens.csv:3 | time_s goes from 0 to 0 | a rising column"),
+        ("{kind: from_csv, file: lens.csv}", "lens.csv:3 | time_s goes from 0 to 0 | a column that rises"),
     ],
 )
-def test_a_wrong_lens_motion_is_told_in_one_line(tmp_path, motion, told):
+def test_a_wrong_lens_motion_is_refused_in_one_line(tmp_path, motion, message):
     (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n0,1\n")
-    assert_says(refusal(read, tmp_path, GOOD.replace("positions: 5", f"positions: 5, motion: {motion}")), told)
+    assert_says(refusal(read, tmp_path, GOOD.replace("positions: 5", f"positions: 5, motion: {motion}")), message)
 
 
 @pytest.mark.parametrize(
-    ("motion", "told"),
+    ("motion", "message"),
     [
         ("{kind: steps, count: {uniform: [2, 9]}, natural_hz: 900, damping: 1}", "count is | a whole number"),
         ("{kind: sweep_and_return, dwell_s: 1}", "dwell_s is 1 in a recording of 0.005 s"),
         ("{kind: hand}", "bandwidth_hz is 5 in a recording of 0.005 s | at least 400"),
-        ("{kind: from_csv, file: lens.csv}", "lens.csv | time_s goes from 0 to 0.001, the recording"),
+        ("{kind: from_csv, file: lens.csv}", "lens.csv | time_s goes from 0 to 0.001"),
     ],
 )
-def test_a_motion_that_does_not_fit_the_recording_is_told_before_anything_is_made(tmp_path, motion, told):
+def test_a_motion_that_does_not_fit_the_recording_is_refused_before_anything_is_made(tmp_path, motion, message):
     (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n0.001,1\n")
     path = tmp_path / "r.yaml"
     path.write_text(GOOD.replace("positions: 5", f"positions: 5, motion: {motion}"))
     error = refusal(resolve_recipe, path)
-    assert_says(error, told)
+    assert_says(error, message)
     assert (error.where, error.problem.split(": ")[0]) == (str(path), "the lens motion of usaf_target-constant-00")
 
 
@@ -147,7 +146,7 @@ def test_a_scene_in_two_splits_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("params", "told"),
+    ("params", "message"),
     [
         ("{made: 2024-05-01}", "r.yaml:11 | scene_params.usaf_target.made is the date 2024-05-01"),
         ("{ink: .nan}", "r.yaml:11 | scene_params.usaf_target.ink is nan | a finite number"),
@@ -156,62 +155,56 @@ def test_a_scene_in_two_splits_is_refused(tmp_path):
         ("{ink: {unifrm: [0, 1]}}", "r.yaml:11 | mean 'uniform"),
     ],
 )
-def test_a_parameter_that_no_file_could_record_is_told_with_its_line(tmp_path, params, told):
-    assert_says(refusal(read, tmp_path, GOOD + f"scene_params: {{usaf_target: {params}}}\n"), told)
+def test_a_parameter_that_no_file_could_store_is_refused_with_its_line(tmp_path, params, message):
+    assert_says(refusal(read, tmp_path, GOOD + f"scene_params: {{usaf_target: {params}}}\n"), message)
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "message"),
     [
         ("lfet", 'r.yaml | scene_params.two_planes.near_side is \'lfet\' | "left", "right" | mean \'left'),
         ("{choice: [left, rihgt]}", "near_side is {'choice' | mean 'right"),
     ],
 )
-def test_a_value_that_the_card_s_choice_does_not_have_is_told_before_anything_is_made(tmp_path, value, told):
+def test_a_value_that_is_not_in_the_card_s_choice_is_refused_before_anything_is_made(tmp_path, value, message):
     path = tmp_path / "r.yaml"
     text = GOOD.replace("[usaf_target]", "[two_planes]")
     path.write_text(f"{text}scene_params: {{two_planes: {{near_side: {value}}}}}\n")
-    assert_says(refusal(resolve_recipe, path), told)
+    assert_says(refusal(resolve_recipe, path), message)
 
 
 @pytest.mark.parametrize("light", ["{kind: constant, level: 1.0e+39}", "{kind: constant, offset: 1.0e+300}"])
-def test_a_gain_that_cannot_be_recorded_is_told_before_anything_is_made(tmp_path, light):
+def test_a_gain_that_cannot_be_recorded_is_refused_before_anything_is_made(tmp_path, light):
     path = tmp_path / "r.yaml"
     path.write_text(GOOD.replace("{kind: constant}", light))
-    with pytest.raises(BadInput, match=r"light 'constant' on usaf_target: the gain of .* is too large") as caught:
-        resolve_recipe(path)
-    assert "\n" not in str(caught.value)
+    assert_says(refusal(resolve_recipe, path), "light 'constant' on usaf_target: the gain of | is too large")
 
 
-def test_a_gain_is_tried_over_the_whole_recording(tmp_path):
-    """The fourth of five steps has a gain beyond float32; sixteen readouts lie in the first one."""
+def test_a_gain_is_checked_over_the_complete_recording(tmp_path):
+    """The fourth of five steps has a gain beyond float32; the first sixteen readouts are all in the first step."""
     path = tmp_path / "r.yaml"
     late = "{kind: steps, every_s: 0.001, levels: [1, 1, 1, 1.0e+39, 1]}"
     path.write_text(GOOD.replace("{kind: constant}", late))
     assert_says(refusal(resolve_recipe, path), "light 'constant' on usaf_target: | too large")
 
 
-@pytest.mark.parametrize(("said", "seconds"), [("false", 0), ("true", math.inf), ("0.3", 0.3), ("1", 1), ("1.0", 1)])
-def test_whole_slices_from_the_beginning_for_so_long(tmp_path, said, seconds):
-    text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {said}}}")
+@pytest.mark.parametrize(("value", "seconds"), [("false", 0), ("true", math.inf), ("0.3", 0.3), ("1", 1), ("1.0", 1)])
+def test_whole_slices_cover_the_stated_seconds(tmp_path, value, seconds):
+    text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {value}}}")
     assert read(tmp_path, text).render.all_positions_s == seconds
 
 
-@pytest.mark.parametrize("said", ["0", "-0.3", "sometimes", ".inf"])
-def test_whole_slices_for_no_time_is_refused(tmp_path, said):
-    text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {said}}}")
-    with pytest.raises(BadInput, match=f"whole_slices.*{said}.*seconds above 0"):
-        read(tmp_path, text)
+@pytest.mark.parametrize("value", ["0", "-0.3", "sometimes", ".inf"])
+def test_whole_slices_for_no_time_is_refused(tmp_path, value):
+    text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {value}}}")
+    assert_says(refusal(read, tmp_path, text), "render.whole_slices is | seconds above 0")
 
 
-def test_a_lens_that_waves_keep_in_focus_is_told_before_anything_is_rendered(tmp_path):
+def test_a_lens_that_diffraction_keeps_in_focus_is_refused_before_anything_is_rendered(tmp_path):
     path = tmp_path / "r.yaml"
     path.write_text(GOOD.replace("{mean_rate: 0.2}", "{mean_rate: 0.2, f_number: 64}"))
-    assert_says(
-        refusal(resolve_recipe, path),
-        "r.yaml | scene usaf_target: light of 555 nm through an aperture of 0.547 mm stays in focus over 7.48 times "
-        "the travel | by waves within the travel | diffraction: false",
-    )
+    message = "r.yaml | scene usaf_target: | 555 nm | 0.547 mm | 7.48 times the travel | diffraction: false"
+    assert_says(refusal(resolve_recipe, path), message)
     path.write_text(path.read_text().replace("samples: 4", "samples: 4, diffraction: false"))
     assert resolve_recipe(path).sequences
 

@@ -1,4 +1,4 @@
-"""One sequence against closed forms: exposure, truth, light, noise switched off."""
+"""One recorded sequence against closed forms: exposure, truth, light, and noise switched off."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ SWITCHED_OFF = {name: False for name in ("shot", "dark", "response", "threshold_
 
 
 def stack(depth=0.5, radiance=1.0):
-    """An even field at one depth, a quarter of its light from the lamp."""
+    """An even field at one depth; a quarter of its light comes from the lamp."""
     field = (
         np.full((2, 9, 16, 24), radiance, dtype=np.float32) * np.array([0.25, 0.75], np.float32)[:, None, None, None]
     )
@@ -29,16 +29,16 @@ SWEEP = {"kind": "sweep"}
 CONSTANT = {"": {"kind": "constant"}}
 
 
-def record(tmp_path, schedule, *, motion=SWEEP, mean_rate=0.2, frames=2000, given=None, **laws):
+def record(tmp_path, schedule, *, motion=SWEEP, mean_rate=0.2, frames=2000, pictures=None, **laws):
     sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6, reset_loss=0.0, **laws)
     recorder = Recorder(sensor.with_noise(**SWITCHED_OFF), frames, device_seed=1, provenance={})
     sequence = make_sequence(schedule=schedule, motion=motion, mean_rate=mean_rate)
-    recorder.record(sequence, PlaneSource.from_stack(given or stack()), path=tmp_path / "s.h5", fingerprint="f")
+    recorder.record(sequence, PlaneSource.from_stack(pictures or stack()), path=tmp_path / "s.h5", fingerprint="f")
     return saf_gen.open_stream(tmp_path / "s.h5")
 
 
 def test_the_mean_rate_is_the_one_asked_for_at_best_focus(tmp_path):
-    """Without noise a count is exact to one spike: 400 frames × 384 pixels round the focus, 0.2 %."""
+    """Without noise a count is exact to one spike: 0.2 % over 400 frames × 384 pixels around the focus."""
     with record(tmp_path, CONSTANT) as stream:
         frame = round(stream.truth.frame)
         counts = stream.counts(frame - 200, frame + 200)
@@ -46,9 +46,9 @@ def test_the_mean_rate_is_the_one_asked_for_at_best_focus(tmp_path):
 
 
 def test_the_mean_rate_is_that_of_this_very_device(tmp_path):
-    """With response, thresholds and dark current on: 400 frames × 384 pixels, shot noise below 0.1 %.
+    """With response, thresholds and dark current on; over 400 frames × 384 pixels shot noise is below 0.1 %.
 
-    Over so few pixels the device's own mean is a few percent off that of all devices.
+    Over so few pixels the mean of one device differs by a few percent from that of all devices.
     """
     sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6)
     sequence = make_sequence()
@@ -64,7 +64,7 @@ def test_the_mean_rate_is_that_of_this_very_device(tmp_path):
 
 
 def test_the_rate_over_the_sweep_follows_bellows_and_the_fourth_power_of_the_cosine(tmp_path):
-    """E goes as cos⁴θ/v²: each pixel's rate in 500 frames at both ends of the sweep, one spike in 100."""
+    """E is proportional to cos⁴θ/v²: each pixel's rate in 500 frames at both ends of the sweep, to one spike in 100."""
     with record(tmp_path, CONSTANT, frames=8000) as stream:
         best = float(DRIVE.image_distance(stream.truth.position))
         ends = [stream.counts(0, 500), stream.counts(7500, 8000)]
@@ -81,7 +81,7 @@ def test_the_rate_over_the_sweep_follows_bellows_and_the_fourth_power_of_the_cos
         assert np.abs(counts - 500 * expected).max() <= 1.001
 
 
-def test_a_group_alone_brings_its_own_share(tmp_path):
+def test_one_light_group_gives_its_fraction_of_the_light(tmp_path):
     with record(tmp_path, {"lamp": {"kind": "constant", "level": 0.0}}) as stream:
         frame = round(stream.truth.frame)
         rate = stream.counts(frame - 200, frame + 200).mean() / 400
@@ -99,7 +99,7 @@ def test_truth_is_the_optical_focus_of_the_target(tmp_path):
 
 
 def test_a_target_out_of_reach_has_a_truth_that_no_frame_passes(tmp_path):
-    with record(tmp_path, CONSTANT, given=stack(depth=0.8)) as stream:
+    with record(tmp_path, CONSTANT, pictures=stack(depth=0.8)) as stream:
         assert stream.truth.position < 0
         assert np.isnan(stream.truth.frame)
 
@@ -115,11 +115,11 @@ MOTIONS = {
 
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_the_lens_is_where_its_motion_says(tmp_path, motion):
-    """In the file, and in the spikes: of a field that grows brighter over the travel, every 200 readouts."""
+    """In the file, and in the spikes of a field that grows brighter over the travel, in windows of 200 readouts."""
     expected = motion_positions_at_readouts(motion, 2000, readout_hz=20_000)
-    given = stack()
-    given.radiance[:] *= np.linspace(0.5, 1.5, 9, dtype=np.float32)[:, None, None]
-    with record(tmp_path, CONSTANT, motion=motion, given=given) as stream:
+    pictures = stack()
+    pictures.radiance[:] *= np.linspace(0.5, 1.5, 9, dtype=np.float32)[:, None, None]
+    with record(tmp_path, CONSTANT, motion=motion, pictures=pictures) as stream:
         assert np.array_equal(stream.focus_position, expected)
         v, u = DRIVE.image_distance(expected), DRIVE.object_distance(expected)
         assert stream.metadata.image_distance == pytest.approx(v, rel=1e-6)
@@ -135,11 +135,11 @@ def test_the_frame_of_truth_is_the_first_pass(tmp_path):
     with record(tmp_path, CONSTANT, motion=MOTIONS["there and back"]) as stream:
         truth, lens = stream.truth, stream.focus_position
     assert find_focus_crossings(lens, truth.position) == pytest.approx([truth.frame, 1999 - truth.frame], abs=1e-2)
-    assert truth.frame == pytest.approx(truth.position * 800 - 0.5, abs=1e-2)  # 0.04 s there at 20 kHz
+    assert truth.frame == pytest.approx(truth.position * 800 - 0.5, abs=1e-2)  # 0.04 s one way, at 20 kHz
     assert np.interp(truth.frame, np.arange(2000), lens) == pytest.approx(truth.position, abs=1e-6)
 
 
-def test_a_lens_that_holds_beside_the_focus_never_passes_it(tmp_path):
+def test_a_lens_held_out_of_focus_never_passes_the_focus(tmp_path):
     with record(tmp_path, CONSTANT, motion=MOTIONS["hold"]) as stream:
         assert stream.truth.known
         assert np.isnan(stream.truth.frame)
@@ -148,13 +148,13 @@ def test_a_lens_that_holds_beside_the_focus_never_passes_it(tmp_path):
 
 
 def test_absolute_exposure_counts_the_scenes_own_electrons(tmp_path):
-    """Q = τπR²/v²·L·A·FF·QE·λ/(hc)·t on the axis, here written out again."""
+    """Q = τπR²/v²·L·A·FF·QE·λ/(hc)·t on the axis, written out independently here."""
     sensor = get_sensor("vidar_400x250")
     v = float(DRIVE.image_distance(DRIVE.true_focus(np.array([0.5]))))
     flux = np.pi * DRIVE.aperture_radius_m**2 / v**2 * 60e-6**2 * sensor.fill_factor
     electrons = flux * sensor.quantum_efficiency * sensor.wavelength_m / (6.62607015e-34 * 299792458) / 20_000
-    given = stack(radiance=0.2 * sensor.threshold_e / electrons)
-    with record(tmp_path, CONSTANT, mean_rate=None, given=given) as stream:
+    pictures = stack(radiance=0.2 * sensor.threshold_e / electrons)
+    with record(tmp_path, CONSTANT, mean_rate=None, pictures=pictures) as stream:
         frame = round(stream.truth.frame)
         rate = stream.counts(frame - 200, frame + 200)[7:9, 11:13].mean() / 400
     assert rate == pytest.approx(0.2, rel=0.005)

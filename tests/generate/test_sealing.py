@@ -1,4 +1,4 @@
-"""Sealed recipes: committed before, opened later, and then the same dataset for everybody."""
+"""Sealed recipes: committed to first, opened later, and then the same dataset for everybody."""
 
 import hashlib
 import re
@@ -36,11 +36,11 @@ def test_a_sealed_recipe_generates_nothing(call, sealed, tmp_path):
     for words in (("generate", sealed[0], "--out", tmp_path / "data"), ("recipes", "check", sealed[0])):
         code, _, err = call(*words)
         assert (code, err.count("\n")) == (2, 1)
-        assert "small-sealed.yaml:2: this recipe is sealed; saf-gen recipes unseal" in err
+        assert "small-sealed.yaml:2: this recipe is sealed; run saf-gen recipes unseal" in err
     assert not (tmp_path / "data").exists()
 
 
-def test_whoever_opens_it_has_the_same_seed_and_another_than_before(call, sealed, small_recipe):
+def test_everybody_who_unseals_a_recipe_gets_the_same_new_seed(call, sealed, small_recipe):
     path, secret = sealed
     code, out, _ = call("recipes", "unseal", path, "--secret", secret)
     assert code == 0
@@ -58,7 +58,7 @@ def test_whoever_opens_it_has_the_same_seed_and_another_than_before(call, sealed
 
 @pytest.mark.slow
 def test_the_split_that_was_sealed_has_the_digests_of_the_split_that_was_opened(call, sealed, tmp_path, test_scenes):
-    """The organiser generates from the secret before the contest; anybody does so after it."""
+    """The organiser generates from the secret in advance; anybody does so once it is published."""
     path, secret = sealed
     digests = []
     for who in ("organiser", "anybody"):
@@ -71,16 +71,16 @@ def test_the_split_that_was_sealed_has_the_digests_of_the_split_that_was_opened(
 
 
 @pytest.mark.parametrize(
-    ("secret", "told"),
+    ("secret", "message"),
     [
         ("0" * 64, "the secret 00000000… is not the one that was sealed; allowed: that of "),
         ("my secret", "'my secret' is not a secret; allowed: 64 hexadecimal digits"),
     ],
 )
-def test_another_secret_opens_nothing(call, sealed, secret, told, tmp_path):
+def test_another_secret_opens_nothing(call, sealed, secret, message, tmp_path):
     code, _, err = call("recipes", "unseal", sealed[0], "--secret", secret)
     assert (code, err.count("\n")) == (2, 1)
-    assert told in err
+    assert message in err
     assert not list(tmp_path.glob("*-open.yaml"))
 
 
@@ -92,7 +92,7 @@ def test_another_secret_opens_nothing(call, sealed, secret, told, tmp_path):
         (r"sealed: ", "selaed: ", "unknown key 'selaed' in seed"),
     ],
 )
-def test_a_seal_that_does_not_fit_is_told_with_its_line(sealed, old, new, problem):
+def test_a_seal_that_does_not_fit_is_refused_with_its_line(sealed, old, new, problem):
     sealed[0].write_text(re.sub(old, new, sealed[0].read_text(), count=1))
     error = refusal(read_recipe, sealed[0])
     assert problem in error.problem
@@ -101,7 +101,7 @@ def test_a_seal_that_does_not_fit_is_told_with_its_line(sealed, old, new, proble
 
 def test_a_secret_is_made_once_and_a_recipe_sealed_once(call, sealed, small_recipe):
     before = sealed[1].read_text()
-    assert "small-sealed.yaml is there already" in call("recipes", "seal", small_recipe)[2]
+    assert "small-sealed.yaml exists already" in call("recipes", "seal", small_recipe)[2]
     assert "this recipe is sealed" in call("recipes", "seal", sealed[0])[2]
     assert "this recipe is not sealed" in call("recipes", "unseal", small_recipe, "--secret", sealed[1])[2]
     assert sealed[1].read_text() == before
@@ -110,5 +110,5 @@ def test_a_secret_is_made_once_and_a_recipe_sealed_once(call, sealed, small_reci
 def test_a_secret_whose_run_was_stopped_before_it_sealed_may_be_removed(call, sealed, small_recipe):
     sealed[0].unlink()
     _, _, err = call("recipes", "seal", small_recipe)
-    assert "small.secret is there already" in err
+    assert "small.secret exists already" in err
     assert "or remove it, if no recipe was ever published with it" in err

@@ -1,4 +1,4 @@
-"""Generating into an object store: whole, resumed from any moment, with a small folder of this machine."""
+"""Generating into an object store: complete, and resumed from any moment, through a scratch folder on this machine."""
 
 import hashlib
 import json
@@ -6,6 +6,7 @@ import shutil
 from dataclasses import replace
 
 import pytest
+from capture_dataset import VARIANT
 from refusals import assert_says, refusal
 from small_dataset import SCENES, SMALL_RECIPE
 
@@ -15,17 +16,15 @@ from saf_gen.generate import store_transfer, to_store
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.generate.to_store import find_generate_scratch, generate_to_store, split_recipe_into_batches
-from saf_gen.render import backend
 from saf_gen.stream.inspection import verify_streams_of_dataset
 from saf_gen.stream.manifest import read_manifest
 
-VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
 NAMES = ["plane-constant-00", "plane-continuous-00", "plane-lamp_only-00"]
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """The recipe and a local dataset of it; rendered once, and copied where a run is to find its work done."""
+    """The recipe and a local dataset of it, rendered once, and copied to where a run should find its work done."""
     folder = tmp_path_factory.mktemp("made")
     (folder / "small.yaml").write_text(SMALL_RECIPE)
     with pytest.MonkeyPatch.context() as patch:
@@ -37,7 +36,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def here(made, tmp_path, monkeypatch, test_scenes):
-    """A working folder."""
+    """A working folder with the recipe."""
     monkeypatch.chdir(tmp_path)
     shutil.copy(made / "small.yaml", tmp_path)
     return tmp_path
@@ -45,7 +44,7 @@ def here(made, tmp_path, monkeypatch, test_scenes):
 
 @pytest.fixture
 def store(s3):
-    """A folder in the store, empty."""
+    """An empty folder in the store."""
     yield StorePath("s3", "data/sets/small")
     if s3.exists("data/sets"):
         s3.rm("data/sets", recursive=True)
@@ -56,8 +55,8 @@ def work(here):
     return resolve_recipe(here / "small.yaml")
 
 
-def lay_in_scratch(made, work, store):
-    """What an earlier run had made and not sent up: the next finds it there."""
+def fill_scratch(made, work, store):
+    """Fill the scratch folder, as if an earlier run had made everything and uploaded nothing."""
     shutil.copytree(made / "local", find_generate_scratch(work, store))
 
 
@@ -67,21 +66,22 @@ def run(work, store, **options):
 
 @pytest.mark.slow
 def test_a_dataset_in_a_store_is_the_one_on_a_disk_and_nothing_is_left_here(made, work, store, here, s3):
-    told = []
-    result = run(work, store, report=lambda name, done: told.append(name) if done >= 1 else None)
+    reported = []
+    result = run(work, store, report=lambda name, done: reported.append(name) if done >= 1 else None)
     assert (result.recorded, result.kept, result.failed) == (NAMES, [], {})
     assert result.manifest == read_manifest(store) == read_manifest(made / "local")
     assert verify_streams_of_dataset(store) == (3, {})
     names = {path.relative_to(made / "local").as_posix() for path in (made / "local").rglob("*") if path.is_file()}
     assert {key.removeprefix("data/sets/small/") for key in s3.find("data/sets/small")} == names
     assert [path.name for path in here.rglob("*") if path.name != "datasets"] == ["small.yaml"]
-    assert sorted(name for name in told if name.startswith("upload")) == [f"upload test/{name}.h5" for name in NAMES]
+    uploads = sorted(name for name in reported if name.startswith("upload"))
+    assert uploads == [f"upload test/{name}.h5" for name in NAMES]
 
 
 @pytest.mark.slow
 def test_what_the_store_holds_is_neither_rendered_nor_recorded_nor_sent_again(made, work, store, s3, monkeypatch):
-    """Eight files of stacks, three streams, and twice three cards have gone up."""
-    lay_in_scratch(made, work, store)
+    """Eight files of stacks, three streams, and twice three cards are uploaded."""
+    fill_scratch(made, work, store)
     sent, send = [], store_transfer.upload_file
     monkeypatch.setattr(store_transfer, "upload_file", lambda file, target: (sent.append(target), send(file, target)))
     first = run(work, store)
@@ -97,10 +97,8 @@ def test_what_the_store_holds_is_neither_rendered_nor_recorded_nor_sent_again(ma
 
 
 @pytest.mark.slow
-def test_a_lost_stream_is_recorded_from_the_stack_in_the_store_and_a_lost_manifest_is_written_anew(
-    made, work, store, s3
-):
-    lay_in_scratch(made, work, store)
+def test_a_lost_stream_and_a_lost_manifest_are_made_again_from_the_store(made, work, store, s3):
+    fill_scratch(made, work, store)
     first = run(work, store)
     s3.rm_file(f"{store.key}/test/{NAMES[1]}.h5")
     s3.rm_file(f"{store.key}/manifest.json")
@@ -115,18 +113,16 @@ class Killed(BaseException):
 
 
 @pytest.mark.slow
-def test_a_run_that_ends_before_or_after_any_upload_lists_nothing_that_is_not_whole_and_goes_on(
-    made, work, store, s3, monkeypatch
-):
-    """Eight files of stacks, three streams, and twice three cards go up: it ends before (even) or after one of them.
+def test_a_run_stopped_at_any_upload_lists_only_complete_streams_and_resumes(made, work, store, s3, monkeypatch):
+    """The run stops before (even step) or after (odd) one upload of eight files of stacks, three streams and six cards.
 
-    A run that ends after the last of them is that of the test of what is not sent again.
+    The test of what is not sent again covers a run that stops after the last of them.
     """
     send, sent = store_transfer.upload_file, []
     whole = {file.name: hashlib.md5(file.read_bytes()).hexdigest() for file in (made / "local/test").iterdir()}
     monkeypatch.setattr(store_transfer, "TRANSFERS", 1)
     for steps in (0, 7, 16, 17, 21, 24, 27):
-        lay_in_scratch(made, work, store)
+        fill_scratch(made, work, store)
         sent.clear()
 
         def stop(file, target, at=steps):
@@ -143,7 +139,8 @@ def test_a_run_that_ends_before_or_after_any_upload_lists_nothing_that_is_not_wh
         monkeypatch.setattr(store_transfer, "upload_file", send)
         if s3.exists(f"{store.key}/manifest.json"):
             assert verify_streams_of_dataset(store)[1] == {}
-        shutil.rmtree(find_generate_scratch(work, store), ignore_errors=True) if steps % 4 == 3 else None
+        if steps % 4 == 3:
+            shutil.rmtree(find_generate_scratch(work, store), ignore_errors=True)
         result = run(work, store)
         assert result.failed == {}
         assert result.manifest.sequences == read_manifest(store).sequences == read_manifest(made / "local").sequences
@@ -155,7 +152,7 @@ def test_a_run_that_ends_before_or_after_any_upload_lists_nothing_that_is_not_wh
 
 @pytest.mark.slow
 def test_a_stream_of_another_recipe_is_not_listed_while_it_is_made_again(made, work, store, s3, monkeypatch):
-    lay_in_scratch(made, work, store)
+    fill_scratch(made, work, store)
     run(work, store)
     s3.copy(f"{store.key}/test/{NAMES[0]}.h5", f"{store.key}/test/{NAMES[1]}.h5")
     text = json.loads(s3.cat_file(f"{store.key}/manifest.json"))
@@ -176,13 +173,13 @@ def test_a_stream_of_another_recipe_is_not_listed_while_it_is_made_again(made, w
 def test_shards_list_what_others_have_made(made, here, store):
     for part in (1, 2):
         shard = resolve_recipe(here / "small.yaml", part=(part, 2))
-        lay_in_scratch(made, shard, store)
+        fill_scratch(made, shard, store)
         result = run(shard, store)
     assert [entry.id for entry in result.manifest.sequences] == NAMES
     assert verify_streams_of_dataset(store) == (3, {})
 
 
-def test_batches_hold_whole_stacks_and_about_so_many_bytes(work, monkeypatch):
+def test_batches_hold_complete_stacks_up_to_a_size(work, monkeypatch):
     sequences = list(work.sequences)
     assert split_recipe_into_batches(sequences) == [sequences]
     other = [replace(s, time_stack=replace(s.time_stack, slice_frames=(0, 8)), scene=None) for s in sequences]
@@ -195,7 +192,7 @@ def test_batches_hold_whole_stacks_and_about_so_many_bytes(work, monkeypatch):
     assert split_recipe_into_batches([]) == []
 
 
-def test_a_dry_run_tells_what_goes_up_and_writes_nothing(made, work, store, here, s3, call):
+def test_a_dry_run_lists_the_uploads_and_writes_nothing(made, work, store, here, s3, call):
     code, out, err = call("generate", "small.yaml", "--out", str(store), "--dry-run")
     assert code == 0, err
     assert "3 sequences in s3://data/sets/small" in out
@@ -203,11 +200,11 @@ def test_a_dry_run_tells_what_goes_up_and_writes_nothing(made, work, store, here
     assert "scratch: at most about 0.00 GB in datasets/.s3-data%2Fsets%2Fsmall" in err
     assert "focal stacks to render: plane" in out
     assert (s3.exists(store.key), [path.name for path in here.iterdir()]) == (False, ["small.yaml"])
-    lay_in_scratch(made, work, store)
+    fill_scratch(made, work, store)
     run(work, store)
     code, out, err = call("generate", "small.yaml", "--out", str(store), "--dry-run")
     assert (code, out.count(" yes ") + out.count(" yes\n"), "scratch" in err) == (0, 3, False)
-    assert "focal stacks to render: none, all are there" in out
+    assert "focal stacks to render: none, all exist" in out
 
 
 def test_bad_stores_are_refused_before_anything_is_made(work, store, here, s3, call, monkeypatch):
@@ -231,7 +228,7 @@ def test_bad_stores_are_refused_before_anything_is_made(work, store, here, s3, c
 
 @pytest.mark.slow
 def test_a_store_that_fails_later_ends_the_run_in_one_line_and_the_next_one_goes_on(made, work, store, monkeypatch):
-    lay_in_scratch(made, work, store)
+    fill_scratch(made, work, store)
     send = store_transfer.upload_file
 
     def fail(file, target):

@@ -1,4 +1,4 @@
-"""What `saf-gen plan` tells: exact for small recipes, from a few repeats for large ones, machines simulated."""
+"""`saf-gen plan`: exact for small recipes, estimated from a few repeats for large ones, with simulated machines."""
 
 import json
 from dataclasses import asdict, fields, replace
@@ -60,16 +60,16 @@ def test_a_plan_of_a_small_recipe_is_what_generate_would_do(write, tmp_path):
     ],
 )
 def test_a_few_repeats_stand_for_all(write, monkeypatch, more, motion, stacks):
-    """Counts are exact; the cost of slices is that of the ways of the lens that were drawn, 8 of 12."""
+    """Counts are exact; the cost of slices is estimated from the 8 of 12 lens motions that were drawn."""
     recipe = write(12, more=more, motion=motion)
-    whole = plan_recipe_work(recipe)
-    monkeypatch.setattr(work_plan, "MOST_DRAWN", 0)
+    every = plan_recipe_work(recipe)
+    monkeypatch.setattr(work_plan, "MAX_DRAWN", 0)
     few = plan_recipe_work(recipe)
-    assert few.drawn < whole.drawn
-    assert whole.stacks == stacks
-    assert (few.sequences, few.stacks, few.jobs) == (whole.sequences, whole.stacks, whole.jobs)
+    assert few.drawn < every.drawn
+    assert every.stacks == stacks
+    assert (few.sequences, few.stacks, few.jobs) == (every.sequences, every.stacks, every.jobs)
     for name in ("render_s", "record_s", "peak_bytes", "disk_bytes"):
-        assert getattr(few, name) == pytest.approx(getattr(whole, name), rel=0.1 if motion else 1e-9), name
+        assert getattr(few, name) == pytest.approx(getattr(every, name), rel=0.1 if motion else 1e-9), name
 
 
 @pytest.mark.slow
@@ -77,7 +77,8 @@ def test_a_million_sequences_are_planned_from_a_few(write):
     scenes, lights = ["fan", "bottle", "camel", "speculars", "usaf_target"], [f"l{i}" for i in range(20)]
     recipe = write(10)
     data = {
-        **json.loads(json.dumps({"name": "million", "seed": 1})),
+        "name": "million",
+        "seed": 1,
         "camera": {"sensor": "vidar_400x250", "frames": 400, "exposure": {"mean_rate": 0.2}},
         "focus": {"positions": 9},
         "render": {"samples": 16},
@@ -99,7 +100,7 @@ def test_shards_have_the_sequences_together_and_each_its_stacks(write):
 
 
 def test_machines_wait_for_stacks_and_for_the_scheduler():
-    """By hand. Stacks of 10 s; 8 recordings of 1 s: a machine of two renders, and both record 4 when it is there."""
+    """By hand: a stack of 10 s, 8 recordings of 1 s. One machine of two renders; both record 4 once it is there."""
     one = StackWork(1, 10.0, 0, 0, 8)
     assert simulate_plan_on_machines([one], record_s=1.0, machines=1, rates=NO_OVERHEAD) == 18
     assert simulate_plan_on_machines([one], record_s=1.0, machines=2, rates=NO_OVERHEAD) == 14
@@ -127,20 +128,20 @@ def test_rates_are_those_that_the_bench_printed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
-        ("[]", "holds no rates of a machine | cores, job_s | saf-gen bench rates --json"),
-        ("{}", "holds no rates of a machine"),
+        ("[]", "holds no machine rates | cores, job_s | saf-gen bench rates --json"),
+        ("{}", "holds no machine rates"),
         ('[{"bench": "rates", "what": "job_s", "value": 0}]', "job_s is 0 | a number above 0"),
         ('[{"bench": "rates", "what": "job_s", "value": "x"}]', "job_s is 'x'"),
         ('[{"bench": "rates", "what": "job_s", "value": true}]', "job_s is True"),
         ("[1", "this is not JSON"),
     ],
 )
-def test_a_file_that_holds_no_rates_is_told(tmp_path, text, told):
+def test_a_file_that_holds_no_rates_is_refused(tmp_path, text, message):
     path = tmp_path / "rates.json"
     path.write_text(text)
-    assert_says(refusal(read_rates_for_plan, path), told)
+    assert_says(refusal(read_rates_for_plan, path), message)
 
 
 def test_the_command_adds_recipes_up_and_makes_nothing(write, tmp_path, monkeypatch):
@@ -150,8 +151,8 @@ def test_the_command_adds_recipes_up_and_makes_nothing(write, tmp_path, monkeypa
     assert shown.exit_code == 0
     assert "together" in shown.output
     assert "2 machines under one scheduler, each with two cores" in shown.output
-    told = CliRunner().invoke(app, ["plan", recipe, "quickstart", "--json"], catch_exceptions=False)
-    found = json.loads(told.output)
+    shown = CliRunner().invoke(app, ["plan", recipe, "quickstart", "--json"], catch_exceptions=False)
+    found = json.loads(shown.output)
     both = [asdict(plan_recipe_work(recipe)), asdict(plan_recipe_work("quickstart"))]
     assert found["recipes"] == both
     assert found["total"]["jobs"] == both[0]["jobs"] + both[1]["jobs"]

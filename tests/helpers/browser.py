@@ -1,9 +1,9 @@
-"""A page in a real browser: the machine's Chromium, without a window, driven by a script beside the page.
+"""Shows a page in the machine's headless Chromium and runs a script on it.
 
-The page is shown in a frame of an outer page, both from a server on this machine, so that the outer page's
-script may look into it and work it, while the page's own policy stays in force. One Chromium and one outer page
-serve all tests of a process, as their start takes longer than a page; each page is shown in a frame of its own,
-which is new, and finds nothing stored by the one before.
+A server on this machine serves the page and an outer page, which shows it in a frame. The script runs in the outer
+page: it can read and operate the page, whose content security policy stays in force. All tests of a process share
+one Chromium and one outer page, because starting them takes longer than loading a page. Each page gets a new frame
+and an empty storage.
 """
 
 import atexit
@@ -26,7 +26,7 @@ NO_CHROMIUM = "no Chromium here: apt install chromium (tools/install-chromium.sh
 SECONDS = 120
 OPTIONS = (
     "--headless",
-    "--no-sandbox",  # it has none as root, and shows nothing but our own file
+    "--no-sandbox",  # root has no sandbox, and only our own file is shown
     "--disable-gpu",
     "--disable-dev-shm-usage",
     "--no-first-run",
@@ -54,7 +54,7 @@ SHOWN = """(async () => {
 
 
 class _Quiet(SimpleHTTPRequestHandler):
-    """Serves the outer page and the server's folder of the moment, and keeps what was asked for to itself."""
+    """Serves the outer page and the server's current folder, and records requests instead of printing them."""
 
     server: "_Server"
 
@@ -76,7 +76,7 @@ class _Quiet(SimpleHTTPRequestHandler):
 
 
 class _Server(ThreadingHTTPServer):
-    """``folder`` at http://127.0.0.1:PORT/; ``asked`` lists the paths that were asked for."""
+    """Serves ``folder`` at http://127.0.0.1:PORT/; ``asked`` lists the requested paths."""
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), _Quiet)
@@ -86,12 +86,12 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Chromium:
-    """A browser that is told what to do by the Chrome DevTools Protocol over a pair of pipes."""
+    """A browser that is controlled by the Chrome DevTools Protocol over a pair of pipes."""
 
     def __init__(self) -> None:
         self._profile = tempfile.mkdtemp(prefix="chromium-")
         (asked, ask), (tell, told) = os.pipe(), os.pipe()
-        # It reads from descriptor 3 and writes to 4; a shell puts our pipes there.
+        # Chromium reads from descriptor 3 and writes to 4; a shell connects them to our pipes.
         words = [CHROMIUM or NAMES[0], *OPTIONS, f"--user-data-dir={self._profile}"]
         shell = ["sh", "-c", f'exec "$@" 3</dev/fd/{asked} 4>/dev/fd/{told}', "sh", *words]
         quiet: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
@@ -104,7 +104,7 @@ class _Chromium:
         atexit.register(self.close)
 
     def close(self) -> None:
-        """End it, and delete its profile."""
+        """End the browser and delete its profile."""
         self._process.kill()
         self._process.wait()
         self._ask.close()
@@ -112,7 +112,7 @@ class _Chromium:
         shutil.rmtree(self._profile, ignore_errors=True)
 
     def call(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
-        """The result of a method of the protocol."""
+        """Call a method of the protocol and return its result."""
         number = next(self._numbers)
         asked = {"id": number, "method": method, "params": parameters} | ({"sessionId": session} if session else {})
         self._ask.write(json.dumps(asked).encode() + b"\0")
@@ -122,7 +122,7 @@ class _Chromium:
         return message["result"]
 
     def wait_for(self, event: str, session: str) -> None:
-        """Return when this event has happened in the session."""
+        """Wait until this event has happened in the session."""
         while (session, event) not in self._events:
             self._note(self._read())
         self._events.remove((session, event))
@@ -151,7 +151,7 @@ def _start_chromium() -> _Chromium:
 
 
 def _open_tab(address: str) -> partial:
-    """A tab with this page, loaded, in a profile of its own: what calls a method of the protocol in it."""
+    """Load this page in a new tab with a new profile; return a function that calls a protocol method in the tab."""
     chromium = _start_chromium()
     profile = chromium.call("Target.createBrowserContext")["browserContextId"]
     tab = chromium.call("Target.createTarget", url="about:blank", browserContextId=profile)["targetId"]
@@ -165,16 +165,16 @@ def _open_tab(address: str) -> partial:
 
 @cache
 def _open_outer_page() -> tuple[_Server, partial]:
-    """The outer page, which stays open for all tests of a process: its server, and what calls a method in its tab."""
+    """Open the outer page once per process; return its server and a function that calls protocol methods in its tab."""
     server = _Server()
     return server, _open_tab(f"http://127.0.0.1:{server.server_address[1]}/outer.html")
 
 
 def run_in_page(folder: Path, script: str, *, width: int = 1200, scripts: bool = True, dark: bool = False) -> Any:
-    """What ``script`` returns of the page in ``folder``, where it knows it as ``page`` and ``window``.
+    """Return the result of ``script``, which sees the page in ``folder`` as ``page`` and ``window``.
 
-    ``width`` of the page in pixels; without ``scripts`` the page's own do not run; ``dark`` is what the reader
-    prefers. The page may ask the server for nothing but itself.
+    ``width`` is in pixels. If ``scripts`` is false, the page's own scripts do not run. ``dark`` sets the reader's
+    preferred colour scheme. A page that requests anything but itself from the server fails the test.
     """
     server, call = _open_outer_page()
     server.folder, server.asked = folder, []
@@ -190,7 +190,7 @@ def run_in_page(folder: Path, script: str, *, width: int = 1200, scripts: bool =
 
 
 def print_page(page: Path) -> bytes:
-    """The page on paper, as a PDF file."""
+    """Print the page and return the bytes of the PDF file."""
     call = _open_tab(page.as_uri())
     printed = call("Page.printToPDF")["data"]
     call("Page.close")

@@ -1,4 +1,4 @@
-"""A dataset that can be filmed again: the chequered plane of the tests, still and coming nearer."""
+"""A dataset that can be captured again: the chequered plane of the tests, still and coming nearer."""
 
 import shutil
 from pathlib import Path
@@ -31,7 +31,7 @@ splits:
 
 
 def make_dataset(folder: Path, monkeypatch, recipe: str = RECIPE) -> Path:
-    """Generate it below ``folder``; gives the dataset's folder."""
+    """Generate the dataset below ``folder`` and return its folder."""
     write_moving_plane(folder, monkeypatch)
     path = folder / "takes.yaml"
     path.write_text(recipe)
@@ -41,7 +41,7 @@ def make_dataset(folder: Path, monkeypatch, recipe: str = RECIPE) -> Path:
 
 
 def write_moving_plane(folder: Path, monkeypatch) -> Path:
-    """Write the scene below ``folder`` and make it known; gives the scene's folder."""
+    """Write the scene below ``folder``, let saf_gen find it, and return its folder."""
     scenes = folder / "scenes"
     shutil.copytree(SCENES / "plane", scenes / "plane")
     with (scenes / "plane" / "scene.yaml").open("a") as card:

@@ -1,6 +1,6 @@
-"""Compiles kernels of numba once, for all processes of the tests: ``compile_kernels.py renderer`` or ``encoder``.
+"""Compiles numba kernels once for all test processes; called with the argument ``renderer`` or ``encoder``.
 
-`make test` runs both beside the linters. Without it each process would compile what it needs first, at the same time.
+`make test` runs both while the linters run. Otherwise all test processes would compile the same kernels at once.
 """
 
 import sys
@@ -13,7 +13,7 @@ from saf_gen.camera import Encoder, get_sensor
 
 
 def compile_encoder() -> None:
-    """Encode a few readouts with and without skew of rows and jitter of the reset: each is a kernel of its own."""
+    """Encode a few readouts with and without row skew and reset jitter; each combination is a separate kernel."""
     still = {"index": np.zeros(8, np.int64), "fraction": np.zeros(8), "gain": np.ones((8, 1))}
     for skew in (0.0, 0.5):
         for jitter in (0.0, 0.1):
@@ -23,9 +23,9 @@ def compile_encoder() -> None:
 
 
 def compile_renderer() -> None:
-    """Generate and evaluate a small dataset, at rest and moving."""
+    """Generate and evaluate a small dataset of still and moving scenes."""
     import pytest
-    from capture_dataset import make_dataset  # it looks for a renderer
+    from capture_dataset import make_dataset  # here, because importing it probes the renderers
     from inline_jobs import run_jobs_inline
 
     from saf_gen.benchmark.evaluate import evaluate

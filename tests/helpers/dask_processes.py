@@ -1,4 +1,4 @@
-"""A scheduler and workers of Dask as processes of their own on loopback, which can be killed."""
+"""A Dask scheduler and workers as separate processes on the loopback interface, so that tests can kill them."""
 
 import os
 import signal
@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 def start_dask(program: str, *options: str, log: Path, **environment: str) -> subprocess.Popen[bytes]:
-    """Start `dask scheduler` or `dask worker` in a session of its own."""
+    """Start `dask scheduler` or `dask worker` in a new session."""
     with log.open("ab") as file:
         return subprocess.Popen(
             [sys.executable, "-m", f"distributed.cli.dask_{program}", *options],
@@ -23,16 +23,16 @@ def start_dask(program: str, *options: str, log: Path, **environment: str) -> su
         )
 
 
-def wait_until(there, seconds: float = 60.0) -> None:
+def wait_until(condition, seconds: float = 60.0) -> None:
     deadline = time.monotonic() + seconds
-    while not there():
+    while not condition():
         assert time.monotonic() < deadline, "nothing happened for too long"
         time.sleep(0.05)
 
 
 @contextmanager
 def scheduler_process(folder: Path, *options: str) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
-    """Yield the process of a scheduler, and its address."""
+    """Yield the process of a scheduler and its address."""
     log = folder / "scheduler.log"
     options = options or ("--host", "tcp://127.0.0.1:0")
     scheduler = start_dask("scheduler", *options, "--no-dashboard", "--dashboard-address", ":0", log=log)
@@ -47,7 +47,7 @@ def scheduler_process(folder: Path, *options: str) -> Iterator[tuple[subprocess.
 def worker_processes(
     folder: Path, address: str, *options: str, **environment: str
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Yield the nanny of workers, by default of two."""
+    """Yield the process of the nanny that runs the workers, by default two."""
     options = options or ("--nworkers", "2")
     log = folder / "workers.log"
     nanny = start_dask("worker", address, "--nthreads", "1", "--no-dashboard", *options, log=log, **environment)
@@ -58,7 +58,7 @@ def worker_processes(
 
 
 def children(pid: int) -> list[int]:
-    """The processes that a process started, which run still."""
+    """Return the ids of the running children of a process."""
     listed = subprocess.run(["ps", "-o", "pid=,stat=,args=", "--ppid", str(pid)], capture_output=True, text=True).stdout
     found = [line.split(None, 2) for line in listed.splitlines()]
     return [int(number) for number, state, command in found if state[0] != "Z" and "resource_tracker" not in command]

@@ -1,10 +1,10 @@
-"""Makes tests/scenes/workbench as Blender's Mitsuba add-on writes a scene: XML, binary PLY, a PNG texture.
+"""Writes tests/scenes/workbench in the form that Blender's Mitsuba add-on exports: XML, binary PLY, a PNG texture.
 
     .venv/bin/python tests/helpers/exported_scene.py [FOLDER]
 
-Layout, element order and numbers are the add-on's own: metres, y up, a camera that looks along its -z in
-Blender and is written as a lookat, area lamps as rectangles with a null surface, `elm__N` where an object has
-no name of its own, and parameters for samples and resolution.
+Layout, element order and numbers are those of the add-on: metres, y up, a camera that looks along its -z in
+Blender and is written as a lookat, area lamps as rectangles with a null surface, `elm__N` for objects without
+a name, and parameters for samples and resolution.
 """
 
 import sys
@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 HERE = Path(__file__).parents[1]
-TEXELS, SQUARE = 512, 8  # on a side of the picture; texels a square
+TEXELS, SQUARE = 512, 8  # texels per side of the picture; texels per side of a square
 
 SCENE = """\
 <scene version="3.5.2">
@@ -111,7 +111,7 @@ SCENE = """\
 
 
 def write_exported_scene(folder: Path) -> None:
-    """Write what the add-on would: scene.xml, meshes/ and textures/."""
+    """Write scene.xml, meshes/ and textures/."""
     (folder / "meshes").mkdir(parents=True, exist_ok=True)
     (folder / "textures").mkdir(exist_ok=True)
     write_ply(folder / "meshes/Bench.ply", *box((0, -0.02, -0.2), (1.2, 0.04, 1.4)))
@@ -125,7 +125,7 @@ def write_exported_scene(folder: Path) -> None:
 
 
 def lamp() -> np.ndarray:
-    """A lamp of 0.2 m × 0.2 m at the upper left, facing the crate along its own -z, as Blender's do."""
+    """Return the matrix of a lamp of 0.2 m × 0.2 m, upper left, that faces the crate along its -z, as in Blender."""
     place, target = np.array([-0.35, 0.55, 0.45]), np.array([0.0, 0.05, 0.0])
     back = (place - target) / np.linalg.norm(place - target)
     right = np.cross([0.0, 1.0, 0.0], back)
@@ -137,7 +137,7 @@ def lamp() -> np.ndarray:
 
 
 def box(centre, size) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices, normals and texture coordinates of a box, four a side, and its triangles."""
+    """Return vertices, normals and texture coordinates of a box, four per side, and its triangles."""
     points, normals, uv, faces = [], [], [], []
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -154,7 +154,7 @@ def box(centre, size) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 def ball(centre, radius, rings=12, around=24) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The same of a sphere of latitudes and longitudes, smooth."""
+    """Return vertices, normals, texture coordinates and triangles of a smooth sphere of latitudes and longitudes."""
     v, u = np.meshgrid(np.linspace(0, 1, rings + 1), np.linspace(0, 1, around + 1), indexing="ij")
     up, turn = np.pi * v.ravel(), 2 * np.pi * u.ravel()
     normals = np.stack([np.sin(up) * np.cos(turn), np.cos(up), -np.sin(up) * np.sin(turn)], axis=1)
@@ -167,7 +167,7 @@ def ball(centre, radius, rings=12, around=24) -> tuple[np.ndarray, np.ndarray, n
 
 
 def write_ply(path: Path, points, normals, uv, faces) -> None:
-    """Binary little-endian PLY with the properties that Mitsuba writes."""
+    """Write a binary little-endian PLY file with the properties that Mitsuba writes."""
     names = ("x", "y", "z", "nx", "ny", "nz", "u", "v")
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property float {name}" for name in names]

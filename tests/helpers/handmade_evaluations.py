@@ -1,4 +1,4 @@
-"""Evaluations made by hand, for tests of figures and of the page."""
+"""Evaluations made by hand, for tests of figures and of the report page."""
 
 import itertools
 
@@ -36,7 +36,7 @@ def make_sweep(
 
 
 def make_thumbnails(count=16, *, rows=20, columns=32):
-    """Pictures whose brightness tells which one it is."""
+    """Return pictures whose brightness encodes their number."""
     grey = np.linspace(1, 60, count).astype(np.uint32)
     images = np.broadcast_to(grey[:, None, None], (count, rows, columns)).copy()
     frames = (np.arange(count) + 0.5) * 800 / count - 0.5
@@ -47,21 +47,13 @@ def make_thumbnails(count=16, *, rows=20, columns=32):
 def make_lens_path(method, light="constant", *, scene="camel", problem=""):
     seconds = np.linspace(0.0, 0.04, 50)
     return LensPath(
-        method=method,
-        sequence=f"{scene}-{light}",
-        split="test",
-        scene=scene,
-        light=light,
-        seconds=seconds,
-        position=np.linspace(0.1, 0.4, 50),
-        truth=np.full(50, 0.375),
-        depth_of_focus=0.09,
-        problem=problem,
-    )
+        method=method, sequence=f"{scene}-{light}", split="test", scene=scene, light=light, seconds=seconds,
+        position=np.linspace(0.1, 0.4, 50), truth=np.full(50, 0.375), depth_of_focus=0.09, problem=problem,
+    )  # fmt: skip
 
 
 def make_records(*, seed=5):
-    """Four methods on three scenes in two splits, under three lights, two repeats of one of them."""
+    """Return records of four methods on three scenes in two splits under three lights, one of them repeated."""
     random = np.random.default_rng(seed)
     methods = ("sd+argmax", "sd+egs_code", "er_count+argmax", "er_count+egs_code")
     records = []
@@ -69,7 +61,7 @@ def make_records(*, seed=5):
         if repeat and light != "ramp":
             continue
         sequence = f"{scene}-{light}" + (f"-{repeat}" if repeat else "")
-        given = {
+        fields = {
             "scene": scene,
             "light": light,
             "split": "train" if scene == "fan" else "test",
@@ -81,18 +73,18 @@ def make_records(*, seed=5):
             width = 0.6 if method.startswith("sd") else 4.0
             if random.random() < 0.1:
                 status = "failed" if random.random() < 0.5 else "abstained"
-                records.append(failed(method, sequence, status, **given, note="no <b>peak</b>"))
+                records.append(failed(method, sequence, status, **fields, note="no <b>peak</b>"))
                 continue
             error = float(random.normal(0, width))
             trace = tuple(random.uniform(0, 799, 6)) if "egs" in method else (400.0,)
             more = {"seconds": float(random.uniform(0, 1)), "windows": int(random.integers(1, 99))}
             more |= {"blur_px": 2 * abs(error), "frames_seen": int(random.integers(100, 800)), "trace": trace}
-            records.append(record(method, sequence, error, **given, **more))
+            records.append(record(method, sequence, error, **fields, **more))
     return records
 
 
 def make_evaluation():
-    """A whole one: pictures of one sweep, a failure, scenes with and without curves."""
+    """Return a complete evaluation: pictures of one sweep, a failure, scenes with and without curves."""
     sweeps = (
         make_sweep("constant", thumbnails=make_thumbnails()),
         make_sweep("ramp"),

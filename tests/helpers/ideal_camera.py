@@ -1,4 +1,4 @@
-"""A running camera with an ideal lens, for tests of searches that command the lens."""
+"""A running camera with an ideal lens, for tests of lens-commanding searches."""
 
 import math
 
@@ -9,11 +9,11 @@ from saf_gen.errors import BadInput
 
 
 class IdealCamera:
-    """What saf_gen.parts.View promises of a running camera, before a focus curve instead of a scene.
+    """A saf_gen.parts.View of a running camera that scores a given focus curve instead of a scene.
 
-    The lens moves at ``speed`` travels per second towards its command; a score is the mean of ``curve`` over
-    the lens positions of the window, plus noise drawn per window. The position sensor reads with the rms
-    ``sensor``, NaN where it is ``blind``, and misses a motion that falls to 1/e in ``lag_s``. Time passes in
+    The lens moves at ``speed`` travels per second towards its command. A score is the mean of ``curve`` over
+    the lens positions of the window, plus noise drawn per window. The position sensor has noise of rms
+    ``sensor``, reads NaN if it is ``blind``, and misses a motion that falls to 1/e in ``lag_s``. Time passes in
     packets of 8 frames. ``others`` are the curves of named measures. ``positions`` holds the lens position at
     each frame so far, ``scored`` the windows, ``commands`` the targets.
     """
@@ -84,7 +84,7 @@ class IdealCamera:
 
 
 def bell_curve(peak, *, width=0.1, floor=0.3):
-    """Return a focus curve, 1 at ``peak`` over a floor, ``width`` to 1/e, whose tails still fall a little."""
+    """Return a focus curve of height 1 at ``peak``, with a floor, ``width`` to 1/e, and slowly falling tails."""
     return lambda p: (
         floor + (1 - floor) * (0.9 * math.exp(-(((p - peak) / width) ** 2)) + 0.1 / (1 + ((p - peak) / 0.3) ** 2))
     )

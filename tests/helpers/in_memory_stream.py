@@ -1,4 +1,4 @@
-"""A stream that lies in memory, for tests of what a method sees."""
+"""A stream in memory, for tests of what a method sees."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from saf_gen.core.seeds import make_generator
 
 
 class InMemory:
-    """A stream of random spikes with the members that a view uses; notes what was counted and read."""
+    """A stream of random spikes with the members that a view uses; records what was counted and read."""
 
     readout_hz, focus_position = 20_000.0, None
 

@@ -1,4 +1,4 @@
-"""Jobs of a dataset, run in the process of the tests: no worker imports the renderer and numba again."""
+"""Runs the jobs of a dataset in the process of the tests, so that no worker has to import the renderer and numba."""
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -16,11 +16,11 @@ def run_jobs_inline(
     report: ReportProgress,
     follow_up: FollowUp = lambda job, result: (),
     cluster: Cluster | None = None,
-    tell: Callable[[str], None] = lambda line: None,
+    notify: Callable[[str], None] = lambda line: None,
 ) -> Iterator[JobResult]:
-    """Run jobs and those that follow from them one after the other, as run_jobs does on many processes."""
+    """Run jobs and their follow-ups one after the other, with the interface of run_jobs."""
     if cluster is not None:
-        yield from run_jobs(jobs, workers=workers, report=report, follow_up=follow_up, cluster=cluster, tell=tell)
+        yield from run_jobs(jobs, workers=workers, report=report, follow_up=follow_up, cluster=cluster, notify=notify)
         return
     waiting = deque(jobs)
     while waiting:
@@ -29,7 +29,7 @@ def run_jobs_inline(
             result = job.run(report)
         except SafGenError as error:
             yield job, None, error
-        except Exception as error:  # noqa: BLE001  (a pool, too, hands on whatever a job raised)
+        except Exception as error:  # noqa: BLE001  (a pool passes on any exception, too)
             yield job, None, SafGenError(f"{type(error).__name__}: {error}")
         else:
             waiting.extend(follow_up(job, result))

@@ -1,4 +1,4 @@
-"""A sweep whose focus curve, light and lens positions are known, as a search sees it."""
+"""A search's view of a sweep whose focus curve, light and lens positions are known."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from saf_gen.core.seeds import make_generator
 
 
 class Sweep:
-    """A recording with a focus curve over frames, lit by ``light``; notes the windows that were scored.
+    """A recording with a focus curve over frames, lit by ``light``; records the windows that were scored.
 
-    ``lens`` holds the lens position at each frame; without it, nothing is known of the lens. ``dark`` spikes per pixel
-    and frame are among those of ``light``, and thin contrast and scores out, but for ``broad``: that, and ``finest``,
-    are the curves of measures that a search names, of which the first is calibrated.
+    ``lens`` holds the lens position at each frame; if it is missing, the lens position is unknown. ``light`` includes
+    ``dark`` spikes per pixel and frame, which lower contrast and scores. ``broad`` and ``finest`` are the curves of two
+    measures that a search names; the first is calibrated, so that dark spikes do not lower its scores.
     """
 
     readout_hz = 20_000.0
@@ -41,7 +41,7 @@ class Sweep:
         )
 
     def counts(self, first, stop):
-        """A board of 4 × 4 fields, one half three times as bright as the other."""
+        """Return counts of a board of 4 × 4 fields, half of them three times as bright as the others."""
         self.now = max(self.now, stop)
         dark = self.dark * (stop - first)
         lit = self.spikes[stop] - self.spikes[first] - dark

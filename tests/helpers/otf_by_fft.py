@@ -1,10 +1,10 @@
-"""The transfer of a round lens out of focus by two Fourier transforms, a second way to exact_lens_otf."""
+"""The transfer of a defocused round lens by two Fourier transforms, an independent computation of exact_lens_otf."""
 
 import numpy as np
 
 
 def otf_by_fft(defocus_waves, *, across=256, padded=1024):
-    """Fractions 0...1 of the cut-off, and the transfer along an axis by two Fourier transforms of the pupil."""
+    """Return fractions 0...1 of the cut-off frequency and the transfer at them along an axis."""
     x = (np.arange(padded) - padded // 2) / (across / 2)
     radius2 = x[:, None] ** 2 + x**2
     pupil = (radius2 <= 1) * np.exp(2j * np.pi * defocus_waves * radius2)

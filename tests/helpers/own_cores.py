@@ -1,16 +1,16 @@
-"""Gives each process of a run of the tests in several its own cores, when it is imported: before any thread starts.
+"""Pins each of several test processes to separate cores on import, before any thread starts.
 
-Where processes share cores, the threads of each wait for those of the others, and rendering takes a fifth longer.
+If processes share cores, their threads wait for each other, and rendering takes a fifth longer.
 """
 
 import os
 
 
 def keep_to_own_cores(name: str, count: int) -> None:
-    """Keep this process, the ``name``-th ("gw0" and so on) of ``count``, and all that it starts to its cores."""
+    """Restrict this process, named "gw0" and so on, of ``count``, and its children to some of the cores."""
     cores = sorted(os.sched_getaffinity(0))
     number = int(name.removeprefix("gw"))
-    # Tests of several threads have them on one core too.
+    # Tests of threads need several of them even on one core.
     os.environ.setdefault("NUMBA_NUM_THREADS", str(len(cores)))
     os.sched_setaffinity(0, cores[number::count] or [cores[number % len(cores)]])
 

@@ -1,4 +1,4 @@
-"""A file of somebody's own plug-ins: a measure, a search, and a class that is neither."""
+"""The text of a user's file of plug-ins: a measure, a search, and a class that is neither."""
 
 PARTS = '''\
 from dataclasses import dataclass

@@ -11,7 +11,7 @@ BOARD = np.where(np.add.outer(np.arange(SHAPE[0]) // 4, np.arange(SHAPE[1]) // 4
 
 
 def halves_of(rate, frames, *, seed=1):
-    """Counts of both halves of a window of a chequered field lit at this mean rate, dark spikes on top."""
+    """Return counts of both halves of a window of a chequered field lit at this mean rate, plus dark spikes."""
     sensor = get_sensor("vidar_400x250")
     charge = (rate * sensor.threshold_e * (1 + CONTRAST * BOARD)).astype(np.float32)
     spikes = np.unpackbits(encode(charge[None], sensor, frames=frames, seed=seed), axis=2, bitorder="little")[
@@ -22,14 +22,14 @@ def halves_of(rate, frames, *, seed=1):
 
 
 def dark_of(seed):
-    """What a recording with the lens cap on says of this device, as options of a calibrated measure."""
+    """Return options of a calibrated measure as a dark recording of this device would give them."""
     sensor = get_sensor("vidar_400x250")
     dark = draw_sensor_fixed_pattern(sensor, SHAPE, seed=seed).dark.astype(float)
     return {"dark": dark.mean() / sensor.threshold_e, "dark_rms": dark.std() / dark.mean()}
 
 
 def expected_score(name, rate, *, contrast, seed):
-    """The score of what this device would count without noise, in a window so long that counts are large."""
+    """Return the score of this device's noise-free counts, in a window so long that counts are large."""
     sensor = get_sensor("vidar_400x250")
     device = draw_sensor_fixed_pattern(sensor, SHAPE, seed=seed)
     light = rate * sensor.threshold_e * (1 + contrast * BOARD)

@@ -14,7 +14,7 @@ SHAPE = (800, 48, 64)
 
 
 def make_spikes(peak: float, *, gain: np.ndarray | float = 1.0, shape: tuple[int, int, int] = SHAPE) -> np.ndarray:
-    """Frames uint8 (T, H, W): a checkerboard whose contrast is largest at frame ``peak``.
+    """Return frames, uint8 (T, H, W), of a checkerboard whose contrast is largest at frame ``peak``.
 
     Pixels integrate without noise from random phases, so counts differ from the light by less than one spike.
     """
@@ -29,21 +29,29 @@ def make_spikes(peak: float, *, gain: np.ndarray | float = 1.0, shape: tuple[int
 
 
 def make_truth(peak: float, *, frames: int = SHAPE[0], dof: float = 0.1, **more) -> Truth:
-    """The truth of a sweep whose lens stands at t / (frames - 1)."""
+    """Return the truth of a sweep whose lens is at t / (frames - 1) in frame t."""
     position = peak / (frames - 1)
     return Truth(position=position, depth_of_focus=(position - dof / 2, position + dof / 2), frame=peak, **more)
 
 
 def write_sweep(path: Path, peak: float, *, known: bool = True, gain: np.ndarray | float = 1.0) -> str:
-    """A stream file of such a sweep; returns its content_sha256."""
+    """Write a stream file of a sweep and return its content_sha256."""
     optional = {"truth": make_truth(peak)} if known else {}
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
     path.parent.mkdir(parents=True, exist_ok=True)
     return write_stream(path, make_spikes(peak, gain=gain), focus_position=lens, **optional)
 
 
+def write_three_sweeps(folder: Path) -> Path:
+    """Write the dataset of the sweeps one, two and three, each with a scene of its name, in the split train."""
+    names = ("one", "two", "three")
+    for n, name in enumerate(names):
+        write_sweep(folder / "train" / f"{name}.h5", 200.0 + 200 * n)
+    return list_streams(folder, *({"id": name, "split": "train", "scene": name} for name in names))
+
+
 def list_streams(folder: Path, *sequences: dict[str, Any]) -> Path:
-    """Write the manifest of streams in ``folder/SPLIT/ID.h5``, with these fields and otherwise usual ones."""
+    """Write the manifest of the streams ``folder/SPLIT/ID.h5``, with these fields and defaults for the others."""
     entries = []
     for fields in sequences:
         usual = {"split": "test", "scene": "board", "variant": 0, "scene_motion": "static", "lens_motion": "sweep"}

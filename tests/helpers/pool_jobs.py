@@ -1,6 +1,6 @@
-"""Jobs of every kind for the tests of what runs them.
+"""Jobs of every kind for tests of the executors.
 
-They lie alone, without pytest: each process that is started for them imports this module.
+This module does not import pytest, because each worker process imports it.
 """
 
 import os
@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 class Light:
-    """What all jobs here say of themselves."""
+    """A job that shares the machine and needs no GPU."""
 
     takes_all_cores = False
     wants_gpu = False
@@ -19,7 +19,7 @@ class Light:
 
 @dataclass(frozen=True)
 class Square(Light):
-    """A job that does well, and reports half way and at its end."""
+    """A job that succeeds, and reports progress halfway and at its end."""
 
     number: int
 
@@ -35,7 +35,7 @@ class Square(Light):
 
 @dataclass(frozen=True)
 class Raises(Light):
-    """A job that fails in a way of its own."""
+    """A job that raises ``error``."""
 
     error: BaseException
 
@@ -49,7 +49,7 @@ class Raises(Light):
 
 @dataclass(frozen=True)
 class Dies(Light):
-    """A job whose whole process is gone, as when the kernel takes its memory back."""
+    """A job whose process ends at once, as if the kernel had killed it for lack of memory."""
 
     name: str = "dies"
 
@@ -59,7 +59,7 @@ class Dies(Light):
 
 @dataclass(frozen=True)
 class Sleeps(Light):
-    """A job that says where it runs, and takes its time."""
+    """A job that writes its process id to ``note`` and then sleeps."""
 
     note: Path
     seconds: float = 60.0
@@ -74,7 +74,7 @@ class Sleeps(Light):
 
 @dataclass(frozen=True)
 class DiesOnce(Light):
-    """A job whose first process is killed."""
+    """A job that is killed the first time it runs."""
 
     mark: Path
     name: str = "dies once"
@@ -88,7 +88,7 @@ class DiesOnce(Light):
 
 @dataclass(frozen=True)
 class Naps(Light):
-    """A job that can be killed in its sleep."""
+    """A job that leaves a file named after its process, and sleeps so that a test can kill it."""
 
     notes: Path
     number: int
@@ -106,7 +106,7 @@ class Naps(Light):
 
 @dataclass(frozen=True)
 class Heavy:
-    """A job that wants the machine for itself: ``seconds`` long once there is a file ``after``, or after 20 s."""
+    """A job that takes all cores; it waits at most 20 s for a file ``after``, and then runs for ``seconds``."""
 
     after: Path
     seconds: float = 0.0
@@ -115,7 +115,7 @@ class Heavy:
     wants_gpu = False
 
     def run(self, report):
-        begin = time.monotonic()  # one clock for all processes of a machine
+        begin = time.monotonic()  # all processes of a machine share this clock
         while not self.after.exists() and time.monotonic() < begin + 20:
             time.sleep(0.02)
         time.sleep(self.seconds)

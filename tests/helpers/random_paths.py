@@ -15,7 +15,7 @@ def paths(seed, count, shape):
 
 
 def windows(seed, count, shape):
-    """Begins and ends of all sorts: empty, of one position, the whole travel, past its end."""
+    """Return first and last positions of all kinds of windows: empty, one position, the entire travel, past its end."""
     random = np.random.default_rng(seed)
     begin = random.integers(0, shape[0], count)
     end = begin + random.integers(-1, shape[0], count)

@@ -1,4 +1,4 @@
-"""The encoder once more, one pixel and one readout at a time: slow, and plain enough to check by reading."""
+"""A slow reference encoder, one pixel and one readout at a time, simple enough to check by reading."""
 
 from collections.abc import Callable
 
@@ -23,7 +23,7 @@ def encode_reference(
     seed: int,
     normal: Callable[[], float] | None = None,
 ) -> np.ndarray:
-    """Spikes uint8 (T, H, W), 0 or 1. ``normal`` draws the noise instead of the table."""
+    """Return spikes, uint8 (T, H, W), 0 or 1. If ``normal`` is given, it draws the noise instead of the table."""
     _, _, height, width = stack.shape
     pattern = draw_sensor_fixed_pattern(sensor, (height, width), seed=seed)
     size = height * width

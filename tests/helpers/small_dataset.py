@@ -1,4 +1,4 @@
-"""The small dataset of the tests: its scenes, its sensor, its recipe."""
+"""The recipe and a planned sequence of the tests' small dataset."""
 
 from pathlib import Path
 from typing import Any
@@ -29,19 +29,10 @@ SPEC = StackSpec("plane", "0" * 64, ("lamp", "room"), DRIVE, 16, 24, 60e-6, 9, 1
 
 
 def make_sequence(**changes: Any) -> PlannedSequence:
-    """A sequence of a still plane under constant light, the lens in one sweep, but for these changes."""
+    """Return a planned sequence, by default of a still plane under constant light during one sweep of the lens."""
     usual: dict[str, Any] = {
-        "id": "s",
-        "split": "test",
-        "scene": "plane",
-        "member": 0,
-        "params": {},
-        "scene_motion": "static",
-        "light": "constant",
-        "repeat": 0,
-        "seed": 5,
-        "schedule": {"": {"kind": "constant"}},
-        "motion": {"kind": "sweep"},
-        "mean_rate": 0.2,
-    }
+        "id": "s", "split": "test", "scene": "plane", "member": 0, "params": {}, "scene_motion": "static",
+        "light": "constant", "repeat": 0, "seed": 5, "schedule": {"": {"kind": "constant"}},
+        "motion": {"kind": "sweep"}, "mean_rate": 0.2,
+    }  # fmt: skip
     return PlannedSequence(**{**usual, **changes})

@@ -1,4 +1,4 @@
-"""Spreadsheets as SAF's folders have them, written without a library."""
+"""Writes spreadsheets like those in SAF's folders, without a library."""
 
 import zipfile
 
@@ -9,7 +9,7 @@ HEADING = ("id", "scene name", "frames", "focal frame", "dt", "path")
 
 
 def write_xlsx(path, rows, *, shared=True, prolog=""):
-    """A spreadsheet as Excel writes it, its texts shared, or as other programs do, its texts in the cells."""
+    """Write a spreadsheet with shared texts, as Excel does, or with texts in the cells, as other programs do."""
     texts: list[str] = []
 
     def cell(text, name):

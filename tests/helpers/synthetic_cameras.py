@@ -1,4 +1,4 @@
-"""Cameras whose numbers are drawn by a seed, and their flat fields and dark recordings."""
+"""Cameras whose parameters are drawn at random, and their flat fields and dark recordings."""
 
 from dataclasses import fields, replace
 
@@ -11,7 +11,7 @@ from saf_gen.core.seeds import make_generator
 
 
 def draw_camera(seed: int) -> Sensor:
-    """A camera of the base vidar_400x250 with its own dark, response, thresholds, reset and law of saturation."""
+    """Return a camera like vidar_400x250 with random dark signal, response, thresholds, reset and saturation law."""
     random = make_generator("synthetic camera", seed)
 
     def between(low, high):
@@ -37,7 +37,10 @@ def draw_camera(seed: int) -> Sensor:
 
 
 def flat(sensor: Sensor, rate: float, **options) -> EncodedRecording:
-    """Even light at a mean rate; options: shape, frames, seed, device, name, a relative picture, light over time."""
+    """Return a recording of even light at a mean rate.
+
+    Options are shape, frames, seed, device, name, a relative picture, and light over time.
+    """
     shape = options.get("shape", (48, 64))
     charge = np.full((1, *shape), mean_light_for_statistics(sensor, rate), np.float32) * np.float32(
         options.get("picture", 1)
@@ -65,14 +68,14 @@ def flat(sensor: Sensor, rate: float, **options) -> EncodedRecording:
 
 
 def dark(sensor: Sensor, **options) -> EncodedRecording:
-    """The same array without light."""
+    """Return a recording without light; options are shape, frames and device."""
     shape, frames = options.get("shape", (48, 64)), options.get("frames", 20_000)
     charge = np.zeros((1, *shape), np.float32)
     return EncodedRecording("dark.h5", sensor, charge, frames=frames, seed=77, device_seed=options.get("device", 1))
 
 
 def true_numbers(sensor: Sensor) -> dict[str, float]:
-    """What the estimates of a fit are of: keys of the sensor, and numbers that follow from several of them."""
+    """Return the true values of what a fit estimates: keys of the sensor, and numbers derived from several of them."""
     truth = {f.name: getattr(sensor, f.name) for f in fields(sensor)}
     truth["white_and_threshold_rms"] = float(np.hypot(sensor.response_white_rms, sensor.threshold_spread_rms))
     truth["interval_noise"] = float(np.sqrt(1 / sensor.threshold_e + sensor.threshold_noise_rms**2))

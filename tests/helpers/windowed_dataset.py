@@ -1,4 +1,4 @@
-"""A dataset of three short streams, to cut windows from: no renderer, no sensor, but blocks, truths and a sweep."""
+"""A dataset of three short random streams with truths and a sweep, made without renderer and sensor."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +27,7 @@ def make_truth(shape: tuple[int, int] = SHAPE) -> Truth:
 def make_windowed_dataset(
     folder: Path, shape: tuple[int, int] = SHAPE, *, splits: tuple[str, ...] = ("train", "train", "test")
 ) -> Path:
-    """Write s0, s1, ... of these splits, sweeps from end to end, and return the folder."""
+    """Write sweeps s0, s1, ... of these splits, and return the folder."""
     entries = []
     for n, split in enumerate(splits):
         entry = replace(ENTRY, id=f"s{n}", split=split, file=f"{split}/s{n}.h5")

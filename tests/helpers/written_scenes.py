@@ -1,4 +1,4 @@
-"""What tests of the renderer share: scenes written on the spot, loaded and rendered."""
+"""Scenes that tests of the renderer write, load and render."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,14 @@ from saf_gen.scene.scene_folder import find_scene
 
 VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
 SENSOR_GRID = SensorGrid(rows=40, columns=64, pitch_m=60e-6)
+LENS = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
 needs_llvm = pytest.mark.skipif(
     not backend.probe_render_backends().llvm_usable, reason=backend.probe_render_backends().llvm_description
 )
 
 
 def load_setup(scene, burning=("lamp", "room"), *, name="llvm", grid=SENSOR_GRID, drive=None, max_depth=3):
-    """A scene ready to render, with its own drive or another."""
+    """Return a scene ready to render, with the scene's drive unless another one is given."""
     backend.activate_render_backend(name)
     described = mitsuba_scene.build_mitsuba_scene_dict(scene)
     lit, integrator = mitsuba_scene.load_lit_mitsuba_scene(described, burning, max_depth=max_depth)
@@ -24,25 +25,25 @@ def load_setup(scene, burning=("lamp", "room"), *, name="llvm", grid=SENSOR_GRID
 
 
 def render_stack_once(setup, **options):
-    """The stack alone; none of these scenes has a firefly."""
+    """Return the stack, and assert that no firefly was clipped."""
     stack, clipped = one_pass.render_stack(setup, **options)
     assert clipped == 0
     return stack
 
 
 def render_filtered(setups, *, samples, positions, seed=1, window=None):
-    """The stacks of light groups by shared shading; their lamps are called lamp and room."""
+    """Return the stacks of the light groups lamp and room, rendered with shared shading."""
     asked = {"samples": samples, "emitting": ["lamp", "room"]}
     shading = filtered_pass.estimate_shading([filtered_pass.gather_shading(setups, seed=1000 + seed, **asked)])
     found = filtered_pass.render_with_shading(setups, shading, positions=positions, seed=seed, window=window, **asked)
     return {name: stack for name, (stack, _) in found.items()}
 
 
-def write_scene(folder, monkeypatch, *, lens, distance_m, shapes, light, target, unit_m=1.0):
-    """A scene on the spot, of one light; the lens stands ``distance_m`` before the origin and looks along +z.
+def write_scene(folder, monkeypatch, *, lens=LENS, distance_m=0.5, shapes, light, target, unit_m=1.0):
+    """Write and find a scene of one light; the lens is ``distance_m`` in front of the origin and looks along +z.
 
-    lens : the card's lens. shapes : the dictionary that build() gives, as text; lengths in it are in metres
-    times ``m``, the number of units in one.
+    ``lens`` is the card's lens. ``shapes`` is the source text of the dictionary that build() returns; it multiplies
+    lengths in metres by ``m``, the number of scene units per metre.
     """
     scene = folder / "made"
     scene.mkdir()
@@ -62,7 +63,7 @@ def write_scene(folder, monkeypatch, *, lens, distance_m, shapes, light, target,
 
 
 def write_edge_scene(folder, monkeypatch, *, lens, distance_m, edge_m=0.0, unit_m=1.0):
-    """A bright half plane beside the dark: the camera sees one straight edge, ``edge_m`` off the axis."""
+    """Write a scene of a bright half plane, so that the camera sees one straight edge, ``edge_m`` off the axis."""
     half = 0.5 * distance_m
     shapes = (
         f"{{'glow': {{'type': 'rectangle',"
@@ -75,28 +76,28 @@ def write_edge_scene(folder, monkeypatch, *, lens, distance_m, edge_m=0.0, unit_
 
 
 def measure_edge(image, pitch_m):
-    """Width (m) and position (m from the middle) of a blurred edge along the columns.
+    """Return width and position, in metres from the middle, of a blurred edge along the columns.
 
     The profile of an edge blurred by a disc of diameter c has a derivative of standard deviation c/4; a pixel
-    and the difference of two add 1/12 square pixel each. Its centre of gravity is where the middle of the
-    lens sees the edge. No width is below 0.
+    and the difference of two pixels each add 1/12 of a squared pixel. Its centre of gravity is where the centre
+    of the lens sees the edge. The width is at least 0.
     """
     slope = np.diff(image.astype(np.float64).mean(axis=0))
     slope /= slope.sum()
-    x = np.arange(1, slope.size + 1)  # the derivative lies between two pixels
+    x = np.arange(1, slope.size + 1)  # the derivative is between two pixels
     centre = (slope * x).sum()
     variance = (slope * (x - centre) ** 2).sum() - 1 / 6
     return 4 * np.sqrt(max(variance, 0.0)) * pitch_m, (centre - image.shape[1] / 2) * pitch_m
 
 
 def dispersion(stack):
-    """Variance over squared mean at each position: noise-free sharpness."""
+    """Return variance over squared mean at each position, the noise-free sharpness."""
     stack = stack.astype(np.float64)
     return stack.var(axis=(1, 2)) / stack.mean(axis=(1, 2)) ** 2
 
 
 def find_peak(curve, around=4):
-    """Where a focus curve has its top, in steps: of a parabola through the values round the largest."""
+    """Return the position, in steps, of the peak of a parabola fitted round a focus curve's largest value."""
     k = int(curve.argmax())
     near = slice(max(k - around, 0), k + around + 1)
     parabola = np.polynomial.Polynomial.fit(np.arange(len(curve))[near], curve[near], 2)

@@ -7,7 +7,7 @@ from saf_gen.leaderboard.report import write_report
 
 @pytest.fixture(scope="session")
 def small_report(tmp_path_factory, drawing_figures):
-    """The report of an evaluation made by hand, with its figures, for all who only read it: its folder and paths."""
+    """Folder and paths of the report of a handmade evaluation, with its figures. Do not change it."""
     folder = tmp_path_factory.mktemp("report")
     made = make_evaluation()
     with drawing_figures():

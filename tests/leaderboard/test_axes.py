@@ -114,18 +114,18 @@ def test_every_method_meets_the_same_sequences_in_a_bin_and_no_answer_is_counted
         (None, 1.001, ("outside",)),
     ],
 )
-def test_the_focus_lies_where_the_lens_meets_it_or_outside_whatever_was_answered(track, place, off, bins):
+def test_the_bin_of_the_focus_does_not_depend_on_the_answer(track, place, off, bins):
     known = {"focus_place": place, "focus_off_dof": off, "track": track, "truth_first": 0.3}
     for answered in (one(0, **known), one(0, 9.0, **known), failed("a+s", "s0", "abstained", **known)):
         assert axis([answered], "focus_position").bins == bins
 
 
-def test_where_nobody_knows_the_focus_it_has_no_bin():
+def test_an_unknown_focus_has_no_bin():
     known = one(0, focus_place=0.5)
     assert axis([known, one(1, truth_first=0.5), one(2, focus_off_dof=0.5)], "focus_position").sequences == (1,)
 
 
-def test_the_files_tell_every_axis(tmp_path):
+def test_the_files_contain_every_axis(tmp_path):
     places = ({"focus_place": 0.05}, {"focus_place": 0.5}, {"focus_off_dof": 2.0})
     some = [
         record(m, f"s{i}", e, scene=f"scene{i}", mean_rate=0.2, **place)
@@ -146,7 +146,7 @@ def test_the_files_tell_every_axis(tmp_path):
     assert "## Focus position" in text
     assert "| a+s | 100% (0.00) | 100% (0.40) | 0% (3.00) |" in text
     assert r"| b\|c+s | 0% (5.00) |" in text
-    assert "## Photon budget" not in text  # one bin tells nothing that the table does not
+    assert "## Photon budget" not in text  # a single bin adds nothing to the table
 
 
 def test_every_axis_has_a_name_a_title_and_a_meaning():

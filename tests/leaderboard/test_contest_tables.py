@@ -1,4 +1,4 @@
-"""The tables of contest.md and claims.md, as benchmarks/contest_tables.py makes them from two evaluations."""
+"""The tables of contest.md and claims.md, which benchmarks/contest_tables.py makes from two evaluations."""
 
 import json
 import runpy
@@ -19,7 +19,7 @@ METHODS = dict.fromkeys(
 
 
 def write(folder, *, track):
-    """Four scenes under two lights; er_sumsq+argmax is wrong where it gets darker, all else is right."""
+    """Write four scenes under two lights; er_sumsq+argmax is wrong under the darker one, everything else is right."""
     records = [
         record(
             method,
@@ -58,7 +58,7 @@ def test_every_line_of_a_table_has_as_many_cells_as_its_head(documents, name, tr
 
 
 @pytest.mark.parametrize("track", TRACKS)
-def test_the_contest_has_a_line_for_each_method_best_first(documents, track):
+def test_the_ranking_table_has_a_row_for_each_method_best_first(documents, track):
     _, _, *lines = cells(SCRIPT["TABLES"]["contest"](documents[track]))
     assert {line[2].strip("`") for line in lines} == set(METHODS)
     assert lines[-1][2:5] == ["`er_sumsq+argmax`", "50 %", "50 %"]
@@ -74,7 +74,7 @@ def test_a_condition_is_a_line_for_each_bin_and_a_column_for_each_method(documen
     ]
 
 
-def test_a_measure_stands_beside_itself_divided_by_brightness(documents):
+def test_a_measure_is_compared_with_its_brightness_normalised_form(documents):
     _, _, first, *_ = cells(SCRIPT["TABLES"]["division"](documents["recorded"]))
     assert first == ["`er_sumsq`", "50 %", "100 %", "+50"]
 

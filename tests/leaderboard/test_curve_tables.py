@@ -13,7 +13,7 @@ BLOCK = 50 / 799  # of the travel
 
 
 def with_scores(scores, **more):
-    """A sweep with one measure, ``m``, that scores so."""
+    """A sweep with one measure, ``m``, and these scores."""
     one = make_sweep(measures=(), **more)
     return SweepSummary(**{**vars(one), "curves": (FocusCurve("m", CENTRES, np.asarray(scores), None),)})
 
@@ -64,7 +64,7 @@ def test_measures_stand_by_their_accuracy_and_have_medians():
     assert unknown.medians["range"] is not None
 
 
-def test_the_files_tell_curves_and_measures(tmp_path):
+def test_the_files_contain_curves_and_measures(tmp_path):
     paths = write_leaderboard_curves(tmp_path, assess_evaluated_curves([make_sweep(), make_sweep("ramp", lens=None)]))
     assert [p.name for p in paths] == ["curves.csv", "measures.csv"]
     curves, measures = map(lines_of, paths)
@@ -83,7 +83,7 @@ def test_without_a_curve_nothing_is_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_lens_or_a_track_that_is_not_known_in_every_frame_gives_nothing_that_hangs_on_it():
+def test_figures_that_need_a_lens_or_track_with_gaps_are_unknown():
     lens, track = np.linspace(0, 1, 800), np.full(800, 0.375)
     lens[3] = track[3] = float("nan")
     (row,) = assess_evaluated_curves([make_sweep(lens=lens, measures=("sd",))])

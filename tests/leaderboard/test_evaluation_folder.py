@@ -1,4 +1,4 @@
-"""The folder of an evaluation: a later one replaces it as a whole, and what is not ours stays."""
+"""The folder of an evaluation: a later evaluation replaces all of it, and files of others stay."""
 
 import os
 import re
@@ -62,7 +62,24 @@ def held(folder):
 
 
 @pytest.mark.usefixtures("drawn_figures")
-def test_all_files_are_written_and_told(tmp_path):
+def test_files_and_page_share_tables_that_are_computed_once(tmp_path, monkeypatch):
+    """Unless a name has a control character, which the page shows escaped and the files do not."""
+    compute, computed = evaluation_folder.compute_leaderboard_tables, []
+
+    def count(rows, records):
+        computed.append(records)
+        return compute(rows, records)
+
+    monkeypatch.setattr(evaluation_folder, "compute_leaderboard_tables", count)
+    write(tmp_path / "plain", with_curves())
+    assert len(computed) == 1
+    write(tmp_path / "strange", of_one_method("ca\x1bmel"))
+    assert len(computed) == 3
+    assert "\x1b" not in (tmp_path / "strange/index.html").read_text()
+
+
+@pytest.mark.usefixtures("drawn_figures")
+def test_all_files_are_written_and_listed(tmp_path):
     written = write(tmp_path / "new/out", with_curves())
     assert held(tmp_path / "new/out") == TABLES | CURVES | {ERRORS, OPENING}
     assert {p.relative_to(tmp_path / "new/out").as_posix() for p in written.paths} == {
@@ -76,7 +93,7 @@ def test_all_files_are_written_and_told(tmp_path):
 
 @pytest.mark.usefixtures("drawn_figures")
 def test_figures_for_a_paper_are_a_column_wide_and_go_with_their_evaluation(tmp_path):
-    """252 points are 3.5 inches. The line of the last curve ends as far to the right as in the SVG, scaled."""
+    """252 points are 3.5 inches. The last curve ends as far to the right as in the SVG, scaled."""
     write_with_pdf(tmp_path, with_curves())
     figures = {name for name in held(tmp_path) if name.endswith(".svg")}
     assert {name for name in held(tmp_path) if name.endswith(".pdf")} == {n.replace(".svg", ".pdf") for n in figures}
@@ -90,12 +107,12 @@ def test_figures_for_a_paper_are_a_column_wide_and_go_with_their_evaluation(tmp_
         assert b"0.7954545455 0 0 0.7954545455 0 0 cm" in drawn
         assert max(ends) > 252
     (tmp_path / "figures" / "mine.pdf").write_bytes(b"not ours")
-    own = tmp_path / ERRORS.replace(".svg", ".pdf")
-    own.write_bytes(b"%PDF of another program, of our figure")
+    foreign = tmp_path / ERRORS.replace(".svg", ".pdf")
+    foreign.write_bytes(b"%PDF of another program, of our figure")
     write(tmp_path, with_curves())
     assert {name for name in held(tmp_path) if name.endswith(".pdf")} == {
         "figures/mine.pdf",
-        own.relative_to(tmp_path).as_posix(),
+        foreign.relative_to(tmp_path).as_posix(),
     }
 
 
@@ -114,7 +131,7 @@ def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_or_figu
     assert held(tmp_path) == TABLES | CURVES | {ERRORS, OPENING} | foreign
 
 
-def test_a_folder_of_figures_that_nobody_needs_goes(tmp_path):
+def test_an_unused_folder_of_figures_is_removed(tmp_path):
     write(tmp_path, with_curves())
     write(tmp_path, Evaluation((), (), ()))
     assert not (tmp_path / "figures").exists()
@@ -122,7 +139,7 @@ def test_a_folder_of_figures_that_nobody_needs_goes(tmp_path):
 
 
 @pytest.mark.usefixtures("drawn_figures")
-def test_an_evaluation_that_cannot_be_read_is_replaced_and_told(tmp_path):
+def test_an_evaluation_that_cannot_be_read_is_replaced_with_a_notice(tmp_path):
     write(tmp_path, with_curves())
     (tmp_path / "records.jsonl").write_text('{"half": ')
     assert write(tmp_path, of_one_method()).replaced == "replaced an earlier evaluation that cannot be read"
@@ -144,22 +161,22 @@ class Killed(BaseException):
 
 
 def killed_at(step, monkeypatch, action):
-    """Run an action that is killed just before its step-th change of the disk; gives whether it was."""
+    """Run an action and kill it just before its step-th change of the disk; return whether it was killed."""
     left = [step]
 
     def dying(change):
-        def run(*given, **how):
+        def run(*args, **options):
             if not left[0]:
                 raise Killed
             left[0] -= 1
-            return change(*given, **how)
+            return change(*args, **options)
 
         return run
 
     with monkeypatch.context() as patch:
         for name in ("mkdir", "rename", "replace", "unlink", "rmdir"):
             patch.setattr(Path, name, dying(getattr(Path, name)))
-        for name in ("unlink", "rmdir", "fsync"):  # what removing a folder and writing a file do
+        for name in ("unlink", "rmdir", "fsync"):  # used to remove a folder and to write a file
             patch.setattr(os, name, dying(getattr(os, name)))
         try:
             action()
@@ -168,13 +185,13 @@ def killed_at(step, monkeypatch, action):
     return False
 
 
-def test_a_killed_run_leaves_the_earlier_evaluation_or_the_new_one_whole(tmp_path, monkeypatch):
-    """Killed at each change of the disk; then once more while the next run finishes what was left."""
+def test_a_killed_run_leaves_the_earlier_evaluation_or_the_complete_new_one(tmp_path, monkeypatch):
+    """It is killed at each change of the disk, and again while the next run completes the rest."""
     write(tmp_path / "old", with_curves())
     (tmp_path / "old/notes.txt").write_text("not ours")
     write(tmp_path / "new", of_one_method("fan"))
     methods = {"old": {"sd+argmax", "er_count+argmax"}, "new": {"sd+egs_code"}}
-    whole = {name: held(tmp_path / name) | {"notes.txt"} for name in methods}
+    complete = {name: held(tmp_path / name) | {"notes.txt"} for name in methods}
     seen, step, going_on = set(), 0, True
     while going_on:
         for again in (0, 2, 5):
@@ -190,14 +207,14 @@ def test_a_killed_run_leaves_the_earlier_evaluation_or_the_new_one_whole(tmp_pat
             evaluation_folder._finish_publishing(final)
             (found,) = (name for name in methods if {frozenset(methods[name])} == which)
             assert {r.method for r in read_records(final)} == methods[found]
-            assert {name for name in held(final) if ".evaluation." not in name} == whole[found]
+            assert {name for name in held(final) if ".evaluation." not in name} == complete[found]
             seen.add(found)
         step += 1
     assert seen == {"old", "new"}
     assert step > len(TABLES)
 
 
-def test_what_fails_before_all_is_written_leaves_the_earlier_evaluation_whole(tmp_path, monkeypatch):
+def test_a_failure_before_all_is_written_leaves_the_earlier_evaluation_unchanged(tmp_path, monkeypatch):
     write(tmp_path, with_curves())
     before = {name: (tmp_path / name).read_bytes() for name in held(tmp_path)}
 
@@ -211,7 +228,7 @@ def test_what_fails_before_all_is_written_leaves_the_earlier_evaluation_whole(tm
 
 
 @pytest.mark.usefixtures("drawn_figures")
-def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluation_stays(tmp_path):
+def test_a_file_at_the_path_of_the_figures_is_refused_and_the_earlier_evaluation_stays(tmp_path):
     write(tmp_path, Evaluation(of_one_method().records, (), ()))
     for figure in (ERRORS, OPENING):
         (tmp_path / figure).unlink()
@@ -220,6 +237,5 @@ def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluatio
     assert "figures" in str(refusal(write, tmp_path, with_curves()))
     assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
     (tmp_path / "notes").write_text("a file")
-    assert str(refusal(write, tmp_path / "notes", with_curves())) == (
-        f"{tmp_path}/notes cannot be written: File exists; choose another folder"
-    )
+    error = refusal(write, tmp_path / "notes", with_curves())
+    assert (error.problem, error.hint) == (f"{tmp_path}/notes cannot be written: File exists", "choose another folder")

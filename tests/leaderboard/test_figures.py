@@ -23,7 +23,7 @@ from saf_gen.leaderboard.figures import (
     error_figure,
     inline_svg,
     locate_figure_cursor,
-    normalise_curve_of_figure,
+    normalise_figure_curve,
     plot_condition_figure,
     plot_depth_of_focus_figure,
     plot_error_figure,
@@ -59,9 +59,9 @@ def legend(figure):
 
 
 def test_normalised_scores_run_from_0_to_1_and_a_flat_curve_is_0():
-    assert normalise_curve_of_figure(np.array([3.0, 5.0, 4.0])).tolist() == [0, 1, 0.5]
-    assert normalise_curve_of_figure(np.array([2.0, 2.0])).tolist() == [0, 0]
-    assert np.isnan(normalise_curve_of_figure(np.array([np.nan, 1.0, 2.0]))[0])
+    assert normalise_figure_curve(np.array([3.0, 5.0, 4.0])).tolist() == [0, 1, 0.5]
+    assert normalise_figure_curve(np.array([2.0, 2.0])).tolist() == [0, 0]
+    assert np.isnan(normalise_figure_curve(np.array([np.nan, 1.0, 2.0]))[0])
 
 
 def test_a_figure_is_well_formed_and_its_text_is_text():
@@ -79,7 +79,7 @@ def test_coordinates_have_two_digits():
     assert not re.search(r"[\s\"L]\d+\.\d{3,}[\s\"]", plot_to_svg(curves(make_sweep()), name="a"))
 
 
-def test_a_figure_of_a_file_lies_on_paper():
+def test_a_figure_file_has_a_white_background():
     text = add_paper_to_figure(plot_to_svg(curves(make_sweep()), name="a"))
     first = next(e for e in ET.fromstring(text) if e.tag.endswith("rect"))
     assert first.get("fill") == "#ffffff"
@@ -121,7 +121,7 @@ def test_a_method_is_a_measure_and_a_search_or_a_name_alone():
 
 def test_curves_run_over_the_focus_position_with_the_truth_among_them():
     axes = main(curves(make_sweep()))
-    sd, count = curves_of(axes)  # sd_code is sd times a number: they share a line
+    sd, count = curves_of(axes)  # sd_code is proportional to sd, so they share a line
     np.testing.assert_allclose(sd.get_xdata(), CENTRES / 799, atol=1e-6)
     assert (count.get_ydata().min(), count.get_ydata().max()) == (0, 1)
     assert 0.375 in [line.get_xdata()[0] for line in axes.get_lines()]
@@ -134,7 +134,7 @@ def test_measures_whose_curves_coincide_share_a_line_else_not():
     assert legend(curves(replace(other, curves=moved)))[:3] == ["sd", "sd_code", "er_count"]
 
 
-def test_no_more_lines_than_can_be_told_apart():
+def test_at_most_as_many_lines_as_can_be_distinguished():
     many = tuple(FocusCurve(f"m{i}", CENTRES, np.roll(np.arange(CENTRES.size), i), None) for i in range(15))
     figure = curves(replace(make_sweep(), curves=many), styles=assign_plot_styles([c.measure for c in many]))
     assert [t for t in legend(figure) if t.startswith("m")] == [f"m{i}" for i in range(MAX_MEASURES)]
@@ -157,7 +157,7 @@ def test_every_search_has_a_row_with_the_answers_of_its_measures():
 
 
 def note(figure):
-    """What a figure says that it leaves out."""
+    """The note of a figure on what it leaves out."""
     return figure.legends[0].get_title().get_text()
 
 
@@ -197,7 +197,7 @@ def test_a_measure_that_has_an_answer_and_no_curve_has_its_mark():
     assert len(curves_of(main(figure))) == 1
 
 
-def test_what_a_figure_leaves_out_it_says():
+def test_a_figure_states_what_it_leaves_out():
     assert describe_figure_omissions((9, 14, "searches"), (8, 20, "measures")) == (
         "Drawn: the first 9 of 14 searches, the first 8 of 20 measures"
     )
@@ -209,11 +209,11 @@ def test_what_a_figure_leaves_out_it_says():
     both = "Drawn: the first {} of 11 searches, the first 8 of 11 measures"
     assert note(curves(make_sweep(measures=()), answered, styles)) == both.format(6)
     assert note(plot_search_step_figure(make_sweep(), answered, styles=styles, title="t")) == both.format(9)
-    ways = [make_lens_path(r.method) for r in answered]
-    assert note(plot_lens_path_figure(ways, styles=styles, title="t")) == both.format(9)
+    paths = [make_lens_path(r.method) for r in answered]
+    assert note(plot_lens_path_figure(paths, styles=styles, title="t")) == both.format(9)
     against = [record(f"{m}+s", f"{ratio}", 0.1, light_ratio=float(ratio)) for m in names for ratio in (1, 2, 4)]
-    said = note(plot_condition_figure(against, RATIO, styles=styles, title="t"))
-    assert said == "Drawn: the first 8 of 11 measures"
+    condition = plot_condition_figure(against, RATIO, styles=styles, title="t")
+    assert note(condition) == "Drawn: the first 8 of 11 measures"
     few = [r for r in answered if r.method in ("m0+s0", "m1+s0")]
     for figure in (
         curves(make_sweep(measures=()), few, styles),
@@ -223,15 +223,14 @@ def test_what_a_figure_leaves_out_it_says():
         assert note(figure) == ""
 
 
-def test_many_methods_stand_closer_and_very_many_are_cut_and_said():
-    def of(count):
+def test_many_methods_are_closer_together_and_too_many_are_cut_with_a_note():
+    def plot(count):
         return plot_error_figure([record(f"m{i}+s", "x", 0.1) for i in range(count)], title="t")
 
-    high = {count: of(count).get_size_inches()[1] for count in (30, 60, 90)}
-    assert high[60] < 1.5 * high[30]
-    most = error_figure.MAX_ROWS
-    assert len(of(most + 10).axes[0].get_yticklabels()) == most
-    assert note(of(most + 10)) == f"Drawn: the first {most} of {most + 10} methods"
+    assert plot(60).get_size_inches()[1] < 1.5 * plot(30).get_size_inches()[1]
+    limit = error_figure.MAX_ROWS
+    assert len(plot(limit + 10).axes[0].get_yticklabels()) == limit
+    assert note(plot(limit + 10)) == f"Drawn: the first {limit} of {limit + 10} methods"
 
 
 def test_long_names_keep_their_ends_and_stay_in_the_figure():
@@ -261,11 +260,11 @@ def test_short_names_share_lines_of_the_legend():
 def test_a_sweep_with_less_than_everything_is_drawn_too():
     nan = float("nan")
     unknown = {"truth": nan, "truth_frame": nan, "depth_of_focus": (nan, nan)}
-    there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
+    back_and_forth = np.concatenate([LENS[::2], LENS[::-2]])
     sweeps = [
         make_sweep("blind", **unknown),
         make_sweep("no lens", lens=None),
-        make_sweep("there and back", lens=there_and_back),
+        make_sweep("there and back", lens=back_and_forth),
         make_sweep("backwards", lens=LENS[::-1]),
         make_sweep("at rest", lens=np.full(800, 0.5, dtype=np.float32)),
         make_sweep(None, truth=1.4, depth_of_focus=(1.3, 1.5), truth_frame=nan),
@@ -278,8 +277,8 @@ def test_a_sweep_with_less_than_everything_is_drawn_too():
 
 
 def test_over_frames_every_pass_of_the_truth_and_the_lens_are_drawn():
-    there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
-    figure = curves(make_sweep(lens=there_and_back))
+    back_and_forth = np.concatenate([LENS[::2], LENS[::-2]])
+    figure = curves(make_sweep(lens=back_and_forth))
     (passed,) = (c for c in main(figure).collections if len(c.get_paths()) == 2)
     when = sorted(path.vertices[0, 0] for path in passed.get_paths())
     assert when == pytest.approx([0.375 * 399.5, 799 - 0.375 * 399.5], abs=1)
@@ -369,9 +368,9 @@ def test_steps_of_a_search_are_drawn_where_the_lens_was_in_frames_from_0():
 
 
 def test_steps_over_frames_have_every_pass_of_the_truth():
-    there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
+    back_and_forth = np.concatenate([LENS[::2], LENS[::-2]])
     one = record("sd+egs", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 299.0))
-    (axes,) = plot_search_step_figure(make_sweep(lens=there_and_back), [one], styles=LOOKS, title="t").axes
+    (axes,) = plot_search_step_figure(make_sweep(lens=back_and_forth), [one], styles=LOOKS, title="t").axes
     flat = sorted(line.get_ydata()[0] for line in axes.get_lines() if line.get_xdata()[0] == 0)
     assert pytest.approx(flat, abs=1) == [150, 400, 649]
     assert axes.get_ylabel() == "frame"
@@ -386,7 +385,7 @@ def test_the_way_of_the_lens_ends_with_a_mark_or_a_cross():
     assert plot_lens_path_figure([], styles=LOOKS, title="t") is None
 
 
-def test_a_film_holds_its_pictures_in_order_and_keeps_to_its_bytes():
+def test_an_image_strip_holds_its_pictures_in_order_within_its_bytes():
     made = build_figure_image_strip(make_thumbnails(12).images, max_bytes=20_000)
     sheet = np.asarray(Image.open(io.BytesIO(made.file)).convert("L"), dtype=float)
     assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 12)
@@ -397,7 +396,7 @@ def test_a_film_holds_its_pictures_in_order_and_keeps_to_its_bytes():
     noise = np.random.default_rng(1).integers(0, 9, (48, 175, 280)).astype(np.uint32)
     large, small = (build_figure_image_strip(noise, max_bytes=most) for most in (10**9, 100_000))
     assert len(large.file) > 500_000
-    assert len(small.file) <= 100_000  # by less quality, and then by smaller pictures
+    assert len(small.file) <= 100_000  # first with lower quality, then with smaller pictures
     assert (large.size, small.count) == ((280, 175), 48)
     assert small.size[0] < 280
 
@@ -422,7 +421,7 @@ def test_the_depth_of_focus_is_explained_with_what_the_camera_saw():
     flicker = replace(flicker, rate=np.linspace(0.1, 0.4, CENTRES.size))
     figure = plot_depth_of_focus_figure([make_sweep("steps"), flicker, steady])
     labels = [axes.get_xlabel() for axes in figure.axes if axes.get_images()]
-    # Pictures are 0.0625 of the travel apart, 0.7 of the depth of focus; the truth lies between two of them.
+    # Pictures are 0.0625 of the travel apart, which is 0.7 of the depth of focus; the truth is between two of them.
     assert labels == ["−3.8", "−1.0", "+0.3", "+1.0", "+3.8"]
     means = [picture.mean() for picture in pictures_of(figure.axes)]
     assert means == sorted(means)  # make_thumbnails brightens from picture to picture

@@ -1,4 +1,4 @@
-"""The warning of grain, and the grain of each scene in table, JSON and page."""
+"""The warning about grain, and the grain of each scene in tables, JSON and page."""
 
 import json
 from dataclasses import replace

@@ -1,7 +1,8 @@
-"""The simulation of benchmarks/interval_coverage.py, small: intervals hold the truth as often as they say.
+"""A small simulation of benchmarks/interval_coverage.py: intervals contain the truth as often as they claim.
 
-Each case has 400 trials (ranks 12 boards of 12 methods) and its own named seed. A coverage must lie where a true one
-of 0.93 to 0.97 puts it with a significance of 10⁻³ at either side; where it is known to be larger, above the lower.
+Each case has 400 trials (for ranks, 12 leaderboards of 12 methods) and its own named seed. The coverage found must be
+one that a true coverage of 0.93 to 0.97 gives, at a significance of 10⁻³ on each side; if the true one is known to be
+larger, only the lower bound applies.
 """
 
 import runpy
@@ -26,11 +27,11 @@ def test_the_interval_of_a_success_rate_holds_at_twenty_scenes(law, rate):
     assert LOWEST <= found.held <= HIGHEST
 
 
-def test_scenes_that_are_wholly_lost_make_it_wider_never_too_narrow():
+def test_scenes_without_any_success_never_make_the_interval_too_narrow():
     assert all(simulate("rates", law="two kinds", rate=rate)[0].held >= LOWEST for rate in (0.5, 0.9, 0.97, 1.0))
 
 
-def test_what_was_used_before_held_too_rarely_and_the_simulation_sees_it():
+def test_the_simulation_shows_that_the_earlier_intervals_held_too_rarely():
     now, before = simulate("rates", law="beta 0.3", rate=0.97, earlier=True)
     assert before.held < 0.85 < LOWEST <= now.held
 
@@ -54,6 +55,6 @@ def test_the_interval_of_a_difference_holds_and_is_too_wide_where_both_are_nearl
 
 @pytest.mark.parametrize("world", ["shared difficulty", "rare failures"])
 def test_intervals_of_ranks_hold_where_all_methods_are_alike_and_resampled_ranks_do_not(world):
-    """Ranks of one board hang together: 12 boards; a true coverage of 0.95 gives less than 0.8 hardly ever."""
+    """Ranks of one leaderboard depend on each other; over 12 of them a coverage of 0.95 is rarely found below 0.8."""
     now, before = simulate("ranks", world=world, board="12, all alike", trials=12, earlier=True)
     assert before.held < 0.8 < now.held

@@ -76,17 +76,6 @@ def test_costs_weigh_scenes_and_lights_as_success_does():
     assert rows[0].lens_travel == pytest.approx(((1.5 + 0.5) / 2 + 1.5) / 2)
 
 
-def test_lights_of_a_scene_weigh_the_same_however_many_repeats_they_have():
-    rows = rank_methods(
-        [
-            *(record("m+s", f"a{i}", 0.0, light="constant") for i in range(3)),
-            record("m+s", "a9", 9.0, light="ramp"),
-            record("m+s", "b0", 0.0, scene="b"),
-        ]
-    )
-    assert rows[0].success_1dof == pytest.approx((0.5 + 1) / 2)
-
-
 def test_ties_share_a_rank_are_named_and_the_next_rank_counts_them():
     rows = rank_methods(
         [record("a+s", "x", 0.9), record("b+s", "x", 0.1), record("c+s", "x", 0.4), record("d+s", "x", 5.0)]
@@ -106,7 +95,7 @@ def test_equal_fractions_tie_whatever_their_last_bit():
     assert [r.rank for r in rows] == [1, 1]
 
 
-def test_without_truth_nothing_ranks_and_costs_stand():
+def test_without_truth_methods_are_not_ranked_but_have_costs():
     (row,) = rank_methods([record("a+s", "x", None)])
     assert (row.rank, row.success_1dof, row.median_error_dof) == (None, None, None)
     assert (row.frames_seen, row.lens_travel, row.seconds) == (1.0, 1.5, 0.25)
@@ -187,7 +176,7 @@ def test_a_pipe_in_a_name_does_not_break_the_markdown():
     assert r"a\|b+s" in format_leaderboard_markdown(rows)
 
 
-# -- what the scenes can tell ---------------------------------------------------------------------------
+# -- intervals over scenes --------------------------------------------------------------------------------
 
 
 def over(method, errors, **more):
@@ -197,12 +186,12 @@ def over(method, errors, **more):
 
 @pytest.fixture
 def twelve():
-    """Twelve scenes: always right; as right but in one scene; never right."""
+    """Twelve scenes: a method that is always right, one that is wrong in one scene, and one that is never right."""
     good = [0.1 + i / 100 for i in range(12)]
     return [*over("good+s", good), *over("near+s", [*good[:11], 3.0]), *over("bad+s", [4.0] * 12)]
 
 
-def test_rows_say_which_ranks_the_scenes_can_tell_apart(twelve):
+def test_rows_state_which_ranks_the_scenes_can_distinguish(twelve):
     good, near, bad = rank_methods(twelve)
     assert (good.rank, near.rank, bad.rank) == (1, 2, 3)
     assert (good.level_with_best, near.level_with_best, bad.level_with_best) == (True, True, False)
@@ -236,20 +225,19 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     assert "There are no intervals" in (tmp_path / "leaderboard.md").read_text()
 
 
-def test_few_scenes_and_two_machines_are_said(twelve):
+def test_notes_mention_few_scenes_and_two_machines(twelve):
     assert any("over 12 scenes, each alone" in note for note in compose_leaderboard_notes(rank_methods(twelve), twelve))
     few = over("a+s", [0, 0, 0])
     assert any(
-        "of so few scenes, hardly a rank can be told from another." in note
+        "with so few scenes, almost no rank can be told from another." in note
         for note in compose_leaderboard_notes(rank_methods(few), few)
     )
     mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
-    assert "Seconds do not compare, they come from 2 machines: x, 2 cores; y, 9 cores." in compose_leaderboard_notes(
-        rank_methods(mixed), mixed
-    )
+    notes = compose_leaderboard_notes(rank_methods(mixed), mixed)
+    assert "Seconds cannot be compared: they come from 2 machines: x, 2 cores; y, 9 cores." in notes
 
 
-def test_what_only_a_running_camera_knows_has_a_column_only_there():
+def test_closed_loop_figures_have_a_column_only_in_the_closed_loop():
     known = {"track": "closed_loop", "time_to_focus_s": 0.2, "error_frames": None}
     live = [record("a+s", "x", 0.1, reversals=2, **known), record("a+s", "y", 0.1, reversals=3, **known)]
     (row,) = rows = rank_methods(live)
@@ -282,7 +270,7 @@ def test_latex_has_a_cell_for_each_column_in_every_line(twelve):
 
 
 @pytest.mark.parametrize(
-    ("plain", "set_"),
+    ("plain", "latex"),
     [
         ("sd_code+egs", r"sd\_code+egs"),
         ("50%", r"50\%"),
@@ -292,8 +280,8 @@ def test_latex_has_a_cell_for_each_column_in_every_line(twelve):
         ("1–4\n|−2|", "1--4 $|$$-$2$|$"),
     ],
 )
-def test_latex_escapes_what_means_something_to_it(plain, set_):
-    assert escape_leaderboard_latex(plain) == set_
+def test_latex_escapes_what_means_something_to_it(plain, latex):
+    assert escape_leaderboard_latex(plain) == latex
 
 
 def test_a_table_of_nothing_is_still_latex():
@@ -301,7 +289,7 @@ def test_a_table_of_nothing_is_still_latex():
 
 
 def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
-    """Lights named as the ends of an interval are, or as the key of another."""
+    """Lights may be named like the ends of an interval, or like the key of another light."""
     lights = ("low", "high", "constant", "light_low")
     records = [
         record("m+s", f"{scene}-{light}", 0.1 if light == "low" else 5.0, scene=scene, light=light)
@@ -316,31 +304,31 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
     with (tmp_path / "leaderboard.csv").open(newline="") as file:
         header, line = csv.reader(file)
     assert header == keys
-    told = dict(zip(header, map(str, line), strict=True))
+    cells = dict(zip(header, line, strict=True))
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     (row,) = document["rows"]
     assert set(row) == {*keys, "tied"}
     assert list(document["columns"]) == keys
     assert (row["success_1dof_light_low"], row["success_1dof_light_high"]) == (1, 0)
-    assert row["success_1dof_low"] < 0.25 < row["success_1dof_high"]  # each scene has a quarter
-    assert (told["success_1dof_light_low"], told["success_1dof_low"]) == ("1.0", str(row["success_1dof_low"]))
+    assert row["success_1dof_low"] < 0.25 < row["success_1dof_high"]  # a quarter in each scene
+    assert (cells["success_1dof_light_low"], cells["success_1dof_low"]) == ("1.0", str(row["success_1dof_low"]))
 
 
 @pytest.mark.parametrize(
-    ("share", "text"), [(0.625, "63%"), (0.375, "38%"), (0.125, "13%"), (0.005, "1%"), (2 / 3, "67%"), (1, "100%")]
+    ("fraction", "text"), [(0.625, "63%"), (0.375, "38%"), (0.125, "13%"), (0.005, "1%"), (2 / 3, "67%"), (1, "100%")]
 )
-def test_a_share_that_ends_in_a_half_goes_up(share, text):
-    assert format_leaderboard_percent(share) == format_leaderboard_percent(share - 1e-16) == text
+def test_a_percentage_that_ends_in_a_half_is_rounded_up(fraction, text):
+    assert format_leaderboard_percent(fraction) == format_leaderboard_percent(fraction - 1e-16) == text
 
 
-def test_the_shares_that_may_stand_the_other_way_round_say_so():
-    """Two scenes whose focus lies 0.8 depths of focus beyond the travel: one method says so on both."""
+def test_columns_that_may_seem_out_of_order_explain_it():
+    """In two scenes the focus is 0.8 depths of focus beyond the travel, and the method abstains in both."""
     beyond = {"success_half_dof": True, "success_1dof": False, "success_2dof": False}
     records = [replace(failed("m+s", f"s{i}", "abstained", scene=f"s{i}"), **beyond) for i in range(2)]
     records += [record("m+s", "s2", 0.1, scene="s2")]
     (row,) = rank_methods(records)
     assert row.success_half_dof > row.success_1dof
     meanings = {c.name: c.meaning for c in list_leaderboard_columns([row])}
-    rule = "An abstention is right where no answer could be so near, so this can be"
+    rule = "An abstention is right if no answer could be so near, so this can be"
     assert meanings["success_half_dof"].endswith(f"{rule} above ≤1 DoF.")
     assert meanings["success_2dof"].endswith(f"{rule} below ≤1 DoF.")

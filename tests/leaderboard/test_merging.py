@@ -21,12 +21,11 @@ def test_merging_is_as_good_as_running_together():
 
 
 def test_a_stream_on_its_own_does_not_join_its_dataset():
-    """It knows neither scene nor light: it would weigh by sequence what the dataset weighs by scene."""
+    """It knows neither scene nor light: it would be weighted by sequence, and the dataset by scene."""
     alone = [replace(r, scene=r.sequence, light=None, split=None) for r in LATER]
-    assert str(refusal(merge_leaderboard_records, {"runs/dataset": ONE, "runs/streams": alone})) == (
-        "the scene of x differs: camel in runs/dataset, x in runs/streams; allowed: one scene per sequence; "
-        "run saf-gen evaluate again, on the dataset, not on its streams one by one"
-    )
+    error = refusal(merge_leaderboard_records, {"runs/dataset": ONE, "runs/streams": alone})
+    assert error.problem == "the scene of x differs: camel in runs/dataset, x in runs/streams"
+    assert error.hint.startswith("run saf-gen evaluate again, on the dataset")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from saf_gen.leaderboard.method_comparison import ERROR_LIMITS_DOF
 
 
 def board(errors, *, scenes=12, sequences=4, **more):
-    """Records of methods by name; ``errors[name](scene, sequence)`` is an error in depths of focus, None no answer."""
+    """Records of methods; ``errors[name](scene, sequence)`` is an error in depths of focus, or None for no answer."""
     made = []
     for name, error in errors.items():
         for scene in range(scenes):
@@ -59,7 +59,7 @@ def test_the_probability_of_improvement_compares_sequence_by_sequence_and_halves
     first, second = compare(board(NEAR_AND_FAR)).neighbours
     assert (first.first, first.second) == ("coarse+s", "exact+s")
     assert first.difference == pytest.approx(1 / 12)
-    assert first.improvement == pytest.approx(1 / 12)  # it ranks first, and is seldom nearer
+    assert first.improvement == pytest.approx(1 / 12)  # it ranks first, but is rarely nearer
     assert first.improvement_low < 1 / 12 < first.improvement_high < 0.5
     assert not first.told_apart
     assert second.improvement == 1 == second.improvement_high
@@ -73,8 +73,8 @@ def test_no_answer_is_farther_than_any_and_a_right_abstention_nearer_than_all():
     wrong, right = "b+s", "c+s"
     records = board({"a+s": lambda s, i: 50.0, wrong: lambda s, i: None, right: lambda s, i: None})
     flags = {"success_half_dof": True, "success_1dof": True, "success_2dof": True}
-    told = compare([replace(r, **flags) if r.method == right else r for r in records]).neighbours
-    assert [(n.first, n.second, n.improvement) for n in told] == [("c+s", "a+s", 1), ("a+s", "b+s", 1)]
+    pairs = compare([replace(r, **flags) if r.method == right else r for r in records]).neighbours
+    assert [(n.first, n.second, n.improvement) for n in pairs] == [("c+s", "a+s", 1), ("a+s", "b+s", 1)]
 
 
 def test_times_have_a_profile_in_the_closed_loop_alone():

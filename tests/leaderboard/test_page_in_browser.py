@@ -1,4 +1,4 @@
-"""The page in Chromium: worked by its controls, on a phone, in the dark, on paper, without its script."""
+"""The page in Chromium: used through its controls, on a phone, in dark mode, printed, and without its script."""
 
 import csv
 import io
@@ -46,12 +46,12 @@ const head = (text) => [...board.querySelectorAll("thead tr:last-child th")]
 const click = (text) => head(text).querySelector("button").click();
 const answers = () => [...page.querySelectorAll("#answers tbody tr")]
   .map((row) => [...row.cells].map((cell) => cell.textContent));
-const told = () => page.querySelector("#answers [role=status]").textContent;
+const summary = () => page.querySelector("#answers [role=status]").textContent;
 """
 
 
 def python_rows(keep=lambda record: True):
-    """The leaderboard's lines for some of the records, as Python has them."""
+    """The leaderboard's rows for some of the records, computed in Python."""
     records = make_records()
     shown = list_shown_leaderboard_columns(rank_methods(records))
     return [[c.format_value(row) for c in shown] for row in rank_methods([r for r in records if keep(r)])]
@@ -64,10 +64,10 @@ def folder(small_report):
 
 @pytest.fixture(scope="module")
 def ask(folder):
-    def asked(script, **options):
+    def run(script, **options):
         return run_in_page(folder, READ + script, **options)
 
-    return asked
+    return run
 
 
 def test_the_page_loads_alone_and_its_policy_lets_its_script_run(ask):
@@ -117,11 +117,11 @@ def test_a_column_sorts_both_ways_and_says_so(ask):
     assert errors == sorted(errors)
     assert answer["up"][1] == [["err DoF", "ascending"]]
     assert answer["down"] == [answer["up"][0][::-1], [["err DoF", "descending"]]]
-    assert answer["share"][1] == [["≤1 DoF", "descending"]]  # shares begin with the best
+    assert answer["share"][1] == [["≤1 DoF", "descending"]]  # fractions start with the best
     assert answer["names"][0] == sorted(answer["names"][0])
 
 
-def test_what_is_unknown_stays_last_whichever_way_a_table_sorts(ask):
+def test_unknown_values_stay_last_in_either_sort_order(ask):
     answer = ask("""
       const table = page.querySelector("#conditions table");
       const row = table.tBodies[0].rows[0];
@@ -176,9 +176,9 @@ def test_single_answers_follow_what_is_shown_and_a_methods_name_lists_its_own(as
     answer = ask("""
       const all = answers();
       choose("Split", "train"); type("sd+");
-      const [some, said] = [answers(), told()];
+      const [some, said] = [answers(), summary()];
       board.querySelector("tbody:not([hidden]) tr:not([hidden]) a").click();
-      const [own, whose, open] = [answers(), told(), page.querySelector("#answers details").open];
+      const [own, whose, open] = [answers(), summary(), page.querySelector("#answers details").open];
       const notes = page.querySelectorAll("#answers td b").length;
       return { all, some, said, own, whose, open, notes, first: read()[0][2] };
     """)
@@ -261,24 +261,24 @@ def test_on_a_phone_only_tables_scroll_sideways_and_figures_can_be_read(ask):
     assert answer["page"] <= 390
     assert set(answer["boxes"]) == {"auto"}
     assert answer["board"] <= 390  # its main columns fit
-    assert answer["names"] < 190  # they stay in view, and leave the better half to numbers
+    assert answer["names"] < 190  # they stay in view, and leave more than half of the width to numbers
     assert max(answer["figures"]) <= 390
     assert answer["smallest"] >= 8
     assert min(answer["controls"]) >= 32
 
 
 def test_a_page_that_holds_some_of_the_answers_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr(choose_answers_for_report, "__kwdefaults__", {"most": 24})
+    monkeypatch.setattr(choose_answers_for_report, "__kwdefaults__", {"max_answers": 24})
     monkeypatch.setattr("saf_gen.leaderboard.report.page_answers.WORST_OF_METHOD", 2)
     for module in ("page", "page_answers"):
         monkeypatch.setattr(f"saf_gen.leaderboard.report.{module}.MAX_ANSWERS", 3)
     made = replace(make_evaluation(), sweeps=())
     write_report(tmp_path / "some", evaluation=made, rows=rank_methods(made.records), title="some")
     script = """
-      const all = told();
+      const all = summary();
       page.querySelector("#board tbody a").click();
-      const own = [told(), answers().length];
-      await reset(); choose("Split", "test"); const part = [told(), status()];
+      const own = [summary(), answers().length];
+      await reset(); choose("Split", "test"); const part = [summary(), status()];
       const [one, two] = ["first", "second"].map((name) => form.elements[name]);
       one.selectedIndex = 1; two.selectedIndex = 2;
       two.dispatchEvent(new window.Event("input", { bubbles: true }));
@@ -298,7 +298,7 @@ MANY_LIGHTS = tuple(f"a rather long name of a light {number}" for number in rang
 
 @pytest.fixture(scope="module")
 def crowded(tmp_path_factory):
-    """A page of a long method and of more lights than any screen has room for."""
+    """A page with long method names and more lights than fit on any screen."""
     methods = ("structure_calibrated+photon_aware", "sd+argmax", "mfdct_code_n_tfi+sgfs_code:dt=50,window=100")
     records = [
         record(method, f"{scene}-{light}", 0.1, scene=scene, light=light, time_to_focus_s=0.1)
@@ -370,7 +370,7 @@ def test_a_link_leads_to_the_view_and_a_view_is_in_the_address(ask):
     }
     assert answer["back"] == answer["made"] != answer["clean"]
     assert answer["made"][4:] == [answer["made"][4], "ramp", "descending"]
-    assert answer["clean"][0] == python_rows()  # a reset also forgets how the table was sorted
+    assert answer["clean"][0] == python_rows()  # a reset also clears the sort order
     assert "=" not in answer["bare"]
     assert answer["nonsense"] == [["0 of 4 methods, 12 of 12 sequences.", False, "none"], "", 0]
 
@@ -409,7 +409,7 @@ def test_two_methods_stand_side_by_side_sequence_by_sequence(ask):
     assert set(answer["opened"]) == {"DETAILS"}
 
 
-def test_a_table_is_had_as_csv_of_what_it_shows(ask):
+def test_a_table_can_be_saved_as_csv_of_what_it_shows(ask):
     answer = ask("""
       const files = [];
       window.URL.createObjectURL = (blob) => { files.push(blob); return "#"; };
@@ -446,7 +446,7 @@ def test_a_sweep_plays_and_is_shown_as_tfp_tfi_or_spikes(ask):
         return [option.value, seen(), viewer.querySelector(".box").hidden];
       });
       const from = Number(slider.value), at = [], pace = [], real = window.setInterval;
-      window.setInterval = (show, ms) => { pace.push(ms); return real(show, ms / 10); }; // nobody watches
+      window.setInterval = (show, ms) => { pace.push(ms); return real(show, ms / 10); }; // ten times as fast
       const watch = new window.MutationObserver(() => at.push(Number(slider.value)));
       watch.observe(slider, { attributes: true, attributeFilter: ["aria-valuetext"] });
       play.click();
@@ -460,7 +460,7 @@ def test_a_sweep_plays_and_is_shown_as_tfp_tfi_or_spikes(ask):
         still: at.length === played, names: [play, slider, kind].map((c) => c.getAttribute("aria-label")) };
     """)
     assert answer["kinds"] == [["TFP", ["TFP"], False], ["TFI", ["TFI"], False], ["spikes", ["spikes"], True]]
-    assert answer["at"] == [(answer["from"] + step) % 16 for step in range(1, 13)]  # and begins again at the end
+    assert answer["at"] == [(answer["from"] + step) % 16 for step in range(1, 13)]  # and then starts again
     assert len(answer["pace"]) == 1
     assert 50 <= answer["pace"][0] <= 500
     assert (answer["pressed"], answer["stopped"], answer["still"]) == ("true", "false", True)
@@ -484,11 +484,11 @@ def test_a_link_to_a_measure_or_its_code_opens_it(ask):
 
 
 AUDIT = """
-page.querySelectorAll("tbody[hidden]").forEach((body) => body.remove()); // the like of what is shown, many times
+page.querySelectorAll("tbody[hidden]").forEach((body) => body.remove()); // many more rows like the visible ones
 page.querySelectorAll("details").forEach((details) => { details.open = true; });
 form.elements.first.value = "sd+argmax"; form.elements.second.value = "er_count+argmax";
 form.elements.first.dispatchEvent(new window.Event("input", { bubbles: true }));
-// First what axe leaves open, as it knows no background behind drawings and gradients: their texts.
+// First texts on drawings and gradients, which axe does not check because it does not know their background.
 const channels = (colour) => colour.match(/[0-9.]+/g).slice(0, 3).map((c) => Number(c) / 255)
   .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
 const light = (colour) => channels(colour).reduce((sum, c, at) => sum + c * [0.2126, 0.7152, 0.0722][at], 0);
@@ -501,8 +501,7 @@ const papers = [named("--paper"), named("--raised")];
 const texts = [...page.querySelectorAll("svg text")].map((text) => contrast(style(text).fill, papers[0]));
 const bars = [...page.querySelectorAll("td[style]")].flatMap((cell) =>
   [...papers, named("--bar")].map((paper) => contrast(style(cell).color, paper)));
-page.querySelectorAll("svg").forEach((svg) => svg.replaceChildren()); // their parts are most of the page
-
+page.querySelectorAll("svg").forEach((svg) => svg.replaceChildren()); // they have most of the page's elements
 new window.Function(%s).call(window);
 const { violations } = await window.axe.run(%s, { resultTypes: ["violations"] });
 const found = violations.map((v) => [v.id, v.impact, v.nodes.slice(0, 3).map((node) => node.html.slice(0, 200))]);
@@ -510,37 +509,42 @@ return { violations: found, texts: Math.min(...texts), bars: Math.min(...bars) }
 """
 
 
-@pytest.mark.skipif(AXE is None, reason="the package axe-playwright-python is missing: make install brings it")
-@pytest.mark.parametrize(("width", "dark"), [(1280, False), (390, True)])
-def test_an_audit_of_accessibility_finds_nothing(folder, tmp_path, width, dark):
-    """axe-core finds nothing at all, and texts in figures and on bars have the contrast of WCAG 2.2 AA, 4.5."""
-    audited = tmp_path / "page"
-    audited.mkdir()
-    page = (folder / "index.html").read_text(encoding="utf-8")
-    without_policy, count = re.subn("<meta http-equiv[^>]*>", "", page)  # which would stop the audit's script, too
-    assert count == 1
-    (audited / "index.html").write_text(without_policy, encoding="utf-8")
+@pytest.fixture
+def audit(folder, tmp_path):
+    """Return a function that audits the page, after replacements in it, in Chromium."""
+    if AXE is None:
+        pytest.skip("the package axe-playwright-python is missing: make install brings it")
     source = json.dumps(AXE.read_text(encoding="utf-8")).replace("</", "<\\/")
-    answer = run_in_page(audited, READ + AUDIT % (source, "page"), width=width, dark=dark)
+
+    def run(part="page", *replacements, **options):
+        page = (folder / "index.html").read_text(encoding="utf-8")
+        page, count = re.subn("<meta http-equiv[^>]*>", "", page)  # the policy would also stop the audit's script
+        assert count == 1
+        for old, new in replacements:
+            page = page.replace(old, new)
+        (tmp_path / "index.html").write_text(page, encoding="utf-8")
+        return run_in_page(tmp_path, READ + AUDIT % (source, part), **options)
+
+    return run
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (390, True)])
+def test_an_audit_of_accessibility_finds_nothing(audit, width, dark):
+    """axe-core finds nothing, and texts in figures and on bars have a contrast of 4.5, as WCAG 2.2 AA requires."""
+    answer = audit(width=width, dark=dark)
     assert answer["violations"] == []
     assert min(answer["texts"], answer["bars"]) >= 4.5
 
 
-@pytest.mark.skipif(AXE is None, reason="the package axe-playwright-python is missing: make install brings it")
-def test_the_audit_finds_what_is_broken_on_purpose(folder, tmp_path):
-    audited = tmp_path / "page"
-    audited.mkdir()
-    page = re.sub("<meta http-equiv[^>]*>", "", (folder / "index.html").read_text(encoding="utf-8"))
-    broken = page.replace("--soft: #59636e", "--soft: #b9c3ce").replace('aria-label="Picture of', 'data-label="')
-    (audited / "index.html").write_text(broken, encoding="utf-8")
-    source = json.dumps(AXE.read_text(encoding="utf-8")).replace("</", "<\\/")
-    answer = run_in_page(audited, READ + AUDIT % (source, "page.querySelector('figure:has(.viewer)')"))
+def test_the_audit_finds_what_is_broken_on_purpose(audit):
+    broken = ("--soft: #59636e", "--soft: #b9c3ce"), ('aria-label="Picture of', 'data-label="')
+    answer = audit("page.querySelector('figure:has(.viewer)')", *broken)
     assert {violation[0] for violation in answer["violations"]} >= {"color-contrast", "label"}
     assert answer["texts"] < 4.5
 
 
-def test_the_page_is_worked_by_keys_alone_in_the_order_that_is_seen(ask):
-    """Every control and folded part takes the focus by Tab, in the order of the page, and shows that it has it."""
+def test_the_page_can_be_used_by_keyboard_in_visible_order(ask):
+    """Every control and folded section gets the focus by Tab, in the order of the page, and shows it."""
     answer = ask("""
       const reached = [...page.querySelectorAll("a[href], button, input, select, summary, [tabindex]")]
         .filter((what) => what.getBoundingClientRect().height > 0 && what.checkVisibility());
@@ -555,7 +559,7 @@ def test_the_page_is_worked_by_keys_alone_in_the_order_that_is_seen(ask):
     """)
     assert answer["count"] > 40
     assert all(focused and outlined for focused, outlined in answer["shown"])
-    assert set(answer["places"]) == {0}  # nothing is taken out of the order, nothing put before it
+    assert set(answer["places"]) == {0}  # nothing is left out of the order or moved to its front
     assert answer["heights"] == sorted(answer["heights"])
 
 
@@ -628,10 +632,10 @@ def test_on_paper_there_are_no_controls_and_nothing_scrolls(ask, folder):
         wide: page.getElementById("board").getBoundingClientRect().width,
       };
     """,
-        width=980,  # the smaller of A4 and letter, on its side, less margins of 1 cm
+        width=980,  # the narrower of A4 and letter in landscape, less margins of 1 cm
     )
     assert answer["controls"] == 0
-    assert 300 < answer["long"] < 19 * 96 / 2.54  # a figure of many methods is cut by no edge of the paper
+    assert 300 < answer["long"] < 19 * 96 / 2.54  # a figure of many methods fits on the page
     assert set(answer["boxes"]) == {"visible"}
     assert answer["figures"]
     assert answer["wide"] <= 980

@@ -9,7 +9,6 @@ from refusals import refusal
 from scipy.stats import kendalltau
 
 from saf_gen.benchmark.records import write_benchmark_records
-from saf_gen.cli import main
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import (
     compare_rankings,
@@ -29,7 +28,7 @@ def answer(method, sequence, *, right, **more):
 
 
 def board(right, *, scenes=12, methods=8, sequences=4, **more):
-    """Records of methods whose success in a scene ``right(method, scene, sequence)`` says."""
+    """Records of methods; ``right(method, scene, sequence)`` returns whether an answer is right."""
     return [
         answer(f"m{m}+s", f"s{s}-{i}", right=right(m, s, i), scene=f"scene{s:02d}", **more)
         for m in range(methods)
@@ -39,7 +38,7 @@ def board(right, *, scenes=12, methods=8, sequences=4, **more):
 
 
 def by_skill(m, s, i):
-    """The higher the number of a method the fewer scenes it solves, some more or less."""
+    """Methods with higher numbers solve fewer sequences, with some variation between scenes."""
     return (7 * m + 5 * s + 3 * i) % 16 > m
 
 
@@ -95,7 +94,7 @@ def test_a_condition_that_changes_nothing_has_tau_1_and_no_method_that_moved():
     assert found.most_moved[1:] == (1, 1)
 
 
-def test_a_condition_that_turns_the_ranking_round_is_told_from_chance():
+def test_a_condition_that_reverses_the_ranking_is_significant():
     both = merge_leaderboard_records(
         dict(zip("ab", two_sensors(by_skill, lambda m, s, i: by_skill(7 - m, s, i)), strict=True))
     )
@@ -143,35 +142,35 @@ def test_what_cannot_be_compared_is_left_out_and_an_unknown_condition_is_refused
 def test_the_files_hold_the_agreement(tmp_path):
     both = merge_leaderboard_records(dict(zip("ab", two_sensors(by_skill, by_skill), strict=True)))
     write_leaderboard(tmp_path, rows=rank_methods(both), records=both)
-    (told,) = json.loads((tmp_path / "leaderboard.json").read_text())["rank_agreement"]
-    assert (told["condition"], told["tau"], told["most_moved"]) == ("sensor", 1, ["m0+s", 1, 1])
+    (agreement,) = json.loads((tmp_path / "leaderboard.json").read_text())["rank_agreement"]
+    assert (agreement["condition"], agreement["tau"], agreement["most_moved"]) == ("sensor", 1, ["m0+s", 1, 1])
     with (tmp_path / "agreement.csv").open(newline="") as file:
         (line,) = csv.DictReader(file)
     assert (line["first"], line["tau"], line["rank_under_second"]) == (SENSORS[0], "1.0", "1")
     assert "## Agreement of ranks" in (tmp_path / "leaderboard.md").read_text()
 
 
-def run_compare(*arguments):
-    with pytest.raises(SystemExit) as stop:
-        main(["leaderboard", "compare", *map(str, arguments)])
-    return stop.value.code
+def test_the_command_prints_the_table_or_json_and_refuses_nonsense_in_one_line(call, tmp_path):
+    def compare(*arguments):
+        return call("leaderboard", "compare", *arguments)
 
-
-def test_the_command_prints_the_table_or_json_and_tells_nonsense_in_one_line(tmp_path, capsys):
     for name, own in zip("ab", two_sensors(by_skill, by_skill), strict=True):
         (tmp_path / name).mkdir()
         write_benchmark_records(tmp_path / name / "records.jsonl", own)
     folders = tmp_path / "a", tmp_path / "b"
-    assert run_compare(*folders, "--by", "sensor") == 0
-    printed = capsys.readouterr().out
-    assert "vidar_400x250_noisy" in printed
-    assert "1.00 to 1.00" in printed
-    assert run_compare(*folders, "--json") == 0
-    (pair,) = json.loads(capsys.readouterr().out)["pairs"]
-    assert (pair["condition"], pair["tau"]) == ("sensor", 1)
-    assert run_compare(folders[0], "--by", "light") == 0
-    assert "Nothing to compare: the condition 'light' has one bin" in capsys.readouterr().out
-    assert run_compare(*folders, "--by", "sensr") == 2
-    assert "did you mean 'sensor'" in capsys.readouterr().err
-    assert run_compare(tmp_path / "nowhere") == 2
-    assert "there is no records.jsonl" in capsys.readouterr().err
+    code, out, _ = compare(*folders, "--by", "sensor")
+    assert code == 0
+    assert "vidar_400x250_noisy" in out
+    assert "1.00 to 1.00" in out
+    code, out, _ = compare(*folders, "--json")
+    (pair,) = json.loads(out)["pairs"]
+    assert (code, pair["condition"], pair["tau"]) == (0, "sensor", 1)
+    code, out, _ = compare(folders[0], "--by", "light")
+    assert code == 0
+    assert "Nothing to compare: the condition 'light' has one bin" in out
+    for arguments, message in (
+        ((*folders, "--by", "sensr"), "did you mean 'sensor'"),
+        ((tmp_path / "nowhere",), "there is no records.jsonl"),
+    ):
+        code, _, err = compare(*arguments)
+        assert (code, err.count("\n"), message in err) == (2, 1, True)

@@ -13,7 +13,7 @@ from saf_gen.leaderboard.reading import read_leaderboard
 
 @pytest.fixture
 def evaluation(tmp_path):
-    """An evaluation of two methods on two sequences: the second is right on both, the first on one."""
+    """The folder of an evaluation of two methods on two sequences: the first is right on one, the second on both."""
     records = [record("sd+argmax", "a", 0.0), record("sd+argmax", "b", 3.0)]
     records += [record("<b>+argmax", name, 0.0) for name in "ab"]
     write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
@@ -25,6 +25,12 @@ def test_a_leaderboard_is_a_sequence_of_rows_best_first(evaluation):
     assert [row.method for row in board] == ["<b>+argmax", "sd+argmax"]
     assert (len(board), board[1].rank, len(board.records)) == (2, 2, 4)
     assert repr(board) == "<Leaderboard: 2 methods, 2 sequences; first: <b>+argmax>"
+
+
+def test_one_method_on_one_sequence_is_counted_in_the_singular(tmp_path):
+    records = [record("sd+argmax", "a", 0.0)]
+    write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
+    assert read_leaderboard(tmp_path).size == "1 method, 1 sequence"
 
 
 def test_dictionaries_have_the_keys_of_the_csv(evaluation):
@@ -42,5 +48,5 @@ def test_a_notebook_shows_a_table_that_no_name_can_break(evaluation):
     assert "<b>" not in shown
 
 
-def test_no_evaluation_is_told():
+def test_reading_without_an_evaluation_is_refused():
     assert refusal(read_leaderboard).problem == "no evaluation is named"

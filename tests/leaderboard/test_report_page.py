@@ -26,7 +26,7 @@ NASTY = "<script>alert('$x')</script>&\"{}/../ü"
 
 
 class Reader(HTMLParser):
-    """Reads strictly: every element is closed where it must be, every attribute is there once."""
+    """A strict reader: every element is closed in the right order, and no attribute occurs twice."""
 
     def __init__(self):
         super().__init__()
@@ -65,7 +65,7 @@ def page_data(text):
 
 
 def table_rows(text, table):
-    """The texts of every body of the table with this start, body by body and row by row."""
+    """The cells of the table that begins with this text: per body, per row."""
     bodies = text.split(table)[1].split("</table>")[0].split("<tbody")[1:]
     return [
         [
@@ -85,18 +85,18 @@ def read(text):
 
 
 @pytest.fixture(scope="module")
-def whole(small_report):
+def report(small_report):
     return *small_report, (small_report[0] / "index.html").read_text(encoding="utf-8")
 
 
 @pytest.fixture
 def empty_figures(monkeypatch):
-    """Figures are chosen and named as for a user, and nothing is in them."""
+    """Figures are chosen and named as usual, but empty."""
     monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.plot_to_svg", lambda *_, **__: "<svg></svg>")
 
 
-def test_a_report_is_a_page_and_its_figures(whole):
-    folder, paths, _ = whole
+def test_a_report_is_a_page_and_its_figures(report):
+    folder, paths, _ = report
     assert paths == [folder / "index.html", folder / "figures"]
     names = {p.name for p in (folder / "figures").iterdir()}
     assert {"curves-camel-constant.svg", "steps-camel-ramp.svg", "errors-fan_train.svg"} <= names
@@ -104,8 +104,8 @@ def test_a_report_is_a_page_and_its_figures(whole):
     assert all(name.endswith(".svg") for name in names)
 
 
-def test_the_page_asks_the_network_for_nothing(whole):
-    reader = read(whole[2])
+def test_the_page_asks_the_network_for_nothing(report):
+    reader = read(report[2])
     for attrs in reader.of("img", "script", "iframe", "link", "use", "image", "source"):
         for name in ("src", "href", "srcset"):
             assert attrs.get(name, "data:").startswith(("data:", "#")), attrs
@@ -124,8 +124,8 @@ def test_the_page_asks_the_network_for_nothing(whole):
     assert policy.startswith("default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-")
 
 
-def test_links_within_the_page_lead_somewhere_and_names_are_there_once(whole):
-    reader = read(whole[2])
+def test_links_within_the_page_lead_somewhere_and_names_are_there_once(report):
+    reader = read(report[2])
     ids = [attrs["id"] for _, attrs, _ in reader.elements if "id" in attrs]
     assert len(ids) == len(set(ids))
     for attrs in reader.of("a", "use"):
@@ -133,8 +133,8 @@ def test_links_within_the_page_lead_somewhere_and_names_are_there_once(whole):
             assert attrs["href"][1:] in ids
 
 
-def test_who_does_not_see_the_page_is_told(whole):
-    reader = read(whole[2])
+def test_the_page_has_texts_for_screen_readers(report):
+    reader = read(report[2])
     assert all(attrs.get("alt") for attrs in reader.of("img"))
     for tag, attrs, around in reader.elements:
         if tag == "svg":
@@ -154,9 +154,9 @@ def test_who_does_not_see_the_page_is_told(whole):
     assert reader.of("html") == [{"lang": "en"}]
 
 
-def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole):
+def test_the_page_contains_the_table_the_columns_the_failures_and_the_digests(report):
     rows = rank_methods(make_records())
-    text = whole[2]
+    text = report[2]
     for row in rows:
         assert f'<td class="name"><a href="#answers">{row.method}</a></td>' in text
     for column in list_shown_leaderboard_columns(rows):
@@ -168,13 +168,13 @@ def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole
     assert "Intervals hold at 95 % over 3 scenes, each alone" in text
 
 
-def test_the_page_opens_with_what_is_judged_and_what_a_depth_of_focus_is(whole):
-    top = whole[2].split("<header>")[1].split("</header>")[0]
+def test_the_page_opens_with_what_is_judged_and_what_a_depth_of_focus_is(report):
+    top = report[2].split("<header>")[1].split("</header>")[0]
     order = ["What is judged.", "What is right.", 'class="lead"', '<figure id="depth-of-focus">', "<nav"]
     assert [top.index(text) for text in order] == sorted(top.index(text) for text in order)
     assert top.count("<image ") == 5  # what the camera saw at five distances
     assert "a detail of the target as the camera saw it" in top
-    assert (whole[0] / "figures/depth-of-focus.svg").is_file()
+    assert (report[0] / "figures/depth-of-focus.svg").is_file()
 
 
 @pytest.mark.usefixtures("drawn_figures")
@@ -186,8 +186,8 @@ def test_without_pictures_the_opening_speaks_of_none(tmp_path):
     assert "as the camera saw it" not in top
 
 
-def test_sweeps_come_before_the_tables_of_conditions(whole):
-    sections = re.findall(r'<section id="([\w-]+)"', whole[2])
+def test_sweeps_come_before_the_tables_of_conditions(report):
+    sections = re.findall(r'<section id="([\w-]+)"', report[2])
     assert sections == [
         "leaderboard",
         "compare",
@@ -201,37 +201,37 @@ def test_sweeps_come_before_the_tables_of_conditions(whole):
     ]
 
 
-def test_each_measure_and_search_has_formula_source_and_code(whole):
-    text = whole[2].split('<section id="methods"')[1].split("</section>")[0]
+def test_each_measure_and_search_has_formula_source_and_code(report):
+    text = report[2].split('<section id="methods"')[1].split("</section>")[0]
     assert re.findall(r'class="plugin" id="([\w-]+)"><summary><code>(.*?)</code>', text) == [
         ("measures-1", "sd"),
         ("measures-2", "er_count"),
         ("searches-1", "argmax"),
         ("searches-2", "egs_code"),
     ]
-    assert "variance over squared mean, V/ū²" in text
+    assert "squared mean, V/ū²" in text
     assert '<a href="https://doi.org/10.1109/CVPR52733.2024.02363">doi:10.1109/CVPR52733.2024.02363</a>.' in text
     assert "class SpikeDispersion:" in text
     codes = re.findall(r'class="code" id="code-\d+"><summary><code>(.*?)</code>', text)
     assert codes.count("_counts.py") == 1  # though both measures use it
 
 
-def test_success_has_its_interval_drawn(whole):
+def test_success_has_its_interval_drawn(report):
     row = next(r for r in rank_methods(make_records()) if 0 < r.success_1dof < 1)
     ends = f"--lo:{row.success_1dof_low:.4g};--hi:{row.success_1dof_high:.4g}"
-    assert ends in whole[2]
+    assert ends in report[2]
 
 
-def test_every_condition_that_differs_has_a_table(whole):
-    text = whole[2].split('id="conditions"')[1].split('id="measures"')[0]
+def test_every_condition_that_differs_has_a_table(report):
+    text = report[2].split('id="conditions"')[1].split('id="measures"')[0]
     titles = re.findall("<h3>(.*?)</h3>", text)
     assert titles[:4] == ["Light schedule", "Light ratio", "Scene motion", "Photon budget"]
     assert {"Scene", "Against the light ratio", "Against the photon budget"} <= set(titles)
-    assert "Lens motion" not in titles  # the same for all, so it tells nothing
+    assert "Lens motion" not in titles  # the same for all sequences
 
 
-def test_a_sweep_with_pictures_can_be_looked_through(whole):
-    reader = read(whole[2])
+def test_a_sweep_with_pictures_can_be_looked_through(report):
+    reader = read(report[2])
     held = viewer_data(reader)
     assert (held["across"], len(held["words"]), len(held["x"])) == (8, 16, 16)
     assert held["x"] == sorted(held["x"])
@@ -243,7 +243,7 @@ def test_a_sweep_with_pictures_can_be_looked_through(whole):
 
 
 def without_curves():
-    """What an evaluation has where no method is argmax: searches on textures, and predictions."""
+    """An evaluation without focus curves: no method uses argmax, only searches on some windows and predictions."""
     steps = {"frame": 300.0, "trace": (700.0, 100.0, 300.0)}
     records = [
         record(m, f"camel-{light}", 0.1, light=light, split="test", **steps)
@@ -265,7 +265,7 @@ def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
     reader = read(text)
     assert viewer_data(reader)["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF")
     assert "<h3>Sweeps</h3>" in text
-    assert "No method computed a whole curve of these" in text
+    assert "No method computed a complete focus curve of these" in text
     assert "Focus curves</h3>" not in text
     labels = [attrs["aria-label"] for attrs in reader.of("svg")]
     assert "Light and answers on camel-ramp, true focus at 0.375 of the travel" in labels
@@ -284,9 +284,9 @@ def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
     drawn = plot_report_figures(made, rank_methods(records))
     shown = [p for p in drawn if p.kind == "light-ratio"]
     assert len(shown) == MAX_SEARCHES
-    said = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure"
+    note = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure"
     text = build_report_page(rank_methods(records), title="x", records=records, report_figures=drawn)
-    assert text.count(said) == 1
+    assert text.count(note) == 1
     assert text.count("Drawn: 2 of the scene&#39;s 3 sequences.") == 1
     few = [r for r in records if r.method == "sd+s0"]
     text = build_report_page(
@@ -306,9 +306,9 @@ def test_ways_of_the_lens_come_in_the_leaderboards_order():
     assert lens.svg.index(">good<") < lens.svg.index(">bad<")
 
 
-def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(whole):
-    """The rows of each table body are those of rank_methods on the records of the selection alone."""
-    records, text = make_records(), whole[2]
+def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(report):
+    """The rows of each table body are those of rank_methods on only the records of the selection."""
+    records, text = make_records(), report[2]
     shown = list_shown_leaderboard_columns(rank_methods(records))
     bodies, data = table_rows(text, 'id="board"'), page_data(text)
     names = re.findall(r'<option value="\d+">(.*?)</option>', text)
@@ -362,7 +362,7 @@ def test_the_script_has_the_answers_of_every_record_the_worst_first():
 
 
 def make_many(sequences, *, scenes=4):
-    """Two methods on many sequences; the first is the worse, most of all on the last sequence."""
+    """Two methods on many sequences; the first is worse, increasingly so towards the last sequence."""
     return [
         record(method, f"s{i}", (-1) ** i * factor * i / sequences, scene=f"scene{i % scenes}", split="test")
         for i in range(sequences)
@@ -371,7 +371,7 @@ def make_many(sequences, *, scenes=4):
 
 
 def test_of_many_answers_the_page_holds_the_worst_and_those_of_sequences_spread_evenly():
-    held = choose_answers_for_report(make_many(400), most=100)
+    held = choose_answers_for_report(make_many(400), max_answers=100)
     assert (held.compared, held.total, held.are_all) == (50, 400, False)
     assert held.sequences[:50] == tuple(f"s{8 * i}" for i in range(50))
     answers = {(r.method, r.sequence) for _, r in held.lines}
@@ -379,13 +379,13 @@ def test_of_many_answers_the_page_holds_the_worst_and_those_of_sequences_spread_
     assert all((method, name) in answers for name in held.sequences[:50] for method in ("a+s", "b+s"))
     sizes = [abs(r.error_dof) for _, r in held.lines]
     assert sizes == sorted(sizes, reverse=True)
-    assert choose_answers_for_report(make_many(50), most=100).are_all
+    assert choose_answers_for_report(make_many(50), max_answers=100).are_all
 
 
 def test_neither_page_nor_figures_grow_with_the_sequences(monkeypatch):
-    """Three times as many: the page may grow by digits of numbers, a fiftieth."""
+    """With three times as many sequences only the digits of numbers may make the page longer, by a fiftieth."""
     monkeypatch.setattr("saf_gen.leaderboard.figures.error_figure.MAX_MARKS", 100)
-    monkeypatch.setattr(choose_answers_for_report, "__kwdefaults__", {"most": 200})
+    monkeypatch.setattr(choose_answers_for_report, "__kwdefaults__", {"max_answers": 200})
     sizes, svgs = [], []
     for count in (600, 1_800):
         records = make_many(count)
@@ -405,10 +405,10 @@ def test_of_many_scenes_the_largest_have_columns_figures_and_selections(monkeypa
     drawn = plot_report_figures(Evaluation(tuple(records), (make_sweep(scene="scene59"),), ()), rows)
     text = build_report_page(rows, title="x", records=records, report_figures=drawn)
     assert len([s for s in list_report_selections(records) if s.axis == "Scene"]) == MAX_SHOWN_BINS
-    assert f"Here are {MAX_SHOWN_BINS} of 60, those of most sequences; axes.csv has all." in text
+    assert f"Here are the {MAX_SHOWN_BINS} of 60 with the most sequences; axes.csv has all." in text
     errors = [figure for figure in drawn if figure.kind == "errors"]
     assert len(errors) == 3
-    assert errors[0].scene == "scene59 (test)"  # whose sweep is drawn
+    assert errors[0].scene == "scene59 (test)"  # its sweep is drawn
     assert text.count("3 of 60 scenes have this figure.") == 3
 
 
@@ -427,8 +427,8 @@ def test_text_from_files_cannot_break_the_page(tmp_path):
         for light in (1, 2)
     ]
     one = make_sweep(NASTY, scene=NASTY, split=NASTY, thumbnails=make_thumbnails())
-    ways = (make_lens_path(f"{NASTY}+s", NASTY, scene=NASTY),)
-    made = Evaluation(tuple(records), (one,), (SequenceFailure(NASTY, NASTY),), ways)
+    paths = (make_lens_path(f"{NASTY}+s", NASTY, scene=NASTY),)
+    made = Evaluation(tuple(records), (one,), (SequenceFailure(NASTY, NASTY),), paths)
     write_report(tmp_path / "out", evaluation=made, rows=rank_methods(records), title=NASTY)
     reader = read((tmp_path / "out/index.html").read_text(encoding="utf-8"))
     assert len(reader.of("script")) == 2
@@ -477,7 +477,7 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
 def test_a_page_without_truth_says_that_nothing_ranks():
     records = [record("a+s", "x", None)]
     text = build_report_page(rank_methods(records), title="blind", records=records)
-    assert "nothing is ranked" in text
+    assert "methods are not ranked" in text
     assert not re.search(r"\bnan\b", text.split("<script>")[0], re.IGNORECASE)
 
 
@@ -511,7 +511,7 @@ def contrast(one, other):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_text_and_lines_stand_out_in_both_schemes(scheme):
-    """Text 4.5 : 1, lines and marks 3 : 1, as WCAG 2.2 asks (1.4.3, 1.4.11)."""
+    """Text has a contrast of 4.5 : 1, lines and marks of 3 : 1, as WCAG 2.2 requires (1.4.3, 1.4.11)."""
     first, dark = (ASSETS / "page.css").read_text().split("@media screen and (prefers-color-scheme: dark)")
     colours = dict(re.findall(r"(--[\w]+): (#[0-9a-f]{6})", dark if scheme == "dark" else first))
     for text in ("--ink", "--soft", "--best"):
@@ -524,7 +524,7 @@ def test_text_and_lines_stand_out_in_both_schemes(scheme):
 
 
 def test_the_lead_and_the_table_say_the_same_fraction():
-    """Five of eight scenes: 62.5 %."""
+    """Five of eight scenes are 62.5 %, which is rounded up."""
     records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
     text = build_report_page(rank_methods(records), title="x", records=records)
     assert '<p class="lead"><code>m+s</code> leads: within one depth of focus on 63% of the scenes' in text

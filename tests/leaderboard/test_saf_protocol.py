@@ -1,4 +1,4 @@
-"""SAF's recordings under SAF's protocol: blocks of their length, the last frame of the best, a truth chosen by hand."""
+"""SAF's recordings under SAF's protocol: its block lengths, the last frame of the best block, and a manual truth."""
 
 import csv
 import json
@@ -14,8 +14,10 @@ from spreadsheets import HEADING, write_xlsx
 
 from saf_gen.benchmark import thumbnails
 from saf_gen.benchmark.records import read_records, write_benchmark_records
+from saf_gen.benchmark.results import Evaluation
 from saf_gen.leaderboard.rank_agreement import compare_ranked_scores
-from saf_gen.leaderboard.saf_protocol import rank_methods_on_saf_folder
+from saf_gen.leaderboard.saf_output import write_saf_ranking
+from saf_gen.leaderboard.saf_protocol import SafRanking, rank_methods_on_saf_folder
 from saf_gen.stream.interop import export_raw_frames
 from saf_gen.stream.stream_writer import write_stream
 
@@ -23,18 +25,18 @@ pytestmark = pytest.mark.slow
 
 FRAMES = 160
 LISTED = {"desk": (60, 8), "leaf": (97, 16), "wheel": (41, 8)}
-"""Peak, counted from 0, and frames per block of each scene's recording."""
+"""Peak frame (from 0) and frames per block of each scene's recording."""
 METHODS = ("sd_code+argmax", "sd_code+egs_code", "er_count+argmax", "sd_code+argmax:window=40")
 
 
 def spikes_of(peak):
-    """A tenth of the camera's height and width; recordings have it a hundred times side by side."""
+    """Spikes of a tenth of the camera's height and width; recordings repeat them ten times in each direction."""
     return make_spikes(peak, shape=(FRAMES, 25, 40))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_pictures():
-    """Pages have two pictures of a recording instead of 48: nobody looks at them here, and all are kept on disk."""
+    """Pages have two pictures of a recording instead of 48, as no test looks at them and all are kept on disk."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(thumbnails, "THUMBNAIL_COUNT", 2)
         yield
@@ -42,7 +44,7 @@ def _few_pictures():
 
 @pytest.fixture(scope="module")
 def saf(tmp_path_factory):
-    """A folder as SAF's authors have it: ``datasets/config.xlsx``, and raw files in layout 416."""
+    """A folder like that of SAF's authors: ``datasets/config.xlsx``, and raw files in layout 416."""
     root = tmp_path_factory.mktemp("SAF") / "datasets"
     rows = [HEADING]
     for number, (scene, (peak, block)) in enumerate(LISTED.items(), start=1):
@@ -56,7 +58,7 @@ def saf(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def ranked(saf, tmp_path_factory):
-    """The folder that one run writes, beside an evaluation of generated data."""
+    """The folder and the result of a ranking, together with an evaluation of generated data."""
     out = tmp_path_factory.mktemp("ranked")
     beside = [
         record(method, f"s{scene}", 0.1 if n <= scene else 4.0, scene=f"s{scene}")
@@ -68,7 +70,7 @@ def ranked(saf, tmp_path_factory):
 
 
 def best_block(peak, block):
-    """The last frame, counted from 1, of the block of largest spike dispersion, the plain way."""
+    """The last frame, counted from 1, of the block with the largest spike dispersion, computed directly."""
     blocks = spikes_of(peak)[: FRAMES // block * block].reshape(-1, block, 25, 40).sum(axis=1, dtype=float)
     scores = [((c - c.mean()) ** 2).sum() / c.mean() ** 2 for c in blocks]
     return (int(np.argmax(scores)) + 1) * block
@@ -97,7 +99,7 @@ class Sweep:
         return ((counts - counts.mean()) ** 2).sum() / counts.mean() ** 2
 
 
-def test_ours_are_the_centres_of_the_searches_own_windows(ranked):
+def test_our_answers_are_the_centres_of_the_searches_windows(ranked):
     own = {(r.method, r.scene): r.frame + 1 for r in ranked[1].own.records}
     for answer in ranked[1].answers:
         assert answer.own == own[answer.method, answer.scene]
@@ -128,13 +130,13 @@ def test_ranks_are_compared_with_those_of_generated_data(ranked):
 
 @pytest.mark.slow
 def test_the_command_writes_the_ranking_and_says_what_is_not_known(call, saf, tmp_path):
-    given = [word for method in METHODS[:3] for word in ("--method", method)]
-    code, said, err = call("leaderboard", "saf", saf, "--out", tmp_path / "out", *given)
+    methods = [word for method in METHODS[:3] for word in ("--method", method)]
+    code, shown, err = call("leaderboard", "saf", saf, "--out", tmp_path / "out", *methods)
     assert (code, err) == (0, "")
-    said = " ".join(said.split())
-    assert "3 methods on 3 recordings of 3 scenes" in said
-    assert "state no limit within which an answer is right" in said
-    assert "there is no depth of focus" in said
+    shown = " ".join(shown.split())
+    assert "3 methods on 3 recordings of 3 scenes" in shown
+    assert "state neither a limit within which an answer is right" in shown
+    assert "no depth of focus is known" in shown
     document = json.loads((tmp_path / "out/ranking.json").read_text())
     assert [row["method"] for row in document["rows"]][-1] == "er_count+argmax"
     with (tmp_path / "out/answers.csv").open() as file:
@@ -151,15 +153,15 @@ def test_what_cannot_be_ranked_is_one_line(call, saf, ranked, tmp_path):
     write_xlsx(tmp_path / "config.xlsx", [HEADING, (1, "desk", FRAMES, 61, "", "desk.dat")])
     assert "has no dt" in refusal(rank_methods_on_saf_folder, tmp_path, tmp_path / "out").problem
     write_stream(tmp_path / "out/recordings/blocks-8/other.h5", np.zeros((8, 4, 4), np.uint8))
-    assert "is no recording of" in refusal(rank_methods_on_saf_folder, saf, tmp_path / "out").problem
+    assert "is not a recording of" in refusal(rank_methods_on_saf_folder, saf, tmp_path / "out").problem
     racing = [record("sd+argmax", "s", 0.1, track="closed_loop", terms="x")]
     write_benchmark_records(tmp_path / "loop/records.jsonl", racing)
-    code, said, err = call("leaderboard", "saf", saf, "--out", tmp_path / "o", "--beside", tmp_path / "loop")
-    assert (code, said, err.count("\n")) == (2, "", 1)
-    assert "loop is of the closed loop" in err
+    code, out, err = call("leaderboard", "saf", saf, "--out", tmp_path / "o", "--beside", tmp_path / "loop")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "loop is an evaluation of the closed loop" in err
     write_benchmark_records(tmp_path / "far/records.jsonl", [record("there.py:Mine+argmax", "s", 0.1)])
     error = refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", beside=[tmp_path / "far"])
-    assert "no method of far is at hand" in error.problem
+    assert "no method of far is available" in error.problem
     error = refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", methods=["sd+golden_section"])
     assert "commands the lens" in error.problem
     assert not (tmp_path / "o").exists()
@@ -171,14 +173,20 @@ def interrupted(*_, **__):
 
 @pytest.mark.slow
 def test_a_stopped_ranking_goes_on(call, saf, tmp_path, monkeypatch):
-    given = ("leaderboard", "saf", saf, "--out", tmp_path, "--method", "er_count+argmax")
+    command = ("leaderboard", "saf", saf, "--out", tmp_path, "--method", "er_count+argmax")
     with monkeypatch.context() as patch:
         patch.setattr("saf_gen.leaderboard.report.write_evaluation_report", interrupted)
-        stopped = "saf-gen: stopped; what was done is kept: run the same command again to go on\n"
-        assert call(*given) == (130, "", stopped)
+        stopped = "saf-gen: stopped; finished work is kept: run the same command again to continue\n"
+        assert call(*command) == (130, "", stopped)
         assert not (tmp_path / "ranking.json").exists()
-    code, _, told = call(*given)
-    assert (code, told) == (0, "3 recordings had been evaluated by a run that was stopped\n")
+    code, _, err = call(*command)
+    assert (code, err) == (0, "3 recordings had been evaluated by a run that was stopped\n")
+
+
+def test_a_ranking_without_methods_is_written(tmp_path):
+    paths = write_saf_ranking(tmp_path, SafRanking((), (), (), (), {}, Evaluation((), (), ())))
+    assert all(path.is_file() for path in paths)
+    assert (tmp_path / "ranking.md").read_text().startswith("# 0 methods on 0 recordings of 0 scenes\n")
 
 
 def test_two_scenes_have_a_tau_and_no_interval():

@@ -1,4 +1,4 @@
-"""Submissions: what is missing is said, and nothing in a stranger's folder is run."""
+"""Submissions: missing parts are listed, and no code in an untrusted folder is run."""
 
 import json
 from dataclasses import replace
@@ -71,7 +71,7 @@ def test_a_new_submission_says_all_that_is_missing(call, tmp_path):
     assert found["method"] == "neither method nor predictions is given: name one of the two"
     code, out, _ = call("submit", "check", tmp_path / "mine")
     assert (code, out.splitlines()[-1]) == (1, "7 to do")
-    assert "mine/submission.yaml is there already" in call("submit", "new", tmp_path / "mine")[2]
+    assert "mine/submission.yaml exists already" in call("submit", "new", tmp_path / "mine")[2]
 
 
 def test_a_complete_submission_is_complete_and_its_code_was_not_run(call, folder, dataset, tmp_path, monkeypatch):
@@ -86,25 +86,25 @@ def test_a_complete_submission_is_complete_and_its_code_was_not_run(call, folder
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "check", "told"),
+    ("old", "new", "check", "message"),
     [
         ("method.py:Mine", "method.py:Nine", "method", "did you mean 'Mine'?"),
-        ("method.py:Mine", "../method.py:Mine", "method", "lies outside of"),
+        ("method.py:Mine", "../method.py:Mine", "method", "is outside"),
         ("method.py:Mine", "os.path:join", "method", "'os.path:join' is code outside the folder"),
         ("method.py:Mine+argmax", "method.py:Mine_n_tfi+method.py:Mine_n", "method", "did you mean 'Mine'?"),
         ("method.py:Mine+argmax", "sd+argmaxx", "method", "did you mean 'argmax'?"),
         ("method.py:Mine+argmax", "sd", "method", "allowed: MEASURE+SEARCH"),
         ('predictions: ""', "predictions: answers.jsonl", "method", "method and predictions are both given"),
-        ("track: recorded", "track: closed_loop", "answers", "they are of the track recorded, not closed_loop"),
-        ("licence: Apache-2.0", "licence: mine, all mine", "licence", "is no SPDX name"),
-        ("2026-11-22", "22.11.2026", "date", "'22.11.2026' is no day"),
+        ("track: recorded", "track: closed_loop", "answers", "their track is recorded, not closed_loop"),
+        ("licence: Apache-2.0", "licence: mine, all mine", "licence", "is not an SPDX name"),
+        ("2026-11-22", "22.11.2026", "date", "'22.11.2026' is not a date"),
         ('constants: ""', "constants: best.json", "constants", "best.json is not in"),
-        ("test_was_run_once: true", "test_was_run_once: false", "statements", "not vouched for: test was run once"),
+        ("test_was_run_once: true", "test_was_run_once: false", "statements", "not confirmed: test was run once"),
     ],
 )
-def test_what_does_not_fit_is_told(folder, old, new, check, told):
+def test_a_field_that_does_not_fit_is_reported(folder, old, new, check, message):
     edit(folder, old, new)
-    assert told in errors(folder)[check]
+    assert message in errors(folder)[check]
 
 
 def test_a_measure_of_a_file_may_be_handed_in_divided_by_brightness_and_from_intervals(folder):
@@ -112,23 +112,23 @@ def test_a_measure_of_a_file_may_be_handed_in_divided_by_brightness_and_from_int
     assert "method" not in errors(folder)
 
 
-def test_another_dataset_than_the_card_names_is_told(folder, dataset):
+def test_another_dataset_than_the_card_names_is_reported(folder, dataset):
     assert "dataset" not in errors(folder, dataset=dataset)
     edit(folder, "dataset: small", "dataset: saf_bench")
-    assert errors(folder, dataset=dataset)["dataset"] == f"the card names saf_bench, and {dataset} is small"
+    assert errors(folder, dataset=dataset)["dataset"] == f"the card names saf_bench, but {dataset} is small"
 
 
-def test_a_file_that_is_no_python_is_told(folder):
+def test_a_file_that_is_no_python_is_reported(folder):
     (folder / "method.py").write_text("def Mine(:\n")
     assert "is not Python" in errors(folder)["method"]
 
 
-def test_answers_to_other_sequences_are_told(folder, dataset):
+def test_answers_to_other_sequences_are_reported(folder, dataset):
     more = [record("method.py:Mine+argmax", name, 0.2) for name in ("board", "leaf")]
     (folder / "evaluation/records.jsonl").write_text(format_benchmark_records(more))
-    assert errors(folder, dataset=dataset)["answers"] == "2 sequences, and 1 in the dataset: leaf is in one alone"
+    assert errors(folder, dataset=dataset)["answers"] == "2 sequences, but 1 in the dataset: leaf is not in both"
     (folder / "evaluation/records.jsonl").write_text(format_benchmark_records([record("sd+argmax", "board", 0.1)]))
-    assert "no row is of method.py:Mine+argmax, but of sd+argmax" in errors(folder)["answers"]
+    assert "there is no row of method.py:Mine+argmax, only of sd+argmax" in errors(folder)["answers"]
 
 
 @pytest.mark.parametrize(("split", "wrong"), [("test", True), ("train", False)])
@@ -148,7 +148,7 @@ def test_a_forged_answer_that_was_run_again_is_an_error(call, folder, dataset):
     (forged,) = (replace(one, frames_seen=one.frames_seen - 1) for one in read_records(evaluation))
     (evaluation / "records.jsonl").write_text(format_benchmark_records([forged]))
     assert call("leaderboard", "verify", evaluation, "--on", dataset)[0] == 1
-    assert "answers differ when they are run again" in errors(folder, dataset=dataset)["verified"]
+    assert "answers differ when the method is run again" in errors(folder, dataset=dataset)["verified"]
 
 
 def test_answers_of_another_program_stay_a_claim(folder):

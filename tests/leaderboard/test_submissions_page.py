@@ -1,4 +1,4 @@
-"""The page of all submissions: ranked with their like, dated, and nothing in a stranger's folder is run or believed."""
+"""The page of all submissions: ranked in comparable groups, dated, and nothing in untrusted folders is run."""
 
 import json
 import re
@@ -16,7 +16,7 @@ BITES = "<script>alert(1)</script>|[x](javascript:alert(1))\u202e"
 
 
 def hand_in(folder, *, errors=(0.2, 0.4, 3.0), answers=True, **card):
-    """A submission of a method in a file, with an answer to a sequence of each of some scenes."""
+    """Write a submission of a method in a file, with an answer to one sequence of each of some scenes."""
     text = create_submission(folder).read_text()
     stated = {"title": "A title", "authors": ["Ada Lovelace"], "licence": "MIT", "date": "2026-11-22"}
     for key, value in {**stated, "method": "method.py:Mine+argmax", **card}.items():
@@ -51,7 +51,7 @@ def folder(tmp_path):
 
 
 class Read(HTMLParser):
-    """The links, scripts and tables of a page; cells by their text."""
+    """The links, number of scripts, table cells and text of a page."""
 
     def __init__(self, text):
         super().__init__()
@@ -94,16 +94,16 @@ def test_answers_to_other_data_stand_in_a_table_of_their_own(folder):
 
 def test_the_page_shows_dates_and_rows_and_links_to_cards(call, folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, said, err = call("submit", "page", folder, "--out", tmp_path / "site")
+    code, out, err = call("submit", "page", folder, "--out", tmp_path / "site")
     assert (code, err) == (0, "")
-    assert "best: re-run here, 2026-11-20" in said
+    assert "best: re-run here, 2026-11-20" in out
     page = Read((tmp_path / "site/index.html").read_text())
     assert page.rows[1][:5] == ["1", "best", "100%", "re-run here", "2026-11-20"]
     assert page.rows[2][1:4] == ["forged", "67%", "differs"]
     assert "../handed%20in/best/submission.yaml" in page.links
     assert "https://example.org/paper?a=1&b=2" in page.links
     assert "5 submissions: 1 re-run here, 1 differs, 2 claimed, 1 no answers" in page.text
-    assert "verified: answers differ when they are run again" in page.text
+    assert "verified: answers differ when the method is run again" in page.text
     assert not (tmp_path / "ran").exists()
     markdown = (tmp_path / "site/submissions.md").read_text()
     assert "| 1 | [best](../handed%20in/best/submission.yaml) | A title | Ada Lovelace | 2026-11-20 | MIT |" in markdown
@@ -125,14 +125,14 @@ def test_texts_that_bite_are_shown_as_they_are(call, folder):
 
 def test_a_card_that_cannot_be_read_is_named_and_the_others_are_shown(call, folder, tmp_path):
     (folder / "waits/submission.yaml").write_text("name: [\n")
-    code, said, err = call("submit", "page", folder)
+    code, out, err = call("submit", "page", folder)
     assert (code, err.count("\n")) == (1, 1)
     assert "waits is not shown: " in err
-    assert "best: re-run here" in said
+    assert "best: re-run here" in out
     assert "Not shown, because the card cannot be read" in (folder / "index.html").read_text()
     (tmp_path / "nothing").mkdir()
-    code, said, err = call("submit", "page", tmp_path / "nothing")
-    assert (code, said, err.count("\n")) == (2, "", 1)
+    code, out, err = call("submit", "page", tmp_path / "nothing")
+    assert (code, out, err.count("\n")) == (2, "", 1)
     assert "holds no submission" in err
 
 

@@ -1,4 +1,4 @@
-"""Constants found on train: which combinations, which of them is best, what the file says, who cites it."""
+"""Constants tuned on train: the combinations, the best of them, their file, and the records that cite it."""
 
 import json
 from dataclasses import replace
@@ -11,7 +11,6 @@ from refusals import refusal
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method, read_tuned_method
-from saf_gen.cli import main
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_evaluation_report
 from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_tuning_grid, tune_method
@@ -25,7 +24,7 @@ def dataset(tmp_path_factory):
     return list_streams(folder, *({"id": f"{split}-one", "split": split, "scene": split} for split in splits))
 
 
-def test_variants_are_every_combination_beside_the_options_that_stay():
+def test_variants_are_all_combinations_with_the_fixed_options():
     assert expand_tuning_grid("cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}) == [
         "cen:highest=0.1+argmax:window=50,refine=parabola",
         "cen:highest=0.1+argmax:window=50,refine=no",
@@ -76,20 +75,20 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     assert record.tuning == method.tuning
     assert record.method == tuned.method
     write_evaluation_report(tmp_path / "out", rows=rank_methods(result.records), evaluation=result, title="tuned")
-    told = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
-    assert told["tuning"] == {tuned.method: method.tuning}
+    document = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
+    assert document["tuning"] == {tuned.method: method.tuning}
     assert f"{method.code}, constants of {method.tuning}" in (tmp_path / "out" / "index.html").read_text()
 
 
-def test_a_flipped_bit_of_the_file_is_found_and_a_file_of_before_is_read(tmp_path):
+def test_a_flipped_bit_is_found_and_an_older_file_is_read(tmp_path):
     path, trial = tmp_path / "tuned.json", TuningTrial("sd+argmax", 1.0, 0.5)
     tuned = TunedMethod("sd+argmax", "made", "train", "recorded", "", "target", 1, "0", "0", (trial,))
     path.write_text(format_tuned_method(tuned))
-    whole = path.read_bytes()
-    for at in range(0, len(whole), 5):  # the bits in turn
-        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :])
+    content = path.read_bytes()
+    for at in range(0, len(content), 5):  # each bit of a byte in turn
+        path.write_bytes(content[:at] + bytes([content[at] ^ 1 << at % 8]) + content[at + 1 :])
         assert str(path) in str(refusal(read_tuned_method, path))
-    before = json.loads(whole)
+    before = json.loads(content)
     del before["checksum"]
     path.write_text(json.dumps(before))
     assert read_tuned_method(path)[0] == tuned
@@ -159,26 +158,24 @@ def test_a_file_of_another_kind_is_refused(tmp_path, text):
     assert "saf-gen tune" in error.hint + error.allowed
 
 
-def test_a_file_that_is_not_there_is_told_with_the_nearest(tmp_path):
+def test_a_missing_file_is_refused_with_the_nearest(tmp_path):
     (tmp_path / "mine.json").write_text("{}")
     error = refusal(parse_method, f"@{tmp_path / 'mne.json'}")
     assert "mne.json" in str(error)
     assert error.nearest.endswith("mine.json")
 
 
-def test_the_command_line_tunes_and_says_what_is_next(dataset, tmp_path, capsys):
+def test_the_command_line_tunes_and_says_what_is_next(call, dataset, tmp_path):
     path = tmp_path / "found.json"
-    with pytest.raises(SystemExit) as ended:
-        main(["tune", str(dataset), "--method", "sd+argmax", "--try", "search.window=100,200", "--out", str(path)])
-    assert ended.value.code == 0
-    out = capsys.readouterr().out
+    command = ("tune", dataset, "--method", "sd+argmax", "--out", path, "--try")
+    code, out, _ = call(*command, "search.window=100,200")
+    assert code == 0
     assert "best: sd+argmax:window=200" in out
     assert f"--method @{path}" in out
     assert json.loads(path.read_text())["method"] == "sd+argmax:window=200"
-    with pytest.raises(SystemExit) as ended:
-        main(["tune", str(dataset), "--method", "sd+argmax", "--try", "search.window", "--out", str(path)])
-    assert ended.value.code == 2
-    assert "allowed: KEY=VALUE,VALUE" in capsys.readouterr().err
+    code, _, err = call(*command, "search.window")
+    assert code == 2
+    assert "allowed: KEY=VALUE,VALUE" in err
 
 
 @pytest.mark.parametrize("method", ["sd+argmax@frame", "sd+argmax:window=50@frame"])

@@ -1,4 +1,4 @@
-"""Rows that are run again: whose answers a leaderboard holds."""
+"""Rows of a leaderboard that are verified by running the method again."""
 
 import json
 import shutil
@@ -48,29 +48,29 @@ def dataset(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def evaluated(dataset, tmp_path_factory):
-    """An evaluation of two registered methods, one of a file that lay elsewhere then, and answers made elsewhere."""
-    place = tmp_path_factory.mktemp("evaluated")
-    (place / "mine.py").write_text(MEASURE)
+    """An evaluation of two registered methods, one of a file that has since moved, and answers made elsewhere."""
+    home = tmp_path_factory.mktemp("evaluated")
+    (home / "mine.py").write_text(MEASURE)
     answers = [json.dumps({"method": "a_net", "sequence": name, "frame": 310.0}) for name in ("board", "leaf")]
-    (place / "answers.jsonl").write_text("\n".join(answers))
-    own, folder = f"{place / 'mine.py'}:Spread+argmax", place / "evaluation"
-    methods = [word for method in ("sd+argmax", "er_count+argmax@frame", own) for word in ("--method", method)]
+    (home / "answers.jsonl").write_text("\n".join(answers))
+    mine, folder = f"{home / 'mine.py'}:Spread+argmax", home / "evaluation"
+    methods = [word for method in ("sd+argmax", "er_count+argmax@frame", mine) for word in ("--method", method)]
     with pytest.raises(SystemExit) as ended:
-        main(["evaluate", *map(str, (dataset, *methods, "--predictions", place / "answers.jsonl", "--out", folder))])
+        main(["evaluate", *map(str, (dataset, *methods, "--predictions", home / "answers.jsonl", "--out", folder))])
     assert ended.value.code == 0
-    forge(folder, own, sequences=("board", "leaf"), method=f"/{place.name}/theirs.py:Spread+argmax")
+    forge(folder, mine, sequences=("board", "leaf"), method=f"/{home.name}/theirs.py:Spread+argmax")
     return folder
 
 
 @pytest.fixture
 def evaluation(evaluated, tmp_path):
-    """A copy of it, beside the method's file, that a test may forge."""
+    """A copy that a test may forge, next to the method's file."""
     shutil.copy(evaluated.parent / "mine.py", tmp_path)
     return shutil.copytree(evaluated, tmp_path / "evaluation")
 
 
 def forge(folder, row, *, sequences=("leaf",), **changes):
-    """Change records of a row, with checksums that fit."""
+    """Change records of a row, and update their checksums."""
     lines = [benchmark_record_to_json(record) for record in read_records(folder)]
     for line in lines:
         line.update(changes if line["method"] == row and line["sequence"] in sequences else {})
@@ -92,38 +92,38 @@ def test_rows_of_registered_methods_are_found_again_and_others_are_claimed(call,
         "theirs.py:Spread+argmax": "claimed",
         "a_net": "claimed",
     }
-    assert "no method here gives this row: " in rows["a_net"]["why"]
+    assert "no method on this machine makes this row: " in rows["a_net"]["why"]
     assert states(evaluation) == {name: row["row"] for name, row in rows.items()}
     assert "re-run here" in call("leaderboard", evaluation)[1]
 
 
 def test_a_method_of_a_file_runs_only_where_the_command_names_it(call, evaluation, dataset, tmp_path):
-    own = tmp_path / "mine.py"
-    words = ("leaderboard", "verify", evaluation, "--on", dataset)
-    assert call(*words)[0] == 0
+    mine = tmp_path / "mine.py"
+    command = ("leaderboard", "verify", evaluation, "--on", dataset)
+    assert call(*command)[0] == 0
     assert states(evaluation)["theirs.py:Spread+argmax"] == "claimed"
-    assert call(*words, "--method", f"{own}:Spread+argmax")[0] == 0
+    assert call(*command, "--method", f"{mine}:Spread+argmax")[0] == 0
     assert states(evaluation)["theirs.py:Spread+argmax"] == "re-run here"
     (other := tmp_path / "other.py").write_text(MEASURE.replace("2.0", "4.0"))
-    code, _, err = call(*words, "--method", f"{other}:Spread+argmax")
+    code, _, err = call(*command, "--method", f"{other}:Spread+argmax")
     assert (code, err.count("\n")) == (2, 1)
     assert "was made by the code of" in err
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
-        ({"frame": 444.0, "position": 0.5555}, "leaf: position is 0.5555, and"),
-        ({"frames_seen": 17}, "leaf: frames_seen is 17, and"),
+        ({"frame": 444.0, "position": 0.5555}, "leaf: position is 0.5555, but"),
+        ({"frames_seen": 17}, "leaf: frames_seen is 17, but"),
     ],
 )
-def test_a_forged_answer_is_found(call, evaluation, dataset, changes, told):
+def test_a_forged_answer_is_found(call, evaluation, dataset, changes, message):
     forge(evaluation, "sd+argmax", **changes)
     code, out, _ = call("leaderboard", "verify", evaluation, "--on", dataset, "--json")
     assert code == 1
     (row,) = (row for row in json.loads(out) if row["method"] == "sd+argmax")
     assert row["row"] == "differs"
-    assert told in row["why"]
+    assert message in row["why"]
     assert row["why"].endswith("(1 of 2 sequences differ)")
     assert states(evaluation)["sd+argmax"] == "differs"
 
@@ -139,7 +139,7 @@ def test_another_recording_of_the_same_name_differs(call, evaluation, dataset):
 def test_answers_that_change_after_a_verdict_are_claimed_again(call, evaluation, dataset):
     call("leaderboard", "verify", evaluation, "--on", dataset)
     forge(evaluation, "sd+argmax", note="looked at twice", seconds=9.0)
-    assert states(evaluation)["sd+argmax"] == "re-run here"  # the answer is as it was
+    assert states(evaluation)["sd+argmax"] == "re-run here"  # the answer is unchanged
     forge(evaluation, "sd+argmax", frame=444.0)
     assert states(evaluation)["sd+argmax"] == "claimed"
     assert states(evaluation)["er_count+argmax@frame"] == "re-run here"
@@ -153,7 +153,7 @@ def test_the_verdict_of_another_machine_is_named_so(call, evaluation, dataset, m
 
 
 @pytest.mark.parametrize("signature", ["", "00" * 32, "no hex"])
-def test_a_verdict_that_a_stranger_wrote_is_not_ours(call, evaluation, dataset, signature):
+def test_a_verdict_without_our_signature_counts_as_from_elsewhere(call, evaluation, dataset, signature):
     call("leaderboard", "verify", evaluation, "--on", dataset)
     assert states(evaluation)["sd+argmax"] == "re-run here"
     written = json.loads((evaluation / "verification.json").read_text())
@@ -185,5 +185,5 @@ def test_a_damaged_verification_is_one_line(call, evaluation, dataset):
     file = evaluation / "verification.json"
     file.write_text(file.read_text().replace("claimed", "re-run here", 1))
     error = refusal(read_leaderboard, evaluation)
-    assert "this is not what was written" in error.problem
+    assert "this was changed after it was written" in error.problem
     assert error.hint.startswith("run saf-gen leaderboard verify again")

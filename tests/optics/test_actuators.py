@@ -1,4 +1,4 @@
-"""Actuators: closed forms of every stage, a reference by brute force, the same bits however time is cut."""
+"""Actuators: closed forms of every stage, a brute-force reference, and the same bits however time is divided."""
 
 import hashlib
 import re
@@ -7,7 +7,7 @@ from math import exp, log, pi, sqrt
 
 import numpy as np
 import pytest
-from refusals import refusal
+from refusals import assert_says, refusal
 from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.stats import chi2
@@ -31,7 +31,7 @@ def middles(frames, hz=HZ, first=0):
 
 
 def within_chance(sum_of_squares, freedom):
-    """A two-sided chi-squared test at SIGNIFICANCE."""
+    """Return whether a two-sided chi-squared test passes at SIGNIFICANCE."""
     low, high = chi2.ppf([SIGNIFICANCE / 2, 1 - SIGNIFICANCE / 2], freedom)
     return low < sum_of_squares < high
 
@@ -75,7 +75,7 @@ def test_settling_times_are_what_the_files_say():
     ("stepper", 1, 0.909), ("stepper", 2, 0.972), ("hand", 1, 0.703), ("hand", 2, 0.870),
 ])  # fmt: skip
 def test_a_lens_trails_a_steady_sweep_by_the_closed_form(name, times, reaches):
-    """By the latency, the motor's way to brake, v²/2a, the oscillator's 2ζ/ω, and half the play."""
+    """It trails by the latency, the braking distance v²/2a, the oscillator's 2ζ/ω, and half the play."""
     drive = get_actuator(name, place_rms=0)
     frames = round(times * (drive.latency_s + drive.move_s(1)) * HZ)
     moved = lens(name, start=0.0, place_rms=0)
@@ -88,23 +88,23 @@ def test_a_lens_trails_a_steady_sweep_by_the_closed_form(name, times, reaches):
     assert at == pytest.approx(reaches, abs=1e-3)
 
 
-def led(name, frames):
-    """Where the lens is after so many frames of a sweep that is led from 0 to 1."""
+def position_after_sweep(name, frames):
+    """Position of the lens at the end of a sweep of this many frames that is commanded from 0 to 1."""
     moved = lens(name, start=0.0, place_rms=0)
     course = get_actuator(name).command_sweep_s(frames / HZ) * HZ
     for frame in range(0, frames, 8):
         moved.command(min((frame + 8) / course, 1.0))
-        place = moved.run(8)[-1]
-    return place
+        position = moved.run(8)[-1]
+    return position
 
 
 @pytest.mark.parametrize("name", ["stepper", "hand"])
 @pytest.mark.parametrize("times", [1, 1.5, 5])
 def test_a_lens_that_is_led_by_its_motor_arrives_with_the_sweep(name, times):
-    """But for half the play; in the shortest sweep the motor goes at its top speed."""
+    """It ends half the play short; in the shortest sweep the motor goes at its top speed."""
     drive = get_actuator(name)
     frames = round(times * drive.end_to_end_s * HZ)
-    assert led(name, frames) == pytest.approx(1 - drive.backlash / 2, abs=1.5e-3)
+    assert position_after_sweep(name, frames) == pytest.approx(1 - drive.backlash / 2, abs=1.5e-3)
     if times == 1:
         shortest = drive.command_sweep_s(drive.end_to_end_s)
         assert 1 / drive.speed < shortest < 1 / drive.speed + 1 / drive.resonance_hz
@@ -115,20 +115,20 @@ def test_a_lens_that_is_led_by_its_motor_arrives_with_the_sweep(name, times):
     ("name", "frames", "reaches"),
     [("liquid_lens", 2000, 0.998), ("liquid_lens", 6000, 0.9995), ("voice_coil_hall", 2000, 1.0)],
 )
-def test_a_lens_on_a_spring_is_left_to_itself_for_6_zeta_over_omega_at_the_end(name, frames, reaches):
-    """The oscillator, in steady pursuit until the commands stop, then free: its matrix exponential."""
+def test_commands_to_a_lens_on_a_spring_end_6_zeta_over_omega_before_the_sweep(name, frames, reaches):
+    """The oscillator follows steadily until the commands stop, and is then free: its matrix exponential."""
     drive = get_actuator(name)
     natural, speed = 2 * pi * drive.resonance_hz, 1 / drive.command_sweep_s(frames / HZ)
     behind = 2 * drive.damping / natural
     free = expm(np.array([[0, 1], [-(natural**2), -2 * drive.damping * natural]]) * 3 * behind)
     off = (free @ [-speed * behind, speed])[0]
-    assert led(name, frames) == pytest.approx(min(1 + off, 1), abs=1e-3)  # there is a stop
-    assert led(name, frames) == pytest.approx(reaches, abs=5e-4)
+    assert position_after_sweep(name, frames) == pytest.approx(min(1 + off, 1), abs=1e-3)  # there is a stop
+    assert position_after_sweep(name, frames) == pytest.approx(reaches, abs=5e-4)
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.7, 1.9])
 def test_what_a_sensor_at_the_motor_does_not_see_falls_to_1_e_in_its_time(damping):
-    """The largest way off in each of two stretches, six lags apart, once the quicker root has died out."""
+    """The largest deviations in two periods six lags apart, once the quicker root has died out."""
     drive = {"damping": damping, "resonance_hz": 50, "place_rms": 0, "latency_s": 0, "backlash": 0}
     moved = lens("voice_coil", start=0.1, **drive)
     lag = get_actuator("voice_coil", **drive).lag_s
@@ -151,7 +151,7 @@ def test_a_preset_is_labelled_by_its_name(name, tmp_path):
 
 
 def test_another_drive_is_labelled_by_a_digest_of_its_numbers():
-    """Of each of them and of no source; 1 and 1.0 are one number."""
+    """The digest covers every number and no source; 1 and 1.0 are the same number."""
     coil = get_actuator("voice_coil")
     critical = get_actuator("voice_coil", damping=1)
     assert critical.name == "voice_coil"
@@ -167,32 +167,26 @@ def test_another_drive_is_labelled_by_a_digest_of_its_numbers():
     assert len(numbers) == 9
 
 
-@pytest.mark.parametrize("place", [-0.01, 1.01, float("nan"), True, "0.5", None])
-def test_a_place_outside_the_travel_is_refused(place):
-    for key, error in (("to", refusal(lens().command, place)), ("start", refusal(lens, start=place))):
-        assert error.problem == f"{key} is {place!r}"
+@pytest.mark.parametrize("position", [-0.01, 1.01, float("nan"), True, "0.5", None])
+def test_a_place_outside_the_travel_is_refused(position):
+    for key, error in (("to", refusal(lens().command, position)), ("start", refusal(lens, start=position))):
+        assert error.problem == f"{key} is {position!r}"
         assert error.allowed.startswith("0 to 1")
 
 
 def test_times_that_make_no_sense_are_refused():
-    message = str(refusal(lens, hz=0))
-    assert "readout_hz is 0" in message
-    assert "above 0" in message
-    message = str(refusal(lens().run, -1))
-    assert "-1" in message
-    assert "0 or more" in message
     still = lens()
     still.run(10)
-    message = str(refusal(still.read_sensor, 5, 11))
-    assert "frames 5 to 11" in message
-    assert "<= 10" in message
+    assert_says(refusal(lens, hz=0), "readout_hz is 0 | above 0")
+    assert_says(refusal(lens().run, -1), "-1 | 0 or more")
+    assert_says(refusal(still.read_sensor, 5, 11), "frames 5 to 11 | <= 10")
 
 
 # --- the oscillator ----------------------------------------------------------------------------------
 
 
 def step_response(seconds, hz, damping):
-    """1 - the free oscillator from 1 at rest, by the matrix exponential of scipy."""
+    """1 minus the free oscillator that starts at 1 at rest, by the matrix exponential of scipy."""
     omega = 2 * pi * hz
     system = np.array([[0.0, 1.0], [-(omega**2), -2 * damping * omega]])
     return 1 - expm(np.asarray(seconds)[:, None, None] * system)[:, 0, 0]
@@ -211,29 +205,29 @@ def test_the_turn_of_the_oscillator_is_the_matrix_exponential(angle, damping):
 def test_a_step_is_answered_by_the_closed_form(damping):
     moved = lens(start=0.3, resonance_hz=90, damping=damping)
     moved.command(0.5)
-    seconds = middles(400) - moved.actuator.move_s(0.2) / 2  # the quickest motor is late by half a move
+    seconds = middles(400) - moved.actuator.move_s(0.2) / 2  # the quickest motor lags by half a move
     seconds = np.maximum(seconds, 0)
     assert moved.run(400) == pytest.approx(0.3 + 0.2 * step_response(seconds, 90, damping), abs=1e-8)
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.2, 0.3, 0.6])
-@pytest.mark.parametrize("way", [1, -1])
-def test_overshoot_and_ringing_are_those_of_an_oscillator(damping, way):
+@pytest.mark.parametrize("sign", [1, -1])
+def test_overshoot_and_ringing_are_those_of_an_oscillator(damping, sign):
     """Overshoot exp(-πζ/√(1 - ζ²)); crossings every half period of f·√(1 - ζ²)."""
-    hz, share = 200_000.0, sqrt(1 - damping**2)
+    hz, slowing = 200_000.0, sqrt(1 - damping**2)
     moved = lens(start=0.5, hz=hz, resonance_hz=85, damping=damping)
-    moved.command(0.5 + 0.2 * way)
-    off = way * (moved.run(6_000) - (0.5 + 0.2 * way)) / 0.2
-    assert off.max() == pytest.approx(exp(-pi * damping / share), rel=1e-4)
+    moved.command(0.5 + 0.2 * sign)
+    off = sign * (moved.run(6_000) - (0.5 + 0.2 * sign)) / 0.2
+    assert off.max() == pytest.approx(exp(-pi * damping / slowing), rel=1e-4)
     at_sign = np.nonzero(np.diff(np.sign(off)))[0]
     crossings = (at_sign + off[at_sign] / (off[at_sign] - off[at_sign + 1])) / hz
-    assert np.diff(crossings) == pytest.approx(np.full(len(crossings) - 1, 0.5 / (85 * share)), rel=1e-4)
+    assert np.diff(crossings) == pytest.approx(np.full(len(crossings) - 1, 0.5 / (85 * slowing)), rel=1e-4)
     assert len(crossings) >= 4
 
 
 def reference_lens(part, commands, seconds, start, step=1e-6):
-    """The same lens by brute force: motor by its acceleration, play by clipping, small steps of the ODE."""
-    motor = seat = place = start
+    """The lens by brute force: motor by its acceleration, play by clipping, small steps of the ODE."""
+    motor = seat = position = start
     motor_speed = speed = 0.0
     omega, target, out = 2 * pi * part.resonance_hz, start, []
     commands = [(t + part.latency_s, to) for t, to in commands]
@@ -246,11 +240,11 @@ def reference_lens(part, commands, seconds, start, step=1e-6):
         motor_speed += min(max(wanted - motor_speed, -change), change)
         motor += motor_speed * step
         seat = min(max(seat, motor - part.backlash / 2), motor + part.backlash / 2)
-        speed += step * (omega**2 * (seat - place) - 2 * part.damping * omega * speed)
-        place += step * speed
-        if not 0 <= place <= 1:
-            place, speed = min(max(place, 0.0), 1.0), 0.0
-        out.append(place)
+        speed += step * (omega**2 * (seat - position) - 2 * part.damping * omega * speed)
+        position += step * speed
+        if not 0 <= position <= 1:
+            position, speed = min(max(position, 0.0), 1.0), 0.0
+        out.append(position)
     return np.array(out)
 
 
@@ -264,17 +258,17 @@ def reference_lens(part, commands, seconds, start, step=1e-6):
     ],
 )
 def test_a_reference_by_brute_force_moves_alike(commands, changes):
-    """Latency, limits, play, ringing and stops together; the reference is exact to the order of its step."""
+    """Latency, limits, play, ringing and stops together; the error of the reference is of the order of its step."""
     part = {"resonance_hz": 80, "damping": 0.15, "speed": 40, "acceleration": 8e3, "backlash": 0.01} | changes
     moved = lens(start=0.3, **part)
-    places, done = [], 0
+    positions, done = [], 0
     for seconds, to in commands:
-        places.append(moved.run(round(seconds * HZ) - done))
+        positions.append(moved.run(round(seconds * HZ) - done))
         done = round(seconds * HZ)
         moved.command(to)
-    places.append(moved.run(1_500 - done))
+    positions.append(moved.run(1_500 - done))
     expected = reference_lens(moved.actuator, commands, 0.075, 0.3)
-    got = np.concatenate(places)
+    got = np.concatenate(positions)
     assert got == pytest.approx(expected[24::50], abs=5e-4)
     assert np.ptp(got) > 0.02
 
@@ -283,16 +277,16 @@ def test_a_reference_by_brute_force_moves_alike(commands, changes):
 
 
 @pytest.mark.parametrize("distance", [0.02, 0.05, 0.3, 0.9])
-@pytest.mark.parametrize("way", [1, -1])
-def test_a_move_takes_the_time_of_its_trapezoid(distance, way):
-    """v = 2/s, a = 80/s²: triangle below v²/a = 0.05, trapezoid above; places by integration of the speed."""
-    start = 0.5 - way * distance / 2
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_move_takes_the_time_of_its_trapezoid(distance, sign):
+    """v = 2/s, a = 80/s²: triangle below v²/a = 0.05, trapezoid above; positions by integration of the speed."""
+    start = 0.5 - sign * distance / 2
     moved = lens(start=start, speed=2, acceleration=80)
-    moved.command(start + way * distance)
+    moved.command(start + sign * distance)
     lasts = 2 * sqrt(distance / 80) if distance <= 0.05 else distance / 2 + 2 / 80
     assert moved.actuator.move_s(distance) == pytest.approx(lasts, rel=1e-12)
     t = middles(12_000)
-    gone = way * (moved.run(12_000) - start)
+    gone = sign * (moved.run(12_000) - start)
     ramp = min(2 / 80, lasts / 2)
     top, left = 80 * ramp, np.maximum(lasts - t, 0)
     expected = np.where(t < ramp, 40 * t**2, np.where(left < ramp, distance - 40 * left**2, 0))
@@ -311,35 +305,34 @@ def test_a_move_of_nothing_takes_no_time():
 
 
 def test_speed_and_acceleration_stay_within_their_limits_whatever_is_commanded():
-    """200 commands at random times, many on the way; differences of the motor's places over 1/20,000 s."""
+    """200 commands at random times, many of them during a move; differences of motor positions over 1/20,000 s."""
     rng = np.random.default_rng(4)
     moved = lens("ideal", start=0.5, speed=7, acceleration=300, reads="motor")
     for _ in range(200):
         moved.command(rng.random())
         moved.run(int(rng.integers(1, 800)))
-    places = moved.read_sensor(0, moved.frames)
-    speed = np.diff(places) * HZ
+    positions = moved.read_sensor(0, moved.frames)
+    speed = np.diff(positions) * HZ
     assert abs(speed).max() == pytest.approx(7, rel=1e-9)
     assert abs(np.diff(speed) * HZ).max() == pytest.approx(300, rel=1e-6)
-    assert (places >= 0).all()
-    assert (places <= 1).all()
+    assert (positions >= 0).all()
+    assert (positions <= 1).all()
 
 
 def test_a_motor_on_the_move_brakes_before_it_turns():
-    """At speed 1 away from its new place it needs 1/a to stop, 1/(2a) further on, and comes from there."""
+    """At speed 1 away from its target it stops after a time 1/a, 1/(2a) further on, and returns from there."""
     course = move_actuator_fastest(0.2, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
     assert actuator_trajectory_at(course, 5.1) == pytest.approx((0.55, 0.0))
     assert course[-1] == (pytest.approx(5.1 + 2 * sqrt(0.35 / 10)), 0.2, 0.0, 0.0)
-    nearer = move_actuator_fastest(
-        0.52, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0
-    )  # too near to stop
+    # too near to stop in time
+    nearer = move_actuator_fastest(0.52, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
     assert actuator_trajectory_at(nearer, 5.1) == pytest.approx((0.55, 0.0))
     assert nearer[-1] == (pytest.approx(5.1 + 2 * sqrt(0.03 / 10)), 0.52, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("begin", [0, 333])
 def test_a_command_is_in_force_after_the_latency_to_the_microsecond(begin):
-    """1.23 ms are 24.6 readouts; from there on the motor is a·s²/2 ahead."""
+    """1.23 ms are 24.6 readouts; after them the motor has moved by a·s²/2."""
     moved = lens(start=0.2, latency_s=1.23e-3, speed=50, acceleration=2e3, reads="motor")
     assert (moved.run(begin) == 0.2).all()
     moved.command(0.9)
@@ -364,7 +357,7 @@ def test_the_command_before_is_in_force_until_the_next_one_is():
     assert both.target == 0.1
 
 
-def test_of_two_commands_at_once_the_last_holds():
+def test_the_last_of_two_simultaneous_commands_counts():
     once, twice = lens("voice_coil", start=0.2), lens("voice_coil", start=0.2)
     twice.command(0.9)
     for moved in (once, twice):
@@ -373,13 +366,13 @@ def test_of_two_commands_at_once_the_last_holds():
 
 
 @pytest.mark.parametrize("step", [0.1, 0.03, 1 / 1023])
-def test_places_are_whole_steps_within_the_travel(step):
+def test_positions_are_whole_steps_within_the_travel(step):
     moved = lens(step=step)
     for to in (0.0, 0.2345, 0.5, 0.99, 1.0):
-        place = moved.resting_position(to)
-        assert place / step == pytest.approx(round(place / step), abs=1e-9)
-        assert 0 <= place <= 1
-        assert abs(place - to) <= (step / 2 if to < 0.99 else step)
+        position = moved.resting_position(to)
+        assert position / step == pytest.approx(round(position / step), abs=1e-9)
+        assert 0 <= position <= 1
+        assert abs(position - to) <= (step / 2 if to < 0.99 else step)
 
 
 # --- backlash ----------------------------------------------------------------------------------------
@@ -406,14 +399,14 @@ def test_a_reversal_within_the_play_does_not_move_the_lens():
 
 
 def test_the_loop_of_hysteresis_is_as_wide_as_the_play():
-    """A slow sweep up and down: at the same place of the motor the lens differs by the play."""
+    """A slow sweep up and down: at the same motor position the lens differs by the play."""
     moved = lens(start=0.0, backlash=0.04, speed=10, acceleration=1e4, reads="motor")
-    ways = []
+    sweeps = []
     for to in (1.0, 0.0):
         moved.command(to)
-        places = moved.run(3_000)
-        ways.append((moved.read_sensor(moved.frames - 3_000, moved.frames), places))
-    (up_motor, up), (down_motor, down) = ways
+        positions = moved.run(3_000)
+        sweeps.append((moved.read_sensor(moved.frames - 3_000, moved.frames), positions))
+    (up_motor, up), (down_motor, down) = sweeps
     motor = np.linspace(0.1, 0.9, 50)
     width = np.interp(motor, down_motor[::-1], down[::-1]) - np.interp(motor, up_motor, up)
     assert width == pytest.approx(np.full(50, 0.04), abs=1e-5)
@@ -424,9 +417,9 @@ def test_the_loop_of_hysteresis_is_as_wide_as_the_play():
 
 @pytest.mark.parametrize("end", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_stop_takes_all_speed(end):
-    """Sent to 0.1 before the stop it would swing past it; it leaves the stop as if let go there at rest.
+    """Sent to 0.1 before the stop it would swing past it; it leaves the stop as if released there at rest.
 
-    The moment it comes to the stop is the root of the free response, 0.4·x(t) = -0.1.
+    It reaches the stop at the root of the free response, 0.4·x(t) = -0.1.
     """
     to, hz = abs(end - 0.1), 100_000.0
     moved = lens(start=0.5, hz=hz, resonance_hz=80, damping=0.05)
@@ -435,17 +428,17 @@ def test_a_stop_takes_all_speed(end):
     hit = brentq(lambda t: 0.4 * step_response([t], 80, 0.05)[0] - 0.5, 1 / 400, 1 / 160, xtol=1e-14)
     before = 0.4 * step_response(np.maximum(seconds[seconds < hit], 0), 80, 0.05) - 0.4
     after = 0.1 - 0.1 * step_response(seconds[seconds >= hit] - hit, 80, 0.05)
-    way = 1 if end else -1
-    assert way * (moved.run(3_000) - to) == pytest.approx(np.concatenate([before, after]), abs=1e-7)
+    sign = 1 if end else -1
+    assert sign * (moved.run(3_000) - to) == pytest.approx(np.concatenate([before, after]), abs=1e-7)
 
 
 def test_a_lens_sent_to_a_stop_stays_there():
     moved = lens("voice_coil", start=0.3, backlash=0, step=0)
     moved.command(1.0)
-    places = moved.run(2_000)
-    there = int(np.argmax(places > 1 - 1e-9))
+    positions = moved.run(2_000)
+    there = int(np.argmax(positions > 1 - 1e-9))
     assert 0 < there < 100
-    assert (places[there:] > 1 - 1e-9).all()
+    assert (positions[there:] > 1 - 1e-9).all()
     assert moved.is_settled(1e-9)
 
 
@@ -453,11 +446,11 @@ def test_a_lens_sent_to_a_stop_stays_there():
 
 
 def test_the_position_sensor_has_white_noise_of_its_rms():
-    """20,000 readings at seed 11: chi-squared of the rms, and the correlation of neighbours, at 0.1 %."""
+    """20,000 readings at seed 11: a chi-squared test of the rms, and the correlation of neighbours, at 0.1 %."""
     moved = lens("voice_coil_hall", start=0.2, seed=11, position_noise_rms=0.01)
     moved.command(0.7)
-    places = moved.run(20_000)
-    noise = moved.read_sensor(0, 20_000) - places
+    positions = moved.run(20_000)
+    noise = moved.read_sensor(0, 20_000) - positions
     assert within_chance(np.square(noise / 0.01).sum(), 20_000)
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 3.29 / sqrt(20_000)
     assert abs(noise.mean()) < 3.29 * 0.01 / sqrt(20_000)
@@ -479,11 +472,11 @@ def test_a_reading_is_the_same_whenever_it_is_taken():
 def test_a_sensor_on_the_motor_knows_nothing_of_play_and_ringing():
     moved = lens("voice_coil", start=0.2)
     moved.command(0.7)
-    places = moved.run(3_000)
+    positions = moved.run(3_000)
     read = moved.read_sensor(0, 3_000)
     assert read[10:] == pytest.approx(np.full(2_990, round(0.7 * 1023) / 1023), abs=1e-6)
-    assert places.max() > 0.9
-    assert places[-1] == pytest.approx(read[-1] - 0.005, abs=1e-4)
+    assert positions.max() > 0.9
+    assert positions[-1] == pytest.approx(read[-1] - 0.005, abs=1e-4)
 
 
 def test_moves_miss_by_a_fraction_of_their_length():
@@ -510,7 +503,7 @@ def test_the_same_command_again_corrects_no_miss_and_an_end_of_the_travel_does()
     for seed in range(40):
         moved = lens(start=0.1, place_rms=0.1, seed=seed)
         moved.command(1.0)
-        if moved.resting_position() == 1:  # about every other one comes to the stop: no miss is left
+        if moved.resting_position() == 1:  # about every other lens reaches the stop, where no miss is left
             homed += 1
             moved.command(0.999)
             assert abs(moved.resting_position() - 0.999) < 5 * 0.1 * 0.001
@@ -521,20 +514,20 @@ def test_the_same_command_again_corrects_no_miss_and_an_end_of_the_travel_does()
 
 
 def script(name, seed, **changes):
-    """A lens that has been through 12 random commands, and where it was."""
+    """A lens after 12 random commands, and its positions."""
     rng = np.random.default_rng(seed)
     moved = lens(name, start=0.4, **changes)
-    places = []
+    positions = []
     for _ in range(12):
         moved.command(float(rng.random()))
-        places.append(moved.run(int(rng.integers(0, 900))))
-    return moved, np.concatenate(places)
+        positions.append(moved.run(int(rng.integers(0, 900))))
+    return moved, np.concatenate(positions)
 
 
 @pytest.mark.parametrize("name", actuator_names())
 def test_cutting_time_into_pieces_changes_no_bit(name):
-    """12 random commands; one call of run between two of them, or calls of 1 to 60 readouts at random."""
-    whole, places = script(name, 5)
+    """12 random commands, with one call of run after each of them, or random calls of up to 60 readouts."""
+    uncut, positions = script(name, 5)
     rng, cuts = np.random.default_rng(5), np.random.default_rng(6)
     cut, got = lens(name, start=0.4), []
     for _ in range(12):
@@ -544,13 +537,13 @@ def test_cutting_time_into_pieces_changes_no_bit(name):
             n = min(left, int(cuts.integers(0, 61)))
             got.append(cut.run(n))
             left -= n
-    assert np.concatenate(got).tobytes() == places.tobytes()
-    assert cut.read_sensor(0, cut.frames).tobytes() == whole.read_sensor(0, whole.frames).tobytes()
+    assert np.concatenate(got).tobytes() == positions.tobytes()
+    assert cut.read_sensor(0, cut.frames).tobytes() == uncut.read_sensor(0, uncut.frames).tobytes()
 
 
 @pytest.mark.parametrize("name", actuator_names())
 def test_the_motion_does_not_depend_on_how_often_it_is_looked_at(name):
-    """The middle of every third readout of a camera three times as fast is the middle of a readout."""
+    """Every third readout of a camera that is three times as fast has its middle where a readout has it."""
     slow, fast = lens(name, start=0.4), lens(name, start=0.4, hz=3 * HZ)
     for to in (0.95, 0.2, 0.9):
         slow.command(to)
@@ -559,11 +552,11 @@ def test_the_motion_does_not_depend_on_how_often_it_is_looked_at(name):
 
 
 @pytest.mark.parametrize("name", actuator_names())
-def test_a_lens_stays_in_its_travel_and_comes_to_rest_where_it_said(name):
-    moved, places = script(name, 7)
-    assert places.dtype == np.float64
-    assert (places >= 0).all()
-    assert (places <= 1).all()
+def test_a_lens_stays_in_its_travel_and_comes_to_rest_at_its_resting_position(name):
+    moved, positions = script(name, 7)
+    assert positions.dtype == np.float64
+    assert (positions >= 0).all()
+    assert (positions <= 1).all()
     foreseen = moved.resting_position(0.25)
     assert moved.run(0).shape == (0,)
     moved.command(0.25)
@@ -581,22 +574,22 @@ def test_a_lens_stays_in_its_travel_and_comes_to_rest_where_it_said(name):
 
 @pytest.mark.parametrize("name", actuator_names())
 def test_settled_is_a_promise_that_holds(name):
-    """From the first of 300 looks that says settled within 0.001, no place of 1.5 s is further off."""
+    """Once the lens is reported as settled within 0.001, it stays so for the rest of 300 checks in 1.5 s."""
     moved = lens(name, start=0.6, place_rms=0)
     moved.command(0.3)
-    said, places = [], []
+    settled, positions = [], []
     for _ in range(300):
-        places.append(moved.run(100))
-        said.append(moved.is_settled(1e-3))
-    off = abs(np.concatenate(places) - moved.resting_position())
-    first = said.index(True)
-    assert all(said[first:])
+        positions.append(moved.run(100))
+        settled.append(moved.is_settled(1e-3))
+    off = abs(np.concatenate(positions) - moved.resting_position())
+    first = settled.index(True)
+    assert all(settled[first:])
     assert off[(first + 1) * 100 :].max() <= 1e-3
     assert lens(name).is_settled(0)
 
 
 def test_seeds_and_names_make_the_bits_the_same_everywhere():
-    """Four operations and square roots alone: this digest holds on every machine."""
+    """The code uses only the four operations and square roots, so this digest holds on every machine."""
     digest = hashlib.sha256()
     for name in ("voice_coil", "stepper", "liquid_lens", "voice_coil_hall"):
         digest.update(script(name, 8)[1].tobytes())
@@ -607,7 +600,7 @@ def test_seeds_and_names_make_the_bits_the_same_everywhere():
 
 
 def test_the_page_lists_every_actuator_and_every_key():
-    """The table of latency, resonance and the like is made from the code; this one by hand."""
+    """Another table, of latency, resonance and so on, is made from the code; this one is written by hand."""
     page = (HERE.parent / "docs" / "reference" / "sensors-and-actuators.md").read_text(encoding="utf-8")
     table = page.split("| actuator | what it is | from end to end, ms |")[1].split("\n\n")[0]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]

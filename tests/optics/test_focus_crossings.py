@@ -1,4 +1,4 @@
-"""When the lens passes a place, against motions whose answer is known."""
+"""When the lens passes a position, for motions with known answers."""
 
 import numpy as np
 import pytest
@@ -8,19 +8,14 @@ from saf_gen.optics.focus_crossings import find_focus_crossings
 
 def test_a_sweep_passes_every_place_of_the_travel_once_when_its_formula_says():
     sweep = (np.arange(50) + 0.5) / 50
-    for place in (1e-4, 0.003, 0.25, 0.5, 0.999, 1 - 1e-4):
-        assert find_focus_crossings(sweep, place) == pytest.approx([place * 50 - 0.5], abs=1e-9)
-        assert find_focus_crossings(sweep[::-1], place) == pytest.approx([(1 - place) * 50 - 0.5], abs=1e-9)
+    for position in (1e-4, 0.003, 0.25, 0.5, 0.999, 1 - 1e-4):
+        assert find_focus_crossings(sweep, position) == pytest.approx([position * 50 - 0.5], abs=1e-9)
+        assert find_focus_crossings(sweep[::-1], position) == pytest.approx([(1 - position) * 50 - 0.5], abs=1e-9)
 
 
 def test_what_lies_outside_the_way_is_never_passed():
     sweep = 0.2 + 0.5 * (np.arange(50) + 0.5) / 50
-    assert (
-        find_focus_crossings(sweep, 0.19).size
-        == find_focus_crossings(sweep, 0.71).size
-        == find_focus_crossings(sweep, float("nan")).size
-        == 0
-    )
+    assert [find_focus_crossings(sweep, position).size for position in (0.19, 0.71, float("nan"))] == [0, 0, 0]
 
 
 def test_there_and_back_passes_a_place_twice_and_its_turn_once():
@@ -30,7 +25,7 @@ def test_there_and_back_passes_a_place_twice_and_its_turn_once():
     assert find_focus_crossings(lens, 1.0).tolist() == [2]
 
 
-def test_a_lens_at_rest_is_there_in_every_readout_of_its_rest():
+def test_a_lens_at_rest_crosses_its_position_in_every_readout():
     assert find_focus_crossings(np.full(3, 0.2), 0.2).tolist() == [0, 1, 2]
     assert find_focus_crossings(np.full(3, 0.2), 0.3).size == 0
     assert find_focus_crossings(np.array([0.1, 0.2, 0.2, 0.3]), 0.2).tolist() == [1, 2]

@@ -1,4 +1,4 @@
-"""The stage at its real size: an objective of 4 mm at f/1.1, 20 times, pixels of 20 µm that see 1 µm."""
+"""The stage at its real size: an objective of 4 mm at f/1.1 and 20×, and pixels of 20 µm that see 1 µm."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ STOPPED_DOWN = f"{{drive: stage, focal_length_mm: 4, f_number: 20, magnification
 
 
 def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, monkeypatch):
-    """Depth within 1 nm, widths 2 %, places 0.05 pixel, the sharpest position a quarter of a step.
+    """Tolerances: depth 1 nm, widths 2 %, edge positions 0.05 pixel, the sharpest focus position a quarter step.
 
     One stack of 21 positions 3 µm apart, 2.6 million paths; blur up to 26 pixels. Between seeds the width
     scatters by 0.3 %.
@@ -41,10 +41,10 @@ def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, mo
     stack = render_stack_once(setup, positions=21, samples=500, seed=2)
     edges = [measure_edge(image, PITCH) for image in stack]
     for k in (0, 3, 7, 13, 17, 20):
-        width, place = edges[k]
+        width, offset = edges[k]
         assert width == pytest.approx(float(drive.blur_diameter(k / 20, FOCUS_M)), rel=0.02)
         scale = 0.084 / (FOCUS_M - float(drive.shift(k / 20)))
-        assert place == pytest.approx(-scale * height_m, abs=0.05 * PITCH)
+        assert offset == pytest.approx(-scale * height_m, abs=0.05 * PITCH)
     assert edges[10][0] < 0.3 * PITCH
     curve = -(np.array([width for width, _ in edges]) ** 2)
     assert abs(find_peak(curve) - 20 * drive.best_position(FOCUS_M)) < 0.25
@@ -53,7 +53,7 @@ def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, mo
 @pytest.mark.parametrize("unit_m", [1e-7, 0.001, 1.0])
 @pytest.mark.slow
 def test_mitsubas_thin_lens_sees_the_same_in_any_unit(tmp_path, monkeypatch, unit_m):
-    """Widths of the referee's edge at three positions: within 2 % of c as well (4 million paths each)."""
+    """Widths of the edge as Mitsuba's thin lens renders it, at three positions: within 2 % of c (4 million paths)."""
     grid = SensorGrid(rows=16, columns=96, pitch_m=PITCH)
     scene = write_edge_scene(tmp_path, monkeypatch, lens=OBJECTIVE, distance_m=FOCUS_M, unit_m=unit_m)
     setup = load_setup(scene, ("glow",), grid=grid)
@@ -65,10 +65,10 @@ def test_mitsubas_thin_lens_sees_the_same_in_any_unit(tmp_path, monkeypatch, uni
 
 @pytest.mark.parametrize(("unit_m", "shadow"), [(0.001, True), (1.0, False)])
 def test_a_card_shades_what_lies_under_it_where_the_unit_suits(tmp_path, monkeypatch, unit_m, shadow):
-    """A black half plane 20 µm over a white plane under an even sky: it is lit by (1 + x/√(x² + h²))/2.
+    """A white plane 20 µm under a black half plane is lit by (1 + x/√(x² + h²))/2 of an even sky.
 
-    Mitsuba starts a shadow ray 0.00009 units off the surface: 0.09 µm of millimetres, but 90 µm, above the
-    card, of metres. Within 2 % from 6 to 45 µm beside the card's edge; in metres there is no shadow at all.
+    Mitsuba starts a shadow ray 0.00009 units off the surface: 0.09 µm if the unit is a millimetre, but 90 µm, above
+    the card, if it is a metre. Within 2 % from 6 to 45 µm from the card's edge; in metres there is no shadow.
     """
     h, grid = 20e-6, SensorGrid(rows=40, columns=96, pitch_m=PITCH)
     shapes = (

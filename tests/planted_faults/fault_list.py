@@ -1,6 +1,6 @@
 """The faults: what each breaks, how it is planted, and the tests that must fail under it.
 
-``python tests/planted_faults/fault_list.py`` writes the table of docs/planted-faults.md anew.
+``python tests/planted_faults/fault_list.py`` writes the table of docs/planted-faults.md again.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from planting import Change
 PAGE = Path(__file__).resolve().parents[2] / "docs/planted-faults.md"
 EACH_CHECK = "planted_faults/test_each_check.py::test_a_check_passes_at_its_small_size"
 RENDERED = ("render/", "optics/test_microscope", EACH_CHECK)
-"""Tests that render, and so take long and need LLVM."""
+"""Tests that render, which takes long and needs LLVM."""
 COMPILED = ("camera.encoder_kernel",)
 """Modules that take long to compile."""
 
@@ -20,9 +20,14 @@ COMPILED = ("camera.encoder_kernel",)
 class Fault:
     """A mistake that someone could make.
 
-    breaks : what it makes wrong, in a sentence.
-    changes : to the source of the package.
-    tests : under tests/. While the fault is planted each of them fails by an assertion, in at least one of its cases.
+    Attributes
+    ----------
+    breaks : str
+        What it makes wrong, in a sentence.
+    changes : tuple of Change
+        Changes to the source of the package.
+    tests : tuple of str
+        Tests below tests/; under the fault each of them fails by an assertion, in at least one case.
     """
 
     breaks: str
@@ -31,7 +36,7 @@ class Fault:
 
     @property
     def cheap_tests(self) -> tuple[str, ...]:
-        """The tests that do not render; none where a kernel must be compiled with the fault."""
+        """The tests that do not render; empty if a kernel must be compiled with the fault."""
         if any(change.module in COMPILED for change in self.changes):
             return ()
         return tuple(test for test in self.tests if not test.startswith(RENDERED))
@@ -39,7 +44,7 @@ class Fault:
 
 FAULTS = {
     "blur by f for v": Fault(
-        "The focal length stands where the image distance belongs in the blur on the sensor.",
+        "The blur on the sensor is computed with the focal length instead of the image distance.",
         (
             Change(
                 "optics._drive",
@@ -64,7 +69,7 @@ FAULTS = {
         ),
     ),
     "no bellows": Fault(
-        "The light on the sensor does not fall with the square of the image distance: all positions have the first's.",
+        "Light on the sensor does not fall with the square of the image distance: all positions use that of the first.",
         (Change("camera.exposure", "distance[None],", "image_distance[:1],"),),
         (
             "camera/test_exposure.py::test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows",
@@ -74,7 +79,7 @@ FAULTS = {
         ),
     ),
     "near and far swapped": Fault(
-        "Position 0 focuses where position 1 should, and the other way round.",
+        "Position 0 focuses where position 1 should, and vice versa.",
         (
             Change("optics.image_distance_drive", "return first, last\n", "return last, first\n"),
             Change("optics.focal_length_drive", "first, last = (", "last, first = ("),
@@ -82,12 +87,12 @@ FAULTS = {
         (
             "optics/test_focus_drives.py::test_the_ends_of_the_travel_focus_where_the_card_says",
             "stack/test_time_resolved.py::test_the_truth_follows_a_target_that_comes_nearer",
-            "generate/test_what_is_recorded.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
+            "generate/test_recorded_spikes.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
             f"{EACH_CHECK}[truth_depths]",
         ),
     ),
     "stage reversed": Fault(
-        "A raised stage takes the specimen away from the lens.",
+        "Raising the stage moves the specimen away from the lens.",
         (
             Change("optics.microscope_stage", "return first + (last - first) *", "return -first - (last - first) *"),
             Change(
@@ -100,7 +105,7 @@ FAULTS = {
             "optics/test_focus_drives.py::test_the_ends_of_the_travel_focus_where_the_card_says",
             "optics/test_focus_drives.py::test_a_stage_keeps_the_lens_and_is_linear_in_z",
             "optics/test_focus_drives.py::test_a_point_that_the_lens_has_reached_has_no_finite_blur",
-            "render/test_render.py::test_a_stage_that_runs_into_the_lens_is_told",
+            "render/test_render.py::test_a_stage_that_runs_into_the_lens_is_refused",
             f"{EACH_CHECK}[optics_breathing]",
         ),
     ),
@@ -115,7 +120,7 @@ FAULTS = {
         ),
     ),
     "threshold noise per readout": Fault(
-        "A threshold is drawn anew at each readout, not at each spike.",
+        "A threshold is drawn at each readout instead of at each spike.",
         (Change("camera.encoder_kernel", "fresh if fired else threshold,", "fresh,"),),
         (
             "camera/test_encoder.py::test_threshold_noise_alone_has_its_own_variance",
@@ -125,15 +130,15 @@ FAULTS = {
         ),
     ),
     "response on dark": Fault(
-        "A pixel's photo-response multiplies its dark current, which no light made.",
+        "The photo-response of a pixel also multiplies its dark charge, which is not due to light.",
         (Change("camera.encoder", "[pattern.dark.ravel(),", "[(pattern.dark * pattern.response).ravel(),"),),
         (
             "camera/test_encoder.py::test_the_bits_are_those_of_the_scalar_reference[changes4]",
-            "camera/test_what_pixels_share.py::test_dark_current_does_not_know_of_the_response_to_light",
+            "camera/test_independent_noise.py::test_dark_charge_does_not_depend_on_the_response_to_light",
         ),
     ),
     "quarter pixel": Fault(
-        "Every picture is moved by a quarter of a pixel along the rows.",
+        "Every picture is shifted by a quarter of a pixel along the rows.",
         (
             Change(
                 "render.camera_rays",
@@ -149,15 +154,14 @@ FAULTS = {
         ),
     ),
     "firefly clip": Fault(
-        "Light paths are clipped at half the brightest of a trial, not at 64 times that.",
+        "Light paths are clipped at half the radiance of the brightest path of a trial, not at 64 times that radiance.",
         (
-            Change("render.one_pass", "most = 64 * _brightest(", "most = 0.5 * _brightest("),
-            Change("render.one_pass", "most = _brightest([first])", "most = 0.5 * _brightest([first])"),
-            Change("render.filtered_pass", "most = 64 * _brightest_rays(", "most = 0.5 * _brightest_rays("),
             Change(
-                "render.filtered_pass", "most = _brightest_rays([opening])", "most = 0.5 * _brightest_rays([opening])"
+                "render.one_pass", "max_radiance = FIREFLY_FACTOR * _brightest(", "max_radiance = 0.5 * _brightest("
             ),
-            Change("render.filtered_pass", "64 * value for name", "0.5 * value for name"),
+            Change("render.one_pass", "max_radiance = _brightest([first])", "max_radiance = 0.5 * _brightest([first])"),
+            Change("render.filtered_pass", "one_pass.FIREFLY_FACTOR * _brightest(", "0.5 * _brightest("),
+            Change("render.filtered_pass", "= _brightest([opening])", "= 0.5 * _brightest([opening])"),
         ),
         (
             "render/test_camera_rays.py::test_a_small_lamp_keeps_its_light_in_focus_and_out_of_it",
@@ -167,11 +171,11 @@ FAULTS = {
         ),
     ),
     "angle doubled": Fault(
-        "Waves bend a path at the aperture by twice its angle.",
+        "Waves bend a path at the aperture by twice the correct angle.",
         (Change("render.diffraction", "self.wavelength_m / (2 * math.pi))", "self.wavelength_m / math.pi)"),),
         (
             "render/test_diffraction.py::test_bent_paths_have_the_transfer_of_the_lens",
-            "render/test_diffraction.py::test_angles_spread_by_heisenbergs_share",
+            "render/test_diffraction.py::test_angles_spread_by_heisenbergs_relation",
             f"{EACH_CHECK}[optics_transfer]",
         ),
     ),
@@ -185,7 +189,7 @@ FAULTS = {
         ),
     ),
     "gains sampled": Fault(
-        "The light of a readout is that of its first instant, not its mean.",
+        "The gain of a readout is that of its first instant, not the mean over the readout.",
         (
             Change(
                 "plugins.lights._schedule",
@@ -198,12 +202,12 @@ FAULTS = {
         ),
         (
             "plugins/test_lights.py::test_gains_are_means_over_readouts_however_finely_time_is_cut",
-            "plugins/test_lights.py::test_a_step_within_a_readout_counts_by_its_share",
+            "plugins/test_lights.py::test_a_step_within_a_readout_counts_in_proportion",
             "plugins/test_lights.py::test_a_readout_of_pwm_is_a_mean_and_not_a_point",
         ),
     ),
     "a group twice": Fault(
-        "The first light group counts twice where groups are added up.",
+        "The first light group counts twice when the groups are added up.",
         (
             Change(
                 "stack.charge_source",
@@ -224,7 +228,7 @@ FAULTS = {
         ),
     ),
     "residue halved": Fault(
-        "A spike leaves only half of the charge above the threshold.",
+        "After a spike, a pixel keeps only half of its charge above the threshold.",
         (Change("camera.encoder_kernel", "kept = excess if", "kept = np.float32(0.5) * excess if"),),
         (
             "camera/test_encoder.py::test_adjacent_half_windows_share_the_residue",
@@ -234,7 +238,7 @@ FAULTS = {
         ),
     ),
     "import flipped": Fault(
-        "Raw frames whose top row comes first are read upside down, and the others too.",
+        "Raw frames are read upside down, both those whose top row comes first and those whose bottom row does.",
         (Change("stream.interop.raw_frames", "- y if flip else y", "- y if not flip else y"),),
         (
             "stream/test_interop.py::test_fewer_frames_are_the_first_ones",
@@ -242,7 +246,7 @@ FAULTS = {
         ),
     ),
     "aperture +3 %": Fault(
-        "Rays pass an aperture that is 3 % wider than the lens's.",
+        "Rays pass through an aperture that is 3 % wider than that of the lens.",
         (
             Change("render.camera_rays", "(lens) * radius\n", "(lens) * (radius * 1.03)\n"),
             Change(
@@ -259,7 +263,7 @@ FAULTS = {
         ),
     ),
     "Gaussian pupil": Fault(
-        "Rays are spread over the lens by a normal distribution of the same variance, not evenly over a disc.",
+        "Rays are normally distributed over the lens, with the same variance, instead of evenly over a disc.",
         (
             Change(
                 "render.camera_rays",
@@ -277,13 +281,13 @@ FAULTS = {
         "Every block of 64 pixels draws the same noise.",
         (Change("camera.encoder_kernel", "_mixed(U(key) + block * STRIDE)", "_mixed(U(key) + start * U(0))"),),
         (
-            "camera/test_what_pixels_share.py::test_pixels_that_fire_together_draw_thresholds_of_their_own",
+            "camera/test_independent_noise.py::test_pixels_that_fire_together_draw_independent_thresholds",
             "camera/test_counting_law.py::test_counts_obey_the_exact_law[3.3]",
             f"{EACH_CHECK}[noise_independence]",
         ),
     ),
     "charge +1 %": Fault(
-        "Light makes a hundredth more electrons than its photons.",
+        "Light gives 1 % more electrons than it should.",
         (Change("camera.exposure", "return energy * sensor", "return 1.01 * energy * sensor"),),
         (
             "camera/test_exposure.py::test_electrons_are_photons_times_quantum_efficiency_and_fill_factor",
@@ -293,15 +297,15 @@ FAULTS = {
         ),
     ),
     "slices of another seed": Fault(
-        "Each time slice has camera rays of its own, so that what noise is left flickers where nothing moves.",
+        "Each time slice has different camera rays, so that the remaining noise flickers where nothing moves.",
         (Change("render", '"stack", base.key, "pictures"', '"stack", spec.key, "pictures"'),),
         (
-            "render/test_slices_share_rays.py::test_slices_of_what_stands_still_are_the_same_where_shading_is_told_by_the_same_paths",
+            "render/test_slices_share_rays.py::test_slices_of_a_static_scene_are_equal_if_the_same_paths_give_the_shading",
             "render/test_slices_share_rays.py::test_a_still_scene_shows_no_beat_with_its_slices",
         ),
     ),
     "interpolation in time reversed": Fault(
-        "Between two time slices the earlier one fades in, and the later one out.",
+        "Between two time slices, the earlier one fades in and the later one fades out.",
         (
             Change(
                 "stack.time_resolved",
@@ -311,12 +315,12 @@ FAULTS = {
         ),
         (
             "stack/test_time_resolved.py::test_what_the_encoder_gets_is_the_picture_of_every_readout",
-            "generate/test_what_is_recorded.py::test_light_that_grows_evenly_from_slice_to_slice_grows_evenly_in_spikes",
+            "generate/test_recorded_spikes.py::test_light_that_grows_evenly_from_slice_to_slice_grows_evenly_in_spikes",
             f"{EACH_CHECK}[crossfade_dip]",
         ),
     ),
     "truth from the frame's centre": Fault(
-        "The truth of a still scene is the focus of what lies in the middle of the picture, not of the target.",
+        "The truth of a still scene is the focus of the middle of the picture, not of the target.",
         (
             Change(
                 "stack.true_focus",
@@ -326,12 +330,12 @@ FAULTS = {
         ),
         (
             "stack/test_true_focus.py::test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths",
-            "generate/test_what_is_recorded.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
+            "generate/test_recorded_spikes.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
             f"{EACH_CHECK}[truth_depths]",
         ),
     ),
     "moving truth from all depths": Fault(
-        "The truth of a moving scene is the best compromise of all pixels, not of the target's.",
+        "The truth of a moving scene is the best compromise over all pixels, not over those of the target.",
         (
             Change(
                 "stack.true_focus",
@@ -341,22 +345,22 @@ FAULTS = {
         ),
         (
             "stack/test_true_focus.py::test_the_truth_of_a_moving_target_follows_its_own_depths",
-            "generate/test_what_is_recorded.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[moving]",
+            "generate/test_recorded_spikes.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[moving]",
         ),
     ),
     "depth of focus from all depths": Fault(
-        "The depth of focus lies round the best compromise of all pixels, not of the target's.",
+        "The depth of focus is that of the best compromise over all pixels, not over those of the target.",
         (Change("stack.true_focus", "depth_of_focus(depth[target],", "depth_of_focus(depth,"),),
         (
             "stack/test_true_focus.py::test_the_depth_of_focus_of_a_moving_target_is_round_about_its_own_depths",
-            "generate/test_what_is_recorded.py::test_a_target_is_blurred_alike_by_a_pixel_at_both_ends_of_its_depth_of_focus",
+            "generate/test_recorded_spikes.py::test_a_target_is_blurred_alike_by_a_pixel_at_both_ends_of_its_depth_of_focus",
         ),
     ),
 }
 
 
 def name_catcher(test: str) -> str:
-    """A test as a page names it; a check of `saf-gen validate` by its own name."""
+    """Return a test as the page names it: its file and name, or the command of a check of `saf-gen validate`."""
     if test.startswith(EACH_CHECK):
         return f"`saf-gen validate --only {test[len(EACH_CHECK) + 1 : -1]}`"
     file, _, name = test.partition("::")
@@ -364,7 +368,7 @@ def name_catcher(test: str) -> str:
 
 
 def table() -> str:
-    """The faults as a table of a page."""
+    """Return the faults as the table of the page."""
     rows = ["| fault | what it breaks | caught by |", "|---|---|---|"]
     for name, fault in FAULTS.items():
         caught = "<br>".join(name_catcher(test) for test in fault.tests)

@@ -1,7 +1,7 @@
-"""How a fault is planted: the source of a module is changed as it is imported, in a process of its own.
+"""How a fault is planted: in a separate process, the source of a module is changed when it is imported.
 
-A finder stands before Python's own, and gives the changed modules a loader that compiles other text. So every module
-that says ``from x import y`` gets the faulty y, compiled kernels are compiled with the fault, and no file is touched.
+A finder in front of Python's own gives the changed modules a loader that compiles other text. So every module with
+``from x import y`` gets the faulty y, kernels are compiled with the fault, and no file is changed.
 """
 
 import ast
@@ -31,17 +31,17 @@ class Change:
     new: str
 
     def apply(self, source: str) -> str:
-        """Return the changed source; NotPlantedError where the code stays the same."""
+        """Return the changed source; raises NotPlantedError if the code stays the same."""
         changed = source.replace(self.old, self.new)
         if self.old not in source:
-            raise NotPlantedError(f"saf_gen.{self.module} no longer says {self.old!r}: plant it in what stands there")
+            raise NotPlantedError(f"saf_gen.{self.module} no longer contains {self.old!r}: update the fault")
         if _code(changed) == _code(source):
-            raise NotPlantedError(f"{self.new!r} for {self.old!r} changes no code of saf_gen.{self.module}")
+            raise NotPlantedError(f"{self.new!r} instead of {self.old!r} changes no code of saf_gen.{self.module}")
         return changed
 
 
 def changed_sources(changes: Sequence[Change]) -> dict[str, str]:
-    """The source of each module that the changes are in, changed, by its whole name; nothing is imported."""
+    """Return the changed source of each module by its full name, without importing it."""
     package = find_spec("saf_gen")
     assert package is not None and package.submodule_search_locations  # noqa: PT018
     folder, sources = Path(package.submodule_search_locations[0]), dict[str, str]()
@@ -54,7 +54,7 @@ def changed_sources(changes: Sequence[Change]) -> dict[str, str]:
 
 
 def _code(source: str) -> str:
-    """The code without comments, spaces and docstrings."""
+    """Return the code without comments, spaces and docstrings."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
@@ -63,13 +63,13 @@ def _code(source: str) -> str:
 
 
 class Planter(MetaPathFinder):
-    """Gives modules that have not been imported yet another source; ``planted`` names those that have been since."""
+    """Gives modules that are imported later a changed source; ``planted`` names those that have been imported."""
 
     def __init__(self, sources: dict[str, str]) -> None:
         self.sources, self.planted = sources, set[str]()
 
     def install(self) -> None:
-        """Stand before the other finders; NotPlantedError where one of the modules is there already."""
+        """Go before the other finders; raises NotPlantedError if one of the modules is already imported."""
         late = sorted(set(self.sources) & set(sys.modules))
         if late:
             raise NotPlantedError(f"{', '.join(late)} was imported before the fault was planted")
@@ -85,7 +85,7 @@ class Planter(MetaPathFinder):
 
 
 class _ChangedLoader(SourceFileLoader):
-    """Compiles the changed source, and neither reads nor writes Python's cache of the file."""
+    """Compiles the changed source without reading or writing Python's cache of the file."""
 
     def __init__(self, name: str, path: str, planter: Planter) -> None:
         super().__init__(name, path)
@@ -97,7 +97,7 @@ class _ChangedLoader(SourceFileLoader):
 
 
 class Outcomes:
-    """A plugin of pytest that keeps how each test ended: passed, failed by an assertion, skipped, or its error."""
+    """A pytest plugin that keeps the outcome of each test: passed, failed by an assertion, skipped, or its error."""
 
     def __init__(self) -> None:
         self.by_test: dict[str, str] = {}

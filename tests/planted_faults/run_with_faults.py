@@ -1,8 +1,8 @@
 """Run tests under one planted fault after the other: ``python run_with_faults.py OUT JOBS``.
 
-JOBS is JSON, a list of [fault, tests]; the fault '' plants nothing. Libraries are imported once. Each job then has a
-process of its own, forked before anything of saf_gen is there. OUT/N.json says for the N-th job which modules were
-changed and how its tests ended; OUT/N.txt is what they printed.
+JOBS is JSON, a list of [fault, tests]; the fault '' plants nothing. Libraries are imported once, and each job then runs
+in a process that is forked before anything of saf_gen is imported. OUT/N.json states which modules were changed for the
+N-th job and how its tests ended; OUT/N.txt is what they printed.
 """
 
 import gc
@@ -27,7 +27,7 @@ LIBRARIES = (
 )
 OPTIONS = "-o addopts= -q --tb=no -p no:cacheprovider"
 ROOT = Path(__file__).resolve().parents[2]
-LONGEST_S = 1800  # a fault that makes a loop endless is killed then
+LONGEST_S = 1800  # kills a fault that makes a loop endless
 
 
 def run_tests(fault: str, tests: list[str], *, file: Path) -> None:
@@ -39,7 +39,7 @@ def run_tests(fault: str, tests: list[str], *, file: Path) -> None:
         planter = Planter(sources)
         planter.install()
         if any("numba" in source or "compiled" in source for source in sources.values()):
-            # Numba's cache knows a kernel by its file: faulty ones must not be kept there, nor right ones found.
+            # Numba's cache identifies a kernel by its file: faulty kernels must not be stored, nor correct ones found.
             numba.config.CACHE_DIR = str(file.with_suffix(".numba"))  # type: ignore[attr-defined]
         pytest.main([*OPTIONS.split(), *(f"tests/{test}" for test in tests)], plugins=[outcomes])
         found["planted"] = sorted(planter.planted)
@@ -52,9 +52,9 @@ def main(out: Path, jobs: list[tuple[str, list[str]]]) -> None:
     os.chdir(ROOT)
     for library in (*LIBRARIES.split(), *(f"_pytest.{plugin}" for plugin in default_plugins)):
         import_module(library)
-    numba.njit(lambda of: of.sum())(np.ones(2, np.float32))  # its tables of types, which take long to fill
-    os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # the tests are told by name, and one process runs them
-    gc.freeze()  # so that no job looks through libraries for garbage
+    numba.njit(lambda array: array.sum())(np.ones(2, np.float32))  # fills its type tables, which takes long
+    os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # tests are selected by name and run in one process
+    gc.freeze()  # so that no job searches libraries for garbage
     for n, (fault, tests) in enumerate(jobs):
         process = os.fork()
         if not process:

@@ -1,4 +1,4 @@
-"""Each check of `saf-gen validate` by itself, so that fault_list.py can name the checks that catch a fault."""
+"""Each check of `saf-gen validate` as a test, so that fault_list.py can name the checks that catch a fault."""
 
 import pytest
 

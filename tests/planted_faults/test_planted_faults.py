@@ -1,4 +1,4 @@
-"""Every fault of fault_list.py is planted, one at a time, and caught by each of the tests named beside it."""
+"""Every fault of fault_list.py is planted, one at a time, and caught by each of its tests."""
 
 import json
 import os
@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 
 
 def run_with_faults(folder: Path, jobs: Sequence[tuple[str, Sequence[str]]]) -> list[dict[str, Any]]:
-    """What run_with_faults.py finds of each job, (fault, tests)."""
+    """Return what run_with_faults.py writes about each job, (fault, tests)."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     command = [sys.executable, str(HERE / "run_with_faults.py"), str(folder), json.dumps(jobs)]
     subprocess.run(command, env=environment, check=True)
@@ -29,8 +29,8 @@ def run_with_faults(folder: Path, jobs: Sequence[tuple[str, Sequence[str]]]) -> 
     return found
 
 
-def ended_otherwise(found: dict[str, Any], tests: Sequence[str], *, planted: bool) -> list[str]:
-    """What is not as it should be: without a fault all tests pass, under one each fails, and nothing else happens."""
+def list_problems(found: dict[str, Any], tests: Sequence[str], *, planted: bool) -> list[str]:
+    """List every deviation: without a fault all tests must pass, and under a fault each test must fail."""
     wrong = [f"{key}: {found[key]}" for key in ("died", "not planted") if key in found]
     if planted and not wrong and not found["planted"]:
         wrong.append("not planted: the tests import none of the modules that it changes")
@@ -50,8 +50,8 @@ def ended_otherwise(found: dict[str, Any], tests: Sequence[str], *, planted: boo
     return wrong + [f"{key}: {ended}" for key, ended in outcomes.items() if ended.startswith("cannot be collected")]
 
 
-def jobs_of(tests_by_fault: dict[str, Sequence[str]]) -> list[tuple[str, Sequence[str]]]:
-    """All of the tests without a fault, and then those of each fault while it is planted."""
+def make_jobs(tests_by_fault: dict[str, Sequence[str]]) -> list[tuple[str, Sequence[str]]]:
+    """Return a job of all tests without a fault, and one job per fault with its tests."""
     every_test = dict.fromkeys(test for tests in tests_by_fault.values() for test in tests)
     return [("", list(every_test)), *tests_by_fault.items()]
 
@@ -59,24 +59,24 @@ def jobs_of(tests_by_fault: dict[str, Sequence[str]]) -> list[tuple[str, Sequenc
 def check(folder: Path, jobs: Sequence[tuple[str, Sequence[str]]]) -> None:
     wrong = {}
     for (fault, tests), found in zip(jobs, run_with_faults(folder, jobs), strict=True):
-        if told := ended_otherwise(found, tests, planted=bool(fault)):
-            wrong[fault or "without a fault"] = told
+        if problems := list_problems(found, tests, planted=bool(fault)):
+            wrong[fault or "without a fault"] = problems
     assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
 
 
 def test_every_fault_still_finds_what_it_changes():
-    """Nothing is run: a change of the package that takes a fault's place away is told at once."""
+    """No test is run, so that a change of the package that removes the changed text is reported at once."""
     for fault in FAULTS.values():
         assert changed_sources(fault.changes)
 
 
 @pytest.mark.slow
 def test_cheap_tests_catch_the_faults(tmp_path):
-    """In one go, because libraries are then loaded once. Without a fault they pass, as the other tests of this run."""
-    check(tmp_path, jobs_of({name: fault.cheap_tests for name, fault in FAULTS.items() if fault.cheap_tests})[1:])
+    """In one run, because libraries are then loaded once. That they pass without a fault is tested elsewhere."""
+    check(tmp_path, make_jobs({name: fault.cheap_tests for name, fault in FAULTS.items() if fault.cheap_tests})[1:])
 
 
-EVERY_JOB = jobs_of({name: fault.tests for name, fault in FAULTS.items()})
+EVERY_JOB = make_jobs({name: fault.tests for name, fault in FAULTS.items()})
 
 
 @pytest.mark.long
@@ -89,51 +89,48 @@ EVERY_JOB = jobs_of({name: fault.tests for name, fault in FAULTS.items()})
         for job in EVERY_JOB
     ],
 )
-def test_every_test_beside_a_fault_catches_it_and_passes_without_one(tmp_path, job):
+def test_every_test_of_a_fault_catches_it_and_passes_without_one(tmp_path, job):
     check(tmp_path, [job])
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_caught_by_more_than_one_test(name):
-    """Two functions at least: cases of one test are one test."""
+    """At least two functions; the cases of one function count once."""
     assert len({test.partition("[")[0] for test in FAULTS[name].tests}) >= 2
 
 
 def test_the_page_of_faults_is_that_of_the_list():
-    """python tests/planted_faults/fault_list.py writes it anew."""
+    """python tests/planted_faults/fault_list.py writes it again."""
     assert PAGE.read_text(encoding="utf-8").endswith(f"\n\n{table()}")
 
 
-# --- what is said of tests that end otherwise ----------------------------------------------------------
+# --- problems that are listed --------------------------------------------------------------------------
 
 
-def found_of(**outcomes):
+def outcome(**outcomes):
     return {"planted": ["saf_gen.core.bits"], "outcomes": {f"tests/{k}": v for k, v in outcomes.items()}}
 
 
 @pytest.mark.parametrize(
-    ("found", "told"),
+    ("found", "problems"),
     [
-        (found_of(a="failed"), []),
-        (found_of(**{"a[1]": "passed", "a[2]": "failed"}), []),
-        (found_of(a="passed"), ["a does not catch it"]),
-        (found_of(a="skipped"), ["a does not catch it"]),
-        (found_of(**{"a[1]": "ValueError in call: no", "a[2]": "failed"}), ["tests/a[1]: ValueError in call: no"]),
-        (found_of(ab="failed"), ["a did not run"]),
-        (
-            {**found_of(a="failed"), "planted": []},
-            ["not planted: the tests import none of the modules that it changes"],
-        ),
+        (outcome(a="failed"), []),
+        (outcome(**{"a[1]": "passed", "a[2]": "failed"}), []),
+        (outcome(a="passed"), ["a does not catch it"]),
+        (outcome(a="skipped"), ["a does not catch it"]),
+        (outcome(**{"a[1]": "ValueError in call: no", "a[2]": "failed"}), ["tests/a[1]: ValueError in call: no"]),
+        (outcome(ab="failed"), ["a did not run"]),
+        ({**outcome(a="failed"), "planted": []}, ["not planted: the tests import none of the modules that it changes"]),
         ({"not planted": "why", "outcomes": {}}, ["not planted: why", "a did not run"]),
         ({"died": "killed"}, ["died: killed", "a did not run"]),
-        (found_of(a="failed", x="cannot be collected: E"), ["tests/x: cannot be collected: E"]),
+        (outcome(a="failed", x="cannot be collected: E"), ["tests/x: cannot be collected: E"]),
     ],
 )
-def test_a_fault_that_is_not_caught_is_told(found, told):
-    assert ended_otherwise(found, ["a"], planted=True) == told
+def test_a_fault_that_is_not_caught_is_reported(found, problems):
+    assert list_problems(found, ["a"], planted=True) == problems
 
 
-def test_a_test_that_fails_without_a_fault_is_told():
-    assert ended_otherwise(found_of(a="passed"), ["a"], planted=False) == []
+def test_a_test_that_fails_without_a_fault_is_reported():
+    assert list_problems(outcome(a="passed"), ["a"], planted=False) == []
     for ended in ("failed", "skipped"):
-        assert ended_otherwise(found_of(a=ended), ["a"], planted=False) == ["a does not pass without a fault"]
+        assert list_problems(outcome(a=ended), ["a"], planted=False) == ["a does not pass without a fault"]

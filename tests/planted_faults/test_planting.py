@@ -1,4 +1,4 @@
-"""Faults reach every importer, and one that would change nothing is refused."""
+"""Faults reach every importer, and a fault that would change nothing is refused."""
 
 import json
 import subprocess
@@ -12,7 +12,7 @@ TWICE = Change("core.seeds", "return int.from_bytes(", "return 2 * int.from_byte
 
 
 def test_a_fault_reaches_every_module_that_imported_the_name(tmp_path):
-    """By ``from x import y``, and as an attribute; in another process, where nothing has been imported yet."""
+    """Through ``from x import y`` and as an attribute, in another process, where nothing is imported yet."""
     code = """
 from planting import Change, Planter, changed_sources
 import json
@@ -47,18 +47,18 @@ def test_changes_of_one_module_add_up():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
-        ("return float.from_bytes(", "return 0 *", "no longer says 'return float.from_bytes('"),
+        ("return float.from_bytes(", "return 0 *", "no longer contains 'return float.from_bytes('"),
         ("a seed for a compiled kernel", "no seed at all", "changes no code"),
         ("return int.from_bytes(", "return int.from_bytes(  # planted\n        ", "changes no code"),
         ("def make_generator", "def make_generator", "changes no code"),
     ],
 )
-def test_a_fault_that_changes_nothing_is_not_planted(old, new, told):
+def test_a_fault_that_changes_nothing_is_not_planted(old, new, message):
     with pytest.raises(NotPlantedError, match=r"saf_gen\.core\.seeds") as caught:
         changed_sources([Change("core.seeds", old, new)])
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_fault_that_comes_too_late_is_not_planted():

@@ -23,7 +23,7 @@ PROMISES = {
     "rule_based": 0.005,
     "coarse_to_fine": 0.01,
 }
-"""How far from a single peak the answer may be, at default options: what each docstring says."""
+"""How far the answer may be from a single peak with default options, as each docstring states."""
 PEAKS = [0.0, 0.03, 0.31, 0.5, 0.77, 1.0]
 SENSOR = 1e-4  # rms of one reading; samples average a hundred
 
@@ -44,9 +44,9 @@ def test_a_single_peak_is_found_from_any_start(name, peak):
 
 @pytest.mark.parametrize("name", PROMISES)
 def test_noise_of_the_score_moves_the_answer_little(name):
-    """Noise of 0.003, seeded: the quadratic top hides as much within 0.0055 of it; twice that is allowed."""
+    """Noise of 0.003, seeded: within 0.0055 of its quadratic top the curve falls by that; twice that is allowed."""
     for peak in (0.31, 0.5, 0.77):
-        start = peak - 0.12 if name == "hill_climb" else 0.0  # it may get stuck on a flat, as it says
+        start = peak - 0.12 if name == "hill_climb" else 0.0  # it may get stuck on a flat part, as it states
         answer = get_search(name)(camera(peak, start=start, noise=0.003))
         assert abs(answer.position - peak) <= PROMISES[name] + 0.011
 
@@ -117,7 +117,7 @@ def test_rule_based_goes_in_one_direction_in_steps_that_its_rules_choose():
     answer = get_search("rule_based")(view)
     assert answer.note == ""
     steps = np.diff(view.commands)
-    assert (steps > 0).all()  # fine steps over the top: nothing to fill
+    assert (steps > 0).all()  # fine steps over the top leave no gap to fill
     assert set(np.round(steps, 6)) <= {0.08, 0.03, 0.01}
     assert steps[0] == pytest.approx(0.08)
     near = [step for step, at in zip(steps, view.commands[1:], strict=True) if abs(at - 0.6) < 0.05]
@@ -126,7 +126,7 @@ def test_rule_based_goes_in_one_direction_in_steps_that_its_rules_choose():
 
 
 def test_rule_based_goes_back_over_a_gap_that_holds_the_peak():
-    """A peak narrower than a coarse step: the rules see it when it has passed."""
+    """The peak is narrower than a coarse step: the rules notice it after it has passed."""
     view = IdealCamera(bell_curve(0.52, width=0.02), start=0.0, sensor=0.0)
     assert abs(get_search("rule_based", gentle=4.0)(view).position - 0.52) <= 0.005
     assert (np.diff(view.commands) < 0).any()
@@ -162,9 +162,9 @@ def test_coarse_to_fine_may_use_the_method_s_own_measure_alone():
 
 
 def test_coarse_to_fine_out_of_time_in_between_answers_with_the_coarse_position():
-    whole = camera(0.42)
-    get_search("coarse_to_fine")(whole)
-    eleventh = whole.scored[10][1]
+    full = camera(0.42)
+    get_search("coarse_to_fine")(full)
+    eleventh = full.scored[10][1]
     answer = get_search("coarse_to_fine")(camera(0.42, frames=eleventh + 64))
     assert answer.note == "out of frames"
     assert len(answer.trace) == 11
@@ -173,14 +173,14 @@ def test_coarse_to_fine_out_of_time_in_between_answers_with_the_coarse_position(
 
 @pytest.mark.parametrize("name", PROMISES)
 def test_a_search_stops_at_its_budget_with_the_best_so_far(name):
-    whole = camera(0.7, start=0.1)
-    get_search(name)(whole)
-    for frames in np.linspace(0, whole.now, 9, dtype=int)[1:-1]:
+    full = camera(0.7, start=0.1)
+    get_search(name)(full)
+    for frames in np.linspace(0, full.now, 9, dtype=int)[1:-1]:
         view = camera(0.7, start=0.1, frames=int(frames))
         answer = get_search(name)(view)
         assert view.now <= view.frames
         assert answer.note.startswith("out of frames")
-        assert view.scored == whole.scored[: len(view.scored)]
+        assert view.scored == full.scored[: len(view.scored)]
         assert (answer.position is None) == (not view.scored)
 
 
@@ -201,7 +201,7 @@ def test_a_sample_is_taken_where_the_lens_rests(name):
 
 
 def test_the_position_of_a_sample_is_what_the_sensor_read():
-    """Backlash of 0.04: the lens is 0.02 short of its command from either side, and the answer says so."""
+    """With a backlash of 0.04 the lens stops 0.02 short of its command on either side, and the answer shows it."""
     view = camera(0.5, backlash=0.04)
     answer = get_search("golden_section")(view)
     assert abs(answer.position - 0.5) < 0.02
@@ -220,7 +220,7 @@ def test_without_a_position_sensor_time_alone_settles_the_lens():
 
 
 def test_noise_of_the_sensor_does_not_keep_a_search_waiting():
-    """Noise of 0.005 a reading; its mean over a millisecond is within what the noise explains."""
+    """The noise is 0.005 per reading; means over a millisecond differ by no more than the noise explains."""
     quiet, loud = (IdealCamera(bell_curve(0.5), sensor=rms, start=0.2, frames=10**6) for rms in (0.0, 0.005))
     for view in (quiet, loud):
         assert abs(get_search("golden_section")(view).position - 0.5) < 0.01
@@ -231,7 +231,7 @@ def test_unseen_ringing_is_waited_for_by_the_length_of_the_move():
     quick, slow = (IdealCamera(bell_curve(0.5), speed=1e4, sensor=0.0) for _ in range(2))
     get_search("golden_section", lag_s=0.0)(quick)
     get_search("golden_section", lag_s=0.02)(slow)
-    moves = [1.0, *np.abs(np.diff(slow.commands))]  # the first might be of the whole travel, for all it knows
+    moves = [1.0, *np.abs(np.diff(slow.commands))]  # the first move may have been through the full travel
     waited = sum(0.02 * math.log(move / 0.002) for move in moves)
     assert (slow.now - quick.now) / 20_000 == pytest.approx(waited, abs=len(moves) * 8 / 20_000)
 
@@ -243,7 +243,7 @@ def test_two_runs_are_alike(name):
     assert runs[0].commands == runs[1].commands
 
 
-def test_a_measure_that_a_search_looks_through_is_checked_and_counted_beforehand(monkeypatch):
+def test_the_measure_of_a_search_is_checked_and_in_the_code_digest(monkeypatch):
     error = refusal(parse_method, "sd+coarse_to_fine:far=tenengrat")
     assert "sd+coarse_to_fine:far=tenengrat" in error.where + error.problem
     assert "tenengrad" in str(error)

@@ -1,4 +1,4 @@
-"""Measures of two half windows: spike dispersion without its bias, and the rig that serves the halves."""
+"""Measures of two half windows: spike dispersion without its bias, and the view that provides the halves."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -17,7 +17,7 @@ from saf_gen.stream.measure_input import stream_input_for_measure
 DEBIASED, SD = get_measure("sd_debiased"), get_measure("sd")
 SIDE = 64
 FRAMES = 20
-"""Of a half window."""
+"""Length of a half window."""
 
 
 def halves_of(*shape, highest=60):
@@ -34,7 +34,7 @@ def test_the_score_is_the_covariance_and_a_twelfth_over_both_means(shape):
     assert DEBIASED(pair[::-1]) == DEBIASED(pair)
 
 
-def test_its_ends_are_those_of_one_spike_a_half():
+def test_the_extreme_scores_are_those_of_one_spike_per_half():
     once = np.zeros((2, 4, 5), np.uint8)
     once[:, 1, 2] = 1
     assert DEBIASED(once) == pytest.approx(20 - 1 + 400 / 12, rel=1e-14)
@@ -66,21 +66,21 @@ def test_what_is_no_pair_of_images_is_refused(shape):
     assert error.allowed.startswith("(2, rows, columns)")
 
 
-# A still scene of 1 to 2 counts a half and pixel, 3 a window: the fractions of a count are all there.
+# A still scene of 1 to 2 counts per pixel and half window, 3 per window, with all fractions of a count.
 
 RATE = (1 + (make_generator("test_halves", "scene").permutation(SIDE**2) + 0.5) / SIDE**2).reshape(SIDE, SIDE)
 CONTRAST = float(RATE.var() / RATE.mean() ** 2)
 
 
 def integrate_and_fire(number):
-    """Spikes (2·FRAMES, SIDE, SIDE) of pixels that start anywhere between two spikes, and lose no charge."""
+    """Spikes (2·FRAMES, SIDE, SIDE) of pixels that start at any phase between two spikes and lose no charge."""
     phase = make_generator("test_halves", "phases", number).random((SIDE, SIDE))
     total = np.floor(phase + RATE * np.arange(2 * FRAMES + 1)[:, None, None] / FRAMES)
     return np.diff(total, axis=0).astype(np.uint8)
 
 
 def by_the_camera(number):
-    """The same of the project's own encoder, the ideal sensor."""
+    """Spikes of the ideal sensor, (2·FRAMES, SIDE, SIDE), by the project's encoder."""
     sensor = get_sensor("ideal")
     charge = np.float32(RATE / FRAMES * sensor.threshold_e)[None]
     packed = encode(charge, sensor, frames=2 * FRAMES, seed=number)
@@ -89,7 +89,7 @@ def by_the_camera(number):
 
 
 def errors(record, recordings):
-    """Score less true contrast, over recordings: debiased, raw, and debiased of odd and even frames."""
+    """Mean and standard error of score minus contrast: debiased, raw, and debiased of odd and even frames."""
     found = []
     for number in range(recordings):
         spikes = record(number)
@@ -102,13 +102,15 @@ def errors(record, recordings):
 
 @pytest.mark.parametrize("record", [integrate_and_fire, by_the_camera])
 def test_at_three_counts_a_window_it_is_unbiased_where_raw_dispersion_is_not(record):
-    """Significance: 4 standard errors of 200 recordings of 4,096 pixels (once in 16,000 seeds); the seeds
-    are fixed. The standard error is below 1/100 of the raw bias, so the test would see 5 % of it."""
+    """200 recordings of 4,096 pixels at fixed seeds, to 4 standard errors (exceeded once in 16,000 seeds).
+
+    The standard error is below 1/100 of the raw bias, so that the test would detect 5 % of it.
+    """
     (debiased, raw, odd_even), (error, *_) = errors(record, 200)
     assert abs(debiased) < 4 * error
     assert raw > 100 * error
     assert raw == pytest.approx((1 / 6) / (2 * RATE.mean()) ** 2, rel=0.05)  # counting adds f(1 − f), mean 1/6
-    assert odd_even < -1000 * error  # they are no halves
+    assert odd_even < -1000 * error  # these are no half windows
 
 
 def test_a_view_counts_both_halves_of_any_window(tmp_path):
@@ -135,7 +137,7 @@ def test_a_view_counts_both_halves_of_any_window(tmp_path):
 
 @dataclass(frozen=True)
 class Shared:
-    """Σ c_A·c_B: what a measure of halves that grows with the light looks like."""
+    """Σ c_A·c_B, a measure of halves that grows with the light."""
 
     halves: ClassVar[bool] = True
     degree: ClassVar[int] = 2

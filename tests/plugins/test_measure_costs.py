@@ -1,4 +1,4 @@
-"""What a score costs: each measure's statement against its own code, run on numbers that count operations."""
+"""The cost that each measure states, against its code run on numbers that count operations."""
 
 import math
 import re
@@ -21,30 +21,30 @@ from saf_gen.plugins.measures import (
     measure_names,
 )
 
-OWN = sorted(registry._own("measures"))
+OWN = sorted(registry._builtin_names("measures"))
 BEYOND = {"cen", "mid_band_power", "entropy", "change_rate"}
-"""A Fourier transform is worked out below; a table of levels is an addition of each pixel's to its place; a whole
-number times a fraction is a product that these numbers do not see."""
+"""Measures whose operations these numbers do not count: Fourier transforms (computed below), a table of levels (one
+addition per pixel), and a product of an integer and a fraction."""
 
 
 class Tally:
-    """How many additions, subtractions, multiplications and roots there have been."""
+    """The number of additions, subtractions, multiplications and roots so far."""
 
     done = 0
 
 
 numbers = {}
-"""int and float, each with its subclass that counts."""
+"""int and float, each with its counting subclass."""
 
 
 def counting(kind):
-    """A subclass of int or float whose sums and products are counted, and counting numbers again."""
+    """A subclass of int or float whose sums and products are counted, and are counting numbers again."""
 
     def counted(name):
-        of = getattr(kind, name)
+        operation = getattr(kind, name)
 
         def method(self, other):
-            plain = of(self, kind(other) if isinstance(other, np.generic) else other)
+            plain = operation(self, kind(other) if isinstance(other, np.generic) else other)
             if plain is NotImplemented:
                 return plain
             Tally.done += 1
@@ -52,7 +52,7 @@ def counting(kind):
 
         return method
 
-    def free(name):  # a quotient is made once a window, or once a tile
+    def free(name):  # a quotient is computed once per window or tile
         return lambda self, *other: numbers[float](getattr(float, name)(float(self), *map(float, other)))
 
     members = {name: counted(name) for name in ("__add__", "__radd__", "__sub__", "__rsub__", "__mul__", "__rmul__")}
@@ -66,14 +66,14 @@ numbers |= {kind: counting(kind) for kind in (int, float)}
 
 
 class Kept(np.ndarray):
-    """An array of counting numbers, which a measure cannot turn into plain ones."""
+    """An array of counting numbers that a measure cannot convert to plain numbers."""
 
     def astype(self, *_, **__):
         return self
 
 
 def counts_of(shape, kind):
-    """Counts below 60 as numbers that count, any shape."""
+    """Counts below 60 as counting numbers, in any shape."""
     values = make_generator("test_measure_costs").integers(1, 60, shape)
     out = np.empty(shape, dtype=object)
     out.flat = [numbers[kind](kind(v)) for v in values.flat]
@@ -81,7 +81,7 @@ def counts_of(shape, kind):
 
 
 def correlated(image, down, across, stride, of=_filters.correlate_separable.py_func):
-    return of(image, down.astype(object), across.astype(object), stride)  # numpy's floats would not ask ours
+    return of(image, down.astype(object), across.astype(object), stride)  # numpy's floats would bypass ours
 
 
 def root(value):
@@ -91,7 +91,7 @@ def root(value):
 
 @pytest.fixture
 def bare(monkeypatch):
-    """The measures' modules, taking arrays as they are; their kernels as plain Python."""
+    """Let the measures accept arrays unchanged, and run their kernels as plain Python."""
     for name, module in list(sys.modules.items()):
         if name.startswith("saf_gen.plugins.measures."):
             for checked in ("counts_as_integers", "counts_as_floats"):
@@ -100,10 +100,10 @@ def bare(monkeypatch):
             if hasattr(module, "correlate_separable"):
                 monkeypatch.setattr(module, "correlate_separable", correlated)
 
-    def nothing(shape):
+    def zeros(shape):
         return np.full(shape, numbers[float](0.0), dtype=object)
 
-    monkeypatch.setattr(_filters, "np", SimpleNamespace(zeros=nothing, empty=nothing))
+    monkeypatch.setattr(_filters, "np", SimpleNamespace(zeros=zeros, empty=zeros))
     monkeypatch.setattr(gradient_code, "_magnitudes", gradient_code._magnitudes.py_func)
     monkeypatch.setattr(gradient_code, "math", SimpleNamespace(sqrt=root))
 
@@ -115,7 +115,7 @@ def operations(measure, shape, kind):
 
 
 def per_pixel(measure, kind=int):
-    """Operations per pixel, from four sizes: neither borders are in it, nor what is done once a window."""
+    """Operations per pixel from four sizes, without those at borders and those done once per window."""
     rows, cols = 16, 24
     sizes = {(i, j): operations(measure, (i * rows, j * cols), kind) for i in (1, 2) for j in (1, 2)}
     return (sizes[2, 2] - sizes[1, 2] - sizes[2, 1] + sizes[1, 1]) / (rows * cols)
@@ -135,7 +135,7 @@ def test_a_docstring_says_the_cost_that_is_stated(name):
 
 
 KERNELS = {"gradient_code", "gaussian_derivative", "wavelet_ratio", "dct_energy_ratio"}
-"""Those that compute in floating point; counts are whole for the others, whose sums stay exact in them."""
+"""Measures that compute in floating point; the others compute exactly in integers."""
 OPTIONS = [
     *((name, {}) for name in OWN if name not in BEYOND),
     ("gaussian_derivative", {"sigma_px": 0.5}),
@@ -146,7 +146,7 @@ OPTIONS = [
 
 @pytest.mark.parametrize(("name", "options"), OPTIONS, ids=lambda value: value if value else "")
 def test_a_measure_costs_what_it_states(bare, name, options):
-    """Exact, but for tiles: a sum of n numbers is n - 1 additions, in each of them."""
+    """Exact, except for tiles: in each of them a sum of n numbers has n - 1 additions."""
     measure = get_measure(name, **options)
     found = per_pixel(measure, float if name in KERNELS else int)
     assert found == pytest.approx(measure.cost, rel=0.02 if name == "dct_energy_ratio" else 1e-12)
@@ -154,8 +154,9 @@ def test_a_measure_costs_what_it_states(bare, name, options):
 
 @pytest.mark.parametrize(("name", "each"), [("cen", 7), ("mid_band_power", 5)])
 def test_a_spectrum_costs_its_transform_the_mean_and_what_is_done_with_the_frequencies_kept(name, each):
-    """A real transform of N numbers takes 2.5 N log2 N operations. Then the mean is found and taken off, and
-    each frequency kept has its power (3), a weight and a place in sums.
+    """A real transform of N numbers takes 2.5 N log2 N operations.
+
+    In addition the mean is computed and subtracted, and each frequency kept has its power (3), a weight and sums.
     """
     measure, shape = get_measure(name), (250, 400)
     weight, _ = _spectrum._band(shape, getattr(measure, "lowest", 0.0), highest=measure.highest)

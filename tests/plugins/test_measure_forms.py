@@ -1,4 +1,4 @@
-"""Focus measures by hand: images whose score is known, and slow references that read like the formula."""
+"""Focus measures against images with known scores, and against slow references written like the formula."""
 
 from collections import Counter
 from math import cos, exp, log2, pi, sin
@@ -36,9 +36,9 @@ def stripes(period, width, *, mean=20.0, height=24):
 @pytest.mark.parametrize("name", FLAT)
 @pytest.mark.parametrize("level", [0, 7, 20_000])
 def test_an_even_image_scores_nothing(name, level):
-    whole = np.full((ROWS, COLS), level, np.uint32)
-    assert score(name, whole) == pytest.approx(0.0, abs=1e-24 * (1 + level**2))
-    assert score(name, whole.astype(np.float32)) == pytest.approx(0.0, abs=1e-24 * (1 + level**2))
+    even = np.full((ROWS, COLS), level, np.uint32)
+    assert score(name, even) == pytest.approx(0.0, abs=1e-24 * (1 + level**2))
+    assert score(name, even.astype(np.float32)) == pytest.approx(0.0, abs=1e-24 * (1 + level**2))
 
 
 SLOPE, FOOT = 3, 5
@@ -95,7 +95,7 @@ def test_the_power_of_a_lone_pixel_is_even_over_all_frequencies():
 MEAN, HALF = 10, 3
 BOARD = MEAN + HALF * (1 - 2 * (np.add.outer(np.arange(ROWS), np.arange(COLS)) % 2))
 OF_A_BOARD = {
-    "tenengrad": 0.0,  # its smoothing takes out what alternates
+    "tenengrad": 0.0,  # its smoothing removes what alternates
     "brenner": 0.0,
     "squared_gradient": 4 * HALF**2,
     "energy_of_laplacian": 1024 * HALF**2,
@@ -124,7 +124,7 @@ def test_a_simple_image_scores_as_worked_out(image, name):
 
 @pytest.mark.parametrize("period", [3, 4, 5, 8, 16])
 def test_stripes_of_a_known_period_score_as_worked_out(period):
-    w, v = 2 * pi / period, 3.0**2 / 2  # radians a pixel; variance
+    w, v = 2 * pi / period, 3.0**2 / 2  # radians per pixel; variance
 
     def scored(name, beyond, **options):  # averaged over whole periods
         return score(name, stripes(period, 6 * period + beyond), **options)
@@ -168,7 +168,7 @@ def test_what_works_along_rows_does_not_see_stripes_along_them(name):
     assert score(name, lying.T) > 1.0
 
 
-# Slow references: loops and full kernels, no code in common with what they check.
+# Slow references: loops and full kernels, with no code in common with the measures.
 
 
 def valid(c, kernel):
@@ -296,7 +296,7 @@ def test_the_reduced_energy_ratio_is_that_of_the_lowest_orders(orders):
     assert score("dct_energy_ratio", c, highest_order=orders) == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_whole_energy_ratio_is_the_spike_dispersion_of_tiles():
+def test_the_full_energy_ratio_is_the_spike_dispersion_of_tiles():
     c = make_generator("forms", "tiles").integers(0, 60, (24, 40))
     tiles = [c[y : y + 8, x : x + 8] for y in range(0, 24, 8) for x in range(0, 40, 8)]
     expected = np.mean([score("sd", tile) for tile in tiles])
@@ -347,7 +347,7 @@ OF_NOISE = {
     "vollath_f4": (0.0, 0.01),
     "vollath_f5": (0.0, 0.006),
 }
-"""Score of white noise of variance 1, and six standard errors of 500,000 numbers (measured from 12 seeds)."""
+"""Score of white noise of variance 1, and six standard errors for 500,000 numbers (measured with 12 seeds)."""
 
 
 @pytest.mark.parametrize("name", OF_NOISE)

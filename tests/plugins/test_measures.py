@@ -1,6 +1,6 @@
-"""Focus measures: what all of them guarantee, their names and forms; the paper's against references of scipy.
+"""Focus measures: guarantees of all of them, names and forms; those of the paper against references of scipy.
 
-The formulas of the literature are in test_measure_forms.py, measures of two halves in
+The formulas of the literature are tested in test_measure_forms.py, measures of two halves in
 test_half_window_measures.py.
 """
 
@@ -77,7 +77,7 @@ def test_gradient_of_a_ramp_has_the_gain_of_an_unnormalised_sobel():
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_mfdct_code_convolves_each_whole_tile_alone_and_in_full(shape):
+def test_mfdct_code_convolves_each_complete_tile_separately_and_in_full(shape):
     c = counts_of(shape).astype(np.int64)
     tiles = [c[y : y + 4, x : x + 4] for y in range(0, shape[0] // 4 * 4, 4) for x in range(0, shape[1] // 4 * 4, 4)]
     expected = sum(int((convolve2d(tile, KERNEL, mode="full") ** 2).sum()) for tile in tiles)
@@ -101,7 +101,7 @@ def test_a_constant_image_of_seven_scores_as_the_closed_forms_say():
     assert get_measure("er_sumsq")(c) == 4_900_000
 
 
-def test_rows_beyond_the_last_whole_tile_do_not_enter_mfdct_code():
+def test_rows_beyond_the_last_complete_tile_do_not_enter_mfdct_code():
     c = counts_of((250, 402))
     changed = c.copy()
     changed[248:], changed[:, 400:] = 0, 0
@@ -118,7 +118,7 @@ def test_counts_times_a_give_the_score_times_a_to_the_degree(name, factor):
 
 
 def scene():
-    """Patches of seven pixels, their counts drawn: periodic, and sharp."""
+    """A periodic, sharp image: patches of seven pixels with random counts."""
     patches = make_generator("test_measures", "scene").integers(5, 60, (14, 16))
     return np.kron(patches, np.ones((7, 7)))
 
@@ -207,7 +207,7 @@ def test_every_measure_that_grows_with_brightness_is_listed_normalised_too_and_n
 
 @dataclass(frozen=True)
 class Power:
-    """Mean count to a power that is an option: its degree is no class attribute."""
+    """The mean count to a power that is an option, so that its degree is no class attribute."""
 
     power: int = 2
 
@@ -221,7 +221,7 @@ class Power:
 
 def test_a_measure_whose_degree_is_an_option_is_listed_by_its_default(monkeypatch):
     theirs = {"power": SimpleNamespace(value="theirs:Power", load=lambda: Power)}
-    monkeypatch.setattr(registry, "_offered", lambda room: theirs if room == "measures" else {})
+    monkeypatch.setattr(registry, "_entry_points", lambda group: theirs if group == "measures" else {})
     registry._find_plugin_class.cache_clear()
     try:
         assert {"power", "power_n"} <= set(measure_names())
@@ -257,7 +257,7 @@ def test_an_unknown_measure_is_one_line_with_the_nearest_name():
     assert refusal(get_measure, "gradient_cod_n").nearest == "gradient_code_n"
 
 
-def test_any_measure_of_a_whole_window_takes_textures_by_its_name():
+def test_any_measure_of_a_full_window_has_a_form_for_textures():
     c = counts_of((40, 60)) / 7
     for name in ("sd", "tenengrad", "tenengrad_n", "entropy"):
         inner, measure = get_measure(name), get_measure(f"{name}_tfi")

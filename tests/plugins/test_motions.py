@@ -1,4 +1,4 @@
-"""Lens motions, against closed forms and against the differential equation they stand for."""
+"""Lens motions, against closed forms and the differential equation that they solve."""
 
 from dataclasses import dataclass
 from math import exp, pi, sqrt
@@ -34,7 +34,7 @@ def test_the_motions_of_the_issue_are_registered():
 # -- straight lines ------------------------------------------------------------------------------------
 
 
-def test_a_sweep_passes_the_whole_travel_once_at_constant_speed():
+def test_a_sweep_passes_the_full_travel_once_at_constant_speed():
     assert lens("sweep", frames=8) == pytest.approx((np.arange(8) + 0.5) / 8, abs=1e-7)
 
 
@@ -63,7 +63,7 @@ def test_a_lens_that_holds_stays():
 
 @pytest.mark.parametrize("damping", [0.1, 0.7, 0.999999, 1.0, 1.000001, 3.0])
 def test_steps_solve_the_equation_of_a_mass_on_a_spring(damping):
-    """Against a Runge-Kutta solution, with steps that come before the one before has settled."""
+    """Against a Runge-Kutta solution, with steps that begin before the previous one has settled."""
     options = {"from": 0.3, "to": 0.7, "count": 4, "natural_hz": 40.0, "damping": damping}
     duration, omega = 0.1, 2 * pi * 40.0
     times = (np.arange(2000) + 0.5) / HZ
@@ -109,7 +109,7 @@ def test_an_overshoot_is_cut_off_at_the_end_of_the_travel_and_nowhere_else():
     assert up.max() == 1.0
     assert down == pytest.approx(1 - up, abs=2e-7)
     inside = lens("steps", **rings, **{"from": 0.1, "to": 0.8})
-    assert inside.max() > 0.88  # 0.14 a step, 73 % of it over the last place
+    assert inside.max() > 0.88  # steps of 0.14, overshot by 73 %
 
 
 def test_steps_share_the_recording_evenly_unless_their_rest_is_given():
@@ -126,13 +126,13 @@ def test_steps_share_the_recording_evenly_unless_their_rest_is_given():
 
 
 def speeds(seed, *, seconds=2.0, **options):
-    """Speed over its mean, at 2 kHz, in the middle of the travel: no end cuts anything off."""
+    """Speed over its mean, at 2 kHz, in the middle of the travel, so that no end cuts anything off."""
     ends = {"from": 0.2, "to": 0.8, "seed": seed}
     position = get_motion("hand", **ends, **options).positions(np.arange(2000 * seconds + 1) / 2000, seconds)
     return np.diff(position) * 2000 * seconds / 0.6
 
 
-def test_a_hand_goes_from_one_end_to_the_other_and_never_back_unless_told():
+def test_a_hand_goes_from_one_end_to_the_other_and_by_default_never_back():
     for seed in range(40):
         position = lens("hand", frames=4000, hz=4000.0, seed=seed, irregularity=1.0, bandwidth_hz=12.0)
         assert (np.diff(position) >= 0).all()
@@ -140,10 +140,10 @@ def test_a_hand_goes_from_one_end_to_the_other_and_never_back_unless_told():
         assert position[-1] == pytest.approx(1, abs=2e-3)
 
 
-def test_a_hand_that_may_goes_back_for_about_the_share_that_it_states():
+def test_a_hand_with_reversals_goes_back_for_the_stated_fraction_of_time():
     """Φ(-1/σ) = 0.106 at σ = 0.8: 200 seeds of 40 waves each, sd of their mean 0.0009 (measured); 4 sd."""
-    share = np.mean([(speeds(s, reversals=True, irregularity=0.8, bandwidth_hz=20.0) < 0).mean() for s in range(200)])
-    assert share == pytest.approx(norm.cdf(-1 / 0.8), abs=0.004)
+    back = np.mean([(speeds(s, reversals=True, irregularity=0.8, bandwidth_hz=20.0) < 0).mean() for s in range(200)])
+    assert back == pytest.approx(norm.cdf(-1 / 0.8), abs=0.004)
 
 
 @pytest.mark.parametrize("sigma", [0.2, 0.6, 1.0])
@@ -160,7 +160,7 @@ def test_the_speed_of_a_hand_holds_no_frequency_above_its_band(reversals):
     speed = speeds(5, reversals=reversals, irregularity=0.7, bandwidth_hz=10.0)
     power = np.abs(np.fft.rfft(speed - speed.mean())) ** 2
     hz = np.fft.rfftfreq(speed.size, 1 / 2000)
-    assert power[hz > 10.25].sum() < 1e-6 * power.sum()  # straight lines between 32 points a wave
+    assert power[hz > 10.25].sum() < 1e-6 * power.sum()  # straight lines between 32 points per wave
     assert power[(hz > 5) & (hz <= 10.25)].sum() > 1e-3 * power.sum()
 
 
@@ -181,24 +181,24 @@ def test_a_table_is_followed_in_straight_lines():
 
 def test_a_table_of_the_readouts_themselves_reaches_far_enough():
     times = (np.arange(200) + 0.5) / HZ
-    places = np.linspace(0.1, 0.9, 200)
-    rows = "".join(f"{t:.6f},{p:.9f}\n" for t, p in zip(times, places, strict=True))
-    assert lens("from_csv", frames=200, file=csv("time_s,position\n" + rows)) == pytest.approx(places, abs=1e-7)
+    positions = np.linspace(0.1, 0.9, 200)
+    rows = "".join(f"{t:.6f},{p:.9f}\n" for t, p in zip(times, positions, strict=True))
+    assert lens("from_csv", frames=200, file=csv("time_s,position\n" + rows)) == pytest.approx(positions, abs=1e-7)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("time,position\n0,0\n", "lens.csv:1 | the columns are 'time,position' | time_s,position"),
-        ("time_s,position\n0,0\n0,1\n", "lens.csv:3 | time_s goes from 0 to 0 | a rising column"),
+        ("time_s,position\n0,0\n0,1\n", "lens.csv:3 | time_s goes from 0 to 0 | a column that rises"),
         ("time_s,position\n0,0\n1,far\n", "lens.csv:3 | position is 'far' | a finite number"),
         ("time_s,position\n0,0\n0.1,1.2\n", "lens.csv | position is 1.2 at 0.1 s | 0 to 1"),
         ("time_s,position\n0,0\n0.01,1\n", "time_s goes from 0 to 0.01 | 0.1 s | 0.099975 s"),
         ("time_s,position\n0.01,0\n1,1\n", "covers | add rows"),
     ],
 )
-def test_a_table_that_does_not_fit_is_told_in_one_line(text, told):
-    assert_says(refusal(lens, "from_csv", frames=2000, file=csv(text)), told)
+def test_a_table_that_does_not_fit_is_refused_in_one_line(text, message):
+    assert_says(refusal(lens, "from_csv", frames=2000, file=csv(text)), message)
 
 
 # -- what is refused -----------------------------------------------------------------------------------
@@ -207,7 +207,7 @@ STEP = {"count": 4, "natural_hz": 50, "damping": 0.3}
 
 
 @pytest.mark.parametrize(
-    ("kind", "options", "told"),
+    ("kind", "options", "message"),
     [
         ("sweep", {"to": 1.2}, "to is 1.2 | 0 to 1"),
         ("sweep", {"from": "near"}, "from is 'near' | 0 to 1"),
@@ -230,8 +230,8 @@ STEP = {"count": 4, "natural_hz": 50, "damping": 0.3}
         ("from_csv", {"file": "lens.csv"}, "file is 'lens.csv' | CSV file"),
     ],
 )
-def test_a_motion_that_does_not_fit_is_told_in_one_line(kind, options, told):
-    assert_says(refusal(lens, kind, **options), told)
+def test_a_motion_that_does_not_fit_is_refused_in_one_line(kind, options, message):
+    assert_says(refusal(lens, kind, **options), message)
 
 
 @dataclass(frozen=True)
@@ -245,13 +245,13 @@ class TooFar:
 def test_a_motion_that_leaves_the_travel_is_refused():
     assert_says(
         refusal(motion_positions_at_readouts, TooFar(), 2000, readout_hz=HZ),
-        "TooFar() brings the lens to | 1.5 | 0 to 1 of the travel",
+        "TooFar() moves the lens over | to 1.5 | 0 to 1 of the travel",
     )
 
 
 @dataclass(frozen=True)
 class Broken:
-    """Somebody's motion that does something else than it should."""
+    """A third-party motion with a bug."""
 
     answer: object
 
@@ -259,16 +259,16 @@ class Broken:
         return seconds[:5] if self.answer == "short" else self.answer / 0
 
 
-@pytest.mark.parametrize(("answer", "told"), [("short", "Broken | (5,) | one number per time"), (1, "ZeroDiv")])
-def test_a_motion_that_fails_is_told_in_one_line(answer, told):
-    assert_says(refusal(motion_positions_at_readouts, Broken(answer), 2000, readout_hz=HZ), told)
+@pytest.mark.parametrize(("answer", "message"), [("short", "Broken | (5,) | one number per time"), (1, "ZeroDiv")])
+def test_a_motion_that_fails_is_reported_in_one_line(answer, message):
+    assert_says(refusal(motion_positions_at_readouts, Broken(answer), 2000, readout_hz=HZ), message)
 
 
 @pytest.mark.parametrize("kind", ["sweep_and_return", "hand"])
-def test_positions_are_worked_out_in_blocks_that_nobody_sees(monkeypatch, kind):
-    whole = lens(kind)
+def test_positions_do_not_depend_on_the_block_size(monkeypatch, kind):
+    expected = lens(kind)
     monkeypatch.setattr(motions, "BLOCK_FRAMES", 777)
-    assert np.array_equal(lens(kind), whole)
+    assert np.array_equal(lens(kind), expected)
 
 
 @pytest.mark.parametrize("kind", ["sweep", "hand"])

@@ -1,4 +1,4 @@
-"""Structure between octaves: by formula, by hand, and free of what is white over pixels."""
+"""Structure between octaves: by formula, by hand, and without the contribution of white noise."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_it_is_the_formula(shape, longest):
 
 
 def test_by_hand():
-    """One row 2, 4, 6, mean 4: S(1) = 4, S(2) = 16, so (16 − 4)/16."""
+    """One row 2, 4, 6 with mean 4: S(1) = 4 and S(2) = 16 give (16 − 4)/16."""
     assert get_measure("octave_structure")(np.array([[2, 4, 6]])) == pytest.approx(12 / 16, rel=1e-12)
 
 
@@ -47,20 +47,20 @@ def test_by_hand():
 def test_white_noise_of_any_size_scores_nothing(sd):
     """400 images of 60 x 80 pixels, mean 12: the mean of their scores is 0 within 4 standard errors (p < 1e-4).
 
-    One seed for each size. The variance alone would score 2·sd²/144 for each length and axis.
+    One seed per size. Without the correction the variance would score 2·sd²/144 for each length and axis.
     """
     generator = make_generator("octaves", sd)
     measure = get_measure("octave_structure")
     scores = [measure(12 + sd * generator.standard_normal((60, 80))) for _ in range(400)]
     error = np.std(scores, ddof=1) / len(scores) ** 0.5
     assert abs(np.mean(scores)) < 4 * error
-    assert 4 * error < 0.01 * 2 * sd**2 / 144  # the test would see a hundredth of the noise
+    assert 4 * error < 0.01 * 2 * sd**2 / 144  # the test would detect a hundredth of the noise
 
 
-def test_a_dark_pattern_moves_no_focus_that_it_moves_for_others():
-    """A texture blurred at the dim end, a pattern of dark counts on both: the sharp one still scores higher.
+def test_a_dark_pattern_does_not_reverse_the_ranking_as_it_does_for_others():
+    """With a pattern of dark counts added to both, a sharp texture still scores higher than a dim, blurred one.
 
-    Without the dark ``squared_gradient_n`` would say so too; with it, it prefers the dim and blurred one. One seed.
+    ``squared_gradient_n`` would rank them so without dark counts; with them it prefers the dim one. One seed.
     """
     generator = make_generator("octaves", "dark")
     waves = np.sin(np.arange(120) / 2.0) + np.zeros((90, 1))

@@ -1,4 +1,4 @@
-"""The search that fits the bell of the focus curve while the lens passes it."""
+"""The search that fits a bell to the focus curve while the lens passes the focus."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_what_is_no_bell_is_not_fitted(curve):
 @pytest.mark.parametrize(("first", "last"), [(0.0, 1.0), (1.0, 0.0)])
 @pytest.mark.parametrize("at", [0.2, 0.5, 0.85])
 def test_it_finds_the_focus_and_stops_close_behind_it(at, first, last):
-    """Noise of 2 % in windows of six spikes per pixel; its seeds are the windows' own."""
+    """Noise of 2 % in windows of six spikes per pixel, seeded by the window."""
     view = sweep(first, last, at=at, noise=0.02)
     answer = get_search("peak_fit")(view)
     passed = abs(at - first) * FRAMES
@@ -103,8 +103,8 @@ STEPS_OF_LIGHT = np.repeat([0.05, 0.02, 0.1] * 7, -(-FRAMES // 21))[:FRAMES]
 
 
 @pytest.mark.parametrize("at", [0.3, 0.5, 0.7])
-def test_light_that_jumps_does_not_move_the_focus_though_the_dark_thins_contrast_out(at):
-    """0.01 of the dark among 0.02 to 0.1 spikes per frame: scores fall to a quarter, or to 0.8 of what they were."""
+def test_jumps_of_light_do_not_move_the_focus_although_dark_counts_reduce_contrast(at):
+    """0.01 dark spikes per frame among 0.02 to 0.1 reduce scores to a quarter, or to 0.8, of those without."""
     found = {}
     for dark in (True, False):
         view = sweep(0, 1, at=at, light=STEPS_OF_LIGHT, dark=0.01)
@@ -112,14 +112,14 @@ def test_light_that_jumps_does_not_move_the_focus_though_the_dark_thins_contrast
     assert found[True] < 0.01 * WIDTH < 0.05 * WIDTH < found[False]
 
 
-def test_the_dark_rate_is_told_by_contrast_that_falls_with_the_light():
+def test_the_dark_rate_is_estimated_from_contrast_that_falls_with_the_light():
     rate = np.array([0.2, 0.05, 0.02, 0.1])
     assert estimate_dark_rate(rate, 0.3 * (1 - 0.015 / rate)) == pytest.approx(0.015)
     assert estimate_dark_rate(rate, 0.3 * (1 + 0.015 / rate)) == 0
     assert estimate_dark_rate(rate, np.zeros(4)) == 0
     assert estimate_dark_rate(rate, -0.3 + 0.01 * rate) == 0
     assert estimate_dark_rate(rate, 3 - 0.0599 / rate) == pytest.approx(MOST_DARK * 0.02)
-    little = np.array([0.2, 0.18, 0.16])  # changes that say more of noise than of the dark
+    little = np.array([0.2, 0.18, 0.16])  # changes that come from noise rather than from dark counts
     assert estimate_dark_rate(little, 0.3 * (1 - 0.015 / little)) == 0
 
 
@@ -129,11 +129,11 @@ def test_the_contrast_of_blocks_is_that_of_their_means():
     halves = np.repeat([[1.0, 3.0]], 10, axis=0).repeat(8, axis=1)
     assert contrast_of_blocks(halves) == pytest.approx(0.5)
     assert contrast_of_blocks(np.zeros((40, 64))) == 0
-    assert contrast_of_blocks(np.array([[1.0, 3.0]])) == pytest.approx(0.5)  # smaller than the blocks are many
+    assert contrast_of_blocks(np.array([[1.0, 3.0]])) == pytest.approx(0.5)  # fewer pixels than blocks
 
 
 def test_the_finest_differences_decide_near_the_top():
-    """Other depths of a target draw a broad bell half its width aside; the narrow one stands where the focus is."""
+    """Other depths of a target shift a broad bell by half its width; the narrow bell is at the focus."""
     lens = np.linspace(0, 1, FRAMES)
     finest = bell(lens, at=0.5, width=WIDTH / 2)
     for near, expected in ((0.5, 0.5), (0.0, 0.5 + WIDTH / 2)):

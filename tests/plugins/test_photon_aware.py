@@ -1,4 +1,4 @@
-"""The project's own method: a contrast that does not move with the light, and a photon-aware search."""
+"""The project's own method: a contrast that does not depend on the light, and a photon-aware search."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from saf_gen.core.seeds import make_generator
 
 
 def test_by_hand():
-    """Means 4 and 6, dark 0.5 and 1: cov = 2·3 = 6; (6 + 1/12 − 0.25·0.5·1)/(3.5·5)."""
+    """Means 4 and 6, cov = 2·3 = 6, d dark counts per half: (6 + 1/12 − 0.25·d²)/((4 − d)·(6 − d))."""
     counts = np.array([[[2, 6]], [[3, 9]]])
     score = get_measure("sd_calibrated", dark=0.05, dark_rms=0.5)(counts, frames=30)
     assert get_measure("sd_calibrated", dark=0.05, dark_rms=0.5)(counts, frames=20) == pytest.approx(
@@ -25,10 +25,10 @@ def test_without_the_length_of_the_window_it_is_the_debiased_dispersion():
 
 
 def test_the_score_is_the_contrast_of_the_light_whatever_the_light():
-    """A twentieth of the light moves it by less than 6 %, and `sd` by more than a quarter.
+    """A twentieth of the light changes it by less than 6 %, and `sd` by more than a quarter.
 
-    One device and one seed, fixed; 6,144 pixels and at least 12 spikes a pixel give a standard error of the
-    score below 2 % of it. The response adds 5 %, mostly by the first column and row of so small an array.
+    One device and one fixed seed; 6,144 pixels with at least 12 spikes each give a standard error of the score
+    below 2 %. The response adds 5 %, mostly in the first column and row of this small array.
     """
     bright, dim = halves_of(0.2, 400), halves_of(0.01, 1600)
     calibrated, sd = get_measure("sd_calibrated"), get_measure("sd")
@@ -67,7 +67,7 @@ def test_windows_hold_the_spikes_asked_for_and_end_now():
     full = [w for w in view.windows if w[1] - w[0] < 0.15 * 20_000]
     assert min(count for *_, count in full) >= 8.0
     longest = {round(stop / 100): stop - first for first, stop, _ in view.windows}
-    assert longest[20] < longest[48]  # in the dark they grow
+    assert longest[20] < longest[48]  # they grow as it gets darker
 
 
 @pytest.mark.parametrize("at", [-0.1, 1.1])
@@ -84,7 +84,7 @@ def test_without_light_it_abstains():
 
 
 def test_noise_at_the_start_does_not_stop_it():
-    """A curve that is flat but for noise of 2 % until the focus at 0.7; seeds are the windows' own."""
+    """The curve is flat, except for noise of 2 %, until the focus at 0.7; noise is seeded by the window."""
     view = Sweep(bell(0.7, floor=1.0), noise=0.06)
     answer = get_search("photon_aware")(view)
     assert answer.frame == pytest.approx(0.7 * 20_000, abs=0.3 * 0.08 * 20_000)

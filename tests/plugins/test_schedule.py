@@ -1,4 +1,4 @@
-"""Schedules in recipes: files, seeds and lux are filled in, and what does not fit is told with its line."""
+"""Schedules in recipes: files, seeds and lux are filled in, and errors name the line."""
 
 import json
 
@@ -17,7 +17,7 @@ TABLE = "time_s,gain\n0,1\n0.01,0.5\n"
 
 @pytest.fixture
 def recipe_of(tmp_path, test_scenes):
-    """Writes the small recipe with one light of this text, in a folder of its own: path."""
+    """Write the small recipe with this text as its only light, in a new folder, and return its path."""
     folder = tmp_path / "recipes"
     folder.mkdir()
     (folder / "lamp.csv").write_text(TABLE)
@@ -47,7 +47,7 @@ def gains_of(sequence, frames=20):
 
 
 def test_a_table_is_read_with_the_recipe_from_the_recipe_s_folder(recipe_of, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # a path is the recipe's, wherever the command runs
+    monkeypatch.chdir(tmp_path)  # a path is relative to the recipe, not to the working directory
     (tmp_path / "lamp.csv").write_text("time_s,gain\n0,9\n")
     recipe = read_recipe(recipe_of("{kind: from_csv, file: lamp.csv}"))
     assert recipe.lights["it"] == {"kind": "from_csv", "file": {"path": "lamp.csv", "text": TABLE}}
@@ -64,7 +64,7 @@ def test_an_edited_table_is_another_sequence(recipe_of):
     assert fingerprints(path) == before
 
 
-def test_what_is_recorded_of_a_recipe_needs_the_file_no_more(recipe_of, tmp_path):
+def test_a_stored_recipe_does_not_need_the_table_file(recipe_of, tmp_path):
     recipe = read_recipe(recipe_of("{kind: from_csv, file: lamp.csv}"))
     alone = tmp_path / "alone.yaml"
     alone.write_text(yaml.safe_dump(recipe.model_dump(mode="json"), sort_keys=False))
@@ -79,7 +79,7 @@ def test_a_choice_of_tables_is_drawn(recipe_of):
 
 
 @pytest.mark.parametrize(
-    ("light", "told"),
+    ("light", "message"),
     [
         ("{kind: from_csv, file: lampp.csv}", "small.yaml:7 | 'lampp.csv' | mean 'lamp.csv"),
         ("{kind: from_csv, file: ../lamp.csv}", "small.yaml:7 | '../lamp.csv' | outside"),
@@ -94,12 +94,12 @@ def test_a_choice_of_tables_is_drawn(recipe_of):
         ("{lamp: {kind: from_csv, file: nan.csv}}", "small.yaml:7 | nan.csv:2 | gain is 'nan'"),
     ],
 )
-def test_a_table_that_does_not_fit_is_told_in_one_line(recipe_of, light, told):
+def test_a_table_that_does_not_fit_is_refused_in_one_line(recipe_of, light, message):
     path = recipe_of(light)
     path.with_name("negative.csv").write_text("time_s,gain\n0,1\n2,-1\n")
     path.with_name("back.csv").write_text("time_s,gain\n1,1\n0,1\n")
     path.with_name("nan.csv").write_text("time_s,gain\n0,nan\n")
-    assert_says(refusal(resolve_recipe, path), told)
+    assert_says(refusal(resolve_recipe, path), message)
 
 
 # --- open kinds --------------------------------------------------------------------------------------
@@ -132,7 +132,7 @@ def test_a_walk_depends_on_names_alone(recipe_of):
     assert json.loads(json.dumps(alone[0].schedule)) == alone[0].schedule
 
 
-def test_a_seed_that_is_given_is_everybody_s(recipe_of):
+def test_a_given_seed_holds_for_all_sequences(recipe_of):
     plan = make_recipe_plan(read_recipe(recipe_of("{kind: random_walk, sd: 0.5, seed: 8}", repeats=3)))
     assert [s.schedule[""]["seed"] for s in plan] == [8, 8, 8]
 
@@ -160,7 +160,7 @@ LUX = {"plane": SceneFamily(illuminance_lux={"lamp": 300.0, "room": 100.0})}
 
 @pytest.mark.parametrize(("light", "gain"), [("lamp", 0.5), ("room", 1.5), ("", 0.375)])
 def test_levels_in_lux_are_divided_by_the_lux_that_the_scene_has_at_gain_1(recipe_of, light, gain):
-    """150 lux: half the lamp's 300, one and a half times the room's 100, 3/8 of both."""
+    """150 lux are half the lamp's 300, one and a half times the room's 100, and 3/8 of both."""
     part = "{kind: constant, level: 100, offset: 50, unit: lux}"
     recipe = read_recipe(recipe_of(f"{{{light}: {part}}}" if light else part))
     (sequence,) = make_recipe_plan(recipe, LUX)
@@ -195,14 +195,14 @@ def test_the_card_s_illuminance_reaches_the_sequence(recipe_of, tmp_path, test_s
 
 
 @pytest.mark.parametrize(
-    ("lux", "told"),
+    ("lux", "message"),
     [
         ("{lamp: 300}", "illuminance_lux above 0 for each of lamp, room, or for none"),
         ("{lamp: 300, room: 0}", "illuminance_lux above 0"),
         ("{lamp: 300, rom: 10}", "illuminance_lux above 0 for each of lamp, room"),
     ],
 )
-def test_a_card_states_the_illuminance_of_all_groups_or_of_none(tmp_path, test_scenes, monkeypatch, lux, told):
+def test_a_card_states_the_illuminance_of_all_groups_or_of_none(tmp_path, test_scenes, monkeypatch, lux, message):
     from saf_gen.scene.scene_folder import find_scene
 
     folder = tmp_path / "plane"
@@ -211,14 +211,14 @@ def test_a_card_states_the_illuminance_of_all_groups_or_of_none(tmp_path, test_s
     card = (test_scenes / "plane" / "scene.yaml").read_text()
     (folder / "scene.yaml").write_text(card + f"illuminance_lux: {lux}\n")
     monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path))
-    assert_says(refusal(find_scene, "plane"), told)
+    assert_says(refusal(find_scene, "plane"), message)
 
 
 # --- keys --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("light", "told"),
+    ("light", "message"),
     [
         ("{kind: constant, ofset: 1}", "small.yaml:7 | 'constant' | 'ofset' | 'offset'"),
         ("{choice: [{kind: constant}, {kind: flickr}]}", "small.yaml:7 | 'flickr'"),
@@ -231,5 +231,5 @@ def test_a_card_states_the_illuminance_of_all_groups_or_of_none(tmp_path, test_s
         ("{kind: flicker, depth: {uniform: [0.5, 1.5]}}", "depth is 1.5 | 0 to 1"),
     ],
 )
-def test_a_key_that_does_not_fit_is_told_with_its_line(recipe_of, light, told):
-    assert_says(refusal(resolve_recipe, recipe_of(light)), told)
+def test_a_key_that_does_not_fit_is_refused_with_its_line(recipe_of, light, message):
+    assert_says(refusal(resolve_recipe, recipe_of(light)), message)

@@ -1,4 +1,4 @@
-"""Searches against planted peaks, and against slow references that list every frame of every window."""
+"""Searches against planted peaks, and against slow references that list all frames of each window."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from saf_gen.core.seeds import make_generator
 
 @dataclass
 class Peak:
-    """A recording whose score falls with the distance of a window's centre from a peak (0-based frame)."""
+    """A recording whose score falls with the distance of a window's centre from the peak frame (from 0)."""
 
     frames: int
     peak: float
@@ -28,7 +28,7 @@ class Peak:
 
 
 class Curve:
-    """A recording whose score is the mean of a number a frame: any curve, ties and noise too."""
+    """A recording whose score is the mean of one number per frame: any curve, with ties and noise."""
 
     def __init__(self, values):
         self.frames = len(values)
@@ -40,12 +40,12 @@ class Curve:
 
 
 def focus_curve(frames, peak, *, noise=0.0):
-    """A bell over a slope, one number a frame; noise from a fixed stream."""
+    """A bell over a slope, one number per frame, with noise from a fixed stream."""
     at = (np.arange(frames) - peak * frames) / (0.15 * frames)
     return np.exp(-(at**2)) + 0.1 * at / frames + noise * make_generator("searches", frames).normal(size=frames)
 
 
-# Reference searches of this project's conventions, frame by frame from 0.
+# Reference searches with this project's conventions; frames are counted from 0.
 
 
 def mean_of(view, listed):
@@ -134,7 +134,7 @@ def test_a_window_with_fractional_ends_takes_the_frames_nearest_to_its_steps():
 
 
 PROMISES = {"argmax": 50, "naive": 5, "egs": 5, "egs_code": 10, "sgfs_code": 10, "sgfs_causal": 5}
-"""Half a block, half a step, half the threshold; the code's own conventions cost it the other half."""
+"""Half a block, half a step, half the threshold; the conventions of the released code cost the other half."""
 
 
 @pytest.mark.parametrize("search", PROMISES)
@@ -216,11 +216,11 @@ def test_refinement_of_a_plateau_stays_within_half_a_block():
     assert search(Curve(np.repeat([0, 1, 1, 0.0], 10))).frame == 19.5
 
 
-# The centroid of the curve near its top: blocks of one frame, so that the curve is what is scored.
+# The centroid of the curve near its top, with blocks of one frame, so that scores are the curve itself.
 
 
 def centroid(scores, *, near=0.5, window=1):
-    """Where the refined search puts the top of a curve of block scores, 0-based frame."""
+    """The frame, from 0, that the refined search finds for the top of a curve of block scores."""
     view = Curve(np.repeat(np.asarray(scores, dtype=float), window))
     return get_search("argmax", window=window, refine="centroid", near=near)(view).frame
 
@@ -233,7 +233,7 @@ def lopsided(left, right, peak=200, blocks=600, *, side=lambda u: np.maximum(1 -
 
 @pytest.mark.parametrize("peak", [873, 850.0, 899.5, 1200.25])
 def test_the_centroid_of_a_triangle_is_its_top_wherever_it_lies_between_blocks(peak):
-    """Blocks of 100 frames, sides of 400: hats a whole number of blocks wide keep a straight line's mean."""
+    """Blocks of 100 frames and sides of 400, a multiple, so that averaging over blocks keeps the straight sides."""
     frames = np.arange(2000)
     view = Curve(np.maximum(1 - np.abs(frames - peak) / 400, 0))
     answer = get_search("argmax", refine="centroid", near=1)(view)
@@ -256,7 +256,7 @@ def test_the_centroid_of_a_lopsided_triangle_leans_by_a_third_of_the_difference_
     ],
 )
 def test_the_centroid_of_a_lopsided_bell_is_its_closed_form(side, lean, reach):
-    """Two halves of a parabola, and of a Gaussian; the parabola above a level is one again, √near as wide."""
+    """Two halves of a parabola or a Gaussian; above a level the parabola is a parabola again, √near as wide."""
     found = centroid(lopsided(200, 400, peak=2000, blocks=6000, side=side), near=reach)
     assert found == pytest.approx(2000 + lean * math.sqrt(reach) * 200, abs=0.02)
 
@@ -286,7 +286,7 @@ def test_a_centroid_near_an_end_is_not_pulled_inwards_by_the_side_that_is_cut_of
 
 
 def test_the_centroid_moves_less_with_noise_than_the_parabola_does():
-    """200 bells, noise of 0.02 rms, seed the stream's: 1.51 and 0.095 blocks rms measured, each to 5 %."""
+    """200 bells, noise of 0.02 rms, a named stream: 1.51 and 0.095 blocks rms were measured, each to 5 %."""
     noise = make_generator("searches", "centroid").normal(scale=0.02, size=(200, 200))
     tops = 80 + np.arange(200) / 10
     bells = np.exp(-(((np.arange(200) - tops[:, None]) / 20) ** 2)) + noise
@@ -298,7 +298,7 @@ def test_the_centroid_moves_less_with_noise_than_the_parabola_does():
     assert spread["centroid"] < spread["parabola"] / 4
 
 
-# Ours.
+# The project's own searches.
 
 
 @pytest.mark.parametrize("frames", LENGTHS)
@@ -334,7 +334,7 @@ def test_egs_keeps_the_middle_of_what_scores_alike():
 
 
 def test_the_code_s_conventions_put_egs_code_off_the_centre():
-    """The same curve, its peak at each of 200 frames: ours has no bias, the code's answers early."""
+    """One curve with its peak at each of 200 frames: our search has no bias, that of the released code has."""
     frames, at = 2000, np.arange(900, 1100)
     ours = [get_search("egs")(Peak(frames, peak)).frame for peak in at]
     code = [get_search("egs_code")(Peak(frames, peak)).frame for peak in at]
@@ -361,7 +361,7 @@ def test_naive_with_steps_as_long_as_its_window_is_argmax():
 
 @pytest.mark.parametrize(("frames", "dt"), [(1000, 7), (1001, 50), (4090, 100)])
 @pytest.mark.parametrize("falls", [1, 3, 5])
-def test_sgfs_causal_stops_where_s_fell_for_the_first_time_as_often_as_asked(frames, dt, falls):
+def test_sgfs_causal_stops_when_s_has_first_fallen_the_requested_number_of_times(frames, dt, falls):
     for peak in PEAKS:
         for noise in (0.0, 1.0):
             view = Curve(focus_curve(frames, peak, noise=noise))
@@ -385,7 +385,7 @@ def test_sgfs_causal_sees_frames_in_their_order_and_stops_a_little_after_the_cod
 
 
 @pytest.mark.parametrize("peak", [0.35, 0.55])
-def test_what_comes_after_its_stop_is_nothing_to_sgfs_causal(peak):
+def test_sgfs_causal_ignores_everything_after_its_stop(peak):
     values = focus_curve(10_000, peak)
     answer = get_search("sgfs_causal")(Curve(values))
     stop = int(answer.note.split()[2])
@@ -451,10 +451,10 @@ def test_the_shortest_recordings_that_fit_are_searched():
     assert "three frames" in refusal(get_search("sgfs_code", dt=2), Peak(3, 1)).allowed
 
 
-def test_an_unknown_search_is_one_line_with_the_nearest_name():
+def test_an_unknown_search_is_refused_with_the_nearest_name():
     error = refusal(get_search, "egs_cod")
-    assert str(error).startswith("unknown search 'egs_cod'; allowed: argmax, coarse_to_fine, egs, egs_code, ")
-    assert str(error).endswith("; did you mean 'egs_code'?")
+    assert (error.problem, error.nearest) == ("unknown search 'egs_cod'", "egs_code")
+    assert error.allowed.startswith("argmax, coarse_to_fine, egs, egs_code, ")
 
 
 FRAMES, FRACTION = "whole number of frames, at least 1", "fraction of the travel, above 0 and below 1"
@@ -515,5 +515,5 @@ def test_wrong_options_of_a_search_are_refused(search, options, problem, allowed
 @pytest.mark.parametrize(
     ("refine", "nearest"), [("centriod", "centroid"), (True, "parabola"), (False, "no"), ("top", "")]
 )
-def test_a_refinement_that_is_none_is_refused_with_the_nearest(refine, nearest):
+def test_an_unknown_refinement_is_refused_with_the_nearest(refine, nearest):
     assert refusal(get_search, "argmax", refine=refine).nearest == nearest

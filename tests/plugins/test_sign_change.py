@@ -1,4 +1,4 @@
-"""ELP as a search: the product of Laplacian and change is the growth of a squared gradient; its sign stops a sweep."""
+"""ELP as a search: Laplacian times change is the growth of a squared gradient, whose sign stops a sweep."""
 
 from collections import deque
 
@@ -19,10 +19,10 @@ class Sweep:
     def __init__(self, curve):
         self.frames = len(curve)
         self.sums = np.concatenate([[0.0], np.cumsum(curve)])
-        self.asked = []
+        self.stops = []
 
     def score(self, first, stop):
-        self.asked.append(stop)
+        self.stops.append(stop)
         return float(self.sums[stop] - self.sums[first]) / (stop - first)
 
 
@@ -31,7 +31,7 @@ def bell(focus, *, frames=4000, width=300.0):
 
 
 def test_the_laplacian_times_the_change_is_the_growth_of_the_squared_gradient():
-    """−Σ ∇²(A + B)·(B − A) = Σ|∇B|² − Σ|∇A|², with ∇² = −GᵀG, on pictures that repeat."""
+    """−Σ ∇²(A + B)·(B − A) = Σ|∇B|² − Σ|∇A|², with ∇² = −GᵀG, on periodic pictures."""
     first, second = make_generator("test_sign_change").integers(0, 40, (2, 24, 30)).astype(float)
 
     def gradients(c):
@@ -53,12 +53,12 @@ def test_it_stops_within_two_blocks_of_the_focus_and_answers_between(focus):
     view = Sweep(bell(focus))
     answer = get_search("sign_change")(view)
     assert answer.frame == pytest.approx(focus, abs=10)
-    assert focus < max(view.asked) <= focus + 200
+    assert focus < max(view.stops) <= focus + 200
     assert answer.trace[0] < answer.frame <= answer.trace[1]
 
 
 def test_noise_alone_is_no_answer_and_a_peak_in_noise_is_found():
-    """Of 40 sweeps of noise 2 % stop by chance: more than 4 do so with probability 0.001 (one sample, fixed seed)."""
+    """2 % of sweeps of noise stop by chance; more than 4 of 40 do with probability 0.001 (one sample, fixed seed)."""
     random = make_generator("test_sign_change", "noise")
     stopped = sum(get_search("sign_change")(Sweep(random.normal(0, 1, 4000))).frame is not None for _ in range(40))
     assert stopped <= 4
@@ -75,7 +75,7 @@ def test_a_small_fluctuation_is_smoothed_and_a_jump_is_kept():
 
 
 @pytest.mark.parametrize(
-    ("options", "told"), [({"window": 1}, "2 frames"), ({"near": 2}, "0 to 1"), ({"past": 0}, "at least 1")]
+    ("options", "message"), [({"window": 1}, "2 frames"), ({"near": 2}, "0 to 1"), ({"past": 0}, "at least 1")]
 )
-def test_options_out_of_range_are_refused(options, told):
-    assert told in str(refusal(get_search, "sign_change", **options))
+def test_options_out_of_range_are_refused(options, message):
+    assert message in str(refusal(get_search, "sign_change", **options))

@@ -1,4 +1,4 @@
-"""Structure at octaves of scale: by hand, against a slow reference, closed forms, and its purpose."""
+"""Structure at octaves of scale: by hand, against a slow reference and closed forms, and for its purpose."""
 
 import numpy as np
 import pytest
@@ -37,34 +37,34 @@ def test_it_is_the_formula(shape, options):
 
 
 def test_by_hand():
-    """Two pixels: differences 4 and 6, means 4 and 6, no dark: (24 + 1/6)/24."""
+    """Two pixels with differences 4 and 6, means 4 and 6, and no dark counts give (24 + 1/6)/24."""
     halves = np.array([[[2, 6]], [[3, 9]]])
     assert get_measure("structure_calibrated")(halves) == pytest.approx((24 + 1 / 6) / 24, rel=1e-12)
 
 
 @pytest.mark.parametrize(("rate", "frames"), [(0.2, 400), (0.01, 1600)])
 def test_the_score_is_the_structure_of_the_light_whatever_the_light(rate, frames):
-    """Six devices whose dark charge is known, standard error 2 % at 1/20 of the light.
+    """Six devices with known dark charge; the standard error is 2 % at 1/20 of the light.
 
-    Their response adds 1 %; what of it goes with dark charge, as dark over light: 8 % at 1/20 of the light.
+    Their response adds 1 %; its part that is correlated with dark charge adds 8 % at 1/20 of the light.
     """
-    of_the_field = 0.0
+    field_structure = 0.0
     for apart in (1, 2, 4, 8):
         for axis, size in enumerate(BOARD.shape):
             ahead, behind = BOARD.take(range(apart, size), axis), BOARD.take(range(size - apart), axis)
-            of_the_field += CONTRAST**2 * np.mean((ahead - behind) ** 2) / apart
+            field_structure += CONTRAST**2 * np.mean((ahead - behind) ** 2) / apart
     scores, expected = [], []
     for seed in range(6):
         measure = get_measure("structure_calibrated", **dark_of(seed))
         scores.append(measure(halves_of(rate, frames, seed=seed), frames=frames))
         expected.append(expected_score("structure_calibrated", rate, contrast=CONTRAST, seed=seed))
     assert np.mean(scores) == pytest.approx(np.mean(expected), rel=0.07)
-    assert np.mean(expected) == pytest.approx(of_the_field, rel=0.02 + 0.005 / rate / 5)
+    assert np.mean(expected) == pytest.approx(field_structure, rel=0.02 + 0.005 / rate / 5)
 
 
 @pytest.mark.parametrize(("rate", "frames"), [(0.2, 400), (0.01, 1600)])
 def test_an_even_field_has_hardly_any_structure_at_any_light(rate, frames):
-    """0.008 by the response, 0.05 at the lower rate by what of it goes with dark charge; chance 0.02 a seed there."""
+    """The response gives 0.008, its part correlated with dark charge 0.05 at the lower rate; chance 0.02 per seed."""
     sensor, scores, expected = get_sensor("vidar_400x250"), [], []
     charge = np.full((1, 64, 96), rate * sensor.threshold_e, np.float32)
     for seed in range(12):
@@ -84,7 +84,7 @@ def test_in_the_dark_a_calibrated_measure_scores_nothing(name):
 
 
 def test_every_octave_weighs_the_same_where_there_are_sharp_edges():
-    """Edges farther apart than the longest length, at random: 2,000 columns, 60 edges, one seed."""
+    """Edges at random, farther apart than the longest length: 2,000 columns, 60 edges, one seed."""
     random = make_generator("edges")
     field = np.ones(2000)
     for k, at in enumerate(np.cumsum(random.integers(20, 46, 60))):
@@ -96,7 +96,7 @@ def test_every_octave_weighs_the_same_where_there_are_sharp_edges():
 
 
 def test_blur_takes_more_of_it_than_of_the_variance():
-    """A random field of spectrum 1/f², blurred by 2 px: four times as much is left of the variance."""
+    """In a random field of spectrum 1/f², blurred by 2 px, the variance keeps four times as much."""
     white = make_generator("nature").standard_normal((128, 128))
     waves = np.hypot(*np.meshgrid(np.fft.fftfreq(128), np.fft.fftfreq(128)))
     scene = np.fft.ifft2(np.fft.fft2(white) / np.maximum(waves, 1 / 128)).real

@@ -1,4 +1,4 @@
-"""ESVA: a rate of events that has two peaks with the focus between them, and the search for the valley."""
+"""ESVA: a rate of events with two peaks and the focus between them, and the search for this valley."""
 
 import numpy as np
 import pytest
@@ -37,21 +37,21 @@ def test_a_curve_with_one_peak_or_none_is_no_answer():
 
 
 def test_a_jump_goes_to_the_mean_of_its_neighbours_by_the_weight():
-    """Without smoothing: the third of 1 1 2 1 1 jumps by 1, more than 0.3, and keeps 0.4 of itself."""
+    """Without smoothing the third of 1 1 2 1 1 jumps by 1, more than 0.3, and keeps 0.4 of its value."""
     search = get_search("valley", window=10, smooth=0.0)
     assert search._regularise(np.array([1.0, 1.0, 2.0, 1.0, 1.0])) == pytest.approx([1, 1, 1.4, 1.3, 1])
 
 
 def test_the_rate_counts_pixels_whose_logarithm_changed_by_the_contrast():
     halves = np.array([[[10, 10, 10, 0, 0]], [[10, 12, 13, 0, 1]]])
-    assert get_measure("change_rate", contrast=0.2)(halves) == 2 / 5  # 13/10 > e^0.2 > 12/10, and the first spike
+    assert get_measure("change_rate", contrast=0.2)(halves) == 2 / 5  # 13/10 > e^0.2 > 12/10; a first spike counts
     assert get_measure("change_rate", contrast=0.2)(halves[::-1]) == 2 / 5
     assert get_measure("change_rate")(7 * halves) == get_measure("change_rate")(halves)
     assert get_measure("change_rate")(np.zeros((2, 3, 4))) == 0.0
 
 
 def test_the_rate_has_a_valley_where_blur_turns_round():
-    """An edge whose blur falls to nothing and rises again: fewest pixels change across the focus."""
+    """The blur of an edge falls to nothing and rises again: the fewest pixels change at the focus."""
     x = np.arange(-60, 61)[None, :]
 
     def edge(blur):

@@ -1,5 +1,3 @@
-"""What tests of the renderer share beside tests/helpers."""
-
 import pytest
 
 from saf_gen.render import backend
@@ -7,7 +5,7 @@ from saf_gen.render import backend
 
 @pytest.fixture(params=["scalar", "llvm"])
 def every_backend(request):
-    """Runs a test once with each backend that needs no NVIDIA card."""
+    """Run a test once with each backend that needs no NVIDIA card."""
     if request.param == "llvm" and not backend.probe_render_backends().llvm_usable:
         pytest.skip(backend.probe_render_backends().llvm_description)
     backend.activate_render_backend(request.param)

@@ -1,4 +1,4 @@
-"""The backend is chosen without running it."""
+"""How the backend is chosen, without running it."""
 
 import os
 import re
@@ -21,7 +21,7 @@ def test_cuda_comes_before_llvm_before_scalar():
 
 
 @pytest.mark.parametrize(
-    ("requested", "machine", "told"),
+    ("requested", "machine", "message"),
     [
         ("llvm", OLD, "LLVM 15.0.6 is too old: Mitsuba needs 17 or newer"),
         ("llvm", NONE, "no LLVM library was found"),
@@ -29,9 +29,9 @@ def test_cuda_comes_before_llvm_before_scalar():
         ("lvm", NEW, "unknown variant 'lvm'"),
     ],
 )
-def test_a_backend_that_cannot_run_here_is_told(requested, machine, told):
+def test_a_backend_that_cannot_run_here_is_refused(requested, machine, message):
     error = refusal(choose_render_backend, requested, machine)
-    assert told in error.problem
+    assert message in error.problem
     assert ("libllvm19" in error.hint) == (requested == "llvm")
     assert error.nearest == ("llvm" if requested == "lvm" else "")
 
@@ -54,7 +54,7 @@ def test_doctor_works_without_any_llvm_and_says_what_to_install(tmp_path):
 
 @pytest.mark.slow
 def test_threads_that_wait_for_work_sleep():
-    """What OpenMP itself says, in a process of its own; numba may have another kind of threads."""
+    """As OpenMP itself reports in another process; numba may use another kind of threads."""
     code = (
         "import numba, numpy, saf_gen.render.shading_kernels as kernels\n"
         "kernels.keys_of_shading_cells(numpy.ones(9, 'u4'), *numpy.ones((5, 9), 'f4'))\n"

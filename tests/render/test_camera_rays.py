@@ -1,4 +1,4 @@
-"""The rays that are cast, and the light they bring, against closed forms of sensor, lens and edge."""
+"""The rays that are cast and the light that they bring, against closed forms of sensor, lens and edge."""
 
 import math
 from dataclasses import replace
@@ -17,7 +17,7 @@ from saf_gen.scene.scene_folder import find_scene
 
 pytestmark = needs_llvm
 
-DRIVES = {  # with the radius of the aperture: f/(2N), of a varifocal lens v/(2N)
+DRIVES = {  # with the radius of the aperture: f/(2N), or v/(2N) for a varifocal lens
     "image_distance": (ImageDistanceDrive(0.025, 2.0, (0.60, 0.42)), 0.025 / 4),
     "focal_length": (FocalLengthDrive(0.0263, 2.0, (0.60, 0.42)), 0.0263 / 4),
     "stage": (Stage(0.025, 2.0, 1 / 19, (-0.08, 0.10)), 0.025 / 4),
@@ -26,7 +26,7 @@ every_drive = pytest.mark.parametrize(("drive", "radius_m"), DRIVES.values(), id
 
 
 def cast(setup, *, samples):
-    """All rays of three positions over the travel: pixel number, and the paths as numpy arrays."""
+    """All rays of three positions over the travel: pixel numbers, and the paths as numpy arrays."""
     focus = np.linspace(0, 1, 3)
     pixels, paths = [], []
     for rays in camera_rays.cast_camera_rays(setup, focus, samples=samples, seed=1):
@@ -47,7 +47,7 @@ def cast(setup, *, samples):
     ids=["image_distance", "stage"],
 )
 def test_one_kernel_casts_the_rays_of_every_sensor_lens_and_number_of_samples(test_scenes, drives):
-    """What they are is read by the kernel, which takes a tenth of a second to compile."""
+    """The kernel, which takes a tenth of a second to compile, reads them as data."""
     used = []
     choices = zip(drives, [(24, 40, 60e-6), (20, 33, 17e-6)], [16, 7], strict=True)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
@@ -61,13 +61,13 @@ def test_one_kernel_casts_the_rays_of_every_sensor_lens_and_number_of_samples(te
 
 @every_drive
 def test_a_ray_meets_its_own_pixel_at_the_middle_of_the_travel(test_scenes, drive, radius_m):
-    """Within 10⁻³ of a pixel of single precision; over the pixel rays are even: their mean is its centre."""
+    """Within 10⁻³ pixel, for single precision; rays are even over the pixel, and their mean is its centre."""
     setup = load_setup(find_scene("plane"), drive=drive)
     covered = compute_ray_coverage(drive, setup.grid)
     pixel, (first_x, first_y, step_x, step_y, *_) = cast(setup, samples=16)
     row, column = np.divmod(pixel.astype(np.int64), setup.grid.columns + 2 * covered.columns)
-    for place, cell in ((first_x + step_x, column - covered.columns), (first_y + step_y, row - covered.rows)):
-        inside = place.astype(np.float64) - cell
+    for landed, cell in ((first_x + step_x, column - covered.columns), (first_y + step_y, row - covered.rows)):
+        inside = landed.astype(np.float64) - cell
         assert -1e-3 < inside.min() < 0.01
         assert 0.99 < inside.max() < 1 + 1e-3
         assert inside.mean() == pytest.approx(0.5, abs=1e-3)
@@ -76,10 +76,10 @@ def test_a_ray_meets_its_own_pixel_at_the_middle_of_the_travel(test_scenes, driv
 @every_drive
 @pytest.mark.parametrize("k", [0, 2])
 def test_the_rays_of_a_position_fill_its_aperture_evenly(test_scenes, drive, radius_m, k):
-    """From where paths cross the sensor at two positions follows where they pass the lens.
+    """Where paths cross the sensor at two positions determines where they pass the lens.
 
     No ray passes beyond R, and χ² of 8 rings of equal area by 8 sectors is below its bound at a significance of 10⁻⁶;
-    30,000 rays and more, seed 1. It is one-sided: Sobol's sequence is more even than chance.
+    at least 30,000 rays, seed 1. The test is one-sided, because Sobol's sequence is more even than chance.
     """
     setup = load_setup(find_scene("plane"), drive=drive)
     _, (first_x, first_y, step_x, step_y, _, begin, end, _) = cast(setup, samples=16)
@@ -100,18 +100,18 @@ def test_the_rays_of_a_position_fill_its_aperture_evenly(test_scenes, drive, rad
 
 
 def edge_of_a_disc(x, width):
-    """Light at x across an edge blurred by an even disc of this diameter: the part of the disc on one side."""
+    """Light at x across an edge blurred by an even disc of this diameter: the fraction of the disc on one side."""
     t = np.clip(2 * x / width, -1, 1)
     return 0.5 + (t * np.sqrt(1 - t**2) + np.arcsin(t)) / np.pi
 
 
 @pytest.mark.slow
 def test_the_profile_of_a_blurred_edge_is_that_of_a_disc(tmp_path, monkeypatch):
-    """In every four columns: within 0.003 of the edge of a disc of diameter c, averaged over them, where it should be.
+    """Means over four columns are within 0.003 of the edge of a disc of diameter c at its place.
 
-    Two pictures of 40 rows of 768 samples; over six seeds fours of columns scatter by 0.0003, and the largest of 48 is
-    0.0014 off. An aperture 3 % too wide would be 0.009 off, a normal pupil of the same variance 0.037, an edge a
-    quarter of a pixel aside 0.015.
+    Two pictures of 40 rows of 768 samples; over six seeds the means scatter by 0.0003, and the largest error of 48 is
+    0.0014. An aperture that is 3 % too wide would give an error of 0.009, a normal pupil of the same variance 0.037,
+    and an edge shifted by a quarter of a pixel 0.015.
     """
     drive, height, distance = ImageDistanceDrive(0.025, 2.0, (0.60, 0.42)), 0.001, 0.5
     grid = SensorGrid(rows=40, columns=96, pitch_m=5e-6)
@@ -123,9 +123,9 @@ def test_the_profile_of_a_blurred_edge_is_that_of_a_disc(tmp_path, monkeypatch):
     for position, image in zip((0.0, 1.0), stack[::2], strict=True):
         v, sharp = (1 / (1 / 0.025 - 1 / u) for u in (float(drive.object_distance(position)), distance))
         width = 0.0125 * abs(v / sharp - 1) / grid.pitch_m
-        place = -v / distance * height / grid.pitch_m
+        centre = -v / distance * height / grid.pitch_m
         assert width > 15
-        profile = edge_of_a_disc(place - fine, width).reshape(-1, 64).mean(axis=1)
+        profile = edge_of_a_disc(centre - fine, width).reshape(-1, 64).mean(axis=1)
         seen = image.astype(np.float64).mean(axis=0).reshape(-1, 4).mean(axis=1)
         assert seen == pytest.approx(profile, abs=3e-3)
 
@@ -136,10 +136,10 @@ BRIGHT, TEXELS = 500.0, 41
 @pytest.mark.parametrize("bands", [1, 20])
 @pytest.mark.parametrize("estimator", ["plain", "filtered"])
 def test_a_small_lamp_keeps_its_light_in_focus_and_out_of_it(tmp_path, monkeypatch, estimator, bands):
-    """A lamp of 500 times the radiance of what is round it: the picture's sum is radiance times area, within 2 %.
+    """A lamp of 500 times the radiance of its surroundings: the picture's sum is radiance times area, within 2 %.
 
     At each position the lamp covers (v/d·width/pitch)² pixels, spread over its blur. 64 samples; the sum scatters by
-    0.4 %. With few rows at a time the light of paths is bounded by a trial of one sample per pixel.
+    0.4 %. With few rows at a time a trial of one sample per pixel bounds the light of paths.
     """
     drive, distance, grid = ImageDistanceDrive(0.025, 2.0, (0.55, 0.46)), 0.5, SensorGrid(40, 40, 60e-6)
     half = 0.06

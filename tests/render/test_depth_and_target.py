@@ -1,4 +1,4 @@
-"""Depth and target where the scale of the image changes much over the travel."""
+"""Depth and target when the scale of the image changes strongly over the travel."""
 
 import numpy as np
 import pytest
@@ -16,22 +16,22 @@ STAGE = Stage(0.025, 2.0, 1 / 19, (-0.08, 0.10))
 
 
 def half_field(drive, position, depth_m):
-    """Half of what the frame's width sees (m) of a plane at this depth."""
+    """Half of the width (m) that the frame sees of a plane at this depth."""
     return HALF_M * (depth_m - float(drive.shift(position))) / float(drive.image_distance(position))
 
 
 @pytest.fixture
 def patch(tmp_path, monkeypatch):
-    """A square that shines, 2 % of the half field large, so many half fields beside the axis; loaded."""
+    """Load a shining square of 2 % of the half field, at an offset from the axis that is given in half fields."""
 
-    def placed(drive, depth_m, aside, at):
+    def placed(drive, depth_m, offset, at):
         across = half_field(drive, at, depth_m)
         shapes = (
             f"{{'glow': {{'type': 'rectangle', 'emitter': {{'type': 'area', 'radiance': 1.0}},"
-            f" 'to_world': t.translate([{aside * across}, 0, 0])"
+            f" 'to_world': t.translate([{offset * across}, 0, 0])"
             f".rotate([0, 1, 0], 180).scale({0.02 * across})}}}}"
         )
-        lens = "{focal_length_mm: 25, f_number: 2, focus_range_m: [0.6, 0.42]}"  # another is put in its place
+        lens = "{focal_length_mm: 25, f_number: 2, focus_range_m: [0.6, 0.42]}"  # replaced by the test's lens
         scene = write_scene(
             tmp_path, monkeypatch, lens=lens, distance_m=depth_m, shapes=shapes, light="glow", target="glow"
         )
@@ -48,16 +48,16 @@ def at(setup, position):
     return depth_and_target.trace_depth_at(setup, ("glow",), position=position)
 
 
-@pytest.mark.parametrize("aside", [0.82, 0.9, 0.96])
+@pytest.mark.parametrize("offset", [0.82, 0.9, 0.96])
 @pytest.mark.parametrize("passing", [False, True])
-def test_a_target_that_is_in_the_frame_only_where_it_is_in_focus_is_seen(patch, aside, passing):
-    """0.9 m away the frame sees 1.31 times as much as it does at the middle of the travel."""
+def test_a_target_that_is_in_the_frame_only_where_it_is_in_focus_is_seen(patch, offset, passing):
+    """In focus at 0.9 m the frame sees 1.31 times as much as at the middle of the travel."""
     best = float(MACRO.best_position(0.9))
-    setup = patch(MACRO, 0.9, aside, best)
+    setup = patch(MACRO, 0.9, offset, best)
     assert not at(setup, 0.5).target.any()
     seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
     columns = np.flatnonzero(seen.target.any(axis=0))
-    assert columns.mean() + 0.5 == pytest.approx(SENSOR_GRID.columns / 2 * (1 - aside), abs=0.5)
+    assert columns.mean() + 0.5 == pytest.approx(SENSOR_GRID.columns / 2 * (1 - offset), abs=0.5)
     assert seen.depth[seen.target] == pytest.approx(0.9, rel=1e-5)
     assert same(seen, at(setup, MACRO.true_focus(seen.depth[seen.target])))
 
@@ -69,20 +69,20 @@ OUT = [
 ]
 
 
-@pytest.mark.parametrize(("drive", "depth_m", "aside", "seen_at"), OUT)
-def test_a_target_that_has_left_the_frame_where_it_is_in_focus_is_told(patch, drive, depth_m, aside, seen_at):
-    setup = patch(drive, depth_m, aside, seen_at)
+@pytest.mark.parametrize(("drive", "depth_m", "offset", "seen_at"), OUT)
+def test_a_target_that_is_out_of_the_frame_when_in_focus_is_refused(patch, drive, depth_m, offset, seen_at):
+    setup = patch(drive, depth_m, offset, seen_at)
     best = float(drive.best_position(depth_m))
     assert 0 < best < 1
     assert at(setup, seen_at).target.any()
     error = refusal(depth_and_target.trace_depth_and_target, setup, ("glow",))
-    assert f"out of the frame where it is in focus, at {best:.3f} of the travel" in error.problem
+    assert f"outside the image at {best:.3f} of the travel, where it is in focus" in error.problem
     assert drive.travel_key in error.hint
 
 
-@pytest.mark.parametrize(("drive", "depth_m", "aside", "seen_at"), OUT)
-def test_a_moment_at_which_it_has_left_the_frame_has_an_empty_mask(patch, drive, depth_m, aside, seen_at):
-    setup = patch(drive, depth_m, aside, seen_at)
+@pytest.mark.parametrize(("drive", "depth_m", "offset", "seen_at"), OUT)
+def test_a_moment_at_which_it_has_left_the_frame_has_an_empty_mask(patch, drive, depth_m, offset, seen_at):
+    setup = patch(drive, depth_m, offset, seen_at)
     seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=True)
     assert not seen.target.any()
     where = float(drive.best_position(depth_m)) if seen_at == 0.5 else 0.5
@@ -91,8 +91,8 @@ def test_a_moment_at_which_it_has_left_the_frame_has_an_empty_mask(patch, drive,
 
 
 @pytest.mark.parametrize("passing", [False, True])
-def test_a_target_in_sight_over_the_whole_travel_is_traced_twice(patch, passing, monkeypatch):
-    """At the middle of the travel and where it is in focus: the mask is that of the second."""
+def test_a_target_that_is_visible_over_the_full_travel_is_traced_twice(patch, passing, monkeypatch):
+    """Once at the middle of the travel and once where it is in focus, which gives the mask."""
     setup, positions, trace_at = patch(MACRO, 0.5, 0.3, 0.5), [], depth_and_target.trace_depth_at
 
     def counted(setup, shapes, *, position, **rays):
@@ -105,7 +105,7 @@ def test_a_target_in_sight_over_the_whole_travel_is_traced_twice(patch, passing,
     assert same(seen, trace_at(setup, ("glow",), position=positions[1]))
 
 
-def test_a_target_that_is_in_no_frame_is_told(patch):
+def test_a_target_that_is_in_no_frame_is_refused(patch):
     setup = patch(MACRO, 0.9, 1.2, 0.0)
     error = refusal(depth_and_target.trace_depth_and_target, setup, ("glow",))
     assert "(glow) is not visible" in error.problem
@@ -114,12 +114,12 @@ def test_a_target_that_is_in_no_frame_is_told(patch):
     assert not seen.target.any()
 
 
-def test_a_target_with_an_id_of_its_own_is_told_by_the_checks(tmp_path, monkeypatch, small_sensor):
-    """And no unit is guessed for it: nobody knows its size."""
+def test_the_checks_report_a_target_whose_shape_has_another_id(tmp_path, monkeypatch, small_sensor):
+    """No unit is suggested for it, as its size is unknown."""
     lens = "{focal_length_mm: 25, f_number: 2, focus_range_m: [0.6, 0.42]}"
     shapes = "{'card': {'type': 'rectangle', 'id': 'printed'}, 'sky': {'type': 'constant'}}"
     scene = write_scene(tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="card")
     last = list(check_scene(scene, get_sensor(str(small_sensor)), backend="scalar"))[-1]
     assert (last.check, last.level) == ("reach", "error")
     assert "(card) is not visible" in last.text
-    assert last.text.endswith("no shape has that id: in scene.py let the id of a shape be its key, 'card'")
+    assert last.text.endswith("no shape has that id: in scene.py, set the id of the shape to its key, 'card'")

@@ -1,4 +1,4 @@
-"""The splat on the device against that of the cores: every bit, for the same paths; here on LLVM."""
+"""The splat on the device against that on the cores: the same bits for the same paths; here on LLVM."""
 
 import re
 from itertools import product
@@ -16,7 +16,7 @@ from saf_gen.render.device_splat import DeviceAccumulator
 from saf_gen.render.host_splat import COUNT_BITS, HostAccumulator, TracedPaths
 from saf_gen.scene.scene_folder import find_scene
 
-SCALE, MOST = 1.2345e9, 0.9  # no power of two, so that products round; a tenth of radiances 0...1 is clipped
+SCALE, MAX_RADIANCE = 1.2345e9, 0.9  # no power of two, so that products round; a tenth of radiances 0...1 is clipped
 
 
 @pytest.fixture
@@ -30,13 +30,13 @@ def traced(arrays, window=(), weight=None):
 
 
 def both(arrays, window, shape, weight=None):
-    """Sums (row, col, focus) of all workers together, stack and clipped, by the cores and by the device."""
+    """Sums (row, col, focus) over all workers, stack and number of clipped paths, by the cores and by the device."""
     found = []
     for kind in (HostAccumulator, DeviceAccumulator):
-        sums = kind(shape, (0, shape[1]), scale=SCALE, most=MOST)
+        sums = kind(shape, (0, shape[1]), scale=SCALE, max_radiance=MAX_RADIANCE)
         clipped = sums.add(traced(arrays, window, weight))
-        whole = sums.sums.sum(axis=0) if kind is HostAccumulator else sums.sums.numpy()
-        found.append((whole.reshape(*shape[1:], shape[0]), sums.mean_radiance(), clipped))
+        total = sums.sums.sum(axis=0) if kind is HostAccumulator else sums.sums.numpy()
+        found.append((total.reshape(*shape[1:], shape[0]), sums.mean_radiance(), clipped))
     return found
 
 
@@ -60,25 +60,25 @@ def test_sums_stack_and_clipped_are_those_of_the_cores(llvm, shape, windowed):
 
 @needs_llvm
 @pytest.mark.parametrize("windowed", [False, True])
-@pytest.mark.parametrize("most", [0, 1, 4, 1000])
-def test_weighted_paths_are_those_of_the_cores(llvm, windowed, most):
-    """Weights 0...most: of paths that count for nothing, nothing is left, nor are they counted as clipped."""
+@pytest.mark.parametrize("max_weight", [0, 1, 4, 1000])
+def test_weighted_paths_are_those_of_the_cores(llvm, windowed, max_weight):
+    """Weights 0...max_weight: paths of weight 0 leave nothing, and are not counted as clipped."""
     shape = (17, 9, 13)
     arrays = paths(5, 20_000, shape)
-    weight = np.random.default_rng(4).integers(0, most + 1, 20_000).astype(np.uint32)
+    weight = np.random.default_rng(4).integers(0, max_weight + 1, 20_000).astype(np.uint32)
     host, device = both(arrays, windows(8, 20_000, shape) if windowed else (), shape, weight)
     assert_same(host, device)
-    assert host[2] == np.count_nonzero((arrays[4] > np.float64(MOST)) & (weight > 0))
-    assert host[1].any() == (most > 0)
+    assert host[2] == np.count_nonzero((arrays[4] > np.float64(MAX_RADIANCE)) & (weight > 0))
+    assert host[1].any() == (max_weight > 0)
 
 
 @needs_llvm
 @pytest.mark.parametrize("windowed", [False, True])
 def test_paths_on_borders_and_corners_and_beyond_the_frame_are_those_of_the_cores(llvm, windowed):
-    """Every combination of starts, steps and windows that a rule may treat differently: 146,410 paths.
+    """All combinations of starts, steps and windows that may be treated differently: 146,410 paths.
 
-    Through corners, along borders, at rest on one, out of the frame and into it; with windows that are
-    empty, of one position, to the last and past it.
+    Paths go through corners, along borders, rest on a border, leave the frame and enter it; windows are empty, hold one
+    position, or reach the last position and beyond it.
     """
     shape = (9, 4, 5)
     starts = (-2.0, -1.0, -0.5, -0.0, 0.0, 0.25, 1.0, 2.5, 3.999999, 4.0, 7.5)
@@ -94,8 +94,8 @@ def test_paths_on_borders_and_corners_and_beyond_the_frame_are_those_of_the_core
 
 
 @needs_llvm
-def test_what_begins_ends_too(llvm):
-    """Past the last position nothing may be left of a path that ended before: counts are those of a loop."""
+def test_a_path_leaves_nothing_after_its_end(llvm):
+    """A path that has ended leaves nothing at later positions: counts are those of a loop."""
     shape = (5, 1, 3)
     arrays = [np.float32([a, a]) for a in (0.5, 0.5, 1.0, 0.0, 0.5)]
     _, (sums, stack, _) = both(arrays, (np.int32([0, 1]), np.int32([2, 5])), shape)
@@ -108,15 +108,15 @@ def test_what_begins_ends_too(llvm):
 def test_bands_of_rows_are_the_rows_of_the_stack(llvm, monkeypatch):
     shape = (17, 9, 13)
     arrays = paths(6, 20_000, shape)
-    (_, whole, clipped), _ = both(arrays, (), shape)
+    (_, stack, clipped), _ = both(arrays, (), shape)
     monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8 * 17 * 13 * 4)
     parts = []
     for band in DeviceAccumulator.split_into_bands(shape):
-        sums = DeviceAccumulator(shape, band, scale=SCALE, most=MOST)
+        sums = DeviceAccumulator(shape, band, scale=SCALE, max_radiance=MAX_RADIANCE)
         assert sums.add(traced(arrays)) == clipped
         parts.append(sums.mean_radiance())
     assert [part.shape for part in parts] == [(17, 3, 13)] * 3
-    assert np.array_equal(np.concatenate(parts, axis=1), whole)
+    assert np.array_equal(np.concatenate(parts, axis=1), stack)
 
 
 @pytest.mark.parametrize(
@@ -143,23 +143,23 @@ def test_a_band_has_a_row_at_least(monkeypatch):
 
 @needs_llvm
 def test_there_is_nothing_that_a_compiler_may_fuse_or_divide_in_single_precision(llvm):
-    """What CUDA would round otherwise shows in any device's program, so it is looked for in LLVM's.
+    """Operations that CUDA would round differently appear in any device's program, so LLVM's program is searched.
 
-    No product and no quotient of float32, and no addition of float64: then no product meets an addition
+    There is no product and no quotient of float32, and no addition of float64, so that no product meets an addition
     before it is rounded.
     """
     shape = (17, 9, 13)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        sums = DeviceAccumulator(shape, (0, 9), scale=SCALE, most=MOST)
+        sums = DeviceAccumulator(shape, (0, 9), scale=SCALE, max_radiance=MAX_RADIANCE)
         sums.add(traced(paths(5, 3000, shape), windows(8, 3000, shape)))
         sums.mean_radiance()
         programs = [kernel["ir"].getvalue() for kernel in dr.kernel_history([dr.KernelType.JIT])]
-    whole = "\n".join(programs)
-    done = set(re.findall(r"= (f\w+) (?:<\d+ x )?(float|double)\b", whole))
+    program = "\n".join(programs)
+    done = set(re.findall(r"= (f\w+) (?:<\d+ x )?(float|double)\b", program))
     assert {("fadd", "float"), ("fmul", "double"), ("fdiv", "double")} <= done
     assert not done & {("fmul", "float"), ("fdiv", "float"), ("fadd", "double"), ("fsub", "double")}
-    assert "llvm.fma" not in whole
+    assert "llvm.fma" not in program
 
 
 DRIVES = {
@@ -172,14 +172,14 @@ DRIVES = {
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 def test_a_rendered_stack_is_that_of_the_cores(test_scenes, monkeypatch, drive):
     setup = load_setup(find_scene("plane"), drive=drive)
-    asked = {"positions": 9, "samples": 16, "seed": 3}
-    host, clipped = one_pass.render_stack(setup, **asked, on_device=False)
-    device = one_pass.render_stack(setup, **asked, on_device=True)
+    options = {"positions": 9, "samples": 16, "seed": 3}
+    host, clipped = one_pass.render_stack(setup, **options, on_device=False)
+    device = one_pass.render_stack(setup, **options, on_device=True)
     assert np.array_equal(host, device[0])
     assert clipped == device[1]
     reported = []
     monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8 * 9 * setup.grid.columns * 15)
-    banded = one_pass.render_stack(setup, **asked, on_device=True, progress=reported.append)
+    banded = one_pass.render_stack(setup, **options, on_device=True, progress=reported.append)
     assert np.array_equal(host, banded[0])
     assert clipped == banded[1]
     assert reported == sorted(reported)
@@ -201,7 +201,7 @@ def test_the_cores_splat_what_they_traced_and_a_card_what_it_traced(llvm, monkey
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 def test_a_card_makes_the_stack_that_cores_make_of_its_paths(test_scenes, drive):
     setup = load_setup(find_scene("plane"), name="cuda", drive=drive)
-    asked = {"positions": 129, "samples": 64, "seed": 3}
-    host, device = (one_pass.render_stack(setup, **asked, on_device=where) for where in (False, True))
+    options = {"positions": 129, "samples": 64, "seed": 3}
+    host, device = (one_pass.render_stack(setup, **options, on_device=where) for where in (False, True))
     assert np.array_equal(host[0], device[0])
     assert host[1] == device[1]

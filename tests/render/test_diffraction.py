@@ -1,4 +1,4 @@
-"""Waves at the aperture, against the exact transfer of a round lens out of focus."""
+"""Diffraction at the aperture, against the exact transfer of a round lens out of focus."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ def aperture_of(drive, position):
 
 
 def defocus_waves(drive, position):
-    """The error of the wavefront at the aperture's edge, in wavelengths: a quarter of c·R/(λ·v)."""
+    """The wavefront error at the edge of the aperture, in wavelengths: a quarter of c·R/(λ·v)."""
     return float(drive.blur_diameter(position, drive.focus_depth(0.5))) * aperture_of(drive, position) / (4 * WAVE_M)
 
 
@@ -48,7 +48,7 @@ def expected_transfer(drive, position, cycles_per_pixel):
 
 @pytest.mark.parametrize("waves", [0.0, 0.3, 1.0, 1.5])
 def test_the_reference_agrees_with_the_fourier_transform_of_the_pupil(waves):
-    """Within 0.001: two independent ways to the same transfer, the second on a grid of 256 points across."""
+    """Within 0.001: two independent computations of the transfer, the second on a grid of 256 points across."""
     fraction, transfer = otf_by_fft(waves)
     assert exact_lens_otf(fraction, waves) == pytest.approx(transfer, abs=1e-3)
 
@@ -92,7 +92,7 @@ def test_bent_paths_have_the_transfer_of_the_lens(aperture, bound):
 
 @needs_llvm
 def test_a_macro_lens_hardly_feels_waves():
-    """f/2: 0.965 at the Nyquist frequency of 20 µm, in focus, within 0.01."""
+    """At f/2 the transfer in focus is 0.965 at the Nyquist frequency of 20 µm, within 0.01."""
     nyquist = 0.5 / PITCH_M * WAVE_M / (2 * 0.25)
     seen = transfer_of_bent_paths(0.25, np.array([0.5]), defocus=np.zeros(1))
     assert exact_lens_otf(nyquist, 0.0) == pytest.approx(0.965, abs=5e-4)
@@ -100,10 +100,11 @@ def test_a_macro_lens_hardly_feels_waves():
 
 
 @needs_llvm
-def test_angles_spread_by_heisenbergs_share():
+def test_angles_spread_by_heisenbergs_relation():
     """σ = λ/(4π·d) along the radius and across it, and never more than 2σ; 262,144 paths in five rings.
 
-    A variance of n angles, even on an ellipse, scatters by √(1/n) of itself: within 5 of that (6e-7) for each of ten.
+    A variance of n angles that are even on an ellipse scatters by √(1/n) of itself; each of ten variances is within 5
+    standard deviations (6e-7).
     """
     point, angle, waves, _ = bend_paths(0.024)
     r = np.hypot(*point)
@@ -122,7 +123,7 @@ def test_angles_spread_by_heisenbergs_share():
 
 
 def test_no_light_reaches_farther_than_the_guard_band():
-    """A twentieth of the radius: 3.2·λ·v/R, but at least one pixel."""
+    """The nearest edge is a twentieth of the radius away: the reach is 3.2·λ·v/R, but at least one pixel."""
     waves = find_waves_of_rays(DRIVES["stage"], GRID, wavelength_m=WAVE_M)
     assert waves.nearest_edge_m == pytest.approx(DRIVES["stage"].aperture_radius_m / 20)
     assert waves.reach_m == pytest.approx(20 / (2 * np.pi) * WAVE_M * 0.198 / 0.005)
@@ -133,12 +134,12 @@ def test_no_light_reaches_farther_than_the_guard_band():
 
 CYCLES = np.linspace(0.05, 0.5, 10)  # per pixel, up to Nyquist
 SLANT = 1 / 8  # pixels across per row: distances to the edge fall on eighths of a pixel
-CARD = "{focal_length_mm: 50, f_number: 15, focus_range_m: [0.24, 0.17]}"  # replaced by each test's own lens
+CARD = "{focal_length_mm: 50, f_number: 15, focus_range_m: [0.24, 0.17]}"  # replaced by the lens of each test
 BRIGHT = "'emitter': {'type': 'area', 'radiance': {'type': 'rgb', 'value': 1.0}}"
 
 
 def glowing(folder, monkeypatch, drive, *, shapes, grid=GRID, wavelength_m=WAVE_M):
-    """A scene of lamps where the lens focuses at the middle of its travel, written in millimetres."""
+    """A scene of lamps at the depth that the middle of the travel focuses, written in millimetres."""
     distance = float(drive.focus_depth(0.5))
     scene = write_scene(
         folder, monkeypatch, lens=CARD, distance_m=distance, shapes=shapes, light="glow", target="glow", unit_m=0.001
@@ -158,16 +159,16 @@ def edge_setup(folder, monkeypatch, drive, **options):
 
 
 def edge_transfer(image, cycles_per_pixel):
-    """The transfer across a slanted edge without that of the pixels' boxes, by the edge's profile (ISO 12233).
+    """The transfer across a slanted edge, from its profile (ISO 12233), divided by that of the pixels' boxes.
 
-    An eighth of a pixel is what distances to the edge, along the rows, are whole numbers of. The frequencies are along
-    the edge's normal.
+    Along the rows, distances to the edge are multiples of an eighth of a pixel. The frequencies are along the normal
+    of the edge.
     """
     rows, columns = image.shape
     row, column = np.mgrid[:rows, :columns]
-    place = np.rint(column / SLANT + row).astype(int)
-    place -= place.min()
-    profile = np.bincount(place.ravel(), image.ravel().astype(np.float64)) / np.bincount(place.ravel())
+    step = np.rint(column / SLANT + row).astype(int)
+    step -= step.min()
+    profile = np.bincount(step.ravel(), image.ravel().astype(np.float64)) / np.bincount(step.ravel())
     slope = np.diff(profile[rows:-rows])
     slope /= slope.sum()
     x = np.arange(slope.size) * SLANT
@@ -178,13 +179,13 @@ def edge_transfer(image, cycles_per_pixel):
     return (slope * wave).sum(axis=1) / boxes
 
 
-TEXELS, SPACING = 4, 97  # texels in a pixel, and from point to point: 24.25 pixels, so that aliases cancel
-PLACES = (np.arange(4) - 1.5) * SPACING / TEXELS  # of the points, pixels from the middle
+TEXELS, SPACING = 4, 97  # texels per pixel, and from point to point: 24.25 pixels, so that aliases cancel
+OFFSETS = (np.arange(4) - 1.5) * SPACING / TEXELS  # of the points from the middle, in pixels
 POINT_GRID = SensorGrid(rows=100, columns=100, pitch_m=PITCH_M)
 
 
 def point_setup(folder, monkeypatch, drive):
-    """4 × 4 bright squares of one pixel where the lens focuses at the middle of its travel."""
+    """4 × 4 bright squares of one pixel at the depth that the middle of the travel focuses."""
     distance, width = float(drive.focus_depth(0.5)), 4 * SPACING + 3
     half = width / TEXELS / 2 * PITCH_M * distance / float(drive.image_distance(0.5))
     first = round(width / 2 - 1.5 * SPACING - TEXELS / 2)
@@ -198,11 +199,11 @@ def point_setup(folder, monkeypatch, drive):
 
 
 def point_transfer(image, cycles_per_pixel):
-    """The mean transfer of the points along the rows, without those of a pixel's box and of the points' size."""
+    """The mean transfer of the points along the rows, divided by those of a pixel's box and of the points' size."""
     window, transfer = 12, []
     x = np.arange(image.shape[1]) + 0.5 - image.shape[1] / 2
-    for down in PLACES:
-        for across in PLACES:
+    for down in OFFSETS:
+        for across in OFFSETS:
             near = image[np.abs(x - down) < window][:, np.abs(x - across) < window].sum(axis=0, dtype=np.float64)
             wave = np.cos(2 * np.pi * cycles_per_pixel[:, None] * (x[np.abs(x - across) < window] - across))
             transfer.append((near * wave).sum(axis=1) / near.sum())
@@ -213,7 +214,7 @@ def point_transfer(image, cycles_per_pixel):
 @every_drive
 @pytest.mark.slow
 def test_a_slanted_edge_shows_the_transfer_of_the_lens(tmp_path, monkeypatch, drive):
-    """Within 0.05 of the exact one at seven positions, from 1.5 wavelengths on one side to 1.5 on the other.
+    """Within 0.05 of the exact transfer at seven positions, from 1.5 wavelengths on one side to 1.5 on the other.
 
     Seven million paths, fixed seed; between seeds the transfer scatters by 0.006.
     """
@@ -225,9 +226,9 @@ def test_a_slanted_edge_shows_the_transfer_of_the_lens(tmp_path, monkeypatch, dr
 @needs_llvm
 @pytest.mark.long
 def test_a_field_of_points_shows_the_transfer_of_the_lens(tmp_path, monkeypatch):
-    """As the edge, by a lens that does not breathe: the points keep their places in the pixels, and aliases cancel.
+    """Like the edge, with a lens without breathing: the points keep their offsets in pixels, so that aliases cancel.
 
-    20 million paths, fixed seed: with a quarter of them the transfer scatters by up to 0.028 between seeds.
+    20 million paths, fixed seed; with a quarter of them the transfer scatters by up to 0.028 between seeds.
     """
     drive = DRIVES["focal_length"]
     stack = render_stack_once(point_setup(tmp_path, monkeypatch, drive), positions=7, samples=2048, seed=3)
@@ -237,14 +238,14 @@ def test_a_field_of_points_shows_the_transfer_of_the_lens(tmp_path, monkeypatch)
 
 @needs_llvm
 def test_without_waves_an_edge_shows_the_geometric_transfer(tmp_path, monkeypatch):
-    """In focus it is 1, within 0.03, where waves leave 0.64 at Nyquist."""
+    """In focus it is 1 within 0.03; with waves it would be 0.64 at Nyquist."""
     setup = edge_setup(tmp_path, monkeypatch, DRIVES["focal_length"], wavelength_m=0.0)
     stack = render_stack_once(setup, positions=7, samples=1024, seed=3)
     assert edge_transfer(stack[3], CYCLES) == pytest.approx(1, abs=0.03)
 
 
 def bent_paths_of(setup, *, positions=5, samples=64):
-    """All paths of a stack on the sensor, as (positions, path) arrays of pixels, and which count where."""
+    """All paths of a stack on the sensor, as (position, path) arrays of pixels, and which of them count there."""
     focus = np.linspace(0, 1, positions)
     traced = [band.to_host() for _, band in one_pass.trace_light_paths(setup, focus, samples=samples, seed=1)]
     k = np.arange(positions)[:, None]
@@ -265,9 +266,9 @@ STRONG = {  # waves move paths by five pixels and more, defocus by less than one
 @pytest.mark.parametrize("drive", STRONG.values(), ids=STRONG)
 @pytest.mark.slow
 def test_bent_paths_fall_as_densely_on_the_border_as_on_the_middle(tmp_path, monkeypatch, drive):
-    """The outermost pixels get 1 % of the mean more or less; 140,000 paths, which scatter by 0.3 %.
+    """The outermost pixels get the mean within 1 %; 140,000 paths, which scatter by 0.3 %.
 
-    Were the guard band not widened, they would lack every fiftieth, bent onto them from beyond.
+    With a guard band that is not widened they would lack every fiftieth path, which is bent onto them from outside.
     """
     setup = edge_setup(tmp_path, monkeypatch, drive)
     assert find_waves_of_rays(drive, GRID, wavelength_m=WAVE_M).reach_m > 5 * PITCH_M
@@ -283,7 +284,7 @@ def test_bent_paths_fall_as_densely_on_the_border_as_on_the_middle(tmp_path, mon
 @needs_llvm
 @pytest.mark.parametrize("drive", STRONG.values(), ids=STRONG)
 def test_every_bent_ray_of_a_position_is_covered(drive):
-    """No ray of a position, bent as far as any is, comes from outside of what is sampled."""
+    """No ray of a position, with the largest possible bend, comes from outside the sampled region."""
     waves = find_waves_of_rays(drive, GRID, wavelength_m=WAVE_M)
     covered = compute_ray_coverage(drive, GRID, bend_reach_m=waves.reach_m)
     half = GRID.columns / 2 * PITCH_M
@@ -308,9 +309,9 @@ def test_waves_leave_an_even_light_even(tmp_path, monkeypatch, drive):
 @needs_llvm
 @every_drive
 def test_a_bend_moves_paths_by_v_times_an_angle(tmp_path, monkeypatch, drive):
-    """Two wavelengths with the same guard band: the places differ by v/v_mid times the difference at the middle.
+    """With one guard band for both wavelengths, points differ by v/v_mid times the difference at the middle.
 
-    And where a path goes before the lens does not change: its radiance is the same.
+    The path in front of the lens does not change, and neither does its radiance.
     """
     setup = edge_setup(tmp_path, monkeypatch, drive)
     reach = find_waves_of_rays(drive, GRID, wavelength_m=WAVE_M).reach_m
@@ -333,8 +334,8 @@ def test_bends_are_the_same_however_many_bands_are_traced(tmp_path, monkeypatch)
     setup = edge_setup(tmp_path, monkeypatch, DRIVES["stage"])
     one_band = bent_paths_of(setup)
     monkeypatch.setattr(camera_rays, "RAYS_PER_PASS", 1 << 14)
-    for whole, parts in zip(one_band[:2], bent_paths_of(setup)[:2], strict=True):
-        assert np.array_equal(np.sort(whole, axis=1), np.sort(parts, axis=1))
+    for one, several in zip(one_band[:2], bent_paths_of(setup)[:2], strict=True):
+        assert np.array_equal(np.sort(one, axis=1), np.sort(several, axis=1))
 
 
 def test_scalar_refuses_a_stack_with_diffraction(test_scenes, tmp_path):

@@ -1,4 +1,4 @@
-"""The filtered estimator of focal stacks against the plain one, on scenes with textures, lamps and glass in sight."""
+"""The filtered estimator of focal stacks against the plain one, in scenes with visible textures, lamps and glass."""
 
 from dataclasses import replace
 
@@ -9,6 +9,8 @@ from written_scenes import SENSOR_GRID, load_setup, needs_llvm, render_filtered,
 from saf_gen.render import camera_rays, filtered_pass, one_pass
 from saf_gen.render.moment_shading import MomentShading
 from saf_gen.scene.scene_folder import find_scene
+
+pytestmark = needs_llvm
 
 LENS = "{focal_length_mm: 25, f_number: 2.0, drive: image_distance, focus_range_m: [0.60, 0.42]}"
 SHAPES = """{
@@ -30,7 +32,7 @@ def still_life(tmp_path, monkeypatch):
     card = scene.folder / "scene.yaml"
     card.write_text(card.read_text().replace("lights: {lamp: [lamp]}", "lights: {lamp: [lamp], room: [room]}"))
     scene = find_scene("made")
-    # Longer paths than there are: only the plain estimator counts the segments in glass.
+    # Longer than any path, because only the plain estimator counts the segments in glass.
     return {name: load_setup(scene, (name,), max_depth=16) for name in scene.card.lights}
 
 
@@ -38,15 +40,14 @@ def filtered(setups, *, samples=16, positions=5, **options):
     return render_filtered(setups, samples=samples, positions=positions, **options)
 
 
-@needs_llvm
 @pytest.mark.slow
 def test_the_mean_of_a_picture_is_that_of_the_plain_estimator(still_life):
-    """Means over 16 blocks of 10 × 16 pixels, under each light: 8 filtered renders of 16 samples, 8 plain ones of 32.
+    """Means over 16 blocks of 10 × 16 pixels under each light: 8 filtered renders of 16 samples, 8 plain ones of 32.
 
-    Of all positions at once, and of a window of two, which is in layers of a few, by the same shading. The difference
-    of means has a standard error from the scatter of each. Bias is allowed to add 1 % of the mean. At 5 standard
-    errors, the largest of 2 × 16 × 7 blocks exceeds the bound once in 10⁴ runs. A reflectance left out, glass counted
-    once in place of six times, or a lamp without its light is 10 % off and more.
+    All positions at once, and a window of two, which is summed in layers, with the same shading. The standard error of
+    the difference comes from the scatter of both; a bias of 1 % of the mean is allowed. At 5 standard errors the
+    largest of 2 × 16 × 7 blocks exceeds the bound once in 10⁴ runs. A missing reflectance, glass counted once instead
+    of six times, or a lamp without its light would be at least 10 % off.
     """
     blocks = lambda stack: stack.reshape(len(stack), 4, 10, 4, 16).mean(axis=(2, 4), dtype=np.float64)  # noqa: E731
     plain = {
@@ -55,14 +56,14 @@ def test_the_mean_of_a_picture_is_that_of_the_plain_estimator(still_life):
         )
         for name, setup in still_life.items()
     }
-    asked = {"samples": 16, "emitting": ["lamp", "room"]}
+    options = {"samples": 16, "emitting": ["lamp", "room"]}
     shadings = [
-        filtered_pass.estimate_shading([filtered_pass.gather_shading(still_life, seed=1000 + s, **asked)])
+        filtered_pass.estimate_shading([filtered_pass.gather_shading(still_life, seed=1000 + s, **options)])
         for s in range(8)
     ]
     for window, shown in ((None, slice(0, 5)), ((2, 3), slice(2, 4))):
         found = [
-            filtered_pass.render_with_shading(still_life, shading, positions=5, seed=s, window=window, **asked)
+            filtered_pass.render_with_shading(still_life, shading, positions=5, seed=s, window=window, **options)
             for s, shading in enumerate(shadings)
         ]
         for name in still_life:
@@ -73,12 +74,11 @@ def test_the_mean_of_a_picture_is_that_of_the_plain_estimator(still_life):
             assert (difference <= allowed).all(), (window, name, (difference / allowed).max())
 
 
-@needs_llvm
 def test_shared_shading_leaves_a_fourth_of_the_noise_of_twice_the_light_paths(still_life):
-    """Squared differences of two renders each, filtered at 16 samples and plain at 32; seeds are fixed.
+    """Squared differences of two renders each, filtered with 16 samples and plain with 32; seeds are fixed.
 
-    The median over pixels is that of the wall; the mean is that of a few paths that meet the lamp through the glass.
-    Measured with four pairs of seeds: 8.0 to 10.0 times less.
+    The median over pixels is that of the wall; the mean would be that of a few paths that meet the lamp through glass.
+    With four pairs of seeds it was 8.0 to 10.0 times smaller.
     """
     variance = lambda one, other: float(np.median((one - other) ** 2))  # noqa: E731
     shared = [sum(filtered(still_life, seed=s).values()) for s in (1, 2)]
@@ -89,7 +89,6 @@ def test_shared_shading_leaves_a_fourth_of_the_noise_of_twice_the_light_paths(st
     assert variance(*shared) < variance(*plain) / 4
 
 
-@needs_llvm
 def test_a_light_group_has_the_same_bits_alone(still_life):
     together = filtered(still_life)
     for name in still_life:
@@ -103,10 +102,9 @@ def test_a_light_group_has_the_same_bits_alone(still_life):
     assert set(together) == set(still_life)
 
 
-@needs_llvm
 @pytest.mark.parametrize("window", [None, (2, 3)], ids=["all positions at once", "layers of a few"])
 def test_nothing_is_clipped_because_the_first_rows_are_dark(still_life, monkeypatch, window):
-    """In bands of four rows, of which the first see no light. A few rays through glass may be fireflies, of 140,000."""
+    """Bands of four rows, of which the first see no light. Of 140,000 rays a few through glass may be fireflies."""
     setups = {"lamp": still_life["lamp"]}
     shading = filtered_pass.estimate_shading(
         [filtered_pass.gather_shading(setups, samples=8, seed=4, emitting=["lamp", "room"])]
@@ -116,24 +114,22 @@ def test_nothing_is_clipped_because_the_first_rows_are_dark(still_life, monkeypa
     finest = (shading.keys >> np.uint64(59)) & np.uint64(7) == 0
     below[finest & (rows < 4096 + 2 * 10)] = 0  # half pixels: the first ten rows
     dark = replace(shading, shading=below)
-    asked = {"positions": 5, "samples": 4, "seed": 2, "emitting": ["lamp", "room"], "window": window}
-    at_once, _ = filtered_pass.render_with_shading(setups, dark, **asked)["lamp"]
+    options = {"positions": 5, "samples": 4, "seed": 2, "emitting": ["lamp", "room"], "window": window}
+    at_once, _ = filtered_pass.render_with_shading(setups, dark, **options)["lamp"]
     monkeypatch.setattr(camera_rays, "RAYS_PER_PASS", 4 * 90 * 24)
-    in_bands, clipped = filtered_pass.render_with_shading(setups, dark, **asked)["lamp"]
+    in_bands, clipped = filtered_pass.render_with_shading(setups, dark, **options)["lamp"]
     assert clipped < 10
     assert in_bands.mean() == pytest.approx(at_once.mean(), rel=0.05)
     assert in_bands.max() > 0.5 * at_once.max()
 
 
-@needs_llvm
 def test_the_same_seed_gives_the_same_bits_and_another_another_picture(still_life):
     first, again, other = (filtered(still_life, seed=s)["lamp"] for s in (3, 3, 4))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 
 
-@needs_llvm
-def test_moments_are_traced_once_each_and_what_they_tell_does_not_depend_on_what_was_asked_before(still_life):
+def test_moments_are_traced_once_and_estimates_do_not_depend_on_earlier_ones(still_life):
     shown = []
 
     def show(time_s):
@@ -149,7 +145,6 @@ def test_moments_are_traced_once_each_and_what_they_tell_does_not_depend_on_what
     assert np.array_equal(last.shading, alone.shading)
 
 
-@needs_llvm
 def test_a_scene_without_a_surface_to_share_is_rendered_from_plain_paths(tmp_path, monkeypatch):
     shapes = SHAPES.replace("'roughplastic', 'alpha': 0.2", "'dielectric'")
     shapes = "{" + shapes[shapes.index("'ball'") :]

@@ -1,4 +1,4 @@
-"""The run-by-run splat against adding every path at every position, one by one."""
+"""The splat by runs of pixels, against adding each path at each position."""
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ from saf_gen.render.host_splat import TracedPaths
 
 
 def splat(sums, *arguments):
-    *path, scale, most = arguments[:7]
-    return host_splat.splat_paths(sums, TracedPaths(*path, *arguments[7:]), scale=scale, most=most)
+    *path, scale, max_radiance = arguments[:7]
+    return host_splat.splat_paths(sums, TracedPaths(*path, *arguments[7:]), scale=scale, max_radiance=max_radiance)
 
 
 def one_by_one(first_x, first_y, step_x, step_y, value, shape, begin=None, end=None):
-    """The slow reference: sums and counts of the values that fall into each pixel at each position."""
+    """A slow reference: sums and counts of the values that fall into each pixel at each position."""
     focus, rows, columns = shape
     begin = np.zeros(len(value), dtype=int) if begin is None else begin
     end = np.full(len(value), focus) if end is None else end
@@ -37,7 +37,7 @@ def test_the_stack_is_that_of_adding_paths_one_by_one(shape, windowed):
     assert splat(sums, *arrays, 2.0**30, 1e9, *window) == 0
     total, count = one_by_one(*arrays, shape, *window)
     seen = count > 0
-    # float32 points may fall on the other side of a pixel's border in the reference's order of rounding
+    # with the reference's order of rounding, float32 points may fall on the other side of a pixel's border
     agree = np.isclose(host_splat.mean_radiance_of_paths(sums, 2.0**30)[seen], (total[seen] / count[seen]), atol=1e-5)
     assert agree.mean() > 0.9995
 
@@ -45,13 +45,10 @@ def test_the_stack_is_that_of_adding_paths_one_by_one(shape, windowed):
 def test_a_window_of_all_positions_changes_no_bit():
     shape = (17, 9, 13)
     arrays = paths(6, 5000, shape)
-    whole = np.zeros(5000, dtype=np.int32), np.full(5000, 17, dtype=np.int32)
-    plain, windowed = (
-        host_splat.allocate_splat_accumulators(2, shape),
-        host_splat.allocate_splat_accumulators(2, shape),
-    )
+    every = np.zeros(5000, dtype=np.int32), np.full(5000, 17, dtype=np.int32)
+    plain, windowed = (host_splat.allocate_splat_accumulators(2, shape) for _ in range(2))
     splat(plain, *arrays, 2.0**30, 1e9)
-    splat(windowed, *arrays, 2.0**30, 1e9, *whole)
+    splat(windowed, *arrays, 2.0**30, 1e9, *every)
     assert np.array_equal(plain, windowed)
 
 
@@ -84,7 +81,7 @@ def test_fireflies_are_clipped_and_counted():
 
 @pytest.mark.parametrize("windowed", [False, True])
 def test_a_weight_counts_a_path_as_often(windowed):
-    """Bit for bit the sums of each path added as many times as its weight says; the clipped are counted as paths."""
+    """The sums are those of paths repeated by their weights, bit for bit; each clipped path is counted once."""
     shape, count = (17, 9, 13), 5000
     arrays = [*paths(7, count, shape)]
     window = windows(9, count, shape) if windowed else (None, None)
@@ -114,7 +111,7 @@ def test_a_weight_of_one_changes_no_bit_and_of_zero_leaves_nothing():
 
 def test_stacks_that_share_the_memory_have_fewer_workers():
     shape = (129, 250, 400)
-    room = host_splat.ACCUMULATOR_BYTES // (8 * 129 * 250 * 400)
-    assert len(host_splat.allocate_splat_accumulators(64, shape)) == room
-    assert len(host_splat.allocate_splat_accumulators(64, shape, stacks=3)) == room // 3
+    workers = host_splat.ACCUMULATOR_BYTES // (8 * 129 * 250 * 400)
+    assert len(host_splat.allocate_splat_accumulators(64, shape)) == workers
+    assert len(host_splat.allocate_splat_accumulators(64, shape, stacks=3)) == workers // 3
     assert len(host_splat.allocate_splat_accumulators(64, shape, stacks=1000)) == 1

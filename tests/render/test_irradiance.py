@@ -1,4 +1,4 @@
-"""Irradiance of what the camera sees, against closed forms."""
+"""Irradiance of the surfaces that the camera sees, against closed forms."""
 
 import math
 
@@ -14,11 +14,11 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("every_backend")]
 
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.4))
 GRID = SensorGrid(12, 16, 1e-4)
-WHOLE = np.ones((12, 16), dtype=bool)
+EVERY_PIXEL = np.ones((12, 16), dtype=bool)
 
 
-def received(shapes, *, depth=4, target=WHOLE, position=0.5):
-    """Irradiance and its error before a lens 0.5 m above the plane z = 0, looking down."""
+def received(shapes, *, depth=4, target=EVERY_PIXEL, position=0.5):
+    """Irradiance and its standard error, for a lens 0.5 m above the plane z = 0 that looks down."""
     down = mi.ScalarTransform4f().look_at(origin=[0, 0, 0.5], target=[0, 0, 0], up=[0, 1, 0])
     loaded = mi.load_dict({"type": "scene", **shapes}, optimize=False)
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
@@ -32,8 +32,8 @@ def plane(**more):
     return {"type": "rectangle", "to_world": at, "bsdf": {"type": "diffuse", "reflectance": 0.3}, **more}
 
 
-def agrees(pair, expected):
-    """Within four standard errors and a percent, which covers where the points lie."""
+def assert_agrees(pair, expected):
+    """Assert agreement within four standard errors and a percent, which covers the positions of the points."""
     value, error = pair
     assert error < 0.03 * expected
     assert value == pytest.approx(expected, abs=4 * error + 0.01 * expected)
@@ -41,26 +41,26 @@ def agrees(pair, expected):
 
 def test_the_light_of_a_point_falls_as_the_inverse_square_and_the_cosine():
     lamp = {"type": "point", "position": [0.3, 0, 0.4], "intensity": 2.0}
-    agrees(received({"plane": plane(), "lamp": lamp}), 2.0 * 0.4 / 0.5 / 0.5**2)
+    assert_agrees(received({"plane": plane(), "lamp": lamp}), 2.0 * 0.4 / 0.5 / 0.5**2)
 
 
 def test_a_sky_of_radiance_l_gives_pi_l():
-    agrees(received({"plane": plane(), "sky": {"type": "constant", "radiance": 0.7}}), math.pi * 0.7)
+    assert_agrees(received({"plane": plane(), "sky": {"type": "constant", "radiance": 0.7}}), math.pi * 0.7)
 
 
 @pytest.mark.parametrize("surface", ["grey", "null", "none"])
 def test_a_disc_above_gives_pi_l_sin_squared(surface):
-    """E = π·L·R²/(R² + h²) on its axis; the same for a lamp without a surface, as Blender exports them."""
+    """E = π·L·R²/(R² + h²) on its axis, also for a lamp without a surface, as Blender exports it."""
     down = mi.ScalarTransform4f().translate([0, 0, 0.8]).rotate([1, 0, 0], 180).scale(0.4)
     lamp = {"type": "disk", "to_world": down, "emitter": {"type": "area", "radiance": 5.0}}
     if surface != "none":
         lamp["bsdf"] = {"type": "null"} if surface == "null" else {"type": "diffuse", "reflectance": 0.0}
     expected = math.pi * 5.0 * 0.4**2 / (0.4**2 + 0.8**2)
-    agrees(received({"plane": plane(), "lamp": lamp}), expected)
+    assert_agrees(received({"plane": plane(), "lamp": lamp}), expected)
 
 
 def under_a_corner(across: float, along: float) -> float:
-    """Configuration factor of a patch under a corner of a rectangle parallel to it, sides over the height.
+    """Configuration factor of a patch under a corner of a parallel rectangle, from its sides over its height.
 
     J. R. Howell, "A Catalog of Radiation Heat Transfer Configuration Factors", B-3.
     """
@@ -70,15 +70,15 @@ def under_a_corner(across: float, along: float) -> float:
 
 
 def test_a_rectangle_aside_is_the_sum_of_its_corners():
-    """From 0.1 m to 0.7 m aside and 0.2 m along to either side, 0.8 m above: E = π·L·F."""
+    """E = π·L·F, from 0.1 m to 0.7 m to the side and ± 0.2 m along it, at a height of 0.8 m."""
     down = mi.ScalarTransform4f().translate([0.4, 0, 0.8]).rotate([1, 0, 0], 180).scale([0.3, 0.2, 1])
     lamp = {"type": "rectangle", "to_world": down, "emitter": {"type": "area", "radiance": 5.0}}
     factor = 2 * (under_a_corner(0.7 / 0.8, 0.2 / 0.8) - under_a_corner(0.1 / 0.8, 0.2 / 0.8))
-    agrees(received({"plane": plane(), "lamp": lamp}), math.pi * 5.0 * factor)
+    assert_agrees(received({"plane": plane(), "lamp": lamp}), math.pi * 5.0 * factor)
 
 
 def test_light_by_way_of_a_wall_counts():
-    """Within a closed white furnace, all of it at radiance L, it receives π·L however long its path."""
+    """In a closed white furnace of radiance L the sheet receives π·L, over paths of any length."""
     shell = {
         "type": "sphere",
         "radius": 1.5,
@@ -88,7 +88,7 @@ def test_light_by_way_of_a_wall_counts():
     }
     grey = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
     sheet = {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(0.2), "bsdf": grey}
-    # The shell emits 1 and reflects a half: L = 1 + L/2 on it, where the sheet is small.
+    # The shell emits 1 and reflects a half, so that L = 1 + L/2 if the sheet is small.
     pair = received({"shell": shell, "sheet": sheet}, depth=40)
     assert pair[0] == pytest.approx(2 * math.pi, rel=0.03)
 
@@ -96,7 +96,7 @@ def test_light_by_way_of_a_wall_counts():
 def test_a_surface_that_lets_light_through_receives_on_both_sides():
     thin = {"type": "principledthin", "diff_trans": 1.0}
     sky = {"type": "constant", "radiance": 0.7}
-    agrees(received({"plane": {**plane(), "bsdf": thin}, "sky": sky}), 2 * math.pi * 0.7)
+    assert_agrees(received({"plane": {**plane(), "bsdf": thin}, "sky": sky}), 2 * math.pi * 0.7)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_a_surface_that_lets_light_through_receives_on_both_sides():
     ids=["diffuse", "twosided", "translucent", "glass", "half there"],
 )
 def test_light_on_the_back_counts_where_the_surface_lets_it_through(surface, fraction):
-    """A disc 0.8 m behind: π·L·R²/(R² + h²) of its light falls on the back."""
+    """A disc 0.8 m behind gives π·L·R²/(R² + h²) on the back."""
     up = mi.ScalarTransform4f().translate([0, 0, -0.8]).scale(0.4)
     lamp = {"type": "disk", "to_world": up, "emitter": {"type": "area", "radiance": 5.0}}
     value, error = received({"plane": {**plane(), "bsdf": surface}, "lamp": lamp})
@@ -121,11 +121,11 @@ def test_light_on_the_back_counts_where_the_surface_lets_it_through(surface, fra
 
 
 def test_only_the_target_counts():
-    """The right half of the picture lies in the shadow of a screen on the ground's edge."""
+    """The right half of the picture is in the shadow of a screen."""
     lamp = {"type": "directional", "direction": [0, 0, -1], "irradiance": 3.0}
     at = mi.ScalarTransform4f().translate([1.0, 0, 0.8]).scale(1.0)
     screen = {"type": "rectangle", "to_world": at, "bsdf": {"type": "diffuse", "reflectance": 0.0}}
-    left = np.zeros_like(WHOLE)
+    left = np.zeros_like(EVERY_PIXEL)
     left[:, :8] = True
     shapes = {"plane": plane(), "lamp": lamp, "screen": screen}
     values = sorted(received(shapes, target=half)[0] for half in (left, ~left))

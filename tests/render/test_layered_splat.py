@@ -1,4 +1,4 @@
-"""Sums of paths in layers of equal blur: against a slow twin, and by what a lens does to points, edges and noise."""
+"""Sums of paths in layers of equal blur: against a slow reference, and by the effect on points, edges and noise."""
 
 import numba as nb
 import numpy as np
@@ -12,9 +12,9 @@ from saf_gen.render.host_splat import TracedPaths
 from saf_gen.render.layered_splat import (
     LAYERS,
     LAYERS_PER_OCTAVE,
-    LEAST_BLUR,
-    MOST_POSITIONS,
-    SIDE,
+    MAX_POSITIONS,
+    MIN_BLUR,
+    SIDE_LAYERS,
     SMOOTHING,
     BlurScale,
     LayeredSums,
@@ -22,18 +22,18 @@ from saf_gen.render.layered_splat import (
 )
 from saf_gen.render.surface_hits import Distances
 
-SCALE, MOST = 2.0**22, 1e6
-DIAMETER = 100.0  # pixels times metres, of a lens focused at 1 m
+SCALE, MAX_RADIANCE = 2.0**22, 1e6
+DIAMETER = 100.0  # pixels times metres, for a lens focused at 1 m
 FOCUSED = 1.0  # m
 
 
 def distance_of(blur):
-    """Where a point is blurred by so many pixels; above 0 nearer than the focus."""
+    """The distance at which a point is blurred by so many pixels; positive if nearer than the focus."""
     return 1 / (1 / FOCUSED + np.asarray(blur) / DIAMETER)
 
 
 def blur_scale(positions=1, *, drift=0.0):
-    """A lens of DIAMETER focused at 1 m at the first position, and by ``drift`` dioptres nearer at each after it."""
+    """A lens of DIAMETER focused at 1 m at the first position, and ``drift`` dioptres nearer at each later one."""
     k = np.arange(positions)
     return BlurScale(np.full(positions, DIAMETER), 1 / FOCUSED + drift * k, np.zeros(positions))
 
@@ -45,17 +45,20 @@ def on_disc(random, count):
 
 
 def still(x, y, **more):
-    """Paths that do not move from position to position."""
+    """Paths that have the same point at every position."""
     x, y = np.float32(x), np.float32(y)
     return TracedPaths(x, y, 0 * x, 0 * y, None, **more)
 
 
-def add_all(shape, *told, blur=None, groups=1):
-    """The stack, float32 (light, focus, row, col), of some (line, lens, distance, radiance)."""
+def add_all(shape, *layers, blur=None, groups=1):
+    """The stack, float32 (light, focus, row, col), of groups of (line, lens, distance, radiance)."""
     sums = LayeredSums(
-        shape, blur=blur or blur_scale(shape[0]), scale=np.full(groups, SCALE), most=np.full(groups, MOST)
+        shape,
+        blur=blur or blur_scale(shape[0]),
+        scale=np.full(groups, SCALE),
+        max_radiance=np.full(groups, MAX_RADIANCE),
     )
-    for line, lens, distance, radiance in told:
+    for line, lens, distance, radiance in layers:
         count = line.first_x.size
         distance = np.broadcast_to(np.float32(distance), count).copy()
         values = np.broadcast_to(np.float32(radiance), (groups, count)).copy()
@@ -64,7 +67,7 @@ def add_all(shape, *told, blur=None, groups=1):
 
 
 def even_paths(random, shape, per_pixel, *, columns=None):
-    """Paths even over a sensor (or some of its columns, from and to) and the lens, and over a border of 20 pixels."""
+    """Paths that are even over the lens and the sensor (or a range of its columns) with a border of 20 pixels."""
     _, rows, width = shape
     left, right = columns or (-20, width + 20)
     count = round((rows + 40) * (right - left) * per_pixel)
@@ -72,8 +75,8 @@ def even_paths(random, shape, per_pixel, *, columns=None):
     return line, on_disc(random, count)
 
 
-def twin(shape, blur, line, lens, distance, radiance):
-    """The same, path by path and layer by layer, in double precision: (focus, row, col)."""
+def sum_slowly(shape, blur, line, lens, distance, radiance):
+    """The stack path by path and layer by layer, in double precision: (focus, row, col)."""
     focus, rows, columns = shape
     out = np.zeros(shape)
     begin = np.zeros(radiance.size, dtype=int) if line.begin is None else line.begin
@@ -84,13 +87,13 @@ def twin(shape, blur, line, lens, distance, radiance):
         for i in range(radiance.size):
             if not begin[i] <= k < end[i]:
                 continue
-            x, y, layer = line.first_x[i] + k * line.step_x[i], line.first_y[i] + k * line.step_y[i], SIDE
+            x, y, layer = line.first_x[i] + k * line.step_x[i], line.first_y[i] + k * line.step_y[i], SIDE_LAYERS
             c = 0.0
             if distance[i] > 0:
                 c = blur.diameter[k] * (1 / (distance[i] - blur.shift[k]) - blur.inverse_distance[k])
-            if abs(c) >= LEAST_BLUR:
-                octave = np.log2(abs(c) / LEAST_BLUR)
-                layer = SIDE - int(np.sign(c)) * min(1 + int(octave * LAYERS_PER_OCTAVE), SIDE)
+            if abs(c) >= MIN_BLUR:
+                octave = np.log2(abs(c) / MIN_BLUR)
+                layer = SIDE_LAYERS - int(np.sign(c)) * min(1 + int(octave * LAYERS_PER_OCTAVE), SIDE_LAYERS)
                 smaller = np.sqrt(c**2 - (4 * sigma_of(layer)) ** 2)
                 x -= np.sign(c) * (abs(c) - smaller) / 2 * lens[0][i]
                 y -= np.sign(c) * (abs(c) - smaller) / 2 * lens[1][i]
@@ -111,10 +114,10 @@ def twin(shape, blur, line, lens, distance, radiance):
 
 
 def sigma_of(layer):
-    """A part of the disc's standard deviation, a quarter of its diameter, at the least blur of the layer."""
-    if layer == SIDE:
+    """A fraction of the disc's standard deviation, a quarter of its diameter, at the smallest blur of the layer."""
+    if layer == SIDE_LAYERS:
         return 0.0
-    return SMOOTHING * LEAST_BLUR * 2 ** ((abs(layer - SIDE) - 1) / LAYERS_PER_OCTAVE) / 4
+    return SMOOTHING * MIN_BLUR * 2 ** ((abs(layer - SIDE_LAYERS) - 1) / LAYERS_PER_OCTAVE) / 4
 
 
 def smooth(plane, sigma):
@@ -126,22 +129,22 @@ def smooth(plane, sigma):
 @pytest.mark.parametrize("windowed", [False, True])
 @pytest.mark.parametrize("distance", [0.0, FOCUSED])
 def test_what_is_not_blurred_is_summed_as_it_was_traced(distance, windowed):
-    """Bit for bit the sums of the plain splat; the means are rounded in another order."""
+    """The sums are those of the plain splat, bit for bit; the means are rounded in another order."""
     shape, count = (9, 11, 13), 20_000
     *line, radiance = paths(5, count, shape)
     more = windows(8, count, shape) if windowed else ()
     plain = host_splat.allocate_splat_accumulators(2, shape)
-    host_splat.splat_paths(plain, TracedPaths(*line, radiance, *more), scale=SCALE, most=MOST)
+    host_splat.splat_paths(plain, TracedPaths(*line, radiance, *more), scale=SCALE, max_radiance=MAX_RADIANCE)
     lens = on_disc(np.random.default_rng(1), count)
     found = add_all(shape, (TracedPaths(*line, None, *more), lens, distance, radiance))
     assert found[0] == pytest.approx(host_splat.mean_radiance_of_paths(plain, SCALE), rel=1e-6)
 
 
 @pytest.mark.parametrize("windowed", [False, True])
-def test_the_stack_is_that_of_the_slow_twin(windowed):
-    """4,000 paths from before and behind the focus, or from nowhere, of weights 0 to 4, at three positions.
+def test_the_stack_is_that_of_the_slow_reference(windowed):
+    """4,000 paths from in front of and behind the focus, or without a distance, of weights 0 to 4, at three positions.
 
-    Of 1,800 pixels a few may differ, where single precision puts a path into the neighbouring pixel or layer.
+    Single precision may put a path into a neighbouring pixel or layer, so that a few of 1,800 pixels differ.
     """
     shape, count, random = (3, 24, 25), 4000, np.random.default_rng(2)
     *line, radiance = paths(6, count, shape)
@@ -151,7 +154,7 @@ def test_the_stack_is_that_of_the_slow_twin(windowed):
     more = dict(zip(("begin", "end"), windows(8, count, shape), strict=True)) if windowed else {}
     line, blur = TracedPaths(*line, None, weight=weight, **more), blur_scale(3, drift=0.1)
     found = add_all(shape, (line, lens, distance, radiance), blur=blur)[0]
-    expected = twin(shape, blur, line, lens, distance, radiance)
+    expected = sum_slowly(shape, blur, line, lens, distance, radiance)
     assert np.isclose(found, expected, rtol=1e-4, atol=1e-5).mean() > 0.97
     assert np.abs(found - expected).mean() < 1e-3 * expected.mean()
 
@@ -165,7 +168,7 @@ def test_the_stack_is_that_of_the_slow_twin(windowed):
     ],
 )
 def test_the_blur_is_how_far_apart_two_rays_of_a_point_land(drive, distance_m):
-    """Over how far apart they pass the lens, at every position."""
+    """Their distance on the sensor is the blur times their distance at the lens, at every position."""
     focus, pitch_m = np.linspace(0.2, 0.7, 6), 20e-6
     middle = float(focus[0] + focus[-1]) / 2
     scale = BlurScale.from_drive(drive, focus, pitch_m=pitch_m)
@@ -173,33 +176,33 @@ def test_the_blur_is_how_far_apart_two_rays_of_a_point_land(drive, distance_m):
     a = np.array([-0.3, 0.4]) * drive.aperture_radius_m
     slope = (0.01 - a) / distance_m  # both come from a point 10 mm off the axis
     x = -drive.image_distance(middle) * (slope + a / drive.object_distance(middle))
-    landed = drive.ray_transfer(focus, middle) @ np.array([x, a])  # (focus, place on sensor or lens, ray)
+    landed = drive.ray_transfer(focus, middle) @ np.array([x, a])  # (focus, point on sensor or lens, ray)
     (x0, x1), (a0, a1) = landed[:, 0].T, landed[:, 1].T
     assert (x1 - x0) / pitch_m == pytest.approx(blur / 2 * (a1 - a0) / drive.aperture_radius_m, rel=1e-6)
 
 
-def test_an_even_light_stays_even_whatever_lies_before_what():
-    """A blurred foreground with gaps, leaves in focus and a blurred background, all as bright."""
+def test_an_even_light_stays_even_whatever_is_in_front():
+    """A blurred foreground with gaps, leaves in focus and a blurred background, all equally bright."""
     shape, random = (2, 60, 70), np.random.default_rng(3)
-    told = []
+    layers = []
     for blur in (40.0, 7.0, 0.0, -12.0, -80.0):
         line, lens = even_paths(random, shape, 3)
         gone = random.random(line.first_x.size) < 0.5
         gone |= np.sin(line.first_x / 5 + blur) > 0.3
         kept = np.flatnonzero(~gone)
-        told.append(
+        layers.append(
             (TracedPaths(*(a[kept] for a in line[:4]), None), (lens[0][kept], lens[1][kept]), distance_of(blur), 0.37)
         )
-    assert add_all(shape, *told) == pytest.approx(np.round(0.37 * SCALE) / SCALE, rel=1e-6)
+    assert add_all(shape, *layers) == pytest.approx(np.round(0.37 * SCALE) / SCALE, rel=1e-6)
 
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("blur", [3.0, 4.3, 6.1, 10.0, 23.0, 47.0, 90.0])
 def test_the_picture_of_a_point_keeps_its_width_and_its_light(blur, side):
-    """A point on a dark surface: variance of its disc blur²/16 along each axis, within 1 %, and its flux.
+    """A point on a dark surface: its flux, and the variance blur²/16 of its disc along each axis, within 1 %.
 
-    The point is even over a pixel, and counted in pixels: both add 1/12. Its paths, 16,000 on an even spiral, are less
-    than one in a hundred of the surface's in any pixel.
+    The point is even over a pixel and counted in pixels, which both add 1/12. Its 16,000 paths on an even spiral are
+    less than a hundredth of the surface's paths in any pixel.
     """
     extent = 2 * (round(0.8 * blur) + 6) + 1
     shape, count = (1, extent, extent), 16_000
@@ -227,9 +230,9 @@ def test_the_picture_of_a_point_keeps_its_width_and_its_light(blur, side):
 
 @pytest.mark.parametrize("blur", [8.0, 30.0, 90.0])
 def test_a_sharp_edge_before_a_blurred_wall_stays_sharp(blur):
-    """What is in focus keeps its radiance to the last pixel that no path of the wall is drawn into, and the wall.
+    """Both keep their radiance up to the pixels near the edge in which paths of both are drawn.
 
-    Its disc is drawn smaller by at most 1.6 % of the blur on each side; up to there they may mix.
+    The disc of the wall is drawn smaller by at most 1.6 % of the blur on each side; within this distance they may mix.
     """
     shape, random = (1, 40, 80), np.random.default_rng(5)
     near, near_lens = even_paths(random, shape, 16, columns=(-20, 40))
@@ -243,9 +246,9 @@ def test_a_sharp_edge_before_a_blurred_wall_stays_sharp(blur):
 
 @pytest.mark.parametrize("blur", [-25.0, -49.0, 69.0])
 def test_noise_of_a_wide_blurred_surface_falls_with_the_area_of_the_gaussian(blur):
-    """To 1/(4πσ²) of its variance; 160 × 160 pixels, 16 paths each, one seed.
+    """It falls to 1/(4πσ²) of its variance; 160 × 160 pixels, 16 paths each, one seed.
 
-    Between 220 and 1,800 independent places: 4 standard errors are 38 % at most.
+    With 220 to 1,800 independent regions 4 standard errors are at most 38 %.
     """
     shape, random = (1, 200, 200), np.random.default_rng(6)
     line, lens = even_paths(random, shape, 16)
@@ -253,7 +256,7 @@ def test_noise_of_a_wide_blurred_surface_falls_with_the_area_of_the_gaussian(blu
     plain, smoothed = (
         add_all(shape, (line, lens, distance, radiance))[0, 0, 20:-20, 20:-20] for distance in (0.0, distance_of(blur))
     )
-    sigma = sigma_of(SIDE + 1 + int(np.log2(abs(blur) / LEAST_BLUR) * LAYERS_PER_OCTAVE))
+    sigma = sigma_of(SIDE_LAYERS + 1 + int(np.log2(abs(blur) / MIN_BLUR) * LAYERS_PER_OCTAVE))
     assert sigma > 1
     assert smoothed.mean() == pytest.approx(1, abs=0.01)
     ratio = smoothed.var() / plain.var()
@@ -297,8 +300,8 @@ def test_the_number_of_workers_changes_no_bit():
     assert all(np.array_equal(stacks[0], other) for other in stacks[1:])
 
 
-def test_brighter_paths_than_the_most_count_as_the_most():
-    sums = LayeredSums((1, 1, 1), blur=blur_scale(), scale=np.array([SCALE]), most=np.array([2.0]))
+def test_paths_above_the_maximum_radiance_count_as_the_maximum():
+    sums = LayeredSums((1, 1, 1), blur=blur_scale(), scale=np.array([SCALE]), max_radiance=np.array([2.0]))
     lens = np.zeros(2, np.float32), np.zeros(2, np.float32)
     line, radiance = still([0.5, 0.5], [0.5, 0.5]), np.float32([[1.0, 500.0]])
     sums.add(line, radiance, lens=lens, distances=Distances(np.zeros(2, np.float32)))
@@ -307,9 +310,9 @@ def test_brighter_paths_than_the_most_count_as_the_most():
 
 @pytest.mark.parametrize("sigma", [0.0, 0.1875, 0.265, 0.375, 0.4999, 0.5, 0.53, 0.75, 1.06, 1.5, 2.12, 3.0, 4.24])
 def test_taps_add_up_to_one_and_have_the_variance(sigma):
-    """Three points have it exactly. A Gaussian cut off at three standard deviations lacks 3 %.
+    """Three taps have it exactly. A Gaussian that is cut off at three standard deviations lacks 3 %.
 
-    One of half a pixel lacks 12 %, which is 0.03 pixels² where the disc that it smooths has 4.
+    One of half a pixel lacks 12 %, which is 0.03 pixels²; the disc that it smooths has 4.
     """
     taps = gaussian_splat_taps(sigma)
     out = np.arange(taps.size)
@@ -321,18 +324,18 @@ def test_taps_add_up_to_one_and_have_the_variance(sigma):
     )
 
 
-def test_there_is_room_for_the_window_of_a_time_slice_but_not_for_a_whole_travel():
+def test_layers_fit_the_window_of_a_time_slice_but_not_a_full_travel():
     slice_of_one, travel = (3, 250, 400), (129, 250, 400)
-    assert LayeredSums.has_room(slice_of_one, 3)
-    assert not LayeredSums.has_room(travel, 1)
-    assert not LayeredSums.has_room((MOST_POSITIONS + 1, 4, 4), 1)
-    assert LayeredSums.has_room((MOST_POSITIONS, 4, 4), 1)
-    assert not LayeredSums.has_room((2, 4000, 4000), 1)
+    assert LayeredSums.sums_in_layers(slice_of_one, 3)
+    assert not LayeredSums.sums_in_layers(travel, 1)
+    assert not LayeredSums.sums_in_layers((MAX_POSITIONS + 1, 4, 4), 1)
+    assert LayeredSums.sums_in_layers((MAX_POSITIONS, 4, 4), 1)
+    assert not LayeredSums.sums_in_layers((2, 4000, 4000), 1)
 
 
 def test_the_bytes_of_a_worker_are_those_of_its_sums():
     shape = (3, 10, 12)
-    sums = LayeredSums(shape, blur=blur_scale(3), scale=np.ones(2), most=np.ones(2))
+    sums = LayeredSums(shape, blur=blur_scale(3), scale=np.ones(2), max_radiance=np.ones(2))
     workers = min(nb.get_num_threads(), host_splat.ACCUMULATOR_BYTES // LayeredSums.bytes_needed(shape, 2))
     assert sums._sums.nbytes == workers * LayeredSums.bytes_needed(shape, 2)
 
@@ -340,7 +343,7 @@ def test_the_bytes_of_a_worker_are_those_of_its_sums():
 def test_behind_clear_sheets_a_path_is_as_sharp_as_the_sharpest_of_all_that_it_passes():
     """1,000 paths with an end and the nearest and farthest of some sheets, blurred by up to 40 pixels either way.
 
-    Between the nearest and the farthest sheet there may be another, at any distance. No sheet has the distance 0.
+    Other sheets may be anywhere between the nearest and the farthest. A distance of 0 means that there is no sheet.
     """
     random = np.random.default_rng(31)
     end, one, other = random.uniform(-40, 40, (3, 1000))
@@ -351,7 +354,9 @@ def test_behind_clear_sheets_a_path_is_as_sharp_as_the_sharpest_of_all_that_it_p
     lens, values = on_disc(random, 1000), np.float32(random.random((1, 1000)))
 
     def summed(*blurs):
-        sums = LayeredSums((1, 48, 64), blur=blur_scale(), scale=np.full(1, SCALE), most=np.full(1, MOST))
+        sums = LayeredSums(
+            (1, 48, 64), blur=blur_scale(), scale=np.full(1, SCALE), max_radiance=np.full(1, MAX_RADIANCE)
+        )
         sums.add(line, values, lens=lens, distances=Distances(*blurs))
         return sums.mean_radiance()
 

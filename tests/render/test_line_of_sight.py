@@ -1,4 +1,4 @@
-"""Lines of sight through clear surfaces: closed forms of what comes through and is thrown back, and plain paths."""
+"""Lines of sight through clear surfaces: closed forms of transmitted and reflected light, and plain paths."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,8 @@ from saf_gen.render.camera_rays import cast_camera_rays
 from saf_gen.render.surface_hits import SurfaceFinder
 from saf_gen.scene.scene_folder import find_scene
 
+pytestmark = needs_llvm
+
 LENS = "{focal_length_mm: 25, f_number: 2.0, drive: image_distance, focus_range_m: [0.60, 0.42]}"
 SHEET = "'type': 'rectangle', 'to_world': t.translate([0, 0, {z} * m]).rotate([0, 1, 0], 180).scale(0.5 * m)"
 LAMP = (
@@ -17,7 +19,7 @@ LAMP = (
 )
 ROOM = "'room': {'type': 'constant', 'radiance': {'type': 'rgb', 'value': 0.5}}"
 STAIN = "{'type': 'thindielectric', 'int_ior': 1.0, 'ext_ior': 1.0, 'specular_transmittance': 0.7}"
-THROWS_BACK = (
+REFLECTS = (
     "{'type': 'blendbsdf', 'weight': 0.1, 'through': " + STAIN + ", 'back': {'type': 'diffuse', 'reflectance': 0.8}}"
 )
 
@@ -44,36 +46,33 @@ def render(setups, *, samples=4, **options):
     return render_filtered(setups, samples=samples, positions=3, **options)
 
 
-@needs_llvm
 def test_light_through_stained_sheets_is_the_product_of_what_they_let_through_without_noise(tmp_path, monkeypatch):
-    """A lamp of radiance 3 behind sheets of 0.7, 0.9 · 0.7 and a hole of a mask: 3 · 0.7 · 0.63 in every pixel."""
+    """A lamp of radiance 3 behind sheets of 0.7 and 0.9 · 0.7 and a hole in a mask: 3 · 0.7 · 0.63 in every pixel."""
     mask = "{'type': 'mask', 'opacity': 0.0, 'bsdf': {'type': 'conductor'}}"
-    sheets = [sheet(0.0, STAIN), sheet(0.01, THROWS_BACK), sheet(0.02, mask)]
+    sheets = [sheet(0.0, STAIN), sheet(0.01, REFLECTS), sheet(0.02, mask)]
     shapes = [f"'{name}': {text}" for name, text in zip(("target", "below", "film"), sheets, strict=True)]
     stack = render(load(tmp_path, monkeypatch, *shapes, LAMP))["lamp"]
-    # The lamp lights the second sheet from behind, so that it throws nothing back to the front.
+    # The lamp lights the second sheet from behind, so that it reflects nothing to the front.
     assert stack == pytest.approx(3 * 0.7 * 0.63, rel=1e-4)
 
 
-@needs_llvm
-def test_a_sheet_throws_back_its_matt_share_of_even_light_beside_what_comes_through(tmp_path, monkeypatch):
-    """Under a sky of radiance 0.5, a sheet that lets 0.63 through and scatters 0.08: 0.5 · 0.71, shared in cells."""
-    shapes = [f"'target': {sheet(0.0, THROWS_BACK)}", ROOM]
+def test_a_sheet_in_even_light_reflects_its_matt_fraction_and_transmits_the_rest(tmp_path, monkeypatch):
+    """Under a sky of radiance 0.5 a sheet that transmits 0.63 and scatters 0.08 has 0.5 · 0.71, shared in cells."""
+    shapes = [f"'target': {sheet(0.0, REFLECTS)}", ROOM]
     setups = load(tmp_path, monkeypatch, *shapes, lights=("room",))
     finder = SurfaceFinder(setups["room"], emitting=["room"])
     rays = next(iter(cast_camera_rays(setups["room"], np.array([0.0, 1.0]), samples=1, seed=1)))
     sight = finder.find(rays, np.array([0.0, 1.0]), seed=1)
-    assert not sight.alone.any()
+    assert not sight.unshared.any()
     assert sight.hits.reflectance == pytest.approx(0.08)
     assert render(setups, samples=16)["room"].mean() == pytest.approx(0.5 * 0.71, rel=1e-3)
 
 
-@needs_llvm
 def test_a_thick_pane_before_a_lamp_lets_through_what_fresnel_says(tmp_path, monkeypatch):
-    """A pane of n = 1.5, faces of R = 0.04 at right angles: 2R/(1 + R) of the light is lost between the two.
+    """The faces of a pane of n = 1.5 have R = 0.04 at right angles: 2R/(1 + R) of the light is lost between them.
 
-    Rays lean by up to 5 degrees, where R changes by less than 10⁻⁴. The dark room behind the camera gives nothing.
-    Of 3,072 lines (16 × 12 pixels, three positions) some are chosen by chance behind the first bend only.
+    Rays are inclined by up to 5 degrees, for which R changes by less than 10⁻⁴. The dark room behind the camera gives
+    no light. Of 3,072 lines (16 × 12 pixels, three positions) some are chosen by chance only after the first bend.
     """
     glass = "{'type': 'dielectric', 'int_ior': 1.5, 'ext_ior': 1.0}"
     pane = f"{{'type': 'cube', 'to_world': t.scale([0.5 * m, 0.5 * m, 0.004 * m]), 'bsdf': {glass}}}"
@@ -82,13 +81,12 @@ def test_a_thick_pane_before_a_lamp_lets_through_what_fresnel_says(tmp_path, mon
     assert stack.std() < 0.02 * stack.mean()
 
 
-@needs_llvm
 @pytest.mark.slow
 def test_a_tilted_pane_in_even_light_is_as_bright_as_the_sky(tmp_path, monkeypatch):
-    """Glass takes no light: in a room of radiance 0.5, each block of the picture is 0.5, whatever is thrown back.
+    """Glass absorbs no light: in a room of radiance 0.5 each block of the picture is 0.5, whatever is reflected.
 
-    Light that enters by the end of the pane is reflected inside some forty times before it leaves. Paths of 16
-    segments lose it, 7 % of the leftmost blocks when plain; of ours a hundredth may be lost (0.7 % was, with seed 0).
+    Light that enters at the end of the pane is reflected about forty times before it leaves. Plain paths of 16 segments
+    lose it, which is 7 % of the leftmost blocks; here a hundredth may be lost (0.7 % was lost with seed 0).
     """
     turned = "t.rotate([0, 1, 0], 45).scale([0.04 * m, 0.04 * m, 0.001 * m])"
     pane = f"'target': {{'type': 'cube', 'to_world': {turned}, 'bsdf': {{'type': 'dielectric'}}}}"
@@ -108,7 +106,7 @@ SPECIMENS = {
         "plate": sheet(0.003, f"{{{SLIDE.format(0.1)}, 'b': {{'type': 'roughconductor', 'alpha': 0.1}}}}"),
     },
     "stained section": {
-        "target": sheet(0.0, THROWS_BACK.replace("0.1", CHECKS.format(0.1, 0.5), 1)),
+        "target": sheet(0.0, REFLECTS.replace("0.1", CHECKS.format(0.1, 0.5), 1)),
         "wall": sheet(0.05, WALL),
     },
     "slide of glass": {
@@ -123,14 +121,13 @@ SPECIMENS = {
     },
 }
 MORE = ("stained section", "slide of glass")
-"""What they let through and throw back has closed forms above; the others have a mask and mirrors, and bends."""
+"""Specimens whose transmission and reflection have closed forms above; the others have a mask, mirrors and bends."""
 ABOVE = (
     "'lamp': {'type': 'sphere', 'center': [0.1 * m, 0.1 * m, -0.2 * m], 'radius': 0.03 * m,"
     " 'emitter': {'type': 'area', 'radiance': {'type': 'rgb', 'value': 20.0}}}"
 )
 
 
-@needs_llvm
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "specimen", [pytest.param(name, marks=pytest.mark.long if name in MORE else ()) for name in SPECIMENS]
@@ -138,11 +135,10 @@ ABOVE = (
 def test_the_mean_of_a_picture_through_clear_surfaces_is_that_of_plain_paths(tmp_path, monkeypatch, specimen):
     """Means over 16 blocks of 10 × 16 pixels, under a lamp and a sky: 8 filtered renders against 8 plain ones.
 
-    16 and 64 samples, seeds fixed. Bias is allowed to add 1 % of the mean of a block and 0.2 % of the picture's; at 5
-    standard errors of a difference of two means of 8, the largest of 96 blocks exceeds the bound once in 100 runs with
-    other seeds. There is always a wall behind: Mitsuba drops paths that leave the scene straight through, with all that
-    they found before. What a sheet throws back, a mirror's share of it, or a path to a lamp counted twice are 5 % and
-    more.
+    16 and 64 samples, fixed seeds. A bias of 1 % of the mean of a block and 0.2 % of the picture's is allowed; at 5
+    standard errors of a difference of two means of 8 the largest of 96 blocks exceeds the bound once in 100 runs with
+    other seeds. There is always a wall behind, because Mitsuba drops paths that leave the scene straight through, with
+    everything found before. The reflection of a sheet or mirror, or a path to a lamp counted twice, is at least 5 %.
     """
     setups = load(tmp_path, monkeypatch, *shapes_of(specimen), ABOVE, ROOM, lights=("lamp", "room"))
     blocks = lambda stack: stack.reshape(len(stack), 4, 10, 4, 16).mean(axis=(2, 4), dtype=np.float64)  # noqa: E731
@@ -158,9 +154,8 @@ def test_the_mean_of_a_picture_through_clear_surfaces_is_that_of_plain_paths(tmp
         assert (difference <= allowed).all(), (difference / allowed).max()
 
 
-@needs_llvm
 def test_distances_are_those_of_all_clear_surfaces_and_of_the_end(tmp_path, monkeypatch):
-    """Sheets 0.5 and 0.52 m before the lens, a lamp at 0.6 m."""
+    """Sheets 0.5 and 0.52 m in front of the lens, and a lamp at 0.6 m."""
     shapes = [f"'target': {sheet(0.0, STAIN)}", f"'below': {sheet(0.02, STAIN)}", LAMP]
     setup = load(tmp_path, monkeypatch, *shapes)["lamp"]
     rays = next(iter(cast_camera_rays(setup, np.array([0.0, 1.0]), samples=1, seed=1)))
@@ -169,9 +164,8 @@ def test_distances_are_those_of_all_clear_surfaces_and_of_the_end(tmp_path, monk
         assert found == pytest.approx(true, rel=1e-5)
 
 
-@needs_llvm
 def test_rays_are_counted_that_go_straight_into_light_and_that_share_no_shading(tmp_path, monkeypatch):
-    """All go into the lamp behind a sheet; none past a slide of glass, whose light is traced on where it is chosen."""
+    """All rays end in the lamp behind a sheet, none behind a slide of glass; some rays of the slide share nothing."""
     fields = []
     slide = [*shapes_of("slide of glass"), ABOVE]
     for name, shapes in (("sheet", [f"'target': {sheet(0.0, STAIN)}", LAMP]), ("slide", slide)):
@@ -183,7 +177,6 @@ def test_rays_are_counted_that_go_straight_into_light_and_that_share_no_shading(
     assert fields[0].unshared == 0 < fields[1].unshared < 1
 
 
-@needs_llvm
 def test_a_line_that_was_bent_is_not_to_be_smoothed(tmp_path, monkeypatch):
     setup = load(tmp_path, monkeypatch, *shapes_of("glass ball before a wall"), ABOVE)["lamp"]
     rays = next(iter(cast_camera_rays(setup, np.array([0.0, 1.0]), samples=1, seed=1)))

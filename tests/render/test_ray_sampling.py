@@ -1,4 +1,4 @@
-"""Which rays are sampled: every position must find all of its rays among them, evenly."""
+"""The sampled rays: they must contain all rays of every position, evenly."""
 
 import drjit as dr
 import mitsuba as mi
@@ -34,7 +34,7 @@ def transfer(drive, position, x, a):
 @every_drive
 @pytest.mark.parametrize("position", [0.0, 0.3, 1.0])
 def test_every_ray_of_a_position_is_covered(drive, position):
-    """20,000 rays over sensor and aperture, traced back to the reference: none is outside at any position."""
+    """20,000 rays over sensor and aperture, traced back to the reference position: none is outside."""
     random = np.random.default_rng(2)
     covered = compute_ray_coverage(drive, GRID)
     half_x, half_y = GRID.columns / 2 * GRID.pitch_m, GRID.rows / 2 * GRID.pitch_m
@@ -58,8 +58,8 @@ def test_a_lens_that_stays_in_the_rays_needs_no_more_than_its_aperture():
 def test_what_a_position_sees_is_even_over_sensor_and_aperture(drive, position):
     """χ² of counts in 240 cells of equal measure (3 × 5 sensor, 4 × 4 aperture), from 600,000 even rays.
 
-    Bound at a significance of 1e-6 each. Were the aperture's window left out, or the border too narrow, cells
-    would differ by tens of percent; 1 % in one row of cells would be found.
+    Each bound has a significance of 1e-6. Without the aperture's window, or with too narrow a border, cells would
+    differ by tens of percent; 1 % in one row of cells would be detected.
     """
     random = np.random.default_rng(7)
     covered, count = compute_ray_coverage(drive, GRID), 600_000
@@ -80,12 +80,12 @@ def test_what_a_position_sees_is_even_over_sensor_and_aperture(drive, position):
 
 @needs_llvm
 def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
-    """4,000 lines across the lens against asking each of 33 positions; a border may round to either side."""
+    """4,000 lines across the lens against a test at each of 33 positions; at a border rounding may differ."""
     backend.activate_render_backend("llvm")
     drive, random = DRIVES["stage"], np.random.default_rng(3)
     radius = drive.aperture_radius_m
     first, step = random.normal(0, radius, (2, 4000)), random.normal(0, radius / 12, (2, 4000))
-    step[:, :400] *= 1e-6  # hardly move
+    step[:, :400] *= 1e-6  # barely move
     step[:, 400:500] = 0
     line = mi.Point2f(first), mi.Vector2f(step)
     begin, end = camera_rays.ray_positions_through_aperture(*line, radius=radius, positions=33)
@@ -122,23 +122,23 @@ def test_every_box_of_one_samples_area_holds_one_sample(samples):
 @needs_llvm
 @pytest.mark.parametrize("samples", [1, 3, 24, 100, 1000])
 def test_counts_that_are_no_power_of_two_are_even_too(samples):
-    """Every box anchored at the corner holds its share within (log₂N + 2)/N of all: the bound of a (0,2)-sequence.
+    """Every box anchored at the corner holds its fraction of all points within (log₂N + 2)/N, as a (0,2)-sequence.
 
     H. Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods (1992), theorem 4.12: N·D* is at most
-    log₂(N)/2 + 3/2 in base 2 and two dimensions; flipping digits keeps the net. The lens takes the same points.
+    log₂(N)/2 + 3/2 in base 2 and two dimensions; flipping digits keeps the net. The lens has the same points.
     """
     placed, corner = samples_of(samples, pixels=8), np.linspace(0, 1, 21)
     for first, second in (placed[:2], placed[2:]):
         for a in corner:
             for b in corner:
-                share = ((first < a) & (second < b)).mean(axis=1)
-                assert np.abs(share - a * b).max() * samples <= np.log2(samples) + 2
+                inside = ((first < a) & (second < b)).mean(axis=1)
+                assert np.abs(inside - a * b).max() * samples <= np.log2(samples) + 2
 
 
 @needs_llvm
 @pytest.mark.parametrize("samples", [1, 2, 3, 5, 8, 24, 100, 1000, 1025])
 def test_samples_are_permuted_as_mitsuba_does_it(samples):
-    """Bit for bit, each of the samples by 4,096 words; each word's order is a permutation."""
+    """Bit for bit for 4,096 words; the order of each word is a permutation."""
     backend.activate_render_backend("llvm")
     word = dr.repeat(mi.sample_tea_32(dr.arange(mi.UInt32, 4096), mi.UInt32(11), 4)[0], samples)
     index = dr.arange(mi.UInt32, 4096 * samples) % samples
@@ -149,9 +149,9 @@ def test_samples_are_permuted_as_mitsuba_does_it(samples):
 
 @needs_llvm
 def test_pixel_and_lens_are_independent():
-    """Which sample of a pixel meets which part of the lens is by chance: χ² of 4 × 4 × 4 × 4 boxes, 2,048 pixels of 64.
+    """Samples of a pixel are matched to parts of the lens at random: χ² of 4 × 4 × 4 × 4 boxes, 2,048 pixels of 64.
 
-    Significance 1e-6. The bound is one-sided: the nets make counts of the two halves more even than chance does.
+    Significance 1e-6. The bound is one-sided, because the nets make counts in either half more even than chance.
     """
     placed = samples_of(64, pixels=2048)
     boxes, _ = np.histogramdd(placed.reshape(4, -1).T, bins=4, range=[(0, 1)] * 4)
@@ -167,8 +167,8 @@ def test_every_pixel_and_every_seed_has_points_of_its_own():
         assert (placed != other).mean() > 0.999
     for axis in placed:
         assert len(np.unique(axis[:, 0])) > 250  # 256 pixels: chance alone repeats none of 2^24 values
-    # The order on the lens is the pixel's own, too: the 16 boxes of the lens, sample by sample. Orders are drawn from a
-    # few thousand, so that some of 256 are the same.
+    # The order on the lens also differs between pixels: the 16 boxes of the lens, sample by sample. Orders are drawn
+    # from a few thousand, so that some of 256 are equal.
     box = np.int64(placed[2] * 4) * 4 + np.int64(placed[3] * 4)
     assert len(np.unique(np.bitwise_xor(box, box[:, :1]), axis=0)) > 230
 

@@ -34,7 +34,7 @@ from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
-# Of the plane at 0.5 m, which lies well inside each travel.
+# The plane at 0.5 m is well inside each travel.
 DRIVES = {
     "image_distance": ImageDistanceDrive(0.025, 2.0, (0.60, 0.42)),
     "focal_length": FocalLengthDrive(0.0263, 2.0, (0.60, 0.42)),
@@ -60,9 +60,9 @@ def plane(test_scenes):
 def test_one_pass_agrees_with_mitsubas_thin_lens(plane, drive):
     """Welch's t in every pixel of four positions, 8 + 8 renders of 32 samples, fixed seeds.
 
-    With 14 degrees of freedom t² has mean 7/6 and standard deviation about 2.1, so its mean over 2,560
-    pixels scatters by 0.042: the bounds are 5 sigma wide and more (1e-6). A shift of half a pixel, or a
-    scale off by 1 %, gives means of 2 and more.
+    With 14 degrees of freedom t² has mean 7/6 and standard deviation about 2.1, so that its mean over 2,560
+    pixels scatters by 0.042: the bounds are at least 5 sigma away (1e-6). A shift of half a pixel, or an error
+    of 1 % in the scale, gives means of at least 2.
     """
     setup, repeats = load_setup(plane, drive=drive), 8
     ours = np.array([render_stack_once(setup, positions=4, samples=32, seed=s) for s in range(repeats)])
@@ -81,7 +81,7 @@ def test_one_pass_agrees_with_mitsubas_thin_lens(plane, drive):
 @needs_llvm
 @every_drive
 def test_every_position_gets_the_samples_asked_for(plane, drive):
-    """On the sensor and within the aperture: 50 per pixel, fewer only as the image grows (v²). Within 1 %."""
+    """50 per pixel on the sensor and within the aperture, less as the image grows (v²), within 1 %."""
     setup, landed = load_setup(plane, drive=drive), np.zeros(5)
     for _, band in one_pass.trace_light_paths(setup, np.linspace(0, 1, 5), samples=50, seed=1):
         paths = band.to_host()
@@ -102,7 +102,7 @@ def test_every_position_gets_the_samples_asked_for(plane, drive):
 )
 @pytest.mark.slow
 def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, rays_per_pass, monkeypatch):
-    """From 0.5 m to 36 mm the samples of a pixel go from 4.2 to 0.4 times those asked for."""
+    """From 0.5 m to 36 mm the samples per pixel go from 4.2 to 0.4 times the requested number."""
     monkeypatch.setattr(camera_rays, "RAYS_PER_PASS", rays_per_pass)
     setup = load_setup(plane, drive=ImageDistanceDrive(0.025, 2.0, (0.5, 0.036)))
     sky, integrator = mitsuba_scene.load_lit_mitsuba_scene(
@@ -115,7 +115,7 @@ def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, rays_pe
 @needs_llvm
 @pytest.mark.slow
 def test_light_groups_alone_add_up_to_all_together(plane):
-    """Welch's t over 10 + 10 means of a whole stack, bound 5 sigma of 18 degrees of freedom (1e-4)."""
+    """Welch's t over 10 + 10 means of a stack, with a bound of 5 sigma at 18 degrees of freedom (1e-4)."""
 
     def means(burning, first_seed):
         scene = load_setup(plane, burning)
@@ -132,7 +132,7 @@ def test_light_groups_alone_add_up_to_all_together(plane):
 @needs_llvm
 @pytest.mark.parametrize("drive", [DRIVES["image_distance"], DRIVES["focal_length"]])
 def test_the_truth_is_the_maximum_of_noise_free_sharpness_within_half_a_step(plane, drive):
-    """Not on this stage: it brings the plane so near that the chequers in the picture are others."""
+    """The stage is left out: it brings the plane so near that the picture shows other checks."""
     setup = load_setup(plane, drive=drive)
     seen = depth_and_target.trace_depth_and_target(setup, plane.card.target)
     stack = render_stack_once(setup, positions=33, samples=256, seed=1)
@@ -151,10 +151,10 @@ CARDS = {
 @pytest.mark.parametrize("kind", CARDS)
 @pytest.mark.slow
 def test_an_edge_is_blurred_and_placed_by_the_closed_forms(tmp_path, monkeypatch, kind):
-    """Width c within 2 %; seen at -v·h/(d - z), within 0.05 pixel; narrowest at best focus, within ½ step.
+    """Its width is c within 2 %; it is at -v·h/(d - z) within 0.05 pixel, and narrowest at best focus within ½ step.
 
-    One stack of 21 positions, 1.6 million paths. Between seeds the width scatters by 0.6 %, the place by 0.014
-    pixel, the narrowest position by 0.04 step; the stage's own curve is not quite even (0.2 step).
+    One stack of 21 positions, 1.6 million paths. Between seeds the width scatters by 0.6 %, the edge by 0.014
+    pixel, the narrowest position by 0.04 step; the curve of the stage is slightly asymmetric (0.2 step).
     """
     grid = SensorGrid(rows=20, columns=160, pitch_m=5e-6)
     scene = write_edge_scene(tmp_path, monkeypatch, lens=CARDS[kind], distance_m=0.5, edge_m=MM5)
@@ -163,10 +163,10 @@ def test_an_edge_is_blurred_and_placed_by_the_closed_forms(tmp_path, monkeypatch
     assert drive.kind == kind
     stack = render_stack_once(setup, positions=21, samples=400, seed=2)
     for position in (0.0, 0.25, 0.85, 1.0):
-        width, place = measure_edge(stack[round(position * 20)], grid.pitch_m)
+        width, offset = measure_edge(stack[round(position * 20)], grid.pitch_m)
         assert width == pytest.approx(float(drive.blur_diameter(position, 0.5)), rel=0.02)
         scale = float(drive.image_distance(position) / (0.5 - drive.shift(position)))
-        assert place == pytest.approx(-scale * MM5, abs=0.05 * grid.pitch_m)
+        assert offset == pytest.approx(-scale * MM5, abs=0.05 * grid.pitch_m)
     widths = np.array([measure_edge(image, grid.pitch_m)[0] for image in stack])
     assert abs(find_peak(-(widths**2)) - 20 * drive.best_position(0.5)) < 0.5
 
@@ -176,8 +176,8 @@ def test_an_edge_is_blurred_and_placed_by_the_closed_forms(tmp_path, monkeypatch
 def test_a_sweep_shows_no_beat_with_the_positions(plane, name):
     """Half way between two positions SD is as large as at them, to 0.1 %.
 
-    Monte Carlo noise that is not shared by neighbours averages out half way: with a seed for each position
-    this is 3 % off at 36 samples. What is left (0.02 to 0.06 %) is the cross-fade of neighbouring blurs.
+    Noise that neighbours do not share averages out half way: with one seed per position the difference is 3 % at 36
+    samples. The remaining 0.02 to 0.06 % is the cross-fade of neighbouring blurs.
     """
     stack_of = thin_lens.render_stack if name == "scalar" else one_pass.render_stack
     stack, _ = stack_of(load_setup(plane, name=name), positions=65, samples=36, seed=1, window=(20, 32))
@@ -198,26 +198,26 @@ def test_defocus_conserves_flux(plane, drive):
 @pytest.mark.slow
 @every_drive
 def test_a_window_of_positions_is_that_part_of_the_stack(plane, drive):
-    """Equal within noise: mean squared difference against that of two whole stacks, 5120 pixels, 4 sigma.
+    """Equal within noise: the mean squared difference against that of two stacks, 5120 pixels, 4 sigma.
 
-    The window has a middle of its own; a step off, the difference is more than twice as large. On the stage it is 28
-    times as large from a quarter of the samples, where each takes several paths.
+    The window has another middle position; compared one step off, the difference is more than twice as large. On the
+    stage, with a quarter of the samples but several paths for each, it is 28 times as large.
     """
     setup, samples = load_setup(plane, drive=drive), 64 if drive.kind == "stage" else 256
-    whole, other = (render_stack_once(setup, positions=5, samples=samples, seed=s) for s in (1, 2))
+    full, other = (render_stack_once(setup, positions=5, samples=samples, seed=s) for s in (1, 2))
     part = render_stack_once(setup, positions=5, samples=samples, seed=3, window=(3, 4))
     assert part.shape == (2, setup.grid.rows, setup.grid.columns)
-    noise = np.mean((whole[3:5] - other[3:5]) ** 2)
-    assert np.mean((part - whole[3:5]) ** 2) < 1.2 * noise
-    assert np.mean((part - whole[2:4]) ** 2) > 2 * noise
+    noise = np.mean((full[3:5] - other[3:5]) ** 2)
+    assert np.mean((part - full[3:5]) ** 2) < 1.2 * noise
+    assert np.mean((part - full[2:4]) ** 2) > 2 * noise
 
 
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
 def test_a_window_of_the_reference_is_that_part_of_its_stack(plane, name):
     setup = load_setup(plane, name=name)
-    whole, _ = thin_lens.render_stack(setup, positions=5, samples=4, seed=1)
+    full, _ = thin_lens.render_stack(setup, positions=5, samples=4, seed=1)
     part, _ = thin_lens.render_stack(setup, positions=5, samples=4, seed=1, window=(1, 2))
-    assert np.array_equal(part, whole[1:3])
+    assert np.array_equal(part, full[1:3])
 
 
 @needs_llvm
@@ -230,7 +230,7 @@ def test_a_stack_is_the_same_bit_for_bit_when_made_again(plane, drive):
 
 @needs_llvm
 def test_normals_are_added_up_on_one_thread(plane, monkeypatch):
-    """On several threads each smooth mesh came out in its own way in one of five runs on a busy machine."""
+    """On several threads each smooth mesh came out differently in one of five runs on a busy machine."""
     backend.activate_render_backend("llvm", threads=2)
     seen = []
 
@@ -252,7 +252,7 @@ def test_depth_and_target_are_where_the_plane_is(plane):
 
 
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
-def test_the_target_is_found_beside_other_scenes_in_the_process(plane, name):
+def test_the_target_is_found_with_other_scenes_in_the_process(plane, name):
     others = [load_setup(plane, name=name) for _ in range(2)]
     assert depth_and_target.trace_depth_and_target(load_setup(plane, name=name), ("plane",)).target.all()
     assert len(others) == 2
@@ -260,12 +260,12 @@ def test_the_target_is_found_beside_other_scenes_in_the_process(plane, name):
 
 @needs_llvm
 def test_scenes_are_released_with_their_renderer(plane):
-    """Those still alive have indices that are part of a kernel's code: for the next scene it would be compiled anew."""
+    """The indices of live scenes are part of a kernel's code, which would be compiled again for the next scene."""
 
     def first_free_index():
         return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(mi.load_dict({"type": "sphere"})))[0])
 
-    gc.collect()  # what other tests have left; what this one leaves is for nobody to collect
+    gc.collect()  # the garbage of other tests; this test must leave none
     gc.disable()
     try:
         renderer = SceneRenderer(plane, SensorGrid(4, 6, 400e-6), backend_name="llvm")
@@ -283,7 +283,7 @@ def test_scenes_are_released_with_their_renderer(plane):
 
 
 @needs_llvm
-def test_a_target_out_of_sight_is_told(plane):
+def test_an_invisible_target_is_refused(plane):
     error = refusal(depth_and_target.trace_depth_and_target, load_setup(plane), ("lamp",))
     assert "(lamp) is not visible" in error.problem
 
@@ -297,18 +297,18 @@ def test_a_target_out_of_sight_is_told(plane):
         (Stage(0.025, 2.0, 1 / 19, (0.1, 0.02)), "0.52 to 0.6 m (travel_m in scene.yaml)"),
     ],
 )
-def test_a_target_that_the_lens_cannot_reach_is_told(plane, drive, allowed):
+def test_a_target_that_the_lens_cannot_reach_is_refused(plane, drive, allowed):
     error = refusal(depth_and_target.trace_depth_and_target, load_setup(plane, drive=drive), ("plane",))
     assert "0.5 m away" in error.problem
     assert error.allowed == allowed
 
 
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
-def test_a_stage_that_runs_into_the_lens_is_told(plane, name):
+def test_a_stage_that_runs_into_the_lens_is_refused(plane, name):
     near = Stage(0.3, 2.0, 1.5, (0.3, 0.6))  # focuses 0.5 m away; the plane passes the lens at 0.5 m
     setup = load_setup(plane, name=name, drive=near)
     error = refusal(depth_and_target.trace_depth_and_target, setup, ("plane",))
-    assert "a surface lies 0.5 m" in error.problem
+    assert "a surface is 0.5 m" in error.problem
     assert "0.6 m" in error.allowed
 
 
@@ -321,9 +321,9 @@ def test_depth_counts_from_the_lens_of_the_card_wherever_the_stage_is(plane, nam
 @needs_llvm
 @pytest.mark.slow
 def test_the_scalar_variant_renders_the_same_scene(plane):
-    """Never the same bits; Welch's t in every pixel of two positions, 8 + 8 stacks of 32 samples, fixed seeds.
+    """Other bits, but Welch's t in every pixel of two positions, 8 + 8 stacks of 32 samples, fixed seeds.
 
-    As for LLVM and Mitsuba's thin lens above: t² has the mean 7/6, and its mean over 2,560 pixels scatters by 0.042.
+    As for LLVM and Mitsuba's thin lens above, t² has the mean 7/6, and its mean over 2,560 pixels scatters by 0.042.
     """
     stacks = []
     for module, name, seeds in ((one_pass, "llvm", range(8)), (thin_lens, "scalar", range(1000, 1008))):
@@ -348,9 +348,9 @@ def test_a_stack_of_the_scalar_variant_is_stored_and_not_rendered_twice(plane, t
 
 @pytest.mark.parametrize("kind", CARDS)
 def test_the_scalar_variant_has_every_drive(tmp_path, monkeypatch, kind):
-    """An edge at both ends of the travel: width within 3 %, place within 0.12 pixel, by the closed forms.
+    """An edge at both ends of the travel: its width within 3 % and its position within 0.12 pixel of the closed forms.
 
-    200,000 paths a picture, fixed seed; between seeds the width scatters by 0.7 %, the place by 0.03 pixel.
+    200,000 paths per picture, fixed seed; between seeds the width scatters by 0.7 %, the position by 0.03 pixel.
     """
     grid = SensorGrid(rows=8, columns=64, pitch_m=10e-6)
     scene = write_edge_scene(tmp_path, monkeypatch, lens=CARDS[kind], distance_m=0.5, edge_m=0.001)
@@ -358,14 +358,14 @@ def test_the_scalar_variant_has_every_drive(tmp_path, monkeypatch, kind):
     drive = setup.drive
     stack, _ = thin_lens.render_stack(setup, positions=2, samples=400, seed=3)
     for position, image in zip((0.0, 1.0), stack, strict=True):
-        width, place = measure_edge(image, grid.pitch_m)
+        width, offset = measure_edge(image, grid.pitch_m)
         assert width == pytest.approx(float(drive.blur_diameter(position, 0.5)), rel=0.03)
         scale = float(drive.image_distance(position) / (0.5 - drive.shift(position)))
-        assert place == pytest.approx(-scale * 0.001, abs=0.12 * grid.pitch_m)
+        assert offset == pytest.approx(-scale * 0.001, abs=0.12 * grid.pitch_m)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "file", "told"),
+    ("old", "new", "file", "message"),
     [
         ("lamp: [lamp]", "lamp: [lampe]", "scene.yaml", "did you mean 'lamp'?"),
         ("target: [plane]", "target: [plain]", "scene.yaml", "did you mean 'plane'?"),
@@ -375,11 +375,11 @@ def test_the_scalar_variant_has_every_drive(tmp_path, monkeypatch, kind):
         ("checkerboard", "chequerboard", "scene.py", "Mitsuba cannot load the scene"),
     ],
 )
-def test_a_scene_that_cannot_be_built_is_told_in_one_line(plane, tmp_path, monkeypatch, old, new, file, told):
+def test_a_scene_that_cannot_be_built_is_refused_in_one_line(plane, tmp_path, monkeypatch, old, new, file, message):
     folder = tmp_path / "plane"
     shutil.copytree(plane.folder, folder, ignore=shutil.ignore_patterns("__pycache__"))
     text = (folder / file).read_text()
     assert old in text
     (folder / file).write_text(text.replace(old, new))
     monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path))
-    assert told in str(refusal(load_setup, find_scene("plane"), name="scalar"))
+    assert message in str(refusal(load_setup, find_scene("plane"), name="scalar"))

@@ -1,4 +1,4 @@
-"""Nothing is seen through the seams of a closed mesh, wherever they lie."""
+"""Nothing is seen through the seams of a closed mesh."""
 
 import drjit as dr
 import mitsuba as mi
@@ -10,13 +10,13 @@ from saf_gen.optics import ImageDistanceDrive
 from saf_gen.render import backend, depth_and_target, mitsuba_scene
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 
-HALF_M, AWAY_M, WALL_M = 0.01, 0.5, 0.75  # half an edge of the box, where its middle is, and the wall behind it
+HALF_M, AWAY_M, WALL_M = 0.01, 0.5, 0.75  # half an edge of the box, and the distances to its middle and to the wall
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 POSITION = float(DRIVE.best_position(AWAY_M))
 
 
 def box_mesh(squares, to_world):
-    """A closed box from -1 to 1, each face of squares × squares squares in two triangles, then moved."""
+    """A closed box from -1 to 1, transformed; each face has ``squares`` × ``squares`` squares of two triangles."""
     steps = np.linspace(-1, 1, squares + 1)
     down, across = (grid.ravel() for grid in np.meshgrid(steps, steps, indexing="ij"))
     corner = (np.arange(squares)[:, None] * (squares + 1) + np.arange(squares)).ravel()
@@ -52,17 +52,17 @@ def load_box(squares, turn):
 @pytest.mark.parametrize("squares", [8, 10])
 @pytest.mark.parametrize("turned", [0, 30, 45])
 def test_a_turned_box_has_no_hole_where_seams_lie_on_pixel_centres(every_backend, squares, turned):
-    """Its silhouette is a square, its front one depth.
+    """Its silhouette is a square, and its front has one depth.
 
-    At 0° and 45° seams run through the centres of hundreds of pixels, at 30° they miss them. Rays through the centres
-    alone see the inside of the box, or the wall, in 5 to 27 of these pixels, with either backend.
+    At 0° and 45° seams run through the centres of hundreds of pixels; at 30° they miss them. Rays through only the
+    centres see the inside of the box, or the wall, in 5 to 27 of these pixels, with either backend.
     """
     scene, integrator = load_box(squares, mi.ScalarTransform4f().rotate([0, 0, 1], turned))
     grid = SensorGrid(rows=256, columns=256, pitch_m=5e-6)
     setup = RenderSetup(scene, integrator, mi.ScalarTransform4f(), DRIVE, grid)
     depth = depth_and_target.trace_depth_at(setup, ("wall",), position=POSITION).depth
-    places = (np.arange(256) - 127.5) * grid.pitch_m / float(DRIVE.image_distance(POSITION))
-    slope_x, slope_y = np.meshgrid(places, places)
+    slopes = (np.arange(256) - 127.5) * grid.pitch_m / float(DRIVE.image_distance(POSITION))
+    slope_x, slope_y = np.meshgrid(slopes, slopes)
     angle = np.radians(turned)
     along = slope_x * np.cos(angle) + slope_y * np.sin(angle), slope_y * np.cos(angle) - slope_x * np.sin(angle)
     outwards = np.maximum(*np.abs(along)) * (AWAY_M - HALF_M) / HALF_M
@@ -73,7 +73,7 @@ def test_a_turned_box_has_no_hole_where_seams_lie_on_pixel_centres(every_backend
 
 @needs_llvm
 def test_random_paths_that_enter_a_closed_mesh_are_too_few_to_count():
-    """2²⁰ random rays from outside at a box of 49,152 triangles; 25 slip in, more than 105 with less than 10⁻³⁰."""
+    """2²⁰ random rays from outside at a box of 49,152 triangles; 25 enter, more than 105 with p < 10⁻³⁰."""
     backend.activate_render_backend("llvm")
     scene, _ = load_box(64, mi.ScalarTransform4f().rotate([1, 0.3, 0.2], 37))
     sampler = mi.load_dict({"type": "independent"})
@@ -86,7 +86,7 @@ def test_random_paths_that_enter_a_closed_mesh_are_too_few_to_count():
 
 
 def test_a_slope_has_the_depth_of_its_pixel_centres(every_backend):
-    """A plane turned by 80° about an axis askew, in closed form: to 10⁻⁶, which a shift by 1/256 pixel exceeds."""
+    """A plane turned by 80° about an oblique axis, in closed form: to 10⁻⁶, which a shift by 1/256 pixel exceeds."""
     turn = mi.ScalarTransform4f().rotate([1, 0.7, 0], 80)
     plane = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, AWAY_M]) @ turn.scale(HALF_M)}
     described = {"plane": plane, "sky": {"type": "constant"}}

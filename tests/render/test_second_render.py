@@ -1,4 +1,4 @@
-"""Which stacks are rendered a second time, that the noise of both is independent, and what they find."""
+"""The second render of stacks for their grain: which are rendered, and that the noise of both is independent."""
 
 from dataclasses import replace
 
@@ -41,20 +41,20 @@ def plane(tmp_path, monkeypatch):
 @needs_llvm
 @pytest.mark.slow
 def test_the_grain_of_a_stored_stack_is_that_of_two_full_renders(plane, tmp_path):
-    """At 64 samples against 8: the law of 1/n makes it too large, if anything; by less than a half here."""
+    """64 samples against 8: the law of 1/n may overestimate it, here by less than a half."""
     root = tmp_path / "stacks"
     (spec,) = specs_of(plane, [0.02], samples=64, window=None)
-    (twin,) = specs_of(plane, [0.02], samples=65, window=None)
-    for each in (spec, twin):
+    (other,) = specs_of(plane, [0.02], samples=65, window=None)
+    for each in (spec, other):
         render_missing_stacks(plane, [each], root=root, backend_name=VARIANT)
-    told = []
+    reported = set()
     measure_grain_by_second_render(
-        plane, [spec], root=root, backend_name=VARIANT, progress=lambda *call: told.append(call)
+        plane, [spec], root=root, backend_name=VARIANT, progress=lambda name, _: reported.add(name)
     )
-    assert {name for name, _ in told} == {"grain"}
+    assert reported == {"grain"}
     found = read_stack_grain(root, spec)
     assert found.samples == (64, 8)
-    first, second = (StackStore(root, each).load().radiance.sum(axis=0) for each in (spec, twin))
+    first, second = (StackStore(root, each).load().radiance.sum(axis=0) for each in (spec, other))
     for k in (0, 4, 8):
         full = estimate_stack_grain(first[k], second[k])
         assert 0.9 < found.mix(k, np.ones(2))[0] / full.rms.value < 1.5
@@ -76,7 +76,7 @@ def test_what_has_been_measured_is_not_rendered_again(plane, tmp_path):
 
 
 def store_geometry(root, seen, depths, windows):
-    """Stacks of which only the geometry is stored: whether the target is seen, its depth, the window of positions."""
+    """Store only the geometry of stacks: whether the target is seen, its depth, and the window of positions."""
     specs = []
     for n, (visible, depth, window) in enumerate(zip(seen, depths, windows, strict=True)):
         spec = replace(SPEC, time_s=n / 100, window=window)
@@ -87,7 +87,7 @@ def store_geometry(root, seen, depths, windows):
 
 
 def test_the_slices_are_spread_evenly_and_hold_the_one_in_focus(tmp_path):
-    """100 slices, the window passes the focus of 0.5 m, 0.462 of the travel, at slice 46: knot 3.7 of 8."""
+    """Of 100 slices the window passes the focus of 0.5 m, 0.462 of the travel, at slice 46: knot 3.7 of 8."""
     windows = [(round(n * 7 / 99), round(n * 7 / 99) + 1) for n in range(100)]
     specs = store_geometry(tmp_path, [True] * 100, [0.5] * 100, windows)
     chosen = [specs.index(spec) for spec in list_stacks_to_render_again(specs, tmp_path)]

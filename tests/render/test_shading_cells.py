@@ -1,4 +1,4 @@
-"""Shading gathered from paths: planted shadings and planted noise, and what is found of them."""
+"""Shading estimated from paths: known shadings with known noise, and how well they are recovered."""
 
 import numba as nb
 import numpy as np
@@ -13,29 +13,29 @@ COARSEST = FINEST * 2 ** (LEVELS - 1)  # pixels
 
 
 def hits_at(column, row, *, shape=1, depth=0.5, u=0.55, v=0.55, reflectance=1.0):
-    """Paths that meet a surface there; what is one number is the same for all."""
+    """Paths that meet a surface at these points; a single number holds for all of them."""
     fields = np.broadcast_arrays(shape, column, row, depth, u, v, reflectance)
     arrays = [np.ascontiguousarray(field, dtype=np.float32) for field in fields]
     return SurfaceHits(arrays[0].astype(np.uint32), *arrays[1:])
 
 
 def scatter(random, side, per_pixel, **kind):
-    """Paths evenly at random over a square of ``side`` pixels."""
+    """Random paths, evenly over a square of ``side`` pixels."""
     count = side * side * per_pixel
     return hits_at(random.uniform(0, side, count), random.uniform(0, side, count), **kind)
 
 
 def middles(side):
-    """One ray in the middle of each finest cell, row by row; moved at random, it stays in its cell."""
+    """One ray in the middle of each finest cell, row by row; a random offset keeps it in its cell."""
     middle = (np.arange(round(side / FINEST)) + 0.5) * FINEST
     row, column = (axis.ravel() for axis in np.meshgrid(middle, middle, indexing="ij"))
     return hits_at(column, row)
 
 
-def gather(*told, groups=1):
-    """The field that some (hits, radiance) tell."""
+def gather(*traced, groups=1):
+    """The field estimated from some (hits, radiance)."""
     cells = CellTable(groups)
-    for hits, radiance in told:
+    for hits, radiance in traced:
         cells.add(hits, np.atleast_2d(radiance).astype(np.float32))
     return cells.by_tile().estimate()
 
@@ -45,9 +45,9 @@ def reflect(field, hits, *, first=0, seed=1):
 
 
 def cell_means(hits, radiance, side):
-    """Each finest cell's own mean, the slow and simple way: (2·side · 2·side,); NaN in a cell without a path."""
+    """The mean of each finest cell, computed directly: (2·side · 2·side,); NaN in a cell without a path."""
     cells = round(side / FINEST)
-    row, column = (np.minimum(np.int64(place // FINEST), cells - 1) for place in (hits.row, hits.column))
+    row, column = (np.minimum(np.int64(axis // FINEST), cells - 1) for axis in (hits.row, hits.column))
     index = row * cells + column
     count, total = np.bincount(index, minlength=cells**2), np.bincount(index, radiance, minlength=cells**2)
     with np.errstate(invalid="ignore"):
@@ -55,35 +55,35 @@ def cell_means(hits, radiance, side):
 
 
 def noisy(random, truth, spread):
-    """Radiance of paths of this mean: gamma-distributed, relative standard deviation ``spread``, never below 0."""
+    """Radiance of paths with this mean: gamma-distributed, with a relative standard deviation of ``spread``."""
     shape = 1 / spread**2
     return (truth * random.gamma(shape, 1 / shape, truth.shape)).astype(np.float32)
 
 
-def test_constant_shading_is_told_apart_from_any_texture():
+def test_constant_shading_is_separated_from_any_texture():
     random = np.random.default_rng(1)
-    told, asked = (scatter(random, 40, n, reflectance=random.uniform(0.02, 0.9, 1600 * n)) for n in (6, 2))
+    traced, rays = (scatter(random, 40, n, reflectance=random.uniform(0.02, 0.9, 1600 * n)) for n in (6, 2))
     shading = np.array([[0.7], [3.0]])
-    found = reflect(gather((told, shading * told.reflectance), groups=2), asked)
+    found = reflect(gather((traced, shading * traced.reflectance), groups=2), rays)
     assert found.dtype == np.float32
-    assert found == pytest.approx(shading * asked.reflectance, rel=1e-5)
+    assert found == pytest.approx(shading * rays.reflectance, rel=1e-5)
 
 
 def test_nothing_is_known_of_other_shapes_or_of_places_far_away():
     random = np.random.default_rng(2)
-    told = scatter(random, 16, 4)
-    field = gather((told, np.ones(told.shape.size)))
-    assert reflect(field, told) == pytest.approx(1.0, rel=1e-6)
-    assert (reflect(field, told._replace(shape=told.shape + 1)) == 0).all()
-    assert (reflect(field, told._replace(column=told.column + 2 * np.float32(COARSEST))) == 0).all()
-    assert (reflect(field, told._replace(shape=0 * told.shape)) == 0).all()
+    traced = scatter(random, 16, 4)
+    field = gather((traced, np.ones(traced.shape.size)))
+    assert reflect(field, traced) == pytest.approx(1.0, rel=1e-6)
+    assert (reflect(field, traced._replace(shape=traced.shape + 1)) == 0).all()
+    assert (reflect(field, traced._replace(column=traced.column + 2 * np.float32(COARSEST))) == 0).all()
+    assert (reflect(field, traced._replace(shape=0 * traced.shape)) == 0).all()
 
 
-def test_paths_that_share_nothing_tell_nothing():
+def test_paths_without_a_shape_give_no_shading():
     random = np.random.default_rng(3)
-    told = scatter(random, 8, 4, shape=0)
-    for field in (gather((told, np.ones(told.shape.size))), CellTable(1).by_tile().estimate()):
-        assert (reflect(field, told._replace(shape=told.shape + 1)) == 0).all()
+    traced = scatter(random, 8, 4, shape=0)
+    for field in (gather((traced, np.ones(traced.shape.size))), CellTable(1).by_tile().estimate()):
+        assert (reflect(field, traced._replace(shape=traced.shape + 1)) == 0).all()
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_paths_that_share_nothing_tell_nothing():
     ],
 )
 def test_surfaces_in_the_same_pixels_do_not_mix(kinds):
-    """Other shapes, depths (a leaf before a wall, both of one mesh) and normals (the sides of an edge)."""
+    """Other shapes, depths (a leaf in front of a wall, both in one mesh) and normals (the sides of an edge)."""
     random = np.random.default_rng(4)
     surfaces = [scatter(random, 20, 8, **kind) for kind in kinds]
     field = gather(*((hits, np.full(hits.shape.size, e)) for hits, e in zip(surfaces, (0.25, 4.0), strict=True)))
@@ -109,14 +109,14 @@ def test_portions_and_threads_change_no_bit(monkeypatch):
     random = np.random.default_rng(5)
     hits = scatter(random, 48, 8, reflectance=random.uniform(0.1, 1, 48 * 48 * 8))
     radiance = noisy(random, np.stack([hits.reflectance, 2 * hits.reflectance]), 1.0)
-    whole = reflect(gather((hits, radiance), groups=2), hits)
+    expected = reflect(gather((hits, radiance), groups=2), hits)
     monkeypatch.setattr(shading_cells, "PATHS_AT_ONCE", 1000)
     parts = [slice(0, 1), slice(1, 5000), slice(5000, None)]
-    told = [(SurfaceHits(*(array[part] for array in hits)), radiance[:, part]) for part in parts]
+    traced = [(SurfaceHits(*(array[part] for array in hits)), radiance[:, part]) for part in parts]
     threads = nb.get_num_threads()
     try:
         nb.set_num_threads(1)
-        assert np.array_equal(reflect(gather(*told, groups=2), hits), whole)
+        assert np.array_equal(reflect(gather(*traced, groups=2), hits), expected)
     finally:
         nb.set_num_threads(threads)
 
@@ -134,27 +134,27 @@ def test_random_places_depend_on_number_and_seed_alone():
     random = np.random.default_rng(7)
     hits = scatter(random, 12, 16)
     field = gather((hits, hits.column // FINEST))
-    whole = reflect(field, hits)
+    found = reflect(field, hits)
     later = SurfaceHits(*(array[100:] for array in hits))
-    assert np.array_equal(reflect(field, later, first=100), whole[:, 100:])
-    assert not np.array_equal(reflect(field, later, first=0), whole[:, 100:])
-    assert not np.array_equal(reflect(field, hits, seed=2), whole)
+    assert np.array_equal(reflect(field, later, first=100), found[:, 100:])
+    assert not np.array_equal(reflect(field, later, first=0), found[:, 100:])
+    assert not np.array_equal(reflect(field, hits, seed=2), found)
 
 
-@pytest.mark.parametrize("place", [0.5, 0.6, 0.75, 1.0])
-def test_neighbouring_cells_blend(place):
-    """A ray between the middles of two cells takes the farther one's shading as often as it lies that near to it.
+@pytest.mark.parametrize("column", [0.5, 0.6, 0.75, 1.0])
+def test_neighbouring_cells_blend(column):
+    """Between the middles of two cells a ray takes the shading of the farther one with linear probability.
 
     Binomial, 20,000 rays, significance 1e-6.
     """
     random = np.random.default_rng(8)
     hits = scatter(random, 8, 64)
     field = gather((hits, np.float32(hits.column >= 0.5)))
-    found = reflect(field, hits_at(np.full(20_000, place), 4.25))[0]
+    found = reflect(field, hits_at(np.full(20_000, column), 4.25))[0]
     bright = np.count_nonzero(found > 0.5)
     assert ((found > 0.98) | (found < 0.02)).all()
-    share = min(1.0, 0.5 + (place - 0.5) / FINEST)
-    assert binom.ppf(5e-7, 20_000, share) <= bright <= binom.ppf(1 - 5e-7, 20_000, share)
+    probability = min(1.0, 0.5 + (column - 0.5) / FINEST)
+    assert binom.ppf(5e-7, 20_000, probability) <= bright <= binom.ppf(1 - 5e-7, 20_000, probability)
 
 
 def test_a_gap_takes_the_shading_around_it():
@@ -166,14 +166,14 @@ def test_a_gap_takes_the_shading_around_it():
 
 
 def test_more_cells_than_there_was_room_for(monkeypatch):
-    """64 times as many: each path finds its own again, in a table that is at most half full."""
-    monkeypatch.setattr(shading_cells, "ROOM", 1 << 10)
+    """64 times as many: each path finds its cell again, in a table that is at most half full."""
+    monkeypatch.setattr(shading_cells, "INITIAL_CELLS", 1 << 10)
     side, random = 128, np.random.default_rng(10)
     order = random.permutation((2 * side) ** 2)
     hits = SurfaceHits(*(array[order] for array in middles(side)))
     cells = CellTable(1)
     capacity = cells._keys.size
-    # The largest cells differ. Without noise in any, and with one path in each of the smallest, theirs is the shading.
+    # The largest cells differ. Without noise, and with one path in each smallest cell, the shading is theirs.
     radiance = np.float32(1 + hits.column // COARSEST + 100 * (hits.row // COARSEST))
     for part in np.array_split(np.arange(order.size), 7):
         cells.add(SurfaceHits(*(array[part] for array in hits)), radiance[None, part])
@@ -193,24 +193,24 @@ SHADINGS = {
 
 
 def errors_of(name, per_pixel, *, seed, spread=1.0, side=64):
-    """Squared errors of a planted shading, of the cells' own means and of the estimate: their means over cells."""
+    """Mean squared errors over cells, of the means of single cells and of the estimate, for a known shading."""
     random = np.random.default_rng(seed)
-    hits, asked = scatter(random, side, per_pixel, reflectance=1.0), middles(side)
+    hits, rays = scatter(random, side, per_pixel, reflectance=1.0), middles(side)
     truth = SHADINGS[name](hits.column, hits.row)
     radiance = noisy(random, truth, spread)
     own, true = cell_means(hits, radiance, side), cell_means(hits, truth, side)
     known = ~np.isnan(own)
-    found = reflect(gather((hits, radiance)), asked)[0]
+    found = reflect(gather((hits, radiance)), rays)[0]
     return np.mean((own - true)[known] ** 2), np.mean((found - true)[known] ** 2)
 
 
 @pytest.mark.parametrize("spread", [0.5, 1.0])
 @pytest.mark.parametrize(("per_pixel", "bound"), [(4, 0.32), (16, 0.08), (64, 0.06)])
 def test_an_even_light_is_shared(per_pixel, bound, spread):
-    """Variance of an evenly lit wall over that of the smallest cells, 16,384 of them; one seed.
+    """The variance for an evenly lit wall over that of single smallest cells; 16,384 cells, one seed.
 
-    The largest cells alone would give 1/1024. What chance adds where a neighbourhood looks uneven is far more, and must
-    stay below the bound; measured 0.19 to 0.25, 0.046 to 0.054 and 0.048.
+    The largest cells by themselves would give 1/1024. Chance adds far more where a neighbourhood looks uneven, and must
+    stay below the bound; 0.19 to 0.25, 0.046 to 0.054 and 0.048 were measured.
     """
     own, found = errors_of("even", per_pixel, seed=11, spread=spread)
     assert found < bound * own
@@ -219,37 +219,37 @@ def test_an_even_light_is_shared(per_pixel, bound, spread):
 @pytest.mark.parametrize("name", SHADINGS)
 @pytest.mark.parametrize("per_pixel", [4, 16, 64])
 def test_the_estimate_is_nearer_to_the_truth_than_the_cells_own_means(name, per_pixel):
-    """Mean squared errors over 16,384 cells, one seed; measured 0.04 to 0.4 of that of the cells' own means.
+    """Mean squared errors over 16,384 cells, one seed; 0.04 to 0.4 of that of the cells' means was measured.
 
-    The ratio's own standard error is 2 %, so that the bound is out of the reach of chance.
+    The standard error of the ratio is 2 %, so that chance cannot reach the bound.
     """
     own, found = errors_of(name, per_pixel, seed=12)
     assert found < 0.6 * own
 
 
 def test_where_nothing_is_alike_the_cells_keep_their_own_means():
-    """Shading that differs at random from cell to cell, by twice the noise of a cell's own mean: no worse than these.
+    """For random shading from cell to cell, by twice the noise of a cell's mean, the estimate is no worse than means.
 
     16,384 cells, one seed, 5 % for chance (2 % is one standard error).
     """
     random, side = np.random.default_rng(13), 64
-    asked = middles(side)
-    shading = random.gamma(4, 0.25, asked.shape.size)
+    rays = middles(side)
+    shading = random.gamma(4, 0.25, rays.shape.size)
     hits = scatter(random, side, 64)
-    place = np.int64(hits.row // FINEST) * round(side / FINEST) + np.int64(hits.column // FINEST)
-    truth = shading[np.minimum(place, shading.size - 1)]
+    cell = np.int64(hits.row // FINEST) * round(side / FINEST) + np.int64(hits.column // FINEST)
+    truth = shading[np.minimum(cell, shading.size - 1)]
     radiance = noisy(random, truth, 1.0)
     own, true = cell_means(hits, radiance, side), cell_means(hits, truth, side)
-    found = reflect(gather((hits, radiance)), asked)[0]
+    found = reflect(gather((hits, radiance)), rays)[0]
     assert np.mean((found - true) ** 2) < 1.05 * np.mean((own - true) ** 2)
 
 
 def test_more_paths_bring_the_edge_of_a_shadow_nearer():
-    """Bias along the columns beside an edge from 1 to 4, the mean over 128 rows and four seeds, over the step.
+    """Bias near an edge from 1 to 4, as a fraction of the step; the mean over 128 rows and four seeds.
 
-    In the smallest cells that lie a pixel and more away from the edge it is below the first bound and falls as paths
-    grow; from four pixels on it is below the second. Were 16 pixels to share one shading it would be a half.
-    Measured at most 0.23, 0.061 and 0.008, and 0.035, 0.014 and 0.006.
+    At least a pixel from the edge it is below the first bound and falls as the number of paths grows; from four pixels
+    on it is below the second. If 16 pixels shared one shading it would be a half. At most 0.23, 0.061 and 0.008, and
+    0.035, 0.014 and 0.006, were measured.
     """
     side, worst = 64, []
     for per_pixel, near, far in ((16, 0.4, 0.06), (64, 0.12, 0.03), (256, 0.03, 0.015)):
@@ -269,13 +269,13 @@ def test_more_paths_bring_the_edge_of_a_shadow_nearer():
 
 
 def estimate_slowly(hits, radiance):
-    """Both parts of the shading of the smallest cells of even depth and normal, by (shape, row, column)."""
+    """Both parts of the shading of the smallest cells, for one depth and normal, by (shape, row, column)."""
     paths = [{} for _ in range(LEVELS)]
     for shape, x, y, rho, value in zip(hits.shape, hits.column, hits.row, hits.reflectance, radiance, strict=True):
         for level, cells in enumerate(paths):
             width = FINEST * 2**level
             cells.setdefault((int(shape), int(y // width), int(x // width)), []).append((float(rho), float(value)))
-    paths = [{key: np.array(told).T for key, told in cells.items()} for cells in paths]
+    paths = [{key: np.array(traced).T for key, traced in cells.items()} for cells in paths]
 
     def weights(level, key, gloss):
         return (1 - gloss) * paths[level][key][0] + gloss
@@ -325,10 +325,10 @@ def estimate_slowly(hits, radiance):
                 change = np.clip(change, -matt, added / rho.mean())
                 shading[key] = matt + change + added - change * rho.mean()
                 gloss[key] = (added - change * rho.mean()) / shading[key] if shading[key] > 0 else 0.0
-    whole = {}
+    members = {}
     for key in shading:
-        whole.setdefault(parent(key, LEVELS - 1), []).append(key)
-    for largest, keys in whole.items():
+        members.setdefault(parent(key, LEVELS - 1), []).append(key)
+    for largest, keys in members.items():
         reflected = sum(weights(0, key, gloss[key]).sum() * shading[key] for key in keys)
         for key in keys:
             shading[key] *= paths[LEVELS - 1][largest][1].sum() / reflected
@@ -339,48 +339,48 @@ def estimate_slowly(hits, radiance):
 def test_rare_bright_paths_are_not_lost(chance):
     """Few paths bring all light of an even wall: 4 paths in each smallest cell, 64 largest cells.
 
-    Together the cells reflect what the paths brought. Were they weighed by their noise alone, as much as 80 % (of one
-    bright path in 500) and 2 % (of one in 20) would be lost.
+    Together the cells reflect what the paths brought. If they were weighted only by their noise, up to 80 % (with one
+    bright path in 500) or 2 % (with one in 20) would be lost.
     """
     random = np.random.default_rng(22)
-    place = (np.arange(512) + 0.5) / 4
-    hits = hits_at(*(grid.ravel() for grid in np.meshgrid(place, place)))
+    grid = (np.arange(512) + 0.5) / 4
+    hits = hits_at(*(axis.ravel() for axis in np.meshgrid(grid, grid)))
     radiance = np.float32((random.random(hits.shape.size) < chance) / chance)
     assert reflect(gather((hits, radiance)), middles(128)).mean() == pytest.approx(radiance.mean(), rel=1e-4)
 
 
 @pytest.mark.slow
 def test_the_estimate_is_that_of_its_slow_and_simple_way():
-    """Two shapes that lie over four tiles and beyond the picture's corner; cells of one path up to forty."""
+    """Two shapes over four tiles and beyond the corner of the picture; cells of one to forty paths."""
     random = np.random.default_rng(21)
-    place = random.normal(6, 7, (2, 6000))
-    shape = random.integers(1, 3, place.shape[1])
-    hits = hits_at(*place, shape=shape, reflectance=random.uniform(0.1, 0.9, place.shape[1]))
+    points = random.normal(6, 7, (2, 6000))
+    shape = random.integers(1, 3, points.shape[1])
+    hits = hits_at(*points, shape=shape, reflectance=random.uniform(0.1, 0.9, points.shape[1]))
     radiance = noisy(random, hits.reflectance * np.where(hits.column > 5, 1.0, 4.0), 1.0)
     slow = estimate_slowly(hits, radiance)
     middle = np.array([[column + 0.5, row + 0.5] for _, row, column in slow]).T * FINEST
     assert middle.min() < -10
     assert middle.max() > 20
-    asked = hits_at(*middle, shape=np.array([shape for shape, _, _ in slow]))
+    rays = hits_at(*middle, shape=np.array([shape for shape, _, _ in slow]))
     field, (matt, gloss) = gather((hits, radiance)), np.array(list(slow.values())).T
     for rho in (0.0, 0.3, 1.0):
-        found = reflect(field, asked._replace(reflectance=np.full(gloss.size, rho, np.float32)))[0]
+        found = reflect(field, rays._replace(reflectance=np.full(gloss.size, rho, np.float32)))[0]
         assert found == pytest.approx(matt * rho + gloss, rel=1e-5, abs=1e-6)
     assert 0.1 < (gloss > 0).mean() < 0.9
 
 
 @pytest.mark.parametrize(("noise", "bound"), [(0.0, 1e-5), (0.5, 0.4)])
-def test_gloss_is_told_from_the_texture_under_it(noise, bound):
-    """A gloss of 0.5 over a texture lit by 2, 16 paths a pixel: against shading that the texture multiplies, all of it.
+def test_gloss_is_separated_from_the_texture_under_it(noise, bound):
+    """A gloss of 0.5 over a texture lit by 2, 16 paths per pixel, against shading that is multiplied by the texture.
 
-    That is 1.4/m times ρ, m = 0.45 the mean of ρ, and has the mean squared error 0.25·mean(1 - ρ/m)². One seed;
-    measured 8e-8 of it without noise, and 0.2 where a path scatters by half its mean.
+    That is 1.4/m times ρ, with the mean m = 0.45 of ρ, and has the mean squared error 0.25·mean(1 - ρ/m)². One seed;
+    8e-8 of it was measured without noise, and 0.2 if a path scatters by half its mean.
     """
     random, side = np.random.default_rng(22), 48
     hits = scatter(random, side, 16, reflectance=random.uniform(0.05, 0.85, side * side * 16), shape=1)
     radiance = 2 * hits.reflectance + 0.5
-    told = noisy(random, radiance, noise) if noise else radiance
-    found = reflect(gather((hits, told)), hits)[0]
+    traced = noisy(random, radiance, noise) if noise else radiance
+    found = reflect(gather((hits, traced)), hits)[0]
     multiplied = 0.25 * np.mean((1 - hits.reflectance / 0.45) ** 2)
     assert np.mean((found - radiance) ** 2) < bound * multiplied
 
@@ -394,18 +394,18 @@ def test_a_matt_surface_has_no_gloss():
 
 
 def test_a_highlight_is_as_bright_on_both_sides_of_an_edge():
-    """Dark glass beside paint ten times as bright, under one highlight of eight pixels; no noise, 36 paths a pixel.
+    """Dark glass next to paint that is ten times as bright, under one highlight of eight pixels; 36 paths per pixel.
 
-    Were the highlight multiplied by what is under it, as it is on a matt surface, it would jump tenfold at the edge.
-    Mean squared error with gloss over that without; measured 0.48, most of it from cells on the edge.
+    If the highlight were multiplied by the reflectance, as on a matt surface, it would jump tenfold at the edge. Mean
+    squared error with gloss over that without, no noise; 0.48 was measured, most of it from cells on the edge.
     """
     random, side = np.random.default_rng(24), 32
-    place = scatter(random, side, 36)
-    rho = np.where(place.column < 16.2, 0.05, 0.5).astype(np.float32)
-    highlight = 10 * np.exp(-((place.column - 16.2) ** 2 + (place.row - 16) ** 2) / 128)
+    paths = scatter(random, side, 36)
+    rho = np.where(paths.column < 16.2, 0.05, 0.5).astype(np.float32)
+    highlight = 10 * np.exp(-((paths.column - 16.2) ** 2 + (paths.row - 16) ** 2) / 128)
     errors = []
     for shape in (1, 2):
-        hits = place._replace(reflectance=rho, shape=np.full(rho.size, shape, np.uint32))
+        hits = paths._replace(reflectance=rho, shape=np.full(rho.size, shape, np.uint32))
         found = reflect(gather((hits, rho + highlight)), hits)[0]
         errors.append(np.mean((found - rho - highlight) ** 2))
     assert errors[0] < 0.7 * errors[1]
@@ -425,7 +425,7 @@ def test_what_is_black_reflects_nothing():
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("per_pixel", [1, 4, 40])
 def test_every_estimate_is_finite_and_none_is_negative_without_cause(per_pixel):
-    """Rare paths that bring very much, cells with one path, black cells, radiance from 1e-12 to 1e12."""
+    """Rare bright paths, cells with one path, black cells, and radiance from 1e-12 to 1e12."""
     random = np.random.default_rng(15)
     hits = scatter(random, 32, per_pixel)
     hits = hits._replace(reflectance=np.float32(random.choice([0.0, 1e-6, 0.01, 0.9], hits.shape.size)))
@@ -436,7 +436,7 @@ def test_every_estimate_is_finite_and_none_is_negative_without_cause(per_pixel):
 
 
 def moment(random, shading, side, per_pixel):
-    """Cells that the paths of one moment tell, of the noise of a whole path; ``shading`` of columns and rows."""
+    """The cells of one moment's paths, whose noise equals their mean; ``shading`` is a function of columns and rows."""
     hits = scatter(random, side, per_pixel)
     cells = CellTable(1)
     cells.add(hits, noisy(random, shading(hits.column, hits.row), 1.0)[None])
@@ -447,53 +447,53 @@ def test_moments_together_are_their_paths_together():
     random = np.random.default_rng(16)
     moments = [moment(random, SHADINGS["slope"], 16, 8) for _ in range(16)]
     assert ShadingCells.merged(moments[:1]) is moments[0]
-    asked, together, one_by_one = middles(16), ShadingCells.merged(moments), CellTable(1)
+    rays, together, one_by_one = middles(16), ShadingCells.merged(moments), CellTable(1)
     random = np.random.default_rng(16)
     for _ in moments:
         hits = scatter(random, 16, 8)
         one_by_one.add(hits, noisy(random, SHADINGS["slope"](hits.column, hits.row), 1.0)[None])
     assert together.keys.size == one_by_one.count
-    expected = reflect(one_by_one.by_tile().estimate(), asked)
-    assert reflect(together.estimate(), asked) == pytest.approx(expected, rel=1e-6)
+    expected = reflect(one_by_one.by_tile().estimate(), rays)
+    assert reflect(together.estimate(), rays) == pytest.approx(expected, rel=1e-6)
 
 
 def test_cores_change_no_bit_of_what_moments_tell():
-    def tell():
+    def estimate_shading():
         random = np.random.default_rng(19)
         moments = [moment(random, SHADINGS["slope"], 48, 8) for _ in range(16)]
         together = ShadingCells.merged(moments)
         return reflect(moments[-1].estimate(together.estimate()), middles(48))
 
-    threads, whole = nb.get_num_threads(), tell()
+    threads, expected = nb.get_num_threads(), estimate_shading()
     try:
         nb.set_num_threads(1)
-        assert np.array_equal(tell(), whole)
+        assert np.array_equal(estimate_shading(), expected)
     finally:
         nb.set_num_threads(threads)
 
 
 def test_a_moment_like_those_before_takes_their_shading():
-    """Sixteen moments of 4 paths a pixel: the latest adds at most a tenth to the error of all together; one seed."""
+    """Sixteen moments of 4 paths per pixel: the latest adds at most a tenth to the error of all together; one seed."""
     random, side = np.random.default_rng(17), 64
     moments = [moment(random, SHADINGS["slope"], side, 4) for _ in range(16)]
-    together, asked = ShadingCells.merged(moments).estimate(), middles(side)
-    truth = SHADINGS["slope"](asked.column, asked.row)
+    together, rays = ShadingCells.merged(moments).estimate(), middles(side)
+    truth = SHADINGS["slope"](rays.column, rays.row)
     before, now = (
-        np.mean((reflect(field, asked)[0] - truth) ** 2) for field in (together, moments[-1].estimate(together))
+        np.mean((reflect(field, rays)[0] - truth) ** 2) for field in (together, moments[-1].estimate(together))
     )
     assert now < 1.1 * before
 
 
-def test_what_has_changed_since_is_told_by_the_latest_moment():
-    """A shadow of 32 pixels goes away in the last of sixteen moments: it is left at a sixth of its depth at most.
+def test_the_latest_moment_reveals_a_change():
+    """A shadow of 32 pixels disappears in the last of sixteen moments: at most a sixth of its depth remains.
 
-    By the moments together alone, 15/16 of it would stay. One seed; means of 1,024 pixels scatter by 1 %.
+    With all moments weighted equally 15/16 would remain. One seed; means of 1,024 pixels scatter by 1 %.
     """
     random, side = np.random.default_rng(18), 64
     moments = [moment(random, lambda x, y: np.where(x < 32, 0.25, 1.0), side, 4) for _ in range(15)]
     moments.append(moment(random, lambda x, y: 1 + 0 * x, side, 4))
-    together, asked = ShadingCells.merged(moments).estimate(), middles(side)
-    inner = (np.abs(asked.column - 16) < 12) & (np.abs(asked.row - 32) < 28)
-    stale, now = (reflect(field, asked)[0][inner].mean() for field in (together, moments[-1].estimate(together)))
+    together, rays = ShadingCells.merged(moments).estimate(), middles(side)
+    inner = (np.abs(rays.column - 16) < 12) & (np.abs(rays.row - 32) < 28)
+    stale, now = (reflect(field, rays)[0][inner].mean() for field in (together, moments[-1].estimate(together)))
     assert stale == pytest.approx(0.25 + 0.75 / 16, abs=0.03)
     assert now > 1 - 0.75 / 6

@@ -1,4 +1,4 @@
-"""Shading of shapes that move: it keeps its place on the shape, not where the shape was."""
+"""Shading of moving shapes: it moves with the shape instead of staying where the shape was."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from saf_gen.scene.keyframes import Keyframe, RigidMotion
 from saf_gen.scene.scene_folder import find_scene
 
 LENS = "{focal_length_mm: 25, f_number: 2.0, drive: image_distance, focus_range_m: [0.60, 0.42]}"
-# A board with a bar across it that hides the lamp from its upper half; the bar stands off by 5 mm.
+# A board with a bar 5 mm in front of it that hides the lamp from its upper half.
 SHAPES = """{
     'wall': {'type': 'rectangle', 'to_world': t.translate([0, 0, 0.1 * m]).rotate([0, 1, 0], 180).scale(0.4 * m)},
     'board': {'type': 'rectangle', 'to_world': t.rotate([0, 1, 0], 180).scale([0.03 * m, 0.02 * m, 1]),
@@ -23,12 +23,12 @@ SHAPES = """{
     'bar': {'type': 'rectangle', 'bsdf': {'type': 'twosided', 'bsdf': {'type': 'diffuse'}},
             'to_world': t.translate([0.012 * m, 0, -0.005 * m]).scale([0.002 * m, 0.02 * m, 1])},
     'sun': {'type': 'directional', 'direction': [-1, 0, 1], 'irradiance': {'type': 'rgb', 'value': 3.0}}}"""
-STILL_S, STEP_S, SPEED = 0.5, 0.01, (0.03, 0.0, 0.02)  # m/s: 0.3 mm a moment, half a pixel
+STILL_S, STEP_S, SPEED = 0.5, 0.01, (0.03, 0.0, 0.02)  # m/s: 0.3 mm per moment, half a pixel
 
 
 @pytest.fixture
 def moving_board(tmp_path, monkeypatch):
-    """A board and its bar that move to the side and away, together; the wall behind them stands still."""
+    """A board and its bar that move together to the side and away; the wall behind them does not move."""
     scene = write_scene(tmp_path, monkeypatch, lens=LENS, distance_m=0.5, shapes=SHAPES, light="sun", target="board")
     end = ", ".join(str(speed) for speed in SPEED)
     motion = f"{{keyframes: [{{time_s: 0}}, {{time_s: 1, translate_m: [{end}], rotate_deg: 10}}], centre_m: [0, 0, 0]}}"
@@ -38,7 +38,7 @@ def moving_board(tmp_path, monkeypatch):
 
 
 def test_the_shift_of_a_motion_is_that_of_its_centre():
-    """Of a shape that turns about a point, wherever that point lies."""
+    """For a shape that turns about any point."""
     frames = (Keyframe(time_s=0), Keyframe(time_s=2, translate_m=(1, -2, 0.5), rotate_deg=120))
     motion = RigidMotion(keyframes=frames, axis=(1, 2, -1), centre_m=(0.3, 0.1, -0.7))
     for time_s in (-1.0, 0.0, 0.7, 2.0, 3.0):
@@ -48,7 +48,7 @@ def test_the_shift_of_a_motion_is_that_of_its_centre():
 
 @needs_llvm
 def test_a_place_on_a_shape_that_moves_along_is_where_it_would_be_at_rest(moving_board):
-    """Places and depths are those of the same points, moved back: by perspective, from those without motion."""
+    """Points and depths are those without motion, moved back in perspective."""
     setup, focus = moving_board.prepare(("sun",), time_s=STILL_S + 0.3), np.array([0.4, 0.6])
     rays = next(cast_camera_rays(setup, focus, samples=4, seed=1))
     found, *_, distances = SurfaceFinder(setup, emitting=()).find(rays, focus, seed=1)
@@ -74,10 +74,10 @@ def test_a_place_on_a_shape_that_moves_along_is_where_it_would_be_at_rest(moving
 
 @needs_llvm
 def test_a_shadow_that_moves_with_its_shape_keeps_its_edge(moving_board):
-    """Nine moments in which a board and the shadow on it go four pixels to the side, against plain paths.
+    """In nine moments a board and the shadow on it move four pixels to the side; compared with plain paths.
 
-    The mean squared error of one render of either kind; with following measured 0.027 to 0.031 of that without, three
-    seeds.
+    The mean squared error of one render of either kind; with following it was 0.027 to 0.031 of that without, for
+    three seeds.
     """
     times = [STILL_S - (8 - n) * STEP_S for n in range(9)]
 
@@ -98,12 +98,12 @@ def test_a_shadow_that_moves_with_its_shape_keeps_its_edge(moving_board):
 
 @needs_llvm
 def test_a_pinhole_has_no_waves_and_a_picture_is_that_of_its_lens(moving_board):
-    """Waves of 5 µm would blur a pinhole of f/64 over ten pixels. An end of the travel is a position too."""
+    """Waves of 5 µm would blur a pinhole of f/64 over ten pixels. The end of the travel is also a position."""
     waves = SceneRenderer(moving_board.scene, SENSOR_GRID, backend_name="llvm", wavelength_m=5e-6)
     sharp = moving_board.render_pinhole(0.5, samples=1)
     assert np.array_equal(waves.render_pinhole(0.5, samples=1), sharp)
     assert not np.array_equal(waves.render_picture(0.5, samples=1), moving_board.render_picture(0.5, samples=1))
     seen = moving_board.trace_depth_and_target()
-    stack = moving_board.render_stack(seen, positions=5, samples=64, window=(3, 4), together=True)
+    stack = moving_board.render_stack(seen, positions=5, samples=64, window=(3, 4), as_one_group=True)
     end = moving_board.render_picture(1.0, samples=64)
     assert end.mean() == pytest.approx(stack.radiance[0, 1].mean(), rel=0.01)

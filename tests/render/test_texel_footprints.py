@@ -1,4 +1,4 @@
-"""Texels on the surface that wears them."""
+"""The size of texels on textured surfaces."""
 
 import mitsuba as mi
 import numpy as np
@@ -11,14 +11,14 @@ from saf_gen.render.texel_footprints import rendered_texel_footprints
 
 pytestmark = pytest.mark.usefixtures("every_backend")
 GRID = SensorGrid(12, 16, 1e-4)
-WHOLE = np.ones((12, 16), dtype=bool)
+EVERY_PIXEL = np.ones((12, 16), dtype=bool)
 
 
 def texels(shape, *, unit_m=1.0):
     down = mi.ScalarTransform4f().look_at(origin=[0, 0, 0.5 / unit_m], target=[0, 0, 0], up=[0, 1, 0])
     loaded = mi.load_dict({"type": "scene", "it": shape}, optimize=False)
     setup = RenderSetup(loaded, None, down, ImageDistanceDrive(0.025, 2.0, (0.6, 0.4)), GRID, unit_m)
-    return rendered_texel_footprints(setup, ("it",), position=0.5, target=WHOLE)
+    return rendered_texel_footprints(setup, ("it",), position=0.5, target=EVERY_PIXEL)
 
 
 def picture(rows, columns, **more):
@@ -27,16 +27,16 @@ def picture(rows, columns, **more):
 
 
 def sheet(texture, unit_m=1.0):
-    """0.4 m × 0.2 m."""
+    """A sheet of 0.4 m × 0.2 m."""
     at = mi.ScalarTransform4f().scale([0.2 / unit_m, 0.1 / unit_m, 1])
     return {"type": "rectangle", "to_world": at, "bsdf": {"type": "diffuse", "reflectance": texture}}
 
 
 @pytest.mark.parametrize("unit_m", [1.0, 0.001])
 def test_a_texel_is_the_side_over_the_number_of_texels(unit_m):
-    """100 rows on 0.2 m and 100 columns on 0.4 m: 2 mm × 4 mm."""
+    """100 rows over 0.2 m and 100 columns over 0.4 m give texels of 2 mm × 4 mm."""
     sizes = texels(sheet(picture(100, 100), unit_m), unit_m=unit_m)
-    assert sizes.size == WHOLE.sum()
+    assert sizes.size == EVERY_PIXEL.sum()
     assert sizes == pytest.approx(np.sqrt(0.002 * 0.004), rel=1e-4)
 
 
@@ -52,7 +52,7 @@ def test_the_finest_of_several_bitmaps_counts():
 
 
 def test_a_mesh_of_a_file_has_the_texels_of_its_coordinates():
-    """The crate of the exported scene: sides of 0.1 m, the whole picture of 512 texels on each."""
+    """The crate of the exported scene has sides of 0.1 m, each with the complete picture of 512 texels."""
     shape = {
         "type": "ply",
         "filename": str(SCENES / "workbench/meshes/Crate.001.ply"),

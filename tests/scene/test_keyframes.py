@@ -48,8 +48,8 @@ def test_a_turn_comes_before_the_shift():
     ("document", "message"),
     [
         ({"keyframes": [{"time_s": 0}]}, "at least 2"),
-        ({"keyframes": [{"time_s": 1}, {"time_s": 1}]}, "keyframes with rising time_s"),
-        ({"keyframes": [{"time_s": 0}, {"time_s": 1}], "axis": (0, 0, 0)}, "an axis with a direction"),
+        ({"keyframes": [{"time_s": 1}, {"time_s": 1}]}, "keyframes with increasing time_s"),
+        ({"keyframes": [{"time_s": 0}, {"time_s": 1}], "axis": (0, 0, 0)}, "an axis that is not zero"),
         ({"keyframes": [{"time_s": 0}, {"time_s": 1, "rotate": 3}]}, "rotate"),
     ],
 )

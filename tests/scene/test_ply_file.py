@@ -1,4 +1,4 @@
-"""PLY meshes of strangers: whole ones pass, and a face never names a vertex that is not there."""
+"""Untrusted PLY meshes: complete ones pass, and a face never names a vertex that does not exist."""
 
 from contextlib import suppress
 
@@ -24,9 +24,9 @@ end_header
 FORMATS = ("ascii", "binary_little_endian", "binary_big_endian")
 
 
-def write_ply(path, faces, *, order="binary_little_endian", vertices=4, told=None):
-    """A mesh with these faces, whose header tells ``told`` vertices."""
-    header = HEADER.format(order=order, vertices=told or vertices, faces=len(faces)).encode()
+def write_ply(path, faces, *, order="binary_little_endian", vertices=4, stated=None):
+    """Write a mesh with these faces, whose header states ``stated`` vertices."""
+    header = HEADER.format(order=order, vertices=stated or vertices, faces=len(faces)).encode()
     points = np.arange(3.0 * vertices).reshape(-1, 3)
     if order == "ascii":
         lines = [" ".join(map(str, point)) for point in points]
@@ -41,8 +41,8 @@ def write_ply(path, faces, *, order="binary_little_endian", vertices=4, told=Non
 
 
 @pytest.mark.parametrize("order", FORMATS)
-def test_a_whole_mesh_passes(tmp_path, order):
-    """Triangles and quadrilaterals, in runs that are longer and shorter than what is read at once."""
+def test_a_complete_mesh_passes(tmp_path, order):
+    """Triangles and quadrilaterals, in runs that are longer and shorter than one read."""
     faces = [(0, 1, 2)] * 100 + [(0, 1, 2, 3), (3, 2, 1)] * 20 + [(0, 1, 2, 3)] * 50
     write_ply(tmp_path / "a.ply", faces, order=order)
     validate_scene_ply_file(tmp_path / "a.ply")
@@ -52,38 +52,37 @@ def test_a_whole_mesh_passes(tmp_path, order):
 @pytest.mark.parametrize("order", FORMATS)
 @pytest.mark.parametrize("bad", [4, -1, 2**31 - 1])
 @pytest.mark.parametrize("at", [0, 60, 139])
-def test_a_vertex_that_is_not_there_is_told_wherever_it_is_named(tmp_path, order, bad, at):
+def test_a_missing_vertex_is_refused_wherever_it_is_named(tmp_path, order, bad, at):
     faces = [(0, 1, 2)] * 100 + [(0, 1, 2, 3), (3, 2, 1)] * 20
     faces[at] = (bad, *faces[at][1:])
     write_ply(tmp_path / "a.ply", faces, order=order)
     assert_says(
-        refusal(validate_scene_ply_file, tmp_path / "a.ply"), f"a face names the vertex {bad} of 4 | export it again"
+        refusal(validate_scene_ply_file, tmp_path / "a.ply"),
+        f"a face names the vertex {bad}, but the number of vertices is 4 | export it again",
     )
 
 
 @pytest.mark.parametrize("order", FORMATS)
-def test_a_mesh_that_ends_too_early_is_told(tmp_path, order):
+def test_a_mesh_that_ends_too_early_is_refused(tmp_path, order):
     write_ply(tmp_path / "a.ply", [(0, 1, 2)] * 40, order=order)
-    whole = (tmp_path / "a.ply").read_bytes()
-    for end in (100, len(whole) - 200, len(whole) - 7):
-        (tmp_path / "a.ply").write_bytes(whole[:end])
+    content = (tmp_path / "a.ply").read_bytes()
+    for end in (100, len(content) - 200, len(content) - 7):
+        (tmp_path / "a.ply").write_bytes(content[:end])
         assert_says(refusal(validate_scene_ply_file, tmp_path / "a.ply"), "the mesh is damaged")
 
 
-def test_more_vertices_than_stand_there_are_told(tmp_path):
+def test_too_large_a_number_of_vertices_is_refused(tmp_path):
     for order in FORMATS:
-        write_ply(tmp_path / "a.ply", [(0, 1, 2)], order=order, told=10**9)
+        write_ply(tmp_path / "a.ply", [(0, 1, 2)], order=order, stated=10**9)
         assert_says(refusal(validate_scene_ply_file, tmp_path / "a.ply"), "the mesh is damaged")
 
 
-def test_a_line_of_too_few_numbers_is_told(tmp_path):
-    """Mitsuba would take the rest from the next line, and vertices for counts."""
+def test_a_line_of_too_few_numbers_is_refused(tmp_path):
+    """Mitsuba would read the rest from the next line, and mistake vertices for counts."""
     write_ply(tmp_path / "a.ply", [(0, 1, 2)], order="ascii")
     text = (tmp_path / "a.ply").read_text()
     (tmp_path / "a.ply").write_text(text.replace("3.0 4.0 5.0\n", "3.0 4.0\n5.0 "))
-    assert_says(
-        refusal(validate_scene_ply_file, tmp_path / "a.ply"), "a vertex stands on a line of 2 numbers in place of 3"
-    )
+    assert_says(refusal(validate_scene_ply_file, tmp_path / "a.ply"), "a vertex has 2 numbers on its line instead of 3")
 
 
 def test_no_damaged_mesh_raises_anything_else(tmp_path):
@@ -91,10 +90,10 @@ def test_no_damaged_mesh_raises_anything_else(tmp_path):
     random = np.random.default_rng(3)
     for order in FORMATS:
         write_ply(tmp_path / "a.ply", [(0, 1, 2), (0, 1, 2, 3)] * 3, order=order)
-        whole = (tmp_path / "a.ply").read_bytes()
+        content = (tmp_path / "a.ply").read_bytes()
         for _ in range(200):
-            spoilt = bytearray(whole)
-            spoilt[random.integers(len(whole))] ^= 1 << random.integers(8)
-            (tmp_path / "a.ply").write_bytes(spoilt)
+            damaged = bytearray(content)
+            damaged[random.integers(len(content))] ^= 1 << random.integers(8)
+            (tmp_path / "a.ply").write_bytes(damaged)
             with suppress(BadInput):
                 validate_scene_ply_file(tmp_path / "a.ply")

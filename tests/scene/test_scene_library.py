@@ -1,4 +1,4 @@
-"""Bodies of the scene library: closed, with their fronts out, and of the volume of the body that they stand for."""
+"""Bodies of the scene library: closed, facing outwards, and of the right volume."""
 
 import importlib.util
 
@@ -21,7 +21,7 @@ BALL = 4 / 3 * np.pi
 
 
 def volume(vertices, triangles):
-    """By the divergence theorem: negative for a body whose fronts look inwards, wrong for one with a hole."""
+    """The volume by the divergence theorem: negative for a body that faces inwards, wrong for one with a hole."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
 
@@ -42,7 +42,7 @@ def test_a_body_has_its_volume(body, expected):
 
 
 def test_a_tube_is_a_rod_with_rounded_ends():
-    """The ends lie between cones, which are inside of them, and half balls."""
+    """The volume of the ends is between those of inscribed cones and of half balls."""
     body = solids.tube(LINE, 0.1, around=200)
     rod = 3 * np.pi * 0.1**2
     assert rod + 2 / 3 * np.pi * 0.1**3 < volume(body.vertices, body.triangles) < rod + BALL * 0.1**3
@@ -53,7 +53,7 @@ def test_turning_is_counter_clockwise():
 
 
 def test_clay_is_added_and_cut_away():
-    """Of a grid of a twentieth of the radius: a ball, a hollow ball apart, and a limb."""
+    """On a grid of a twentieth of the radius: a ball, a separate hollow ball, and a limb."""
     made = clay.Clay((-1.2, -1.2, -1.2), (6.2, 1.2, 1.2), cell=0.05)
     made.ball((0, 0, 0), 1.0, blend=0.01)
     assert volume(*made.mesh()) == pytest.approx(BALL, rel=0.01)

@@ -1,4 +1,4 @@
-"""XML scenes: exported files are read unchanged, and nothing in them reaches out or runs code."""
+"""XML scenes: exported files are read unchanged, and nothing in them reaches outside the folder or runs code."""
 
 import shutil
 from pathlib import Path
@@ -21,7 +21,7 @@ HEAD = '<scene version="3.0.0">'
 
 @pytest.fixture
 def exported(tmp_path):
-    """A copy of the exported test scene; gives a function that replaces text in its scene.xml."""
+    """Copy the exported test scene, and return a function that replaces text in its scene.xml."""
     shutil.copytree(SCENES / "workbench", tmp_path / "workbench")
 
     def edit(old="", new="", *, name="scene.xml"):
@@ -36,7 +36,7 @@ def exported(tmp_path):
 
 @pytest.fixture
 def written(tmp_path):
-    """Writes a scene of these elements and reads it, with values for its parameters."""
+    """Return a function that writes a scene of elements and reads it with values for its parameters."""
 
     def read(elements, params=None, *, head=HEAD):
         path = tmp_path / "scene.xml"
@@ -67,7 +67,7 @@ def seen_of(scene, group):
 
 
 def test_an_exported_scene_goes_in_as_it_is(test_scenes):
-    """The crate's front is the plane z = 0: the lens at (0, 0.2, 0.55) sees it where its axis meets it."""
+    """The crate's front is the plane z = 0, which the axis of the lens at (0, 0.2, 0.55) meets."""
     scene = find_scene("workbench")
     loaded, seen = seen_of(scene, "lamp")
     assert {s.id() for s in loaded.shapes()} == {"emit-Lamp", "mesh-Bench", "mesh-Crate.001", "mesh-Ball"}
@@ -87,7 +87,7 @@ def test_one_light_group_burns_at_a_time(test_scenes, group, burning):
 
 
 def test_the_card_says_how_large_a_unit_is(exported):
-    """The same file in units of 2 mm in place of metres, seen by a lens that many times nearer."""
+    """The same file in units of 2 mm instead of metres, seen by a lens that is nearer by this factor."""
     scene = exported("title:", "unit_m: 0.002\ntitle:", name="scene.yaml")
     card = scene.folder / "scene.yaml"
     text = card.read_text().replace("[0, 0.2, 0.55]", "[0, 0.0004, 0.0011]")
@@ -209,7 +209,7 @@ def test_includes_that_multiply_are_refused(written, tmp_path, monkeypatch):
         twice = f'<include filename="{n + 1}.xml"/>' * 2
         (tmp_path / f"{n}.xml").write_text(f"{HEAD}{twice}</scene>")
     (tmp_path / "12.xml").write_text(f"{HEAD}</scene>")
-    assert refusal(written, '<include filename="0.xml"/>').allowed == "100 elements"
+    assert refusal(written, '<include filename="0.xml"/>').allowed == "at most 100 elements"
 
 
 # --- what is refused ----------------------------------------------------------------------------------
@@ -217,7 +217,7 @@ def test_includes_that_multiply_are_refused(written, tmp_path, monkeypatch):
 
 @pytest.fixture
 def neighbours(tmp_path):
-    """A mesh beside the scene's folder, one in it, and links out of it and in a circle."""
+    """A mesh outside the scene's folder, one in it, and links out of it and in a circle."""
     folder = tmp_path / "scene"
     (folder / "meshes").mkdir(parents=True)
     shutil.copy(SCENES / "workbench/meshes/Bench.ply", tmp_path / "outside.ply")
@@ -234,7 +234,7 @@ def neighbours(tmp_path):
     return read
 
 
-OUT, ABSOLUTE = "lies outside of the scene's folder", "absolute path"
+OUT, ABSOLUTE = "is outside the scene's folder", "absolute path"
 FILES = {
     "../outside.ply": OUT,
     "meshes/../../outside.ply": OUT,
@@ -270,7 +270,7 @@ def test_a_file_out_of_the_folder_or_missing_is_refused(neighbours, name, elemen
 
 
 @pytest.mark.parametrize("name", ["meshes/Bench.ply", "meshes\\Bench.ply", "meshes/../meshes/Bench.ply"])
-def test_a_file_in_the_folder_is_named_whole(neighbours, name, tmp_path):
+def test_a_file_in_the_folder_gets_its_absolute_path(neighbours, name, tmp_path):
     text = neighbours(f'<shape type="ply"><string name="filename" value="{name}"/></shape>')
     assert f'value="{(tmp_path / "scene/meshes/Bench.ply").resolve()}"' in text
 
@@ -303,7 +303,7 @@ def test_a_doctype_is_refused(written, text):
 
 
 @pytest.mark.parametrize(
-    ("elements", "told"),
+    ("elements", "message"),
     [
         ('<shape type="blender"><integer name="loop_tris" value="1"/></shape>', "it reads Blender's memory"),
         ('<shape type="../../../tmp/evil"/>', "<shape>: unknown type '../../../tmp/evil'; allowed: bspl"),
@@ -311,22 +311,22 @@ def test_a_doctype_is_refused(written, text):
         ('<bsdf type="difuse"/>', "did you mean 'diffuse'?"),
         ('<bsdf type="twosided"><bsdf type="mine"/></bsdf>', "scene.xml:2: <bsdf>: unknown type 'mine'"),
         ("<shape/>", "<shape>: type is missing"),
-        ('<path value="/tmp"/>', "<path>: a search path is refused"),
+        ('<path value="/tmp"/>', "<path>: a search path is not allowed"),
         ('<script src="x"/>', "scene.xml:2: unknown element 'script'"),
         ('<shap type="cube"/>', "did you mean 'shape'?"),
         ('<bsdf type="conductor"><string name="material" value="../../x"/></bsdf>', "<string material>: "),
         ('<shape type="ply"><include filename="a.xml"/></shape>', "unknown element 'include'"),
-        ('<shape type="cube" id="a"/>\n<shape type="cube" id="a"/>', ":3: <shape a>: the id stands twice"),
+        ('<shape type="cube" id="a"/>\n<shape type="cube" id="a"/>', ":3: <shape a>: the id occurs twice"),
         ('<shape type="sphere"><float name="radius" value="$r"/></shape>', "unknown parameter 'r'"),
-        ("<bsdf>" * 80 + "</bsdf>" * 80, "64 levels"),
+        ("<bsdf>" * 80 + "</bsdf>" * 80, "at most 64 levels"),
     ],
 )
-def test_what_is_not_known_to_be_harmless_is_refused(written, elements, told):
-    assert told in str(refusal(written, elements))
+def test_what_is_not_known_to_be_harmless_is_refused(written, elements, message):
+    assert message in str(refusal(written, elements))
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("<scene version='3.0.0'>\n<shape>\n</scene>", "scene.xml:3: this is not XML: mismatched tag"),
         ("", "no element found"),
@@ -334,12 +334,12 @@ def test_what_is_not_known_to_be_harmless_is_refused(written, elements, told):
         ('<shape type="cube"/>', "the outermost element is not a scene; allowed: <scene>"),
     ],
 )
-def test_what_is_no_scene_is_told(written, text, told):
-    assert told in str(refusal(written, text, head=""))
+def test_a_file_that_is_no_scene_is_refused(written, text, message):
+    assert message in str(refusal(written, text, head=""))
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("gbk", "multi-byte encodings are not supported"),
         ("shift_jis", "multi-byte encodings are not supported"),
@@ -348,11 +348,11 @@ def test_what_is_no_scene_is_told(written, text, told):
         ("undefined", "undefined encoding"),
     ],
 )
-def test_an_encoding_that_cannot_be_read_is_told(written, tmp_path, name, told):
+def test_an_encoding_that_cannot_be_read_is_refused(written, tmp_path, name, message):
     text = f'<?xml version="1.0" encoding="{name}"?>\n{HEAD}</scene>'
     error = refusal(written, text, head="")
     assert (error.where, error.allowed) == (f"{tmp_path}/scene.xml:1", "UTF-8")
-    assert told in error.problem
+    assert message in error.problem
     (tmp_path / "part.xml").write_text(text)
     assert refusal(written, '<include filename="part.xml"/>').where.endswith("part.xml:1")
 
@@ -365,17 +365,17 @@ def test_an_encoding_that_python_knows_is_read(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("elements", "told"),
+    ("elements", "message"),
     [
         ('\n<shape type="sphere"><float name="radius" value="abc"/></shape>', "scene.xml:3: "),
         ('\n\n<shape type="cube"><ref id="paint"/></shape>', 'unresolved reference to "paint"'),
     ],
 )
-def test_what_mitsuba_does_not_understand_is_told_with_its_line(written, tmp_path, elements, told):
+def test_an_error_of_mitsuba_is_reported_with_its_line(written, tmp_path, elements, message):
     backend.activate_render_backend("scalar")
     error = refusal(xml_scene.parse_mitsuba_scene_dict, written(elements), tmp_path / "scene.xml")
     assert error.where.endswith(f"scene.xml:{2 + elements.count(chr(10))}")
-    assert told in str(error)
+    assert message in str(error)
 
 
 @pytest.mark.parametrize("name", ["meshes/Crate.001.ply", "textures/print.png"])
@@ -398,8 +398,8 @@ def test_a_device_in_the_place_of_a_scene_is_not_read(tmp_path):
 
 
 def test_every_plug_in_that_is_allowed_is_one_of_mitsubas():
-    there = {path.name.removesuffix(".so") for path in Path(mi.__path__[0], "plugins").iterdir()}
-    assert set().union(*ALLOWED_PLUGINS.values()) <= there
+    existing = {path.name.removesuffix(".so") for path in Path(mi.__path__[0], "plugins").iterdir()}
+    assert set().union(*ALLOWED_PLUGINS.values()) <= existing
 
 
 # --- whose code is run --------------------------------------------------------------------------------
@@ -407,7 +407,7 @@ def test_every_plug_in_that_is_allowed_is_one_of_mitsubas():
 
 @pytest.fixture
 def scripted(tmp_path):
-    """A scene with a script that leaves a mark when it is run, in a place that nobody named."""
+    """A scene in an unregistered folder, with a script that leaves a mark when it is run."""
     folder = tmp_path / "downloads" / "plane"
     shutil.copytree(SCENES / "plane", folder, ignore=shutil.ignore_patterns("__pycache__"))
     script = folder / "scene.py"
@@ -436,7 +436,7 @@ def test_scenes_of_the_working_directory_are_found_once_it_is_registered(scripte
     (scripted.parent).rename(here / "scenes")
     monkeypatch.chdir(here)
     error = refusal(find_scene, "plane")
-    assert error.problem == "the scene 'plane' is in ./scenes alone, which is not registered"
+    assert error.problem == "the scene 'plane' is only in ./scenes, which is not registered"
     assert error.hint == f"read its code, and if you trust it: saf-gen init {here}"
     assert "plane" not in scene_names()
     assert refusal(load_scene_folder, here / "scenes/plane").hint == error.hint

@@ -32,7 +32,7 @@ def test_a_path_that_is_relative_or_has_two_lines_is_never_taken(tmp_path):
     assert "line break" in refusal(register_scene_folder, tmp_path / "a\nb").problem
 
 
-def test_a_list_that_cannot_be_read_is_told_with_its_name():
+def test_a_list_that_cannot_be_read_is_named():
     scene_registration_file().parent.mkdir(parents=True)
     scene_registration_file().write_bytes(b"\xff\xfe")
     error = refusal(registered_scene_folders)
@@ -40,7 +40,7 @@ def test_a_list_that_cannot_be_read_is_told_with_its_name():
     assert error.hint == "remove it, and run saf-gen init again"
 
 
-def test_a_user_without_a_home_folder_has_registered_nothing_and_is_told_the_variable(tmp_path, monkeypatch):
+def test_without_a_home_folder_nothing_is_registered_and_the_hint_names_the_variable(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", "relative")
     monkeypatch.setattr("os.path.expanduser", lambda path: path)
     assert registered_scene_folders() == []
@@ -56,7 +56,7 @@ def test_init_makes_and_registers_a_folder(call, tmp_path, monkeypatch):
     assert call("scenes", "new", "card")[0] == 0
     out = call("init")[1]
     assert f"{scenes} was registered already\nscenes found by name in {scenes.parent}: card\n" in out
-    assert call("init", "--forget")[1] == f"{scenes} is no longer registered; its files are as they were\n"
+    assert call("init", "--forget")[1] == f"{scenes} is no longer registered; its files are unchanged\n"
     assert (scenes / "card/scene.yaml").is_file()
     code, _, err = call("scenes", "preview", "card")
     assert code == 2

@@ -1,4 +1,4 @@
-"""A sequence captured again from its stacks: the same lens motion gives the same spikes."""
+"""A sequence that is captured again from its stacks: the same lens motion gives the same spikes."""
 
 import json
 import shutil
@@ -48,7 +48,7 @@ def test_the_same_lens_sees_the_same_spikes(dataset, name, region):
 
 
 def test_runs_share_what_was_encoded_as_far_as_their_lenses_went_the_same_way(dataset, monkeypatch):
-    """In any order: the same way again, a part of it, another way from a frame on, and the first one once more."""
+    """In any order: the same path again, a part of it, a path that differs from a frame on, and the first one again."""
     region = slice(0, 40), slice(0, 64)
     with saf_gen.open_stream(dataset / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
         capture = Capture.from_stream(stream, dataset / "stacks")
@@ -66,19 +66,19 @@ def test_runs_share_what_was_encoded_as_far_as_their_lenses_went_the_same_way(da
         encoded.clear()
         shared.encode_until(stop, position)
         assert sum(encoded) == expected
-        alone = CapturedFrames(capture, capture.open_charge_source(), region=region)
-        alone.encode_until(stop, position)
+        separate = CapturedFrames(capture, capture.open_charge_source(), region=region)
+        separate.encode_until(stop, position)
         for window in ((0, stop), (stop - 60, stop - 3)):
-            assert np.array_equal(shared.window(*window), alone.window(*window))
-            assert np.array_equal(shared.intervals(*window), alone.intervals(*window))
+            assert np.array_equal(shared.window(*window), separate.window(*window))
+            assert np.array_equal(shared.intervals(*window), separate.intervals(*window))
 
 
 def test_frames_go_on_after_a_stack_that_could_not_be_read(dataset, monkeypatch):
-    """A run that met it leaves what it had encoded; the next one, on the same way, sees what it would have alone."""
+    """A run that failed leaves what it had encoded; the next one, on the same path, sees the same as without it."""
     region, position = (slice(0, 40), slice(0, 64)), np.linspace(0, 1, 800)
     with saf_gen.open_stream(dataset / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
         capture = Capture.from_stream(stream, dataset / "stacks")
-    shared, alone = (CapturedFrames(capture, capture.open_charge_source(), region=region) for _ in range(2))
+    shared, separate = (CapturedFrames(capture, capture.open_charge_source(), region=region) for _ in range(2))
     inputs = ChargeSource.encoder_inputs
 
     def fail_late(self, run, **options):
@@ -91,9 +91,9 @@ def test_frames_go_on_after_a_stack_that_could_not_be_read(dataset, monkeypatch)
         with pytest.raises(OSError, match="Input/output"):
             shared.encode_until(800, position)
     assert 0 < shared.frames <= 320
-    for frames in (shared, alone):
+    for frames in (shared, separate):
         frames.encode_until(800, position)
-    assert np.array_equal(shared.window(0, 800), alone.window(0, 800))
+    assert np.array_equal(shared.window(0, 800), separate.window(0, 800))
 
 
 def test_another_lens_sees_other_spikes(dataset):
@@ -126,7 +126,7 @@ def test_other_stacks_are_refused(dataset, tmp_path):
     with h5py.File(path, "r+") as file:
         del file["provenance/stack_digest"]
         file["provenance/stack_digest"] = "0" * 64
-        del file.attrs["spikes_sha256"]  # else the change would be told on opening
+        del file.attrs["spikes_sha256"]  # otherwise opening would report the change
     with saf_gen.open_stream(path) as stream:
         error = refusal(Capture.from_stream, stream, tmp_path / "copy" / "stacks")
     assert str(tmp_path / "copy" / "stacks") in error.problem
@@ -150,7 +150,7 @@ BEGINNING = capture_dataset.RECIPE.replace("[static, dynamic]", "[dynamic]").rep
 
 @pytest.fixture(scope="module")
 def without_whole_slices(tmp_path_factory):
-    """A dataset of one moving sequence whose slices have the visited positions alone. Do not change it."""
+    """A dataset of one moving sequence whose slices have only the visited positions. Do not change it."""
     with pytest.MonkeyPatch.context() as patch:
         recipe = BEGINNING.replace(", whole_slices: true", "")
         return capture_dataset.make_dataset(tmp_path_factory.mktemp("visited"), patch, recipe)
@@ -163,7 +163,7 @@ def test_slices_of_the_visited_positions_alone_are_refused(without_whole_slices)
 
 
 def test_slices_of_its_own_are_captured_from_the_beginning(without_whole_slices, tmp_path, monkeypatch):
-    """20 of 40 ms. The recording is that of a recipe without them; they may be rendered later."""
+    """For 20 of 40 ms. The recording is that of a recipe without them, so that they may be rendered later."""
     monkeypatch.setenv("SAF_GEN_SCENES", str(without_whole_slices.parent / "scenes"))
     folder = tmp_path / "takes"
     shutil.copytree(without_whole_slices, folder)

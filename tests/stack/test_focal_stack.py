@@ -1,4 +1,4 @@
-"""The store of focal stacks: keyed by content, whole or missing."""
+"""The store of focal stacks: keyed by content; a piece is either complete or missing."""
 
 import json
 from dataclasses import replace
@@ -51,7 +51,7 @@ SLICE = replace(SPEC, window=(1, 2), time_s=0.5)
 
 @pytest.mark.parametrize("brightest", [3e-9, 0.7, 1.0, 2.0**15, 3e30])
 def test_a_time_slice_is_half_floats_of_any_brightness(tmp_path, brightest):
-    """To 11 bits from the brightest to 4e-9 of it, and to 2^-40 of the brightest below."""
+    """Exact to 11 bits from the brightest value down to 4e-9 of it, and to 2^-40 of the brightest below that."""
     random = np.random.default_rng(1)
     radiance = (brightest * 10 ** -random.uniform(0, 8, (2, 4, 6))).astype(np.float32)
     radiance[0, 0, :3] = brightest, brightest * 1e-11, 0
@@ -120,12 +120,12 @@ def test_damaged_geometry_is_not_read(tmp_path):
     store, *_ = filled(tmp_path)
     path = store.folder / "geometry.exr"
     content = bytearray(path.read_bytes())
-    content[28] = 255  # in its header: OpenEXR itself might not survive it
+    content[28] = 255  # in its header, which may crash OpenEXR
     path.write_bytes(content)
     assert "geometry" in refusal(store.load_geometry).problem
 
 
-def test_a_piece_with_half_its_note_is_not_whole(tmp_path):
+def test_a_piece_with_half_its_note_counts_as_missing(tmp_path):
     store, *_ = filled(tmp_path)
     note = store.folder / "room.json"
     note.write_text(note.read_text()[:50])

@@ -1,4 +1,4 @@
-"""Grain from two renders: planted white noise of known size on known pictures, and how often intervals hold it."""
+"""Grain from two renders: white noise of known size on known pictures, and the coverage of intervals."""
 
 import math
 
@@ -12,7 +12,7 @@ from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.grain import ENERGIES, correlate_stack_grain, estimate_stack_grain, mean_energy_of_stack_grain
 
 FACTORS = (1, 2, 24, 2, 468, 20 / 36)
-"""Of white noise of variance 1, in the order of ENERGIES: the sum of the squares of each filter."""
+"""Energies of white noise of variance 1, in the order of ENERGIES: the sum of the squares of each filter."""
 PERIOD, MEAN, AMPLITUDE = 16, 2.0, 0.6
 
 
@@ -33,8 +33,10 @@ def test_an_energy_is_the_focus_measure(energy):
 
 
 def test_the_energies_of_stripes_are_closed_forms():
-    """Of A·sin(2πx/P): variance A²/2, Brenner 2A²·sin²(2π/P), Tenengrad 32A²·sin²(2π/P). Filters miss the border,
-    so that the last two see two columns less than whole periods: 96 periods make that 0.2 %."""
+    """A·sin(2πx/P) has the variance A²/2, Brenner 2A²·sin²(2π/P), Tenengrad 32A²·sin²(2π/P).
+
+    Filters leave out the border, so that the last two miss two columns: 0.2 % of 96 periods.
+    """
     clean, s2 = stripes(5, 96 * PERIOD), math.sin(2 * math.pi / PERIOD) ** 2
     assert mean_energy_of_stack_grain(clean, clean, energy="contrast") == pytest.approx(AMPLITUDE**2 / 2, rel=1e-12)
     assert mean_energy_of_stack_grain(clean, clean, energy="brenner") == pytest.approx(2 * AMPLITUDE**2 * s2, rel=2e-3)
@@ -45,8 +47,11 @@ def test_the_energies_of_stripes_are_closed_forms():
 
 @pytest.mark.parametrize("sigma", [0.02, 0.3, 2.0])
 def test_planted_noise_is_found(sigma):
-    """White noise adds FACTORS times σ² to the energies. One draw of 256 × 384 pixels, seed 2: noise energies scatter
-    by at most 1 %, a quotient by 1 % + 5 % · σ where noise is up to 20 times the signal; four of each are allowed."""
+    """White noise adds FACTORS times σ² to the energies. One draw of 256 × 384 pixels, seed 2.
+
+    Noise energies scatter by at most 1 %, quotients by 1 % + 5 % · σ if noise is up to 20 times the signal; four
+    standard deviations are allowed.
+    """
     clean = stripes(256, 384)
     first, second = renders(clean, sigma, make_generator("planted", 2))
     found = estimate_stack_grain(first, second)
@@ -66,7 +71,7 @@ def test_planted_noise_is_found(sigma):
 
 
 def test_noise_of_fewer_samples_counts_by_the_ratio():
-    """A second render of an eighth of the samples: its variance is 8 times that of the first. Seed 3, 98,304 pixels."""
+    """A second render with an eighth of the samples has 8 times the variance of the first. Seed 3, 98,304 pixels."""
     clean, random = stripes(256, 384), make_generator("ratio", 3)
     first, second = renders(clean, 0.1, random, 1)[0], renders(clean, 0.1 * math.sqrt(8), random, 1)[0]
     found = estimate_stack_grain(first, second, ratio=8)
@@ -75,7 +80,7 @@ def test_noise_of_fewer_samples_counts_by_the_ratio():
 
 
 def uneven(random, shape):
-    """Noise that is three times as strong on the right half, and alike in squares of 2 × 2 pixels."""
+    """Noise that is three times as strong on the right half, and equal within squares of 2 × 2 pixels."""
     coarse = random.standard_normal((shape[0] // 2, shape[1] // 2))
     fine = np.kron(coarse, np.ones((2, 2)))
     return fine * np.where(np.arange(shape[1]) < shape[1] // 2, 0.5, 1.5)
@@ -84,8 +89,10 @@ def uneven(random, shape):
 @pytest.mark.parametrize("kind", ["white", "uneven"])
 @pytest.mark.slow
 def test_an_interval_holds_the_truth_as_often_as_it_says(kind):
-    """400 draws, seed 4, 64 × 96 pixels, noise of half the amplitude. At a significance of 10⁻⁴ a 95 % interval holds
-    the truth at least 362 times, and in white noise that of the rms at most 395 times. Uneven noise may only widen it.
+    """400 draws, seed 4, 64 × 96 pixels, noise of half the amplitude; significance 10⁻⁴.
+
+    A 95 % interval then contains the truth at least 362 times, and that of the rms in white noise at most 395 times.
+    Uneven noise may only widen it.
     """
     draws, clean, random = 400, stripes(), make_generator("coverage", 4)
     sigma = AMPLITUDE / 2
@@ -108,10 +115,10 @@ def test_an_interval_holds_the_truth_as_often_as_it_says(kind):
         held["rms"] += found.rms.low <= rms <= found.rms.high
         for energy, figure in found.noise_over_signal.items():
             held[energy] += figure.low <= expected[energy] <= figure.high
-    least, most = binom.ppf((1e-4, 1 - 1e-4), draws, 0.95)
-    assert min(held.values()) >= least, held
+    lowest, highest = binom.ppf((1e-4, 1 - 1e-4), draws, 0.95)
+    assert min(held.values()) >= lowest, held
     if kind == "white":
-        assert held["rms"] <= most, held
+        assert held["rms"] <= highest, held
 
 
 def test_a_signal_that_noise_hides_has_no_upper_end():
@@ -133,7 +140,7 @@ def test_a_black_region_has_no_figure():
 
 
 def test_a_mask_counts_its_own_pixels():
-    """Strong noise outside the mask does not reach it: the figures are those of the masked part cut out."""
+    """Strong noise outside the mask has no effect: the figures are those of the masked part, cut out."""
     clean, random = stripes(64, 96), make_generator("mask", 6)
     first, second = renders(clean, 0.1, random)
     mask = np.zeros(clean.shape, bool)
@@ -147,7 +154,7 @@ def test_a_mask_counts_its_own_pixels():
 
 def test_an_energy_whose_filter_fits_nowhere_is_no_number():
     mask = np.zeros((20, 30), bool)
-    mask[::2] = True  # rows apart: Sobel's three rows never lie in it
+    mask[::2] = True  # alternate rows, which never contain Sobel's three rows
     found = estimate_stack_grain(*renders(stripes(20, 30), 0.1, make_generator("rows", 7)), mask=mask).noise_over_signal
     assert math.isnan(found["tenengrad"].value)
     assert found["brenner"].value > 0
@@ -155,8 +162,10 @@ def test_an_energy_whose_filter_fits_nowhere_is_no_number():
 
 @pytest.mark.parametrize("kept", [0.0, 0.5, 0.95])
 def test_the_correlation_of_grain_is_found(kept):
-    """A later moment keeps a part of the noise: correlation ``kept``. 200 draws of 48 × 48 pixels, seed 8: the interval
-    holds it at least 176 times, at a significance of 10⁻⁴; the mean is right within 0.005, five standard errors."""
+    """A later moment keeps a fraction of the noise: correlation ``kept``. 200 draws of 48 × 48 pixels, seed 8.
+
+    The interval contains it at least 176 times, at a significance of 10⁻⁴; five standard errors of the mean are 0.005.
+    """
     random, clean, draws = make_generator("correlation", 8, str(kept)), np.full((48, 48), MEAN), 200
     moved, held, values = stripes(48, 48), 0, []
     for _ in range(draws):

@@ -1,4 +1,4 @@
-"""The grain of a stack under any mix of its lights, its file beside the stack, and the grain along a recording."""
+"""The grain of a stack under any mix of its lights, its file in the stack's folder, and grain along a recording."""
 
 import json
 import math
@@ -28,7 +28,7 @@ GAINS = [np.array([1.0, 1.0]), np.array([0.2, 3.0]), np.array([0.0, 1.0])]
 
 
 def clean_stack():
-    """Two lights whose pictures blur away from position 4: (light, focus, row, col)."""
+    """Two lights whose pictures are blurred away from position 4: (light, focus, row, col)."""
     random = make_generator("clean", 1)
     texture = random.random((2, 1, ROWS, COLUMNS))
     contrast = np.exp(-((np.arange(POSITIONS) - 4) ** 2) / 4)[None, :, None, None]
@@ -36,10 +36,10 @@ def clean_stack():
 
 
 def noise(random, factor=1.0):
-    """Noise of both lights, of which a part is common to them."""
-    own = random.standard_normal((2, POSITIONS, ROWS, COLUMNS))
+    """Noise of both lights, part of which is common to them."""
+    separate = random.standard_normal((2, POSITIONS, ROWS, COLUMNS))
     common = random.standard_normal((1, POSITIONS, ROWS, COLUMNS))
-    return factor * SIGMA[:, None, None, None] * (0.8 * own + 0.6 * common)
+    return factor * SIGMA[:, None, None, None] * (0.8 * separate + 0.6 * common)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def grain(renders):
 
 @pytest.mark.parametrize("gain", GAINS, ids=str)
 def test_a_mix_of_lights_has_the_grain_of_the_mixed_pictures(renders, grain, gain):
-    """Both ways are exact, so they agree to rounding; the mean is of the first render alone."""
+    """Both computations are exact and agree to rounding; the mean is that of the first render."""
     for k in (3, 4):
         first, second = (np.tensordot(gain, stack[:, k], 1)[BOX] for stack in renders)
         found = estimate_stack_grain(first, second, ratio=SAMPLES[0] / SAMPLES[1])
@@ -68,8 +68,10 @@ def test_a_mix_of_lights_has_the_grain_of_the_mixed_pictures(renders, grain, gai
 
 
 def test_planted_noise_is_found_under_any_gains(grain):
-    """The variance of a mix is g·Σ·g with the covariance of the lights. 2,080 pixels and 9 positions, seed 2: the
-    standard error of each rms is 1.6 %; four are allowed."""
+    """The variance of a mix is g·Σ·g with the covariance Σ of the lights; 2,080 pixels, 9 positions, seed 2.
+
+    The standard error of each rms is 1.6 %; four are allowed.
+    """
     covariance = np.outer(SIGMA, SIGMA) * np.array([[1.0, 0.36], [0.36, 1.0]])
     for gain in GAINS:
         mean = gain @ np.array([1.0, 0.4])
@@ -110,13 +112,13 @@ STORED = replace(SPEC, rows=ROWS, columns=COLUMNS)
 
 
 def test_no_light_group_can_have_the_name_of_the_file():
-    """Groups are of lower-case letters, digits, - and _; the notes of a piece are GROUP.json."""
+    """Names of groups contain lower-case letters, digits, - and _; the note of a piece is GROUP.json."""
     assert "." in FILE.removesuffix(".json")
 
 
 @pytest.fixture
 def stored(tmp_path, renders, grain):
-    """A stack on disk with its grain; gives the root."""
+    """Store a stack with its grain, and return the root."""
     store = StackStore(tmp_path, STORED)
     store.write_geometry(np.full((ROWS, COLUMNS), 0.5, np.float32), TARGET, backend="llvm")
     for group, radiance in zip(STORED.groups, renders[0].astype(np.float32), strict=True):

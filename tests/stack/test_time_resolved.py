@@ -1,4 +1,4 @@
-"""Moving scenes on source: which moments, which positions, what is seen between two of them."""
+"""Time-resolved stacks of moving scenes: their moments, their positions, and interpolation between them."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ SWEEP = (np.arange(FRAMES) + 0.5) / FRAMES
 
 
 def stacks(position=SWEEP, at=AT, depths=(0.5, 0.5, 0.5, 0.5)):
-    """A stack at each moment, random light, the target wherever a depth is given."""
+    """A stack of random light per moment; the target is visible if its depth is not None."""
     random = np.random.default_rng(4)
     made = []
     for frame, window, depth in zip(
@@ -51,7 +51,7 @@ def plane_source(made, at=AT):
 
 
 def seen(made, frame, position):
-    """The radiance at a moment and a position, worked out one step after the other."""
+    """The radiance at a moment and a position, interpolated step by step."""
     j = max(n for n in range(len(made) - 1) if AT[n] <= frame + 0.5)
     w = (frame + 0.5 - AT[j]) / (AT[j + 1] - AT[j])
     pictures = []
@@ -75,16 +75,15 @@ def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, slices_per_
     assert step % 8 == 0
 
 
-def test_windows_hold_every_position_that_the_lens_passes_between_the_moments_beside_them():
-    there_and_back = np.abs(1 - 2 * SWEEP)
-    for position in (SWEEP, SWEEP[::-1], there_and_back, np.full(FRAMES, 0.25)):
+def test_windows_hold_every_position_that_the_lens_passes_between_neighbouring_moments():
+    for position in (SWEEP, SWEEP[::-1], np.abs(1 - 2 * SWEEP), np.full(FRAMES, 0.25)):
         found = focus_windows_of_stack_slices(position, AT, positions=9)
         for j, (first, last) in enumerate(found):
             around = position[AT[max(j - 1, 0)] : AT[min(j + 1, 3)]] * 8
             assert 0 <= first < last <= 8
             assert first <= around.min()
             assert around.max() <= last
-    assert focus_windows_of_stack_slices(SWEEP, AT, positions=9)[0][1] < 8  # not the whole travel
+    assert focus_windows_of_stack_slices(SWEEP, AT, positions=9)[0][1] < 8  # not the full travel
     assert set(focus_windows_of_stack_slices(np.full(FRAMES, 0.25), AT, positions=9)) == {(2, 3)}
 
 
@@ -111,9 +110,9 @@ def test_a_picture_is_the_straight_line_in_time_and_in_focus(frame):
     charge_source = ChargeSource(plane_source(made), SENSOR)
     even = [replace_light(stack, 1.0) for stack in made]
     position = float(np.interp(frame, np.arange(FRAMES), SWEEP))
-    flat = ChargeSource(plane_source(even), SENSOR).charge_image(frame, position)  # lens and sensor alone
+    flat = ChargeSource(plane_source(even), SENSOR).charge_image(frame, position)  # only lens and sensor
     found = charge_source.charge_image(frame, position) / flat
-    # The bellows factor is interpolated with the light: 1e-3 of it over a step of focus.
+    # The bellows factor is interpolated with the light, which is an error of 1e-3 over a focus step.
     assert found == pytest.approx(seen(made, frame, position), rel=2e-3)
 
 
@@ -138,7 +137,7 @@ def test_what_the_encoder_gets_is_the_picture_of_every_readout():
 
 
 def counted(made):
-    """The plane_source, and what was read of it: (stack, first, stop)."""
+    """The plane source, and the list of its reads: (stack, first, stop)."""
     source, reads = plane_source(made), []
 
     def planes(j, first, stop):
@@ -157,13 +156,12 @@ def through(charge_source, position, frames=FRAMES):
 
 
 def test_only_those_positions_are_read_at_which_the_lens_is():
-    whole = [replace_window(stack) for stack in stacks(np.abs(1 - 2 * SWEEP))]
-    source, reads = counted(whole)
+    source, reads = counted([replace_window(stack) for stack in stacks(np.abs(1 - 2 * SWEEP))])
     charge_source = ChargeSource(source, SENSOR)
     got = through(charge_source, 0.3 + 0.1 * SWEEP)  # positions 2.4 to 3.2 of 0 to 8
     assert set(reads) == {(0, 2, 4), (1, 2, 4), (1, 4, 5), (2, 2, 5), (3, 3, 5)}
     assert len(reads) == 5
-    assert len(charge_source._kept) <= 3 * 3  # of three stacks at most
+    assert len(charge_source._cache) <= 3 * 3  # from at most three stacks
     for (stack, index, fraction, _), (j, k) in zip(got, [(0, 2), (1, 2), (2, 3)], strict=True):
         flat = ChargeSource(source, SENSOR)._load_charge(j, range(k, k + 1)).sum(axis=0)
         assert stack[0, 0] == pytest.approx(flat[0], rel=1e-6)
@@ -172,17 +170,17 @@ def test_only_those_positions_are_read_at_which_the_lens_is():
 
 
 def replace_window(stack):
-    """The same, rendered at all positions: those of the window as they were, others at random."""
+    """The stack rendered at all positions: those of the window unchanged, the others random."""
     light = np.random.default_rng(5).uniform(0.1, 1, (2, SPEC.positions, 6, 8)).astype(np.float32)
     first, last = stack.spec.window
     light[:, first : last + 1] = stack.radiance
     return replace(stack, spec=replace(stack.spec, window=None), radiance=light)
 
 
-@pytest.mark.parametrize(("keep_bytes", "again"), [(1 << 20, 0), (0, 1)])
-def test_what_was_read_is_kept_for_the_next_method_as_far_as_allowed(keep_bytes, again):
+@pytest.mark.parametrize(("cache_bytes", "again"), [(1 << 20, 0), (0, 1)])
+def test_what_was_read_is_kept_for_the_next_method_as_far_as_allowed(cache_bytes, again):
     source, reads = counted(stacks())
-    charge_source = ChargeSource(source, SENSOR, keep_bytes=keep_bytes)
+    charge_source = ChargeSource(source, SENSOR, cache_bytes=cache_bytes)
     first = through(charge_source, SWEEP)
     before = len(reads)
     second = through(charge_source, SWEEP)
@@ -190,34 +188,34 @@ def test_what_was_read_is_kept_for_the_next_method_as_far_as_allowed(keep_bytes,
     assert all(np.array_equal(a[0], b[0]) for a, b in zip(first, second, strict=True))
 
 
-def test_what_is_kept_never_outgrows_what_is_allowed_but_for_the_neighbours():
-    """Full after one pass, and then passes that need more positions of each stack than those before."""
+def test_the_cache_exceeds_its_budget_only_by_neighbouring_planes():
+    """The cache is full after one pass; each later pass needs more positions of each stack."""
     at = tuple(range(0, 8 * 61, 8))
     still = np.full(480, 0.5)
     made = [replace_window(stack) for stack in stacks(still, at, (0.5,) * len(at))]
     plane = 2 * 6 * 8 * 4
-    charge_source = ChargeSource(plane_source(made, at), SENSOR, keep_bytes=2 * len(at) * plane)
-    gain, most = np.ones((480, 2), np.float32), []
+    charge_source = ChargeSource(plane_source(made, at), SENSOR, cache_bytes=2 * len(at) * plane)
+    gain, cached = np.ones((480, 2), np.float32), []
     for swing in (0.0, 0.2, 0.4, 0.45):
         position = 0.5 + swing * np.sin(np.arange(480) / 2)
         for run in charge_source.time_stack.split_at_slices(0, 480):
             charge_source.encoder_inputs(run, position=position, gain=gain)
-            most.append(len(charge_source._kept))
-    assert max(most) <= 2 * len(at) + 3 * SPEC.positions
-    assert most[-1] <= 2 * len(at)
+            cached.append(len(charge_source._cache))
+    assert max(cached) <= 2 * len(at) + 3 * SPEC.positions
+    assert cached[-1] <= 2 * len(at)
 
 
 def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
-    """Up to the rounding of a sum of two: one spike a pixel."""
+    """Equal up to the rounding of a sum of two terms, which is one spike per pixel."""
     random = np.random.default_rng(1)
     light = random.uniform(0.1, 1, (2, 9, 6, 8)).astype(np.float32)
-    whole = FocalStack(SPEC, light, np.ones((6, 8), np.float32), np.ones((6, 8), bool), "llvm")
+    single = FocalStack(SPEC, light, np.ones((6, 8), np.float32), np.ones((6, 8), bool), "llvm")
     slices = []
     for stack in stacks():
         first, last = stack.spec.window
         slices.append(replace(stack, radiance=light[:, first : last + 1]))
     counts = []
-    for source in (PlaneSource.from_stack(whole), plane_source(slices)):
+    for source in (PlaneSource.from_stack(single), plane_source(slices)):
         charge_source, encoder = ChargeSource(source, SENSOR), Encoder(SENSOR, (6, 8), seed=3)
         charge_source.scale = 0.2 * SENSOR.threshold_e / float(charge_source.charge_image(0, 0.0).sum(axis=0).mean())
         gain = np.ones((FRAMES, 2), np.float32)
@@ -231,7 +229,7 @@ def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
 
 
 def test_the_truth_follows_a_target_that_comes_nearer():
-    """Best focus on straight lines between moments; the frame is where the lens meets it."""
+    """The best focus follows straight lines between moments; the frame is the one in which the lens meets it."""
     made = stacks(depths=(0.55, 0.53, 0.51, 0.49))
     truth = find_true_focus_of_stack(plane_source(made), SWEEP)
     best = DRIVE.best_position(np.float32([0.55, 0.53, 0.51, 0.49]).astype(float))
@@ -251,7 +249,7 @@ def test_moments_that_do_not_see_the_target_do_not_count():
 
 
 def test_a_lens_that_comes_when_the_target_is_out_of_sight_does_not_meet_it():
-    """It is where the target was between the second moment and the third."""
+    """The lens is at the target's focus between the second and the third moment."""
     met = find_true_focus_of_stack(plane_source(stacks(depths=(0.5, 0.5, 0.5, 0.5))), SWEEP)
     assert 160 < met.frame < 320
     gone = find_true_focus_of_stack(plane_source(stacks(depths=(0.5, 0.5, None, None))), SWEEP)
@@ -266,22 +264,15 @@ def test_a_lens_that_never_meets_the_target_has_no_frame():
     position = np.full(FRAMES, 0.9)
     truth = find_true_focus_of_stack(plane_source(stacks(position, depths=(0.55, 0.53, 0.51, 0.50))), position)
     assert np.isnan(truth.frame)
-    assert truth.position == pytest.approx(truth.track.max(), abs=0.01)  # the nearest that it came
+    assert truth.position == pytest.approx(truth.track.max(), abs=0.01)  # the nearest focus on the track
 
 
 def test_a_target_that_is_never_seen_is_refused(tmp_path):
     recorder = Recorder(SENSOR, FRAMES, device_seed=1, provenance={})
-    message = str(
-        refusal(
-            recorder.record,
-            make_sequence(),
-            plane_source(stacks(depths=(None,) * 4)),
-            path=tmp_path / "s.h5",
-            fingerprint="",
-        )
-    )
-    assert "the target of plane is never seen in 400 frames" in message
-    assert "check its motion" in message
+    source = plane_source(stacks(depths=(None,) * 4))
+    error = refusal(recorder.record, make_sequence(), source, path=tmp_path / "s.h5", fingerprint="")
+    assert "the target of plane is never seen in 400 frames" in error.problem
+    assert "check its motion" in error.hint
     assert not (tmp_path / "s.h5").exists()
 
 
@@ -307,10 +298,10 @@ def test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track(tmp_pa
         rate = stream.counts(frame - 20, frame + 20).mean() / 40
         assert stream.truth.track.shape == (FRAMES,)
         assert stream.metadata.provenance["stack"].count("\n") == 3
-    assert rate == pytest.approx(0.25, rel=0.1)  # the light itself changes over 40 frames
+    assert rate == pytest.approx(0.25, rel=0.1)  # the light changes over 40 frames
 
 
-def test_the_stacks_of_the_first_readouts_and_the_one_after_them():
+def test_a_truncated_stack_ends_with_the_slice_after_the_last_readout():
     specs = tuple(replace(SPEC, window=(n, n + 1), time_s=n * 0.008) for n in range(4))
     time_stack = TimeResolvedStack((0, 160, 320, 480), specs)
     assert [time_stack.truncated_to(frames).slice_frames[-1] for frames in (1, 160, 160.5, 320, 470, 9000)] == [
@@ -322,7 +313,7 @@ def test_the_stacks_of_the_first_readouts_and_the_one_after_them():
     assert [spec.time_s for spec in time_stack.with_full_travel().specs] == [spec.time_s for spec in specs]
 
 
-def test_a_reel_on_disk_knows_what_it_lacks(tmp_path):
+def test_a_time_resolved_stack_lists_its_missing_pieces(tmp_path):
     made = stacks()
     time_stack = plane_source(made).time_stack
     assert time_stack.find_missing(tmp_path) == list(time_stack.specs)

@@ -1,4 +1,4 @@
-"""The card of a dataset for programs, and the front matter of its page."""
+"""The machine-readable card of a dataset (Croissant), and the front matter of its page."""
 
 import json
 from dataclasses import fields, replace
@@ -108,14 +108,14 @@ def test_a_card_without_a_licence_says_that_it_is_unknown():
     assert 'license: "unknown"\n' in front_matter_for_sharing(MANIFEST, [], pattern="{split}/*.h5")
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own dependencies
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # from the dependencies of mlcroissant
 @pytest.mark.parametrize("shards", [{}, {"train-00000.tar": "0" * 64, "test-00000.tar": "1" * 64}])
 def test_mlcroissant_accepts_the_card_without_a_word(card, tmp_path, caplog, shards):
     mlcroissant = pytest.importorskip("mlcroissant", reason="pip install mlcroissant (90 MB)")
     facts = replace(FACTS, url="https://example.org", creator="Somebody", published="2026-01-01")
-    whole = describe_dataset_as_croissant(MANIFEST, facts, digest=card["distribution"][0]["sha256"])
+    described = describe_dataset_as_croissant(MANIFEST, facts, digest=card["distribution"][0]["sha256"])
     path = tmp_path / "croissant.json"
-    path.write_text(json.dumps(point_croissant_to_shards(whole, shards) if shards else whole))
+    path.write_text(json.dumps(point_croissant_to_shards(described, shards) if shards else described))
     dataset = mlcroissant.Dataset(jsonld=path)
     issues = dataset.metadata.ctx.issues
     assert (issues.errors, issues.warnings) == (set(), set())

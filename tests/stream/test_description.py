@@ -1,4 +1,4 @@
-"""What is in a stream, in words: on a terminal, in a notebook."""
+"""The description of a stream in words, on a terminal and in a notebook."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
     assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
     assert facts["light lamp"] == "gain 0.5 to 2"
     assert facts["true focus"] == "0.25000 of the travel, at frame 19.5"
-    # 8 of 80 steps of 1/79 lie between 0.2 and 0.3.
+    # 8 of 80 steps of 1/79 are between 0.2 and 0.3.
     assert facts["depth of focus"] == "0.20000 to 0.30000 of the travel, the lens is there in 10.0% of the frames"
     assert facts["variant"] == "llvm"
 
@@ -70,7 +70,7 @@ def test_a_stream_without_truth_says_so(tmp_path):
     assert facts["focus"] == "not recorded"
 
 
-def test_rates_are_told_over_time_and_over_pixels(tmp_path):
+def test_rates_are_described_over_time_and_over_pixels(tmp_path):
     frames = np.zeros((100, 10, 10), np.uint8)
     frames[50:, :, 5:] = 1  # half the pixels fire, in the second half
     saf_gen.write_stream(tmp_path / "a.h5", frames)
@@ -81,15 +81,15 @@ def test_rates_are_told_over_time_and_over_pixels(tmp_path):
     assert facts["rate of pixels"] == "0 to 0.5 for 98 % of them, 50 of 100 never fire"
 
 
-def test_what_is_in_a_stream_is_said_before_how_it_was_made(tmp_path, call):
+def test_the_content_of_a_stream_is_described_before_its_making(tmp_path, call):
     plan = '{"scene": "fan", "scene_motion": "dynamic", "light": "flicker", "motion": {"kind": "sweep"}}'
     digest = "0" * 64
     saf_gen.write_stream(
         tmp_path / "a.h5", np.ones((8, 2, 2), np.uint8), provenance={"sequence": plan, "fingerprint": digest}
     )
-    code, said, _ = call("inspect", tmp_path / "a.h5")
+    code, out, _ = call("inspect", tmp_path / "a.h5")
     assert code == 0
-    content, making = said.split("how it was made")
+    content, making = out.split("how it was made")
     for words in ("fan, dynamic", "flicker", "sweep", "mean rate", "true focus"):
         assert words in content
     assert digest not in content

@@ -1,4 +1,4 @@
-"""Pictures of other cameras become spikes: linear light, the same whatever holds the pictures, a part at a time."""
+"""Pictures of other cameras become spikes: linear light, independent of the file format, and read in parts."""
 
 import sys
 from importlib.machinery import ModuleSpec
@@ -21,7 +21,7 @@ PICTURES = np.random.default_rng(4).integers(20, 236, (12, 8, 10), np.uint8)
 
 
 def encode_array(tmp_path, array, *, linear=True, **options):
-    """Encode an array by the ideal sensor; returns its counts in each tenth of the recording, and the plan."""
+    """Encode an array with the ideal sensor; return the rates in each tenth of the recording, and the plan."""
     np.save(tmp_path / "in.npy", array)
     plan = prepare_stream_of_pictures(open_imported_pictures(tmp_path / "in.npy", linear=linear), IDEAL, **options)
     encode_pictures_as_stream(plan, tmp_path / "out.h5", seed=3)
@@ -31,21 +31,21 @@ def encode_array(tmp_path, array, *, linear=True, **options):
 
 
 def test_screen_values_are_decoded_as_the_standard_says():
-    """Closed form of IEC 61966-2-1 at four values, the last on its straight part."""
+    """Against the closed form of IEC 61966-2-1 at four values, the last one on its linear part."""
     assert decode_imported_srgb(np.array([1.0, 0.5, 0.04045, 0.04])) == pytest.approx(
         [1, 0.21404, 0.0031308, 0.0030960], rel=1e-4
     )
 
 
 def test_rates_are_proportional_to_light_and_their_mean_is_what_was_asked_for(tmp_path):
-    """A noiseless pixel fires at its charge over the threshold, exact to a spike in 2,000 readouts."""
+    """A pixel without noise fires at its charge over the threshold, exact to one spike in 2,000 readouts."""
     light = np.broadcast_to(np.linspace(0.1, 1.0, 10, dtype=np.float32), (1, 8, 10))
     rates, _ = encode_array(tmp_path, light, frames=2_000, mean_rate=0.22)
     assert rates.mean(axis=(0, 1)) == pytest.approx(0.22 * light[0, 0] / 0.55, abs=1e-3)
 
 
 def test_light_between_two_pictures_is_a_fade(tmp_path):
-    """From 1 to 3 in 4,000 readouts: the tenths have the light of their middles."""
+    """From 1 to 3 in 4,000 readouts, each tenth has the light of its middle."""
     light = np.ones((2, 8, 10), np.float32) * np.array([1, 3], np.float32)[:, None, None]
     rates, plan = encode_array(tmp_path, light, rate_hz=5, mean_rate=0.2)
     assert plan.frames == 4_000
@@ -79,7 +79,7 @@ def write_images(folder, pictures, ending="png"):
 
 @pytest.fixture
 def video(monkeypatch):
-    """Stands for imageio-ffmpeg, which need not be installed: PICTURES at 1,000 a second, in three equal colours."""
+    """Replace imageio-ffmpeg, which need not be installed: PICTURES at 1,000 Hz, in three equal colours."""
     fake = ModuleType("imageio_ffmpeg")
     fake.__spec__ = ModuleSpec("imageio_ffmpeg", None)
 
@@ -94,7 +94,7 @@ def video(monkeypatch):
 
 
 def test_the_same_pictures_in_any_file_become_the_same_spikes(tmp_path, video):
-    """Twelve images of 8 bits: in their order as people count, from 0 to 11, with frame_10 after frame_9."""
+    """Twelve images of 8 bits in natural order, with frame_10 after frame_9."""
     write_images(tmp_path / "images", PICTURES)
     np.save(tmp_path / "a.npy", PICTURES)
     np.savez_compressed(tmp_path / "a.npz", frames=PICTURES, times=np.arange(12))
@@ -119,11 +119,11 @@ def test_neither_blocks_nor_the_pictures_in_memory_change_a_spike(tmp_path, monk
     for rate in (1_000, 20_000, 90_000):  # slower than the camera, as fast, and faster
         plan = prepare_stream_of_pictures(open_imported_pictures(tmp_path / "a.npy"), IDEAL, rate_hz=rate)
         assert plan.frames == int(11 / rate * 20_000)
-        whole = encode_pictures_as_stream(plan, tmp_path / "out.h5", seed=1)
+        digest = encode_pictures_as_stream(plan, tmp_path / "out.h5", seed=1)
         with monkeypatch.context() as patch:
             patch.setattr(module, "BLOCK_FRAMES", 16)
             patch.setattr(module, "BLOCK_KNOTS", 2)
-            assert encode_pictures_as_stream(plan, tmp_path / "out.h5", seed=1) == whole
+            assert encode_pictures_as_stream(plan, tmp_path / "out.h5", seed=1) == digest
             held = [len(knots) for knots, _, _ in module._blocks(plan)]
         assert max(held) <= max(3, 8 * rate / 20_000 + 3)
 
@@ -131,19 +131,19 @@ def test_neither_blocks_nor_the_pictures_in_memory_change_a_spike(tmp_path, monk
 def test_the_command_says_how_pictures_were_taken_and_keeps_the_lens(tmp_path, call):
     write_images(tmp_path / "images", PICTURES)
     (tmp_path / "lens.csv").write_text("frame,position\n0,0\n1099,1\n")
-    given = ("--rate", 200, "--focus", tmp_path / "lens.csv", "--truth", 0.5, "--seed", 5)
-    code, said, err = call("encode", tmp_path / "images", "--out", tmp_path / "a.h5", *given)
+    options = ("--rate", 200, "--focus", tmp_path / "lens.csv", "--truth", 0.5, "--seed", 5)
+    code, out, err = call("encode", tmp_path / "images", "--out", tmp_path / "a.h5", *options)
     assert code == 0
-    assert "1100 frames of 10×8" in said
-    assert "12 pictures at 200 Hz, sRGB decoded" in said
-    assert "100 readouts to a picture" in err
+    assert "1100 frames of 10×8" in out
+    assert "12 pictures at 200 Hz, sRGB decoded" in out
+    assert "100 readouts per picture" in err
     assert "not physics" in err
     with open_stream(tmp_path / "a.h5") as stream:
         assert stream.truth.frame == pytest.approx(549.5)
         assert '"between": "linear cross-fade"' in stream.metadata.provenance["encode"]
-    code, said, err = call("encode", tmp_path / "images", "--out", tmp_path / "b.h5", "--rate", 5_000, "--linear")
+    code, out, err = call("encode", tmp_path / "images", "--out", tmp_path / "b.h5", "--rate", 5_000, "--linear")
     assert (code, err) == (0, "")
-    assert "at 5000 Hz, linear light" in said
+    assert "at 5000 Hz, linear light" in out
 
 
 def write_two_sizes(folder):
@@ -152,29 +152,28 @@ def write_two_sizes(folder):
 
 
 @pytest.mark.parametrize(
-    ("write", "options", "says"),
+    ("write", "options", "message"),
     [
         (lambda p: None, {}, "no such file or folder"),
         (lambda p: p.mkdir(), {}, "has no picture"),
-        (write_two_sizes, {}, "frame_9.png has (4, 10) pixels | (8, 10) as the first"),
-        (lambda p: write_images(p, PICTURES), {"rate_hz": None}, "does not say how many pictures | --rate HZ"),
+        (write_two_sizes, {}, "frame_9.png has (4, 10) pixels | (8, 10), like the first"),
+        (lambda p: write_images(p, PICTURES), {"rate_hz": None}, "does not state how many pictures | --rate HZ"),
         (lambda p: write_images(p, PICTURES), {"rate_hz": 0.0}, "0 pictures per second"),
-        (lambda p: write_images(p, PICTURES), {"frames": 221}, "221 readouts of 12 pictures | 1 to 220"),
+        (lambda p: write_images(p, PICTURES), {"frames": 221}, "221 readouts were requested of 12 pictures | 1 to 220"),
         (lambda p: write_images(p, PICTURES[:1]), {}, "is a single picture | --frames"),
         (lambda p: write_images(p, PICTURES[:2] * 0), {}, "all pictures are black"),
         (lambda p: write_images(p, PICTURES), {"mean_rate": 1.5}, "mean_rate is 1.5"),
     ],
 )
-def test_pictures_that_do_not_fit_are_one_line(tmp_path, write, options, says):
+def test_pictures_that_do_not_fit_are_one_line(tmp_path, write, options, message):
     write(tmp_path / "in")
-    given = {"rate_hz": 1_000.0, **options}
-    assert_says(
-        refusal(lambda: prepare_stream_of_pictures(open_imported_pictures(tmp_path / "in"), IDEAL, **given)), says
-    )
+    options = {"rate_hz": 1_000.0, **options}
+    error = refusal(lambda: prepare_stream_of_pictures(open_imported_pictures(tmp_path / "in"), IDEAL, **options))
+    assert_says(error, message)
 
 
 @pytest.mark.parametrize(
-    ("array", "says"),
+    ("array", "message"),
     [
         (np.full((2, 3, 4), 1.5), "values 1.5 to 1.5 | --linear"),
         (np.full((2, 3, 4), -1.0), "values -1 to -1"),
@@ -184,9 +183,9 @@ def test_pictures_that_do_not_fit_are_one_line(tmp_path, write, options, says):
         (np.ones((3, 4)), "the array has shape (3, 4)"),
     ],
 )
-def test_values_that_are_no_pictures_are_one_line(tmp_path, array, says):
+def test_values_that_are_no_pictures_are_one_line(tmp_path, array, message):
     np.save(tmp_path / "in.npy", array)
-    assert_says(refusal(lambda: list(open_imported_pictures(tmp_path / "in.npy"))), says)
+    assert_says(refusal(lambda: list(open_imported_pictures(tmp_path / "in.npy"))), message)
 
 
 def test_a_picture_or_video_that_cannot_be_read_is_one_line(tmp_path, video, call):
@@ -207,6 +206,6 @@ def test_a_picture_or_video_that_cannot_be_read_is_one_line(tmp_path, video, cal
 
 def test_a_video_without_its_package_says_what_to_install(tmp_path):
     if "imageio_ffmpeg" in sys.modules:
-        pytest.skip("imageio-ffmpeg is here")
+        pytest.skip("imageio-ffmpeg is installed")
     (tmp_path / "clip.mp4").write_bytes(b"video")
     assert refusal(open_imported_pictures, tmp_path / "clip.mp4").hint == "pip install 'saf-gen[video]'"

@@ -1,4 +1,4 @@
-"""Spikes in .npy, .npz and .mat files, and SAF's folders: read as they are meant, in parts; nothing of it is run."""
+"""Spikes in .npy, .npz and .mat files, and SAF's folders: read correctly and in parts, and nothing in them is run."""
 
 import struct
 import zipfile
@@ -24,7 +24,7 @@ PACKED = np.packbits(SPIKES, axis=0, bitorder="little")
 
 
 def write_hdf5_matlab(path, **arrays):
-    """A MATLAB file of version 7.3: HDF5 after 512 bytes, axes reversed."""
+    """Write a MATLAB file of version 7.3: HDF5 after 512 bytes, with reversed axes."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, array in arrays.items():
             file.create_dataset(name, data=array.transpose())
@@ -48,15 +48,15 @@ WRITERS = {
 @pytest.mark.parametrize("name", WRITERS)
 def test_an_array_of_each_kind_is_read_bit_for_bit(tmp_path, call, name):
     WRITERS[name](tmp_path / name)
-    code, said, err = call("import", tmp_path / name, "--out", tmp_path / "a.h5", "--frames", 41, "--rate", 40_000)
+    code, out, err = call("import", tmp_path / name, "--out", tmp_path / "a.h5", "--frames", 41, "--rate", 40_000)
     assert (code, err) == (0, "")
-    assert f"layout {'packed' if 'packed' in name else 'frames'}" in said
+    assert f"layout {'packed' if 'packed' in name else 'frames'}" in out
     with open_stream(tmp_path / "a.h5") as stream:
         assert stream.readout_hz == 40_000
         assert np.array_equal(stream.frames(0, 41), SPIKES)
 
 
-def test_packed_frames_without_a_number_are_whole_bytes(tmp_path):
+def test_packed_frames_without_a_number_fill_whole_bytes(tmp_path):
     np.save(tmp_path / "a.npy", PACKED)
     assert SpikeArray(tmp_path / "a.npy").shape == (48, 5, 6)
     assert SpikeArray(tmp_path / "a.npy", layout="packed", frames=3).shape == (3, 5, 6)
@@ -65,22 +65,22 @@ def test_packed_frames_without_a_number_are_whole_bytes(tmp_path):
 def test_rows_are_turned_over_and_a_lens_is_read(tmp_path, call):
     np.save(tmp_path / "a.npy", SPIKES)
     (tmp_path / "lens.csv").write_text("frame,position\n0,0\n40,1\n")
-    given = ("--flip", "--focus", tmp_path / "lens.csv", "--truth", "frame:10")
-    assert call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", *given)[0] == 0
+    options = ("--flip", "--focus", tmp_path / "lens.csv", "--truth", "frame:10")
+    assert call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", *options)[0] == 0
     with open_stream(tmp_path / "a.h5") as stream:
         assert np.array_equal(stream.frames(0, 41), SPIKES[:, ::-1])
         assert stream.truth.position == pytest.approx(0.25)
 
 
 def test_a_long_array_in_an_archive_is_inflated_once(tmp_path, monkeypatch):
-    """Blocks of 2,000 frames are read one after the other; the file is opened for its header and for its content."""
+    """Blocks of 2,000 frames are read one after the other; the file is opened for its header and its content."""
     long = np.random.default_rng(3).integers(0, 2, (5_000, 3, 4), np.uint8)
     np.savez_compressed(tmp_path / "a.npz", seq=long)
     opened = []
     real = zipfile.ZipFile.open
-    monkeypatch.setattr(zipfile.ZipFile, "open", lambda *given, **options: opened.append(1) or real(*given, **options))
+    monkeypatch.setattr(zipfile.ZipFile, "open", lambda *args, **options: opened.append(1) or real(*args, **options))
     SpikeArray(tmp_path / "a.npz").write(tmp_path / "a.h5", readout_hz=20_000)
-    assert len(opened) <= 5  # header, looking for the layout, from the front again
+    assert len(opened) <= 5  # header, search for the layout, and again from the start
     with open_stream(tmp_path / "a.h5") as stream:
         assert np.array_equal(stream.frames(0, 5_000), long)
 
@@ -93,7 +93,7 @@ def write_bad_header(path):
 
 
 def write_unlikely_storage(path):
-    """A filter that other code would undo, and a chunk of 128 MB."""
+    """Write a filter that other code would have to undo, and a chunk of 128 MB."""
     with h5py.File(path, "w") as file:
         file.create_dataset("lzf", data=SPIKES, compression="lzf")
         file.create_dataset("huge", (8, 4_096, 4_096), "uint8", chunks=(8, 4_096, 4_096))
@@ -106,45 +106,45 @@ def write_links(path):
 
 
 @pytest.mark.parametrize(
-    ("name", "write", "says"),
+    ("name", "write", "message"),
     [
         ("a.npy", lambda p: np.save(p, np.array([{"a": 1}]), allow_pickle=True), "cannot be read | Python objects"),
         ("a.npz", lambda p: np.savez(p, a=np.array([[["x"]]], object)), "a holds objects"),
         ("a.npz", lambda p: np.savez(p, a=SPIKES, b=SPIKES), "has 2 arrays of three axes | a (41, 5, 6) | --key"),
         ("a.npz", lambda p: np.savez(p, a=SPIKES[0]), "has no arrays of three axes"),
-        ("a.npz", write_bad_header, "seq has 228 bytes | allowed: as its header says"),
+        ("a.npz", write_bad_header, "seq has 228 bytes | allowed: the size that its header states"),
         ("a.npz", lambda p: p.write_bytes(b"PK no zip"), "cannot be read"),
         ("a.npy", lambda p: p.write_bytes(b""), "cannot be read"),
         ("a.mat", lambda p: p.write_bytes(b"no MATLAB" * 40), "cannot be read"),
         ("a.mat", write_links, "has no arrays of three axes"),
         ("a.mat", write_unlikely_storage, "has no arrays of three axes"),
-        ("a.npy", lambda p: np.save(p, np.zeros((1, 4_097, 4_096), np.uint8)), "frames of (4097, 4096) pixels"),
+        ("a.npy", lambda p: np.save(p, np.zeros((1, 4_097, 4_096), np.uint8)), "the frames have (4097, 4096) pixels"),
         ("a.npy", lambda p: np.save(p, SPIKES[0]), "the array is uint8 (5, 6)"),
         ("a.npy", lambda p: np.save(p, np.ones((4, 5, 6), complex)), "complex128"),
-        ("a.npy", lambda p: np.save(p, SPIKES * 0.5), "holds 0.5 from frame 0 on"),
+        ("a.npy", lambda p: np.save(p, SPIKES * 0.5), "holds 0.5 in frame 0 or a later one"),
     ],
 )  # fmt: skip
-def test_a_file_that_does_not_fit_is_one_line_and_nothing_is_written(tmp_path, name, write, says):
+def test_a_file_that_does_not_fit_is_one_line_and_nothing_is_written(tmp_path, name, write, message):
     write(tmp_path / name)
     error = refusal(lambda: SpikeArray(tmp_path / name).write(tmp_path / "a.h5", readout_hz=20_000))
-    assert_says(error, says)
+    assert_says(error, message)
     assert not (tmp_path / "a.h5").exists()
 
 
 def test_an_option_that_does_not_fit_is_one_line(tmp_path, call):
     np.savez(tmp_path / "a.npz", seq=SPIKES)
     (tmp_path / "raw.dat").write_bytes(b"\0" * 13_000)
-    for options, says in (
+    for options, message in (
         ((tmp_path / "a.npz", "--key", "sek"), "did you mean 'seq'?"),
         ((tmp_path / "a.npz", "--layout", "416"), "unknown layout of an array '416'"),
         ((tmp_path / "a.npz", "--frames", 42), "allowed: 1 to 41"),
-        ((tmp_path / "raw.dat", "--key", "seq"), "--key seq of a raw file"),
+        ((tmp_path / "raw.dat", "--key", "seq"), "--key seq is given for a raw file"),
         ((tmp_path / "none.npz",), "there is no such file"),
         ((tmp_path, "--truth", 0.5), "--truth is given with a folder"),
     ):
         code, _, err = call("import", *options, "--out", tmp_path / "a.h5")
-        assert (code, says in err) == (2, True), err
-    # A byte above 1 after the slices that were looked at: frames, which hold something else.
+        assert (code, message in err) == (2, True), err
+    # A byte above 1 after the inspected slices: these are frames, but with an invalid value.
     late = np.zeros((300, 2, 2), np.uint8)
     late[299] = 9
     np.save(tmp_path / "late.npy", late)
@@ -153,7 +153,7 @@ def test_an_option_that_does_not_fit_is_one_line(tmp_path, call):
 
 @pytest.mark.parametrize("packed", [False, True], ids=["plain", "deflated"])
 def test_slices_of_a_matlab_file_are_what_scipy_reads_in_any_order(tmp_path, packed):
-    """Twelve kinds of number, in frames that take several blocks of what is inflated."""
+    """Twelve types of number, and frames that need several inflated blocks."""
     kinds = (*"bhilBHILfd?", np.int64)
     arrays = {f"a{k}": np.random.default_rng(k).integers(0, 2, (3, 4, 9)).astype(t) for k, t in enumerate(kinds)}
     arrays["large"] = np.random.default_rng(3).integers(0, 255, (300, 400, 20), np.uint8)
@@ -162,11 +162,11 @@ def test_slices_of_a_matlab_file_are_what_scipy_reads_in_any_order(tmp_path, pac
     known = io.loadmat(tmp_path / "a.mat")
     for name in [*arrays][:-2]:
         found = open_imported_array(tmp_path / "a.mat", key=name)
-        whole = np.moveaxis(known[name], -1, 0)
-        assert found.shape == whole.shape
-        assert name == "a10" or found.dtype == whole.dtype  # scipy gives truth values as whole numbers
-        for span in (slice(0, 2), slice(5, 9), slice(3, 4), slice(0, len(whole))):
-            assert np.array_equal(found[span], whole[span])
+        expected = np.moveaxis(known[name], -1, 0)
+        assert found.shape == expected.shape
+        assert name == "a10" or found.dtype == expected.dtype  # scipy returns booleans as integers
+        for span in (slice(0, 2), slice(5, 9), slice(3, 4), slice(0, len(expected))):
+            assert np.array_equal(found[span], expected[span])
     assert_says(refusal(open_imported_array, tmp_path / "a.mat", key="text"), "unknown array 'text'")
     assert_says(refusal(open_imported_array, tmp_path / "a.mat", key="complex"), "unknown array 'complex'")
 
@@ -183,15 +183,15 @@ def test_a_matlab_file_of_the_other_byte_order_is_read(tmp_path):
 
 
 def test_no_damaged_matlab_file_ends_the_process(tmp_path):
-    """scipy's reader ended it for one file in 3,000. Two kinds of file, 400 of each with a byte changed, seed 5."""
+    """scipy's reader crashed for one file in 3,000. Two kinds of file, 400 each with one byte changed, seed 5."""
     random = np.random.default_rng(5)
     for packed in (False, True):
         io.savemat(tmp_path / "a.mat", {"rate": 20_000.0, "spk": SPIKES.transpose(1, 2, 0)}, do_compression=packed)
-        whole = (tmp_path / "a.mat").read_bytes()
+        content = (tmp_path / "a.mat").read_bytes()
         for _ in range(400):
-            spoilt = bytearray(whole)
-            spoilt[random.integers(124, min(len(whole), 400))] ^= 1 << random.integers(8)
-            (tmp_path / "b.mat").write_bytes(spoilt)
+            damaged = bytearray(content)
+            damaged[random.integers(124, min(len(content), 400))] ^= 1 << random.integers(8)
+            (tmp_path / "b.mat").write_bytes(damaged)
             with suppress(BadInput):
                 found = open_imported_array(tmp_path / "b.mat", key="spk")
                 assert found[0 : found.shape[0]].nbytes < 1e6
@@ -216,10 +216,10 @@ def test_a_folder_of_saf_becomes_a_dataset_that_is_evaluated(tmp_path, call, raw
     (folder / "desk" / "a.dat").write_bytes(raw)
     rows = [HEADING, (1, "desk lamp", 20, 11, 4, "datasets\\desk\\a.dat"), (2, "desk", 16, 1, 4, "./sad/desk/a.dat")]
     write_xlsx(folder / "config.xlsx", rows, shared=shared)
-    code, said, err = call("import", folder, "--out", tmp_path / "mine")
+    code, out, err = call("import", folder, "--out", tmp_path / "mine")
     assert code == 0
-    assert "2 recordings: saf-gen dataset index" in said
-    assert "taken to move evenly" in err
+    assert "2 recordings; next: saf-gen dataset index" in out
+    assert "assumed to move evenly" in err
     with open_stream(tmp_path / "mine" / "desk_lamp-recorded-01.h5") as stream:
         assert stream.shape == (20, 250, 400)
         assert (stream.truth.frame, stream.truth.position) == (10, pytest.approx(10.5 / 20))
@@ -245,7 +245,7 @@ def test_a_sheet_with_gaps_keeps_its_columns(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("row", "says"),
+    ("row", "message"),
     [
         ((1, "desk", "many", 1, 4, "a.dat"), "config.xlsx:2 | frames is 'many'"),
         ((1, "desk", 20, 21, 4, "a.dat"), "focal frame is 21 | 1 to 20"),
@@ -256,18 +256,18 @@ def test_a_sheet_with_gaps_keeps_its_columns(tmp_path):
         ((1, "desk"), "frames is ''"),
     ],
 )
-def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, says):
+def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, message):
     folder = tmp_path / "up" / "datasets"
     folder.mkdir(parents=True)
-    for place in (folder / "a.dat", tmp_path / "secret.dat"):
-        place.write_bytes(raw)
+    for path in (folder / "a.dat", tmp_path / "secret.dat"):
+        path.write_bytes(raw)
     write_xlsx(folder / "config.xlsx", [HEADING, row])
-    assert_says(refusal(read_imported_saf_config, folder), says)
-    assert_says(refusal(lambda: list(import_saf_folder(folder, tmp_path / "out"))), says)
+    assert_says(refusal(read_imported_saf_config, folder), message)
+    assert_says(refusal(lambda: list(import_saf_folder(folder, tmp_path / "out"))), message)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_sheet_that_is_none_or_too_much_is_refused(tmp_path, monkeypatch):
+def test_a_sheet_that_is_invalid_or_too_large_is_refused(tmp_path, monkeypatch):
     bomb = '<!DOCTYPE a [<!ENTITY a "aaaa">]>'
     write_xlsx(tmp_path / "config.xlsx", [HEADING], prolog=bomb)
     assert_says(refusal(read_imported_saf_config, tmp_path), "declares a document type")

@@ -1,11 +1,11 @@
-"""Foreign layouts against plain decoders that read FORMATS bit by bit."""
+"""Foreign layouts against plain decoders that read them bit by bit."""
 
 import json
 
 import numpy as np
 import pytest
 from reference_searches import literal_egs, literal_sgfs
-from refusals import refusal
+from refusals import assert_says, refusal
 from scipy.ndimage import sobel
 
 from saf_gen.benchmark.evaluate import evaluate
@@ -16,7 +16,7 @@ from saf_gen.stream.stream_writer import write_stream
 
 
 def decoded(raw, layout, t):
-    """Frame t of a file's bytes, decoded the slow way; rows in the file's order."""
+    """Frame t of a file's bytes, decoded bit by bit, with rows in the file's order."""
     if layout == "416":
         frame = raw[13_000 * t : 13_000 * (t + 1)]
         return [[frame[52 * y + x // 8] >> (x % 8) & 1 for x in range(400)] for y in range(250)]
@@ -29,7 +29,7 @@ def decoded(raw, layout, t):
 
 
 def raw_file(path, layout, frames, seed=0):
-    """Random bytes, the ignored ones too: a reader that looks at them is found out."""
+    """Write random bytes, including those to be ignored, so that a reader that uses them fails."""
     raw = np.random.default_rng(seed).integers(0, 256, frames * RAW_LAYOUTS[layout].frame_bytes, np.uint8).tobytes()
     path.write_bytes(raw)
     return raw
@@ -61,7 +61,7 @@ def test_a_stream_goes_out_and_comes_back(tmp_path, layout, flip):
     assert import_raw_frames(tmp_path / "a.dat", tmp_path / "b.h5", layout=layout, flip=flip) == digest
 
 
-def test_slabs_join_without_a_seam(tmp_path):
+def test_time_blocks_join_without_a_seam(tmp_path):
     raw = raw_file(tmp_path / "a.dat", "416", 2_003)
     import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", readout_hz=40_000)
     with open_stream(tmp_path / "a.h5") as stream:
@@ -87,7 +87,7 @@ def test_fewer_frames_are_the_first_ones(tmp_path):
 
 @pytest.mark.parametrize(("layout", "lit"), [("416", 0), ("sps1000", 0), ("dense", -1)])
 def test_the_first_row_of_a_file_is_the_top_one_but_for_dense(tmp_path, layout, lit):
-    """A file with nothing but 50 bytes of ones at its beginning: in ``dense`` they are the bottom row's."""
+    """A file with only 50 bytes of ones at its beginning: in ``dense`` they belong to the bottom row."""
     (tmp_path / "a.dat").write_bytes(bytes([255] * 50) + bytes(RAW_LAYOUTS[layout].frame_bytes - 50))
     import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", layout=layout)
     with open_stream(tmp_path / "a.h5") as stream:
@@ -105,7 +105,7 @@ def test_more_frames_than_there_are_is_an_error(tmp_path, frames):
     assert not (tmp_path / "a.h5").exists()
 
 
-def test_a_remainder_is_told_with_the_layouts_that_fit(tmp_path):
+def test_a_remainder_is_refused_with_the_layouts_that_fit(tmp_path):
     (tmp_path / "a.dat").write_bytes(bytes(12_500 * 3))
     error = refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "a.h5")
     assert "37500 bytes" in error.problem
@@ -113,21 +113,18 @@ def test_a_remainder_is_told_with_the_layouts_that_fit(tmp_path):
     assert error.hint == "layouts that fit: dense (3 frames)"
 
 
-def test_a_remainder_that_fits_no_layout_is_told(tmp_path):
+def test_a_remainder_that_fits_no_layout_is_refused(tmp_path):
     (tmp_path / "a.dat").write_bytes(bytes(12_999))
-    message = str(refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "a.h5"))
-    assert "12999" in message
-    assert "no known layout fits" in message
+    assert_says(refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "a.h5"), "12999 | no known layout fits")
 
 
 def test_an_unknown_layout_names_the_nearest(tmp_path):
-    message = str(refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "a.h5", layout="dens"))
-    assert "unknown layout 'dens'" in message
-    assert "416, dense, sps1000" in message
-    assert "'dense'" in message
+    error = refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "a.h5", layout="dens")
+    assert (error.problem, error.nearest) == ("unknown layout 'dens'", "dense")
+    assert "416, dense, sps1000" in error.allowed
 
 
-def test_missing_empty_and_folder_are_told(tmp_path):
+def test_missing_and_empty_files_and_folders_are_refused(tmp_path):
     assert "No such file" in str(refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "a.h5"))
     (tmp_path / "a.dat").touch()
     assert "is empty" in str(refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "a.h5"))
@@ -136,10 +133,8 @@ def test_missing_empty_and_folder_are_told(tmp_path):
 
 def test_a_stream_of_another_size_is_not_exported(tmp_path):
     write_stream(tmp_path / "a.h5", np.zeros((3, 250, 400), np.uint8))
-    message = str(refusal(export_raw_frames, tmp_path / "a.h5", tmp_path / "a.dat", layout="sps1000"))
-    assert "250 x 400 pixels" in message
-    assert "1000 x 1000" in message
-    assert "layouts that fit: 416, dense" in message
+    error = refusal(export_raw_frames, tmp_path / "a.h5", tmp_path / "a.dat", layout="sps1000")
+    assert_says(error, "250 x 400 pixels | 1000 x 1000 | layouts that fit: 416, dense")
     (tmp_path / "file").touch()
     error = refusal(export_raw_frames, tmp_path / "a.h5", tmp_path / "file" / "a.dat")
     assert "cannot be written" in error.problem
@@ -149,9 +144,8 @@ def test_a_stream_of_another_size_is_not_exported(tmp_path):
 def test_a_file_is_not_written_over_itself(tmp_path):
     raw = raw_file(tmp_path / "a.dat", "416", 2)
     (tmp_path / "link.dat").symlink_to(tmp_path / "a.dat")
-    message = str(refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "link.dat"))
-    assert "a.dat: would be written over itself" in message
-    assert "choose another name" in message
+    error = refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "link.dat")
+    assert_says(error, "a.dat: would be written over itself | choose another name")
     assert (tmp_path / "a.dat").read_bytes() == raw
     import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
     assert "a.h5: would be written over itself" in str(refusal(export_raw_frames, tmp_path / "a.h5", tmp_path / "a.h5"))
@@ -177,7 +171,7 @@ LITERAL_MEASURES = {
 
 
 class LiteralView:
-    """Windows of a ``416`` file, read without saf_gen: rows of 50 bytes and 2 that are skipped."""
+    """Windows of a ``416`` file, read without saf_gen: rows of 50 bytes and 2 skipped bytes."""
 
     def __init__(self, path, measure):
         rows = np.fromfile(path, np.uint8).reshape(-1, 250, 52)

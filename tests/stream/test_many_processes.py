@@ -1,4 +1,4 @@
-"""Streams in several processes and many at once: what a network's data loader does with them."""
+"""Streams in several processes, and many streams at once, as in the data loader of a network."""
 
 import gc
 import multiprocessing
@@ -29,16 +29,16 @@ def count_and_send(stream, pipe):
 @pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("threads", [None, 2])
 def test_a_stream_that_the_parent_opened_and_read_is_read_in_another_process(path, method, threads):
-    """Threads do not survive a fork: a reader that waited for those of its parent would wait for ever."""
+    """Threads do not survive a fork, so that a reader that waited for those of its parent would hang."""
     context = multiprocessing.get_context(method)
     with open_stream(path, threads=threads) as stream:
         stream.counts(0, 5_000)
-        here, there = context.Pipe(duplex=False)
-        process = context.Process(target=count_and_send, args=(stream, there))
+        receiver, sender = context.Pipe(duplex=False)
+        process = context.Process(target=count_and_send, args=(stream, sender))
         process.start()
-        there.close()
-        assert here.poll(60), "the other process does not answer"
-        counts, frames, packed, _ = here.recv()
+        sender.close()
+        assert receiver.poll(60), "the other process does not answer"
+        counts, frames, packed, _ = receiver.recv()
         process.join(60)
         assert process.exitcode == 0
         assert np.array_equal(counts, FRAMES[100:4_900].sum(axis=0))
@@ -72,7 +72,7 @@ def test_all_streams_share_one_budget_and_what_is_closed_or_lost_is_free(tmp_pat
             assert kept_bytes() <= block_memory.BUDGET_BYTES
     assert kept_bytes() == block_memory.BUDGET_BYTES
     streams.pop().close()
-    assert kept_bytes() == 0  # ten blocks fit, and the stream that was read last had them all
+    assert kept_bytes() == 0  # ten blocks fit, all of them from the stream that was read last
     streams[0].counts(0, 640)
     assert kept_bytes() > 0
     del stream, streams
@@ -92,11 +92,11 @@ def test_a_reader_keeps_three_blocks_whatever_the_budget(monkeypatch):
 
 
 def test_a_stream_that_is_lost_while_blocks_are_looked_for_is_forgotten_later(monkeypatch):
-    """Garbage is collected at any moment, so from a thread that holds the lock: waiting for it would be for ever."""
+    """Garbage may be collected in a thread that holds the lock; waiting for the lock would never end."""
     memory = BlockMemory()
     memory.find(1, 0, shape=(2, 3, 4))
-    make_room = memory._make_room
-    monkeypatch.setattr(memory, "_make_room", lambda *given: memory.forget(1) or make_room(*given))
+    allocate = memory._allocate
+    monkeypatch.setattr(memory, "_allocate", lambda *args: memory.forget(1) or allocate(*args))
     memory.find(2, 0, shape=(2, 3, 4))
     assert list(memory._blocks) == [(1, 0), (2, 0)]
     memory.find(2, 0, shape=(2, 3, 4))

@@ -1,4 +1,4 @@
-"""Views of a stream: the right windows, in each kind of file, with what is known drawn beside them."""
+"""Views of a stream: the right windows in each kind of file, together with plots of the known metadata."""
 
 import html
 import json
@@ -17,9 +17,9 @@ from refusals import assert_says, refusal
 from saf_gen.benchmark.evaluate import score_evaluated_blocks
 from saf_gen.stream.interval_texture import texture_of_stream_window
 from saf_gen.stream.pictures import FORMS, write_view
-from saf_gen.stream.pictures.movie import CURSOR, Screen, write_mp4_of_stream
+from saf_gen.stream.pictures.movie import CURSOR, MovieCanvas, write_mp4_of_stream
 from saf_gen.stream.pictures.timeline import BINS, describe_moment_of_stream, read_stream_timeline
-from saf_gen.stream.pictures.windows import choose_windows_of_stream
+from saf_gen.stream.pictures.window_pictures import choose_windows_of_stream
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
@@ -29,7 +29,7 @@ BOX = (slice(5, 15), slice(8, 24))
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory):
-    """Half the array under twice the light of the other, for one readout ten times as much; a sweep with its truth."""
+    """A sweep with its truth; half the array has twice the light of the other, and one readout ten times as much."""
     rate = np.where(np.arange(COLUMNS) < COLUMNS // 2, 0.2, 0.4)
     frames = np.random.default_rng(2).random((FRAMES, ROWS, COLUMNS)) < rate
     gain = np.ones((FRAMES, 2), np.float32)
@@ -51,7 +51,7 @@ def stream(tmp_path_factory):
 
 @pytest.fixture
 def bare(tmp_path):
-    """A stream of which nothing else is known."""
+    """A stream without metadata."""
     write_stream(tmp_path / "bare.h5", np.ones((40, 6, 10), np.uint8))
     with open_stream(tmp_path / "bare.h5") as opened:
         yield opened
@@ -82,40 +82,40 @@ def test_a_screen_holds_a_picture_of_any_shape(tmp_path, size):
     write_stream(tmp_path / "odd.h5", np.random.default_rng(1).integers(0, 2, (30, *size), np.uint8))
     with open_stream(tmp_path / "odd.h5") as odd:
         timeline = read_stream_timeline(odd, first=0, stop=30, window=3)
-        width, height = Screen(choose_windows_of_stream(odd), timeline, region=None).size
+        width, height = MovieCanvas(choose_windows_of_stream(odd), timeline, region=None).size
     assert width <= 800 + 380
     assert height <= 800 + 26
 
 
 def test_half_the_light_is_as_dark_in_every_picture(stream):
-    """Counts of 20 and 40 in 100 frames: the ratio of grey values is that of light to the power of 1/2.2."""
+    """Counts of 20 and 40 in 100 frames: the ratio of grey values is that of the light to the power of 1/2.2."""
     for picture in choose_windows_of_stream(stream, count=3):
         dark, bright = picture[:, :16].mean(), picture[:, 16:].mean()
         assert dark / bright == pytest.approx(0.5 ** (1 / 2.2), abs=0.02)
 
 
 def test_a_long_recording_is_read_window_by_window(stream):
-    """A view of 1,200 frames asks for a window at a time, and for no more windows than it draws and scores."""
+    """A view of 1,200 frames reads one window at a time, and only the windows that it draws and scores."""
 
     class Watched:
-        asked: list[tuple[int, int]] = []  # noqa: RUF012 - one object
+        read: list[tuple[int, int]] = []  # noqa: RUF012 - one object
 
         def __getattr__(self, name):
             return getattr(stream, name)
 
         def counts(self, first, stop, *, region=None):
-            self.asked.append((first, stop))
+            self.read.append((first, stop))
             return stream.counts(first, stop, region=region)
 
     watched = Watched()
     pictures = list(choose_windows_of_stream(watched, window=20, count=30))
     read_stream_timeline(watched, first=0, stop=FRAMES, window=20, measures=["sd"])
     assert len(pictures) == 30
-    assert {stop - first for first, stop in watched.asked} == {20}
-    assert len(watched.asked) == 12 + 30 + 2 * 60
+    assert {stop - first for first, stop in watched.read} == {20}
+    assert len(watched.read) == 12 + 30 + 2 * 60
 
 
-def test_scores_beside_pictures_are_those_of_the_methods(stream):
+def test_scores_next_to_pictures_are_those_of_the_methods(stream):
     for measure in ("sd", "sd_debiased", "tenengrad_tfi", "sd_calibrated"):
         timeline = read_stream_timeline(stream, first=0, stop=FRAMES, window=100, measures=[measure], region=BOX)
         first, scores = score_evaluated_blocks(stream, measure, window=100, region="target")
@@ -134,7 +134,7 @@ def test_a_flash_of_one_readout_is_drawn_however_long_the_view(stream):
     assert timeline.depth_of_focus == pytest.approx((-0.05, 0.05))
 
 
-def test_a_moment_is_told_in_words(stream, bare):
+def test_a_moment_is_described_in_words(stream, bare):
     # Frames 540 to 639: the lens is at 590/1,200, which is 0.0917 travels or 0.9 depths of focus from 0.4.
     assert (
         describe_moment_of_stream(stream, first=540, window=100)
@@ -186,20 +186,20 @@ def test_a_gif_has_a_frame_for_each_picture_and_the_rate_asked_for(stream, tmp_p
         assert image.n_frames == 12
         assert {frame.info["duration"] for frame in ImageSequence.Iterator(image)} == {120}  # hundredths of a second
         image.seek(5)
-        whole = np.asarray(image.convert("RGB"), int)
+        screen = np.asarray(image.convert("RGB"), int)
     pictures = choose_windows_of_stream(stream, every=100)
     expected = np.kron(list(pictures)[5], np.ones((13, 13)))[:240, :300]
-    # Beside the box; a GIF has 200 greys here, and Pillow takes one that is near, not always the nearest.
-    assert np.abs(whole[:240, :300].mean(axis=2) - expected)[:60, :100].max() <= 4
+    # Outside the box; the GIF has 200 greys, of which Pillow chooses a near one, not always the nearest.
+    assert np.abs(screen[:240, :300].mean(axis=2) - expected)[:60, :100].max() <= 4
 
 
 def test_the_cursor_goes_as_frames_go(stream):
     pictures = choose_windows_of_stream(stream, window=100, count=5)
-    screen = Screen(pictures, read_stream_timeline(stream, first=0, stop=FRAMES, window=100), region=None)
-    assert screen.size[0] % 2 == screen.size[1] % 2 == 0
+    canvas = MovieCanvas(pictures, read_stream_timeline(stream, first=0, stop=FRAMES, window=100), region=None)
+    assert canvas.size[0] % 2 == canvas.size[1] % 2 == 0
     seen = []
-    for image in screen:
-        assert image.shape == (screen.size[1], screen.size[0], 3)
+    for image in canvas:
+        assert image.shape == (canvas.size[1], canvas.size[0], 3)
         seen.append(np.flatnonzero((image == CURSOR).all(axis=2).sum(axis=0) > 50).min())
     steps = np.diff(seen) / np.diff(pictures.centres)
     assert steps == pytest.approx(steps.mean(), rel=0.02)
@@ -207,7 +207,7 @@ def test_the_cursor_goes_as_frames_go(stream):
 
 @pytest.fixture
 def encoder(monkeypatch):
-    """Stands for imageio-ffmpeg, which need not be installed: keeps what it is given."""
+    """Replace imageio-ffmpeg, which need not be installed, and keep the frames."""
     fake = ModuleType("imageio_ffmpeg")
     fake.__spec__ = ModuleSpec("imageio_ffmpeg", None)
     fake.frames = []
@@ -264,8 +264,8 @@ def test_a_page_stands_alone_and_holds_every_picture(stream, tmp_path):
 def test_a_page_is_scrubbed_by_keys_and_by_the_plots(stream, tmp_path):
     write_view(stream, tmp_path / "index.html", every=100, measures=["sd"])
     script = """
-    const told = page.querySelector("output"), slider = page.querySelector("input"), plot = page.querySelector(".plot");
-    const at = () => [told.value.split(" ")[1], slider.value, page.querySelector(".cursor").style.left];
+    const text = page.querySelector("output"), slider = page.querySelector("input"), plot = page.querySelector(".plot");
+    const at = () => [text.value.split(" ")[1], slider.value, page.querySelector(".cursor").style.left];
     const key = (name) => page.dispatchEvent(new window.KeyboardEvent("keydown", { key: name }));
     const seen = [at()];
     key("ArrowRight"); seen.push(at());
@@ -277,7 +277,7 @@ def test_a_page_is_scrubbed_by_keys_and_by_the_plots(stream, tmp_path):
     return { seen, playing, wide: page.documentElement.scrollWidth, ratio: page.querySelector(".view").offsetWidth };
     """
     answer = run_in_page(tmp_path, script, width=390)
-    # It begins nearest to the focus, at frame 479.5.
+    # It starts at the picture nearest to the focus, at frame 479.5.
     assert [moment[1] for moment in answer["seen"]] == ["4", "5", "3", "11"]
     assert [moment[0] for moment in answer["seen"]] == ["400–499", "500–599", "300–399", "1,100–1,199"]
     assert answer["playing"] == "Stop"
@@ -286,7 +286,7 @@ def test_a_page_is_scrubbed_by_keys_and_by_the_plots(stream, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("options", "message"),
     [
         ({"name": "a.txt"}, "unknown kind of file '.txt' | .gif, .html, .mp4, .pdf, .png, .svg"),
         ({"name": "a.pngg"}, "did you mean '.png'?"),
@@ -303,31 +303,31 @@ def test_a_page_is_scrubbed_by_keys_and_by_the_plots(stream, tmp_path):
         ({"measures": ["sd", "cen", "sd_n", "entropy"] * 3}, "sd_n"),
     ],
 )
-def test_what_cannot_be_drawn_is_one_line_and_nothing_is_written(stream, tmp_path, options, says):
+def test_what_cannot_be_drawn_is_one_line_and_nothing_is_written(stream, tmp_path, options, message):
     name = options.pop("name", "a.png")
-    assert_says(refusal(write_view, stream, tmp_path / name, **options), says)
+    assert_says(refusal(write_view, stream, tmp_path / name, **options), message)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
 def test_the_hint_of_too_many_pictures_leads_to_few_enough(stream, tmp_path):
-    write_view(stream, tmp_path / "a.gif", every=-(-1_101 // FORMS["gif"].most), window=100)
+    write_view(stream, tmp_path / "a.gif", every=-(-1_101 // FORMS["gif"].max_count), window=100)
     with Image.open(tmp_path / "a.gif") as image:
         assert 200 < image.n_frames <= 300
 
 
-def test_more_measures_than_can_be_told_apart_are_refused(stream, tmp_path):
+def test_more_measures_than_can_be_distinguished_are_refused(stream, tmp_path):
     names = ["sd", "variance", "brenner", "entropy", "tenengrad", "er_count", "er_sumsq", "vollath_f4", "vollath_f5"]
     assert_says(refusal(write_view, stream, tmp_path / "a.png", measures=names), "9 measures | at most 8")
     assert not list(tmp_path.iterdir())
 
 
 def test_the_command_draws_what_its_options_say(stream, tmp_path, call):
-    code, said, err = call(
+    code, out, err = call(
         "view", stream.path, "--as", "tfi", "--window", 60, "--from", 200, "--to", 800, "--every", 100,
         "--measure", "sd", "--measure", "sd_tfi", "--region", "frame", "--out", tmp_path / "a.png",
     )  # fmt: skip
     assert (code, err) == (0, "")
-    assert said == f"6 pictures of 60 frames each in {tmp_path / 'a.png'}\n"
+    assert out == f"6 pictures of 60 frames each in {tmp_path / 'a.png'}\n"
     code, _, err = call("view", tmp_path / "none.h5", "--out", tmp_path / "b.png")
     assert (code, "there is no such file" in err) == (2, True)

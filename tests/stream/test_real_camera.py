@@ -1,4 +1,4 @@
-"""Recordings of a real camera: raw frames, a lens log and a truth become a ranked row; what they look like is told."""
+"""Recordings of a real camera: raw frames, a lens log and a truth become a ranked row; odd layouts are reported."""
 
 import json
 import os
@@ -23,7 +23,7 @@ FRAMES, TRUTH = 1_000, 0.42
 
 
 def sweep_over_stripes():
-    """A sweep over stripes whose contrast is largest at the truth: (T, 250, 400) of 0 and 1, by chance, one seed."""
+    """A sweep over stripes whose contrast is largest at the truth: random spikes (T, 250, 400), one seed."""
     random = np.random.default_rng(1)
     stripes = np.where(np.arange(400) // 8 % 2, 1.0, -1.0)
     contrast = 0.8 * np.exp(-(((np.linspace(0, 1, FRAMES) - TRUTH) / 0.1) ** 2))
@@ -33,7 +33,7 @@ def sweep_over_stripes():
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """The raw file of a camera, in the layout that SAF recorded, and its lens log."""
+    """The folder with a camera's raw file, in the layout that SAF recorded, and its lens log."""
     folder = tmp_path_factory.mktemp("camera")
     write_stream(folder / "made.h5", sweep_over_stripes())
     export_raw_frames(folder / "made.h5", folder / "desk.dat", layout="416")
@@ -43,16 +43,16 @@ def recording(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_raw_file_a_lens_log_and_a_truth_become_a_ranked_row_in_three_commands(recording, call, tmp_path):
-    out = tmp_path / "mine" / "desk-daylight-00.h5"
-    given = ("--focus", recording / "lens.csv", "--truth", TRUTH, "--depth-of-focus", 0.37, 0.47)
-    code, said, err = call("import", recording / "desk.dat", "--out", out, *given)
+    stream = tmp_path / "mine" / "desk-daylight-00.h5"
+    options = ("--focus", recording / "lens.csv", "--truth", TRUTH, "--depth-of-focus", 0.37, 0.47)
+    code, out, err = call("import", recording / "desk.dat", "--out", stream, *options)
     assert (code, err) == (0, "")
-    assert "1000 frames of 400×250" in said
-    assert "layout 416" in said
-    code, said, _ = call("dataset", "index", tmp_path / "mine")
+    assert "1000 frames of 400×250" in out
+    assert "layout 416" in out
+    code, out, _ = call("dataset", "index", tmp_path / "mine")
     assert code == 0
-    assert "1 sequences in splits test: saf-gen evaluate" in said
-    code, said, err = call("evaluate", tmp_path / "mine", "--method", "sd+argmax")
+    assert "1 sequences in splits test; next: saf-gen evaluate" in out
+    code, _, err = call("evaluate", tmp_path / "mine", "--method", "sd+argmax")
     assert (code, err) == (0, "")
     (row,) = json.loads((tmp_path / "mine" / "evaluation" / "leaderboard.json").read_text())["rows"]
     assert (row["rank"], row["success_1dof"]) == (1, 1.0)
@@ -62,11 +62,11 @@ def test_a_raw_file_a_lens_log_and_a_truth_become_a_ranked_row_in_three_commands
 
 
 def test_what_was_imported_is_what_was_logged(recording, call, tmp_path):
-    given = ("--focus", recording / "lens.csv", "--truth", TRUTH)
-    call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", *given)
+    options = ("--focus", recording / "lens.csv", "--truth", TRUTH)
+    call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", *options)
     with open_stream(tmp_path / "a.h5") as stream, open_stream(recording / "made.h5") as made:
         assert np.array_equal(stream.counts(0, FRAMES), made.counts(0, FRAMES))
-        # The middle of readout t is at (t + 0.5)/20,000 s, and the lens takes 0.05 s.
+        # The middle of readout t is at (t + 0.5)/20,000 s, and the sweep takes 0.05 s.
         assert stream.focus_position == pytest.approx((np.arange(FRAMES) + 0.5) / 1_000, abs=1e-6)
         assert stream.truth.position == 0.42
         assert stream.truth.frame == pytest.approx(419.5, abs=1e-3)
@@ -74,20 +74,20 @@ def test_what_was_imported_is_what_was_logged(recording, call, tmp_path):
 
 def test_a_log_of_lights_becomes_their_gains(recording, call, tmp_path):
     (tmp_path / "light.csv").write_text("seconds,lamp,window\n0,1,0.5\n0.025,1,0.5\n0.05,3,0.5\n")
-    given = ("--light", tmp_path / "light.csv")
-    assert call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", *given)[0] == 0
+    options = ("--light", tmp_path / "light.csv")
+    assert call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", *options)[0] == 0
     with open_stream(tmp_path / "a.h5") as stream:
         assert stream.light_names == ("lamp", "window")
-        # Readout 749 has its middle at 749.5/20,000 s, halfway from 0.025 to 0.05 s less half a thousandth.
+        # Readout 749 has its middle at 749.5/20,000 s, half a readout before halfway from 0.025 to 0.05 s.
         assert stream.gain[[0, 499, 749]] == pytest.approx(np.array([[1, 0.5], [1, 0.5], [1.998, 0.5]]), abs=1e-3)
-    for text, says in (
-        ("seconds,lamp\n0,-1\n", "gain -1 of lamp"),
+    for text, message in (
+        ("seconds,lamp\n0,-1\n", "a gain of lamp is -1"),
         ("seconds\n0\n", "the columns are 'seconds'; allowed: frame,NAME,NAME… or seconds,NAME,NAME…"),
         ("seconds,a,a\n0,1,1\n", "the columns are 'seconds,a,a'"),
     ):
         (tmp_path / "light.csv").write_text(text)
-        code, _, err = call("import", recording / "desk.dat", "--out", tmp_path / "b.h5", *given)
-        assert (code, says in err) == (2, True), err
+        code, _, err = call("import", recording / "desk.dat", "--out", tmp_path / "b.h5", *options)
+        assert (code, message in err) == (2, True), err
     assert not (tmp_path / "b.h5").exists()
 
 
@@ -101,7 +101,7 @@ def test_an_evaluation_without_truth_answers(recording, call, tmp_path):
 
 
 def spikecv_reads(raw, *, rows=250, columns=400):
-    """Return the frames of a .dat file as SpikeCV and Spike-Zoo decode it: dense bits, then turned over."""
+    """Return the frames of a .dat file as SpikeCV and Spike-Zoo decode it: dense bits, then flipped."""
     bits = np.unpackbits(np.frombuffer(raw, np.uint8), bitorder="little")
     return bits.reshape(-1, rows, columns)[:, ::-1]
 
@@ -110,9 +110,9 @@ def spikecv_reads(raw, *, rows=250, columns=400):
 def test_other_software_reads_an_export_bit_for_bit_and_the_right_way_up(call, tmp_path, options):
     frames = np.random.default_rng(3).integers(0, 2, (17, 250, 400), np.uint8)
     write_stream(tmp_path / "a.h5", frames)
-    code, said, _ = call("export", tmp_path / "a.h5", "--out", tmp_path / "a.dat", *options)
+    code, out, _ = call("export", tmp_path / "a.h5", "--out", tmp_path / "a.dat", *options)
     assert code == 0
-    assert said == f"{17 * 12_500} bytes in {tmp_path / 'a.dat'}, layout dense\n"
+    assert out == f"{17 * 12_500} bytes in {tmp_path / 'a.dat'}, layout dense\n"
     assert np.array_equal(spikecv_reads((tmp_path / "a.dat").read_bytes()), frames)
 
 
@@ -128,30 +128,30 @@ def test_an_export_for_saf_has_its_gaps_and_can_be_turned_over(call, tmp_path):
 
 @pytest.mark.parametrize("layout", sorted(RAW_LAYOUTS))
 def test_the_layout_of_an_own_file_is_found(tmp_path, layout):
-    of = RAW_LAYOUTS[layout]
-    write_stream(tmp_path / "a.h5", np.random.default_rng(1).integers(0, 2, (125, of.rows, of.columns), np.uint8))
+    raw = RAW_LAYOUTS[layout]
+    write_stream(tmp_path / "a.h5", np.random.default_rng(1).integers(0, 2, (125, raw.rows, raw.columns), np.uint8))
     export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout)
     if layout == "sps1000":  # 125 of its frames are 1,280 of the dense ones
         error = refusal(sniff_imported_layout, tmp_path / "a.dat")
         assert error.problem == "its 16000000 bytes fit dense and sps1000"
         assert error.hint == "say which with --layout"
         export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout)
-        (tmp_path / "a.dat").write_bytes((tmp_path / "a.dat").read_bytes()[: 3 * of.frame_bytes])
+        (tmp_path / "a.dat").write_bytes((tmp_path / "a.dat").read_bytes()[: 3 * raw.frame_bytes])
     assert sniff_imported_layout(tmp_path / "a.dat") == layout
 
 
-def test_a_layout_that_looks_wrong_is_said(recording, call, tmp_path):
-    code, said, err = call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", "--layout", "dense")
+def test_a_layout_that_looks_wrong_is_reported(recording, call, tmp_path):
+    code, out, err = call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", "--layout", "dense")
     assert code == 0
-    assert "1040 frames" in said
-    assert err == f"{recording / 'desk.dat'} looks like layout 416, and is read as dense\n"
+    assert "1040 frames" in out
+    assert err == f"{recording / 'desk.dat'} looks like layout 416, but is read as dense\n"
 
 
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
         ("time,position\n0,0\n", "the columns are 'time,position'"),
-        ("frame,position\n0,1.5\n", "position 1.5"),
+        ("frame,position\n0,1.5\n", "a position is 1.5"),
         ("frame,position\n5000,0.5\n", "the log covers frames 5000 to 5000"),
         ("frame,position\n0,0\n0,1\n", "frame goes from 0 to 0"),
         ("frame,position\n", "the table has no rows"),
@@ -172,14 +172,12 @@ def test_a_truth_is_a_position_or_a_frame_of_the_log():
         error = refusal(lambda text=text: import_truth_from_text(text, focus_position=lens))
         assert error.allowed == "a position from 0 to 1, or frame:N with N from 0 to 100"
     assert refusal(lambda: import_truth_from_text("frame:3", focus_position=None)).hint == "add --focus"
-    assert (
-        "the truth 0.25"
-        in refusal(lambda: import_truth_from_text("0.25", focus_position=lens, depth_of_focus=(0.3, 0.4))).allowed
-    )
+    error = refusal(lambda: import_truth_from_text("0.25", focus_position=lens, depth_of_focus=(0.3, 0.4)))
+    assert "the truth 0.25" in error.allowed
 
 
 def test_nothing_is_written_where_something_does_not_fit(recording, call, tmp_path):
-    for options, said in (
+    for options, message in (
         (("--truth", "2"), "truth is '2'"),
         (("--depth-of-focus", 0.1, 0.2), "--depth-of-focus is given without --truth"),
         (("--layout", "dens"), "did you mean 'dense'?"),
@@ -187,7 +185,7 @@ def test_nothing_is_written_where_something_does_not_fit(recording, call, tmp_pa
     ):
         code, _, err = call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", *options)
         assert code == 2
-        assert said in err
+        assert message in err
         assert not (tmp_path / "a.h5").exists()
     code, _, err = call("export", recording / "made.h5", "--out", tmp_path / "a.dat", "--for", "spikecw")
     assert (code, "did you mean 'spikecv'?" in err) == (2, True)
@@ -216,7 +214,7 @@ def test_a_folder_is_indexed_once_with_splits_and_names(tmp_path):
 
 
 def test_a_name_that_is_no_utf_8_is_written_as_escapes(tmp_path, call):
-    """Such names come from cameras and archives of other systems; a file could not hold them as they are."""
+    """Such names come from cameras and archives of other systems; a file cannot store them unchanged."""
     recorded, made = tmp_path / os.fsdecode(b"\xff\x1b.npy"), tmp_path / os.fsdecode(b"made\xfe.h5")
     np.save(recorded, np.zeros((16, 8, 8), np.uint8))
     code, out, err = call("import", recorded, "--out", made)
@@ -229,4 +227,4 @@ def test_a_name_that_is_no_utf_8_is_written_as_escapes(tmp_path, call):
     assert call("evaluate", made, "--method", "sd+argmax:window=4")[0] == 0
     code, _, err = call("dataset", "index", tmp_path)
     assert code == 2
-    assert "is no UTF-8; allowed: names that a manifest can hold; rename it" in err
+    assert "is not UTF-8; allowed: names that a manifest can hold; rename it" in err

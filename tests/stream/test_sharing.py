@@ -1,4 +1,4 @@
-"""Packed datasets: what is fetched is what was packed, and nothing else is ever taken."""
+"""Packed datasets: a fetched dataset equals the packed one, and nothing else is ever accepted."""
 
 import io
 import json
@@ -28,7 +28,7 @@ LICENCE = ("CC-BY-4.0",)
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    """Four small streams of two splits, with a focal stack's file beside them. Do not change it."""
+    """Four small streams in two splits, and a file of a focal stack. Do not change it."""
     folder = tmp_path_factory.mktemp("sharing") / "mine"
     rng = np.random.default_rng(3)
     for name in ("train/a-constant-00", "train/a-constant-01", "train/b-constant-00", "test/c-constant-00"):
@@ -41,7 +41,7 @@ def dataset(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def packed(dataset, tmp_path_factory):
-    """The dataset packed, a shard for each stream. Do not change it."""
+    """The packed dataset with one shard per stream. Do not change it."""
     folder = tmp_path_factory.mktemp("packed") / "out"
     pack_dataset(dataset, folder, shard_bytes=1, licences=LICENCE)
     return folder
@@ -49,7 +49,7 @@ def packed(dataset, tmp_path_factory):
 
 @pytest.fixture
 def copy(packed, tmp_path):
-    """A copy of the packed dataset that a test may spoil."""
+    """A copy of the packed dataset that a test may change."""
     return Path(shutil.copytree(packed, tmp_path / "copy"))
 
 
@@ -62,7 +62,7 @@ def streams_of(folder):
 
 
 class Handler(SimpleHTTPRequestHandler):
-    """A server that takes ranges where ``ranges`` says so, and breaks off the first answers of ``breaks``."""
+    """A server that serves ranges if ``ranges`` is true, and breaks off its first responses as ``breaks`` states."""
 
     def log_message(self, *_):
         pass
@@ -72,10 +72,10 @@ class Handler(SimpleHTTPRequestHandler):
         if not path.is_file():
             self.send_error(404)
             return
-        asked = self.headers.get("Range", "")
-        self.server.asked.append((path.name, asked))
+        wanted = self.headers.get("Range", "")
+        self.server.requests.append((path.name, wanted))
         content = path.read_bytes()
-        start = int(asked.removeprefix("bytes=").rstrip("-")) if asked and self.server.ranges else 0
+        start = int(wanted.removeprefix("bytes=").rstrip("-")) if wanted and self.server.ranges else 0
         self.send_response(206 if start else 200)
         if start:
             self.send_header("Content-Range", f"bytes {start}-{len(content) - 1}/{len(content)}")
@@ -89,7 +89,7 @@ class Handler(SimpleHTTPRequestHandler):
 @contextmanager
 def serve(folder, *, ranges=True, breaks=None):
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(folder))) as server:
-        server.asked, server.ranges, server.breaks = [], ranges, dict(breaks or {})
+        server.requests, server.ranges, server.breaks = [], ranges, dict(breaks or {})
         threading.Thread(target=partial(server.serve_forever, 0.01), daemon=True).start()
         try:
             yield server, f"http://127.0.0.1:{server.server_address[1]}"
@@ -141,17 +141,19 @@ def test_focal_stacks_are_packed_when_asked_for(dataset, tmp_path):
 
 @pytest.mark.parametrize("ranges", [True, False])
 def test_a_download_that_breaks_off_goes_on(dataset, packed, tmp_path, ranges):
-    """With ranges it goes on where it stopped; a server without them sends all again."""
+    """With ranges it resumes where it stopped; a server without ranges sends everything again."""
     with serve(packed, ranges=ranges, breaks={"test-00000.tar": 2 if ranges else 1}) as (server, address):
         folder, _ = fetch_dataset(f"{address}/index.json", tmp_path / "again")
     assert streams_of(folder) == streams_of(dataset)
-    asked = [given for name, given in server.asked if name == "test-00000.tar"]
-    assert asked == (["", "bytes=1000-", "bytes=2000-"] if ranges else ["", "bytes=1000-"])
+    wanted = [span for name, span in server.requests if name == "test-00000.tar"]
+    assert wanted == (["", "bytes=1000-", "bytes=2000-"] if ranges else ["", "bytes=1000-"])
 
 
 def test_what_was_fetched_before_a_stop_is_not_fetched_again(dataset, packed, tmp_path):
-    """The server breaks off one shard for ever: the folder is no dataset yet, and the rest of it is kept."""
-    broken = pytest.raises(BadInput, match=r"train-00001\.tar: cannot be fetched: .*goes on where it stopped")
+    """The server always breaks off one shard: the folder is no dataset yet, and the other shards are kept."""
+    broken = pytest.raises(
+        BadInput, match=r"train-00001\.tar: cannot be fetched: .*run the same command again to continue"
+    )
     with serve(packed, ranges=False, breaks={"train-00001.tar": 99}) as (_, address), broken:
         fetch_dataset(address, tmp_path / "again")
     assert not (tmp_path / "again/manifest.json").exists()
@@ -160,9 +162,9 @@ def test_what_was_fetched_before_a_stop_is_not_fetched_again(dataset, packed, tm
     with serve(packed) as (server, address):
         folder, _ = fetch_dataset(address, tmp_path / "again")
     assert streams_of(folder) == streams_of(dataset)
-    names = [name for name, _ in server.asked if name.endswith(".tar")]
+    names = [name for name, _ in server.requests if name.endswith(".tar")]
     assert len(names) == 4 - len(kept)
-    assert dict(server.asked)["train-00001.tar"] == "bytes=1000-"
+    assert dict(server.requests)["train-00001.tar"] == "bytes=1000-"
 
 
 def test_a_server_that_sends_more_than_the_index_says_is_stopped(copy, tmp_path):
@@ -170,7 +172,7 @@ def test_a_server_that_sends_more_than_the_index_says_is_stopped(copy, tmp_path)
     path.write_bytes(path.read_bytes() + bytes(5_000_000))
     with (
         serve(copy) as (_, address),
-        pytest.raises(BadInput, match=r"has more than [\d,]+ bytes, which the index says"),
+        pytest.raises(BadInput, match=r"has more than the [\d,]+ bytes that the index states"),
     ):
         fetch_dataset(address, tmp_path / "again")
     assert not streams_of(tmp_path / "again").keys() & {"test/c-constant-00.h5"}
@@ -184,18 +186,18 @@ def edit_index(folder, change):
 
 
 def write_tar(folder, *infos):
-    """Put a tar in place of the test split's shard, with an index that tells its own digest rightly."""
+    """Replace the test split's shard by another tar, and update its digest in the index."""
     path = folder / "test-00000.tar"
     with tarfile.open(path, "w") as tar:
         for info, content in infos:
             info.size = len(content)
             tar.addfile(info, io.BytesIO(content))
 
-    def tell(index):
+    def update_shard(index):
         shard = next(s for s in index["shards"] if s["file"] == path.name)
         shard |= {"bytes": path.stat().st_size, "sha256": sha256(path.read_bytes()).hexdigest()}
 
-    edit_index(folder, tell)
+    edit_index(folder, update_shard)
 
 
 def flip_a_bit(folder):
@@ -222,7 +224,7 @@ def set_key(key, value):
     return lambda folder: edit_index(folder, lambda index: index.update({key: value}))
 
 
-SPOILT = {
+DAMAGED = {
     "a flipped bit": (flip_a_bit, r"test-00000\.tar: has the SHA-256"),
     "a shard cut short": (lambda f: (f / "test-00000.tar").write_bytes(b"x"), r"has 1 bytes; allowed: "),
     "a shard that is missing": (lambda f: (f / "test-00000.tar").unlink(), r"has 0 bytes; allowed: "),
@@ -246,25 +248,25 @@ SPOILT = {
     "no JSON": (lambda f: (f / "index.json").write_text("x"), "this is not JSON"),
     "a link in a shard": (
         lambda f: write_tar(f, (link("test/c-constant-00.h5", "/etc/passwd"), b"")),
-        "holds 'test/c-constant-00.h5', which the index does not name so",
+        "holds 'test/c-constant-00.h5', which does not match the index",
     ),
     "a file that the index lacks": (
         lambda f: write_tar(f, (tarfile.TarInfo("../evil.py"), b"x")),
-        r"holds '\.\./evil\.py', which the index does not name so",
+        r"holds '\.\./evil\.py', which does not match the index",
     ),
     "a shard without its file": (lambda f: write_tar(f), "lacks 'test/c-constant-00.h5'"),
 }
 
 
-@pytest.mark.parametrize(("spoil", "said"), SPOILT.values(), ids=SPOILT)
-def test_what_a_stranger_changed_is_refused_and_no_dataset_is_left(dataset, copy, tmp_path, spoil, said):
+@pytest.mark.parametrize(("damage", "message"), DAMAGED.values(), ids=DAMAGED)
+def test_tampered_data_are_refused_and_no_dataset_is_left(dataset, copy, tmp_path, damage, message):
     before = {p for p in tmp_path.rglob("*") if p.is_relative_to(copy)}
-    spoil(copy)
-    with pytest.raises(BadInput, match=said) as refused:
+    damage(copy)
+    with pytest.raises(BadInput, match=message) as refused:
         fetch_dataset(str(copy), tmp_path / "again")
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "again/manifest.json").exists()
-    assert streams_of(tmp_path / "again").items() <= streams_of(dataset).items(), "what was right may stay"
+    assert streams_of(tmp_path / "again").items() <= streams_of(dataset).items(), "only correct streams may stay"
     written = {p for p in tmp_path.rglob("*")} - before
     assert all(p == tmp_path / "again" or p.is_relative_to(tmp_path / "again") for p in written)
 
@@ -273,7 +275,7 @@ def test_content_that_is_not_the_indexed_one_is_refused_though_its_shard_is_righ
     with tarfile.open(copy / "test-00000.tar") as tar:
         (info,) = tar.getmembers()
     write_tar(copy, (tarfile.TarInfo(info.name), bytes(info.size)))
-    with pytest.raises(BadInput, match=r"test-00000\.tar: test/c-constant-00\.h5: is not what the index says"):
+    with pytest.raises(BadInput, match=r"test-00000\.tar: test/c-constant-00\.h5: differs from the index"):
         fetch_dataset(str(copy), tmp_path / "again")
     assert not (tmp_path / "again/test/c-constant-00.h5").exists()
 
@@ -315,7 +317,7 @@ def test_another_dataset_is_not_overwritten(packed, tmp_path):
         fetch_dataset(str(packed), tmp_path / "again")
 
 
-def test_a_folder_with_files_of_yours_is_not_fetched_into(packed, tmp_path):
+def test_a_folder_with_other_files_is_not_fetched_into(packed, tmp_path):
     (tmp_path / "README.md").write_text("mine")
     with pytest.raises(BadInput, match="holds other files; give a folder that is empty or new"):
         fetch_dataset(str(packed), tmp_path)
@@ -324,32 +326,32 @@ def test_a_folder_with_files_of_yours_is_not_fetched_into(packed, tmp_path):
 
 def test_a_dataset_is_not_fetched_to_a_disk_that_is_too_small(packed, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(1, 1, 0))
-    with pytest.raises(BadInput, match="the dataset needs 0 MB in .*, 0 MB are free"):
+    with pytest.raises(BadInput, match="the dataset needs 0 MB in .*, but only 0 MB are free"):
         fetch_dataset(str(packed), tmp_path / "again")
     assert not (tmp_path / "again").exists()
 
 
 def test_a_dataset_that_is_damaged_or_has_no_licence_is_not_packed(dataset, tmp_path):
-    with pytest.raises(BadInput, match=r"nobody has said under which licence .*--licence NAME"):
+    with pytest.raises(BadInput, match=r"the licence of .* is not stated; state one with --licence NAME"):
         pack_dataset(dataset, tmp_path / "out")
-    with pytest.raises(BadInput, match="licence 'my own' is no SPDX name"):
+    with pytest.raises(BadInput, match="licence 'my own' is not an SPDX name"):
         pack_dataset(dataset, tmp_path / "out", licences=["my own"])
-    spoilt = tmp_path / "spoilt"
-    shutil.copytree(dataset, spoilt)
-    shutil.copy(spoilt / "train/a-constant-00.h5", spoilt / "test/c-constant-00.h5")
+    damaged = tmp_path / "damaged"
+    shutil.copytree(dataset, damaged)
+    shutil.copy(damaged / "train/a-constant-00.h5", damaged / "test/c-constant-00.h5")
     with pytest.raises(BadInput, match=r"c-constant-00\.h5: holds 200 frames with the SHA-256"):
-        pack_dataset(spoilt, tmp_path / "out", licences=LICENCE)
+        pack_dataset(damaged, tmp_path / "out", licences=LICENCE)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_packed_dataset_is_not_packed_over(packed, dataset):
-    with pytest.raises(BadInput, match="holds this dataset, packed whole"):
+    with pytest.raises(BadInput, match="already holds this dataset, completely packed"):
         pack_dataset(dataset, packed, licences=LICENCE)
     with pytest.raises(BadInput, match="is not empty"):
         pack_dataset(dataset, dataset, licences=LICENCE)
 
 
-def test_packing_that_was_stopped_leaves_no_folder_and_begins_anew(dataset, packed, tmp_path, monkeypatch):
+def test_packing_that_was_stopped_leaves_no_folder_and_starts_again(dataset, packed, tmp_path, monkeypatch):
     def stop(*step):
         raise KeyboardInterrupt
 
@@ -361,7 +363,7 @@ def test_packing_that_was_stopped_leaves_no_folder_and_begins_anew(dataset, pack
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-def test_names_that_nobody_could_fetch_are_not_packed(dataset, tmp_path):
+def test_names_that_could_not_be_fetched_are_not_packed(dataset, tmp_path):
     for split in ("a/b", ".hidden"):
         copy = tmp_path / f"copy{len(split)}"
         shutil.copytree(dataset, copy)
@@ -372,11 +374,11 @@ def test_names_that_nobody_could_fetch_are_not_packed(dataset, tmp_path):
         assert not (tmp_path / "out").exists()
 
 
-def test_the_commands_tell_the_digest_and_what_is_next(call, dataset, tmp_path, monkeypatch):
+def test_the_commands_print_the_digest_and_the_next_step(call, dataset, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = call("pack", dataset, "--out", "packed", "--licence", "CC-BY-4.0", "--url", "https://example.org")
     digest = sha256((tmp_path / "packed/index.json").read_bytes()).hexdigest()
-    assert (code, err) == (0, "its card has no creator: --creator\n")
+    assert (code, err) == (0, "its card has no creator; add --creator\n")
     assert f"next: saf-gen fetch packed --sha256 {digest}\n" in out
     code, out, err = call("fetch", "packed", "--sha256", digest)
     assert (code, err) == (0, "")
@@ -390,8 +392,8 @@ def test_the_commands_tell_the_digest_and_what_is_next(call, dataset, tmp_path, 
 def test_an_address_where_nothing_is_says_so(packed, tmp_path):
     with (
         serve(packed) as (_, address),
-        pytest.raises(BadInput, match=r"nothing/index\.json: cannot be fetched: .*right"),
+        pytest.raises(BadInput, match=r"nothing/index\.json: cannot be fetched: .*check the address"),
     ):
         fetch_dataset(f"{address}/nothing", tmp_path / "again")
-    with pytest.raises(BadInput, match="cannot be fetched: .*the same command goes on"):
+    with pytest.raises(BadInput, match="cannot be fetched: .*run the same command again"):
         fetch_dataset(address, tmp_path / "again")

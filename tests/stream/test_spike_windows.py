@@ -1,4 +1,4 @@
-"""Windows of a dataset to train with: counts and targets as stored, counted once, then read in any order."""
+"""Windows of a dataset for training: counts and targets as stored, counted once, and read in any order."""
 
 import multiprocessing
 import pickle
@@ -16,7 +16,7 @@ from saf_gen.stream.stream_writer import write_stream
 
 @pytest.fixture
 def dataset(tmp_path, monkeypatch):
-    """Three sequences of 1,000 frames, two to train with; blocks of 64 frames."""
+    """Three sequences of 1,000 frames in blocks of 64 frames; two are for training."""
     monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
     return make_windowed_dataset(tmp_path)
 
@@ -40,8 +40,8 @@ def test_strides_crops_and_targets_are_chosen(dataset):
     # The target's middle is row 2, column 7: the box is moved back into the frame.
     assert np.array_equal(counts[0], make_spikes(0)[50:150].sum(axis=0)[0:4, 4:9])
     assert position == np.float32(TRUTH)
-    own = SpikeWindows(dataset, "test", window=100, target=lambda stream, first, stop: (stream.shape, first, stop))
-    assert own[3][1] == ((FRAMES, *SHAPE), 300, 400)
+    custom = SpikeWindows(dataset, "test", window=100, target=lambda stream, first, stop: (stream.shape, first, stop))
+    assert custom[3][1] == ((FRAMES, *SHAPE), 300, 400)
 
 
 def test_where_the_scene_moves_the_truth_is_that_of_the_moment(dataset):
@@ -60,7 +60,7 @@ def read_all(windows, seed=0):
 def test_each_stream_is_inflated_once_whatever_the_order_and_however_often(dataset, monkeypatch):
     inflated = []
     inflate = time_blocks.inflate_stream_chunk
-    monkeypatch.setattr(time_blocks, "inflate_stream_chunk", lambda *given: inflated.append(1) or inflate(*given))
+    monkeypatch.setattr(time_blocks, "inflate_stream_chunk", lambda *args: inflated.append(1) or inflate(*args))
     windows = SpikeWindows(dataset, window=16)
     read_all(windows)
     blocks = 3 * -(-FRAMES // 64)
@@ -73,7 +73,7 @@ def test_each_stream_is_inflated_once_whatever_the_order_and_however_often(datas
     assert len(inflated) > blocks
 
 
-def test_a_stream_that_was_made_anew_is_counted_anew(dataset):
+def test_a_stream_that_was_replaced_is_counted_again(dataset):
     before, _ = SpikeWindows(dataset, window=100)[0]
     write_stream(
         dataset / "train/s0.h5", make_spikes(9), focus_position=np.zeros(FRAMES, np.float32), truth=make_truth()
@@ -83,15 +83,15 @@ def test_a_stream_that_was_made_anew_is_counted_anew(dataset):
     assert not np.array_equal(after, before)
 
 
-def test_counts_that_were_half_written_are_not_taken_for_whole(dataset, monkeypatch):
+def test_half_written_counts_are_not_used(dataset, monkeypatch):
     windows = SpikeWindows(dataset, window=100, counts=dataset / "elsewhere")
     expected = windows[3]
-    (whole,) = (dataset / "elsewhere").glob("*.npy")
-    whole.write_bytes(whole.read_bytes()[:-1])
+    (file,) = (dataset / "elsewhere").glob("*.npy")
+    file.write_bytes(file.read_bytes()[:-1])
     assert np.array_equal(SpikeWindows(dataset, window=100, counts=dataset / "elsewhere")[3][0], expected[0])
-    whole.unlink()
+    file.unlink()
 
-    def stop(time_blocks, firsts, **given):
+    def stop(time_blocks, firsts, **options):
         yield np.zeros((1, *SHAPE), np.uint8)
         raise KeyboardInterrupt
 
@@ -114,14 +114,14 @@ def test_windows_are_read_in_other_processes(dataset, method):
     context = multiprocessing.get_context(method)
     windows = SpikeWindows(dataset, window=100)
     expected = [windows[number] for number in (0, 25, 13)]
-    here, there = context.Pipe(duplex=False)
-    process = context.Process(target=read_and_send, args=(windows, (0, 25, 13), there))
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=read_and_send, args=(windows, (0, 25, 13), sender))
     process.start()
-    there.close()
-    assert here.poll(60), "the other process does not answer"
-    for (counts, error), (other, told) in zip(expected, here.recv(), strict=True):
-        assert np.array_equal(counts, other)
-        assert error == told
+    sender.close()
+    assert receiver.poll(60), "the other process does not answer"
+    for (counts, error), (other_counts, other_error) in zip(expected, receiver.recv(), strict=True):
+        assert np.array_equal(counts, other_counts)
+        assert error == other_error
     process.join(60)
     assert len(pickle.dumps(windows)) < 100_000
 
@@ -131,11 +131,11 @@ def test_processes_that_count_the_same_sequences_at_once_agree(dataset):
     context = multiprocessing.get_context("fork")
     windows, numbers = SpikeWindows(dataset, window=50), range(60)
     pipes = [context.Pipe(duplex=False) for _ in range(4)]
-    processes = [context.Process(target=read_and_send, args=(windows, numbers, there)) for _, there in pipes]
+    processes = [context.Process(target=read_and_send, args=(windows, numbers, sender)) for _, sender in pipes]
     for process in processes:
         process.start()
-    assert all(here.poll(60) for here, _ in pipes)
-    first, *others = (here.recv() for here, _ in pipes)
+    assert all(receiver.poll(60) for receiver, _ in pipes)
+    first, *others = (receiver.recv() for receiver, _ in pipes)
     for found in others:
         assert np.array_equal([counts for counts, _ in found], [counts for counts, _ in first])
     for process in processes:

@@ -1,4 +1,4 @@
-"""Networks as policies of the closed loop: what they are given, how they are judged, and their version."""
+"""Networks as policies of the closed loop: their input, their records, and their version."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ PROTOCOL = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.04, sw
 
 
 class Half(torch.nn.Module):
-    """Goes to half of what it has learned, and stops when less than half of the budget is left."""
+    """A network that goes to half of its weight, and stops when less than half of the budget is left."""
 
     def __init__(self, weight):
         super().__init__()

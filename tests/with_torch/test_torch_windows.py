@@ -1,4 +1,4 @@
-"""Windows as tensors, in loaders whose workers are forked or spawned; all but the last test need PyTorch."""
+"""Windows as tensors, in loaders with forked or spawned workers; all tests except the last need PyTorch."""
 
 import subprocess
 import sys
@@ -23,7 +23,7 @@ def mean_of_stream(stream, first, stop):
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, in a process that has threads
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_a_loader_reads_streams_that_its_parent_had_opened_and_read(dataset, method):
-    """Once a stream that was read before a fork hung its child for ever, and none could be pickled."""
+    """A stream that was read before a fork used to hang the child, and no stream could be pickled."""
     from torch.utils.data import DataLoader
 
     from saf_gen.torch import SpikeWindows

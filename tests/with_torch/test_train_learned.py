@@ -1,6 +1,7 @@
-"""The training of the learned methods: labels and what their networks see; where PyTorch is, a run from end to end."""
+"""The training of the learned methods: labels, network inputs and, if PyTorch is installed, a complete run."""
 
 import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -10,32 +11,27 @@ from windowed_dataset import make_windowed_dataset
 LEARNED = HERE.parent / "benchmarks" / "learned"
 
 
-@pytest.fixture(scope="module")
-def curves():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(LEARNED)
-        import train_running_curves
+def training_script(name):
+    @pytest.fixture(scope="module")
+    def script():
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(LEARNED)
+            yield import_module(name)
 
-        yield train_running_curves
+    return script
 
 
-@pytest.fixture(scope="module")
-def shot():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(LEARNED)
-        import train_single_shot
-
-        yield train_single_shot
+curves, shot = training_script("train_running_curves"), training_script("train_single_shot")
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    """Three streams of noise: of a size to train with, and nothing to learn."""
+    """Three streams of noise, which are large enough to train with but teach nothing."""
     return make_windowed_dataset(tmp_path_factory.mktemp("noise"), (24, 24), splits=("train", "validation", "test"))
 
 
 def rows_of_sweep(first, last, *, peak=0.4, windows=50):
-    """Return rows of a sweep with four equal curves, a bell over positions."""
+    """Return the rows of a sweep with four equal curves, each a bell over positions."""
     rows = np.ones((windows, 9))
     rows[:, 0], rows[:, 1] = np.arange(windows), np.linspace(first, last, windows)
     rows[:, 5:] = np.exp(-(((rows[:, 1:2] - peak) / 0.1) ** 2))
@@ -72,9 +68,9 @@ def test_what_cannot_be_trained_on_is_refused_in_one_line(curves, tmp_path, monk
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_made_is_told_before_the_training(curves, dataset, tmp_path, monkeypatch, capsys):
+def test_a_folder_that_cannot_be_created_is_refused_before_the_training(curves, dataset, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("training.require_extra", lambda *names, of: None)
-    monkeypatch.setattr(curves, "read_examples", lambda *names, **more: pytest.fail("it has begun"))
+    monkeypatch.setattr(curves, "read_examples", lambda *names, **more: pytest.fail("training has started"))
     (tmp_path / "file").touch()
     monkeypatch.setattr(sys, "argv", ["train", str(dataset), "--out", str(tmp_path / "file" / "out")])
     with pytest.raises(SystemExit) as ended:
@@ -82,7 +78,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_training(curves, datase
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "Not a directory" in line
-    assert "name a folder that can be made" in line
+    assert "name a folder that can be created" in line
 
 
 def test_a_small_run_writes_weights_that_the_method_runs(curves, dataset, tmp_path, monkeypatch):
@@ -125,7 +121,7 @@ def test_the_network_that_is_exported_measures_windows_as_its_training_does(shot
     assert np.allclose(trained, torch.cat(exported), atol=1e-5)
 
 
-def test_a_pair_is_mirrored_half_of_the_time_so_that_the_pictures_alone_tell_the_side(shot):
+def test_half_of_the_pairs_are_mirrored_so_that_only_pictures_reveal_the_side(shot):
     windows = shot.WINDOWS
     flat = np.zeros((windows, shot.OCTAVES, shot.FILTERS), np.float32)
     position = np.linspace(0, 1, windows)

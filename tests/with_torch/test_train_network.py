@@ -1,4 +1,4 @@
-"""The worked example of training a network: how it finds the focus; where PyTorch is, a run to the leaderboard."""
+"""The worked example of training a network: how it finds the focus and, if PyTorch is installed, a complete run."""
 
 import json
 import sys
@@ -24,13 +24,13 @@ def script():
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    """Three streams of noise, one of each split: of a size to train with, and nothing to learn."""
+    """Three streams of noise, one per split, which are large enough to train with but teach nothing."""
     return make_windowed_dataset(tmp_path_factory.mktemp("noise"), (24, 24), splits=("train", "validation", "test"))
 
 
 @pytest.mark.parametrize("focus", [0.25, 0.4, 0.72])
 def test_the_focus_is_where_blurs_rise_to_both_sides(script, focus):
-    """Blurs that say too much near the focus, saturate far from it and scatter by 3 %; 20 draws, seed 0."""
+    """Blurs are too large near the focus, saturate far from it and scatter by 3 %; 20 draws, seed 0."""
     positions, random = np.linspace(0, 1, 80), np.random.default_rng(0)
     for _ in range(20):
         blurs = np.minimum(4 + 60 * np.abs(positions - focus), 16) * random.normal(1, 0.03, 80)
@@ -38,7 +38,7 @@ def test_the_focus_is_where_blurs_rise_to_both_sides(script, focus):
 
 
 def test_a_network_learns_the_blur_in_pixels(script, dataset):
-    """A depth of focus is the way to a blur of one pixel and back: 0.2 of the travel here, round 0.4."""
+    """At both ends of the depth of focus, here 0.2 of the travel around 0.4, the blur is one pixel."""
     with saf_gen.open_stream(dataset / "train" / "s0.h5") as stream:
         blurs = [np.expm1(script.log_blur(stream, first, first + 100)) for first in (350, 450, 850)]
     assert blurs == pytest.approx([0, 1, 5], abs=0.01)
@@ -51,7 +51,7 @@ def test_counts_are_seen_alike_under_any_light(script):
 
 
 def test_predictions_are_judged_as_they_were_meant(script, dataset, tmp_path):
-    """A teller that knows each blur: the answer is the truth, to the grid of places and frames."""
+    """With the exact blurs the answer is the truth, to the grid of positions and frames."""
     middles = np.arange(0, FRAMES - 99, 50) + 50
 
     def tell(pictures):

@@ -1,4 +1,4 @@
-"""The training of the learned policy: it sees and commands in the environment as it does when it is judged."""
+"""The training of the learned policy: it sees and commands the same in the environment and in the evaluation."""
 
 import shutil
 import sys
@@ -36,7 +36,7 @@ def training():
 
 @pytest.fixture(scope="module")
 def dataset(captured_dataset, tmp_path_factory):
-    """A copy whose two still sequences are the splits train and validation."""
+    """A copy whose two static sequences are the splits train and validation."""
     folder = tmp_path_factory.mktemp("policy") / "takes"
     shutil.copytree(captured_dataset, folder)
     manifest = read_manifest(folder)
@@ -47,7 +47,7 @@ def dataset(captured_dataset, tmp_path_factory):
 
 
 def play(env, *actions, **reset):
-    """Return what was seen before each action and after the last, the rewards, and the last info."""
+    """Return the observations before each action and after the last, the rewards, and the last info."""
     seen, rewards = [env.reset(**reset)[0]], []
     for action in actions:
         now, reward, terminated, truncated, info = env.step(action)
@@ -59,7 +59,7 @@ def play(env, *actions, **reset):
 
 
 class ScriptedNetwork:
-    """Finds one action after the other the best, and keeps what it was shown."""
+    """A network that prefers the given actions one after the other, and keeps its observations."""
 
     version = ""
 
@@ -88,20 +88,20 @@ def test_the_search_sees_and_commands_what_the_environment_showed_and_did(traini
     assert run.path[-1] == info["position"]
 
 
-def explore(training, places, *, peak, **options):
+def explore(training, positions, *, peak, **options):
     explorer = training.method.Explorer(**options)
-    for number, place in enumerate(places):
-        middle = (place + places[max(number - 1, 0)]) / 2  # a window is where the lens was half-way
+    for number, position in enumerate(positions):
+        middle = (position + positions[max(number - 1, 0)]) / 2  # a window is where the lens was half-way
         score = float(np.exp(-(((middle - peak) / 0.1) ** 2)))
-        explorer.look(place, left=1 - 0.03 * (number + 1), light=0.2, scores=(score, 1 + score))
+        explorer.look(position, left=1 - 0.03 * (number + 1), light=0.2, scores=(score, 1 + score))
     return explorer
 
 
-def test_a_network_is_not_told_where_in_the_travel_the_lens_is_and_left_is_as_right(training):
-    places = np.array([0.205, 0.265, 0.325, 0.305])
-    here = explore(training, places, peak=0.3, ends=(0.07, 0.63))
-    there = explore(training, places + 0.3, peak=0.6, ends=(0.37, 0.93))
-    turned = explore(training, 1 - places, peak=0.7, ends=(0.37, 0.93), mirrored=True)
+def test_a_network_does_not_see_the_position_in_the_travel_and_directions_are_equivalent(training):
+    positions = np.array([0.205, 0.265, 0.325, 0.305])
+    here = explore(training, positions, peak=0.3, ends=(0.07, 0.63))
+    there = explore(training, positions + 0.3, peak=0.6, ends=(0.37, 0.93))
+    turned = explore(training, 1 - positions, peak=0.7, ends=(0.37, 0.93), mirrored=True)
     assert np.ptp(here.describe()) > 1
     assert np.allclose(here.describe(), there.describe(), atol=1e-5)
     assert np.allclose(here.describe(), turned.describe(), atol=1e-5)
@@ -115,7 +115,7 @@ def test_a_network_is_not_told_where_in_the_travel_the_lens_is_and_left_is_as_ri
 def test_the_peak_is_the_top_of_a_parabola_and_the_best_place_where_there_is_none(training):
     assert explore(training, np.arange(0.105, 0.9, 0.05), peak=0.42).find_peak() == pytest.approx(0.42, abs=0.003)
     rising = explore(training, [0.105, 0.205, 0.305], peak=0.9)
-    assert rising.find_peak() == pytest.approx(0.255)  # where it looked last, and not beyond
+    assert rising.find_peak() == pytest.approx(0.255)  # at its last look, not beyond
     dark = training.method.Explorer()
     dark.look(0.3, left=0.9, light=0.0, scores=(0.0, 0.0))
     assert dark.find_peak() == pytest.approx(0.3)
@@ -134,10 +134,10 @@ def test_the_climber_that_is_cloned_passes_the_peak_to_either_side_and_answers_w
         to, stop = explorer.command(action)
         if stop:
             break
-    places = explorer.list_scores()[0]
-    assert action == 0  # of its own accord, with time left
+    positions = explorer.list_scores()[0]
+    assert action == 0  # voluntarily, with time left
     assert to == pytest.approx(peak, abs=0.01)
-    assert places[0] < peak - 0.05 < peak + 0.05 < places[-1]
+    assert positions[0] < peak - 0.05 < peak + 0.05 < positions[-1]
     assert explorer.turns <= 3
 
 
@@ -194,7 +194,7 @@ def test_what_cannot_be_trained_on_is_refused_in_one_line(training, captured_dat
     assert "has no split train and validation" in capsys.readouterr().err
 
 
-@pytest.mark.slow  # four trainings, an export and a judgement: torch alone takes seconds to start
+@pytest.mark.slow  # four trainings, an export and an evaluation; importing torch takes seconds
 def test_a_small_run_writes_weights_that_the_method_runs(training, dataset, tmp_path, monkeypatch):
     for package in ("torch", "stable_baselines3", "onnxscript", "onnxruntime"):
         pytest.importorskip(package, reason="the extra train is not installed")
@@ -203,9 +203,9 @@ def test_a_small_run_writes_weights_that_the_method_runs(training, dataset, tmp_
     assert {path.name for path in tmp_path.iterdir()} == {f"policy.{end}" for end in ("csv", "md", "onnx", "png")}
     card = (tmp_path / "policy.md").read_text()
     curve = (tmp_path / "policy.csv").read_text().splitlines()
-    assert [line[:4] for line in curve[1:]] == ["0,0,", "0,1,"]  # what the climber taught, and an epoch of rewards
+    assert [line[:4] for line in curve[1:]] == ["0,0,", "0,1,"]  # cloning the climber, and one epoch of rewards
     assert "Seed 0 has the most successes" in card
-    assert f"(loss {float(curve[-1].split(',')[3]):.3f})" in card  # that of the last epoch, which is kept
+    assert f"(loss {float(curve[-1].split(',')[3]):.3f})" in card  # of the last epoch, which is kept
     assert "| seed 0 |" in card
     first = training.train(dataset, seed=1, epochs=1).rows
     assert first == training.train(dataset, seed=1, epochs=1).rows != training.train(dataset, seed=2, epochs=1).rows

@@ -1,17 +1,17 @@
-"""Feeds saf-gen spoiled input of every kind, and tells what a user should not have seen.
+"""Feed saf-gen corrupted input of every kind, and report behaviour that a user should never see.
 
     python tools/fuzz --inputs 10000 --seed 17
 
-Seventeen kinds: recipe, scene card, a scene's geometry (XML, meshes, texture), sensor file, actuator file, stream,
-manifest, records, tuned file, predictions, list of methods, logs of lens and light, camera files (raw, arrays, MATLAB,
-SAF's folder), packed datasets (index, shards), pictures, focal stacks, meshes of new scenes. Each input is a whole
-sample (samples.py) with something changed (changes.py): values that bite, broken text, bytes, links, archives with
-right sums, pipes and devices in place of files.
+There are seventeen kinds of input: recipe, scene card, geometry of a scene (XML, meshes, texture), sensor file,
+actuator file, stream, manifest, records, tuned file, predictions, list of methods, logs of lens and light, camera files
+(raw, arrays, MATLAB, SAF's folder), packed datasets (index, shards), pictures, focal stacks, meshes of new scenes. Each
+input is a valid sample (samples.py) with something changed (changes.py): hostile values, broken text, bytes, links,
+archives with correct checksums, pipes and devices instead of files.
 
-A fault is: a traceback, more than one line of an error, an exit code other than 0, 1 and 2, 20 s of processor time or
+A fault is a traceback, an error of more than one line, an exit code other than 0, 1 and 2, 20 s of processor time or
 5 minutes without an end, 2 GiB of memory, a process that dies, a control character on the terminal, the content of
-another file, planted code that ran, something written in spite of an error. Every case is told by (seed, kind, number),
-and --only repeats one.
+another file, planted code that was run, or a file written in spite of an error. (seed, kind, number) identifies a case,
+and --only repeats it.
 """
 
 import argparse
@@ -69,25 +69,25 @@ class Watched:
         line = self.process.stdout.readline()
         if not line:
             return self._ended({**case, "faults": [f"the process died: {self.process.wait()}"]})
-        told = json.loads(line)
-        told["seconds"] = self._cpu() - used
-        if told["peak_mib"] > MAX_MIB:
-            told["faults"].append(f"{told['peak_mib']} MiB")
-        if self.count >= 1000 or told["peak_mib"] > MAX_MIB:
+        result = json.loads(line)
+        result["seconds"] = self._cpu() - used
+        if result["peak_mib"] > MAX_MIB:
+            result["faults"].append(f"{result['peak_mib']} MiB")
+        if self.count >= 1000 or result["peak_mib"] > MAX_MIB:
             self.stop()
-        return told
+        return result
 
-    def _ended(self, told: dict[str, Any]) -> dict[str, Any]:
+    def _ended(self, result: dict[str, Any]) -> dict[str, Any]:
         self.stop()
-        shutil.rmtree(self.folder, ignore_errors=True)  # it may lie there half changed
-        return told
+        shutil.rmtree(self.folder, ignore_errors=True)  # the samples may be left half changed
+        return result
 
     def _cpu(self) -> float:
         fields = Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def tell(line: str) -> None:
+def print_line(line: str) -> None:
     sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
 
@@ -98,31 +98,31 @@ def fuzz() -> int:
     parser.add_argument("--seed", type=int, default=17)
     parser.add_argument("--first", type=int, default=0, help="number of the first case of each kind")
     parser.add_argument("--kind", action="append", choices=[kind.name for kind in KINDS])
-    parser.add_argument("--only", type=int, help="run this case alone, and tell all of it")
+    parser.add_argument("--only", type=int, help="run only this case, and print its full result")
     parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "saf-gen-fuzz")
-    given = parser.parse_args()
-    names = given.kind or [kind.name for kind in KINDS]
-    each = -(-given.inputs // len(names))
-    numbers = [given.only] if given.only is not None else range(given.first, given.first + each)
-    worker, tally, slowest = Watched(given.folder / "samples"), collections.Counter(), (0.0, "")
-    given.folder.mkdir(parents=True, exist_ok=True)
+    options = parser.parse_args()
+    names = options.kind or [kind.name for kind in KINDS]
+    each = -(-options.inputs // len(names))
+    numbers = [options.only] if options.only is not None else range(options.first, options.first + each)
+    worker, tally, slowest = Watched(options.folder / "samples"), collections.Counter(), (0.0, "")
+    options.folder.mkdir(parents=True, exist_ok=True)
     faults = 0
     try:
         for name in names:
             codes: collections.Counter[int] = collections.Counter()
             for number in numbers:
-                told = worker.run({"kind": name, "seed": given.seed, "number": number})
-                codes[told.get("code", -1)] += 1
-                slowest = max(slowest, (told.get("seconds", 0.0), f"{name} {number}"))
-                if given.only is not None or told["faults"]:
-                    faults += bool(told["faults"])
-                    tell(json.dumps(told, indent=1, ensure_ascii=False))
+                result = worker.run({"kind": name, "seed": options.seed, "number": number})
+                codes[result.get("code", -1)] += 1
+                slowest = max(slowest, (result.get("seconds", 0.0), f"{name} {number}"))
+                if options.only is not None or result["faults"]:
+                    faults += bool(result["faults"])
+                    print_line(json.dumps(result, indent=1, ensure_ascii=False))
             tally[name] = sum(codes.values())
-            tell(f"{name}: {tally[name]} inputs, exit codes {dict(sorted(codes.items()))}")
+            print_line(f"{name}: {tally[name]} inputs, exit codes {dict(sorted(codes.items()))}")
     finally:
         worker.stop()
-    what = f"{sum(tally.values())} inputs of {len(names)} kinds, seed {given.seed}"
-    tell(f"{what}: {faults} faults; slowest {slowest[0]:.1f} s ({slowest[1]})")
+    what = f"{sum(tally.values())} inputs of {len(names)} kinds, seed {options.seed}"
+    print_line(f"{what}: {faults} faults; slowest {slowest[0]:.1f} s ({slowest[1]})")
     return int(faults > 0)
 
 

@@ -1,4 +1,4 @@
-"""How a file is spoiled: values that bite in its structure, text that is none any more, bytes, other kinds of file."""
+"""Ways to corrupt a file: hostile values in its structure, broken text, changed bytes, other kinds of file."""
 
 import copy
 import json
@@ -38,7 +38,7 @@ VALUES: list[Any] = [
 
 
 def change_tree(data: Any, rng: Rng) -> Any:
-    """Return plain data with a few values replaced, removed, doubled, moved or added."""
+    """Return plain data in which a few values are replaced, removed, duplicated, moved or added."""
     data = copy.deepcopy(data)
     for _ in range(rng.choice([1, 1, 1, 2, 3])):
         at = _places(data)
@@ -70,7 +70,7 @@ def _places(data: Any) -> list[tuple[Any, Any]]:
 
 
 def change_yaml(raw: bytes, rng: Rng) -> bytes:
-    """Change the values of a YAML file, or write what YAML alone can."""
+    """Change the values of a YAML file, or append a construct that only YAML has."""
     if rng.random() < 0.25:
         text = raw.decode(errors="replace")
         key = rng.choice([line.split(":")[0].strip() for line in text.splitlines() if ":" in line] or ["x"])
@@ -119,7 +119,7 @@ YAML_TRICKS = [
 
 
 def change_json(raw: bytes, rng: Rng) -> bytes:
-    """Change the values of a JSON file, or of one line of a file of lines."""
+    """Change the values of a JSON file, or those in one line of a JSON Lines file."""
     if not raw.startswith(b"{"):
         return change_bytes(raw, rng)
     lines = raw.decode().splitlines() if raw.count(b"\n{") else [raw.decode()]
@@ -133,7 +133,7 @@ def change_json(raw: bytes, rng: Rng) -> bytes:
     else:
         tree = json.loads(lines[number])
         if rng.random() < 0.8:
-            tree.pop(CHECKSUM, None)  # files of before have none, and are read
+            tree.pop(CHECKSUM, None)  # older files have no checksum and are still read
         lines[number] = json.dumps(change_tree(tree, rng), ensure_ascii=rng.random() < 0.5)
     if rng.random() < 0.1:
         lines.insert(rng.randrange(len(lines) + 1), rng.choice(lines))
@@ -148,7 +148,7 @@ JSON_TRICKS = [
 
 
 def change_text(raw: bytes, rng: Rng) -> bytes:
-    """Change words, lines and encoding of a text."""
+    """Change words, lines or the encoding of a text."""
     text = raw.decode(errors="replace")
     lines = text.splitlines() or [""]
     at = rng.randrange(len(lines))
@@ -177,7 +177,7 @@ def change_text(raw: bytes, rng: Rng) -> bytes:
 
 
 def change_bytes(raw: bytes, rng: Rng) -> bytes:
-    """Flip bits, plant extreme integers, cut, repeat, move and lose bytes; most changes near the beginning."""
+    """Flip bits, write extreme integers, and insert, delete or zero bytes; most changes are near the beginning."""
     data = bytearray(raw) or bytearray(b"\0")
     for _ in range(rng.choice([1, 1, 2, 4, 16])):
         size = len(data)
@@ -205,14 +205,14 @@ def change_bytes(raw: bytes, rng: Rng) -> bytes:
 
 
 def flip_bit(raw: bytes, rng: Rng) -> bytes:
-    """Flip one bit."""
+    """Flip a random bit."""
     data = bytearray(raw)
     data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
     return bytes(data)
 
 
 def change_member(path: Path, raw: bytes, rng: Rng) -> bytes:
-    """Change one file inside an archive whose sums stay right."""
+    """Change one file inside an archive, and keep the archive's checksums correct."""
     inner: Callable[[bytes, Rng], bytes] = rng.choice([change_bytes, change_text])
     try:
         return repack(path, lambda data: inner(data, rng), pick=rng.randrange(100))
@@ -221,7 +221,7 @@ def change_member(path: Path, raw: bytes, rng: Rng) -> bytes:
 
 
 def change_hdf5(path: Path, raw: bytes, rng: Rng) -> bytes:
-    """Change datasets, attributes and links of an HDF5 file by its own library; most have no digests then."""
+    """Change datasets, attributes and links of an HDF5 file with h5py, and usually remove its digests."""
     work = path.with_suffix(".changed")
     work.write_bytes(raw)
     with h5py.File(work, "r+") as file:
@@ -229,7 +229,7 @@ def change_hdf5(path: Path, raw: bytes, rng: Rng) -> bytes:
         file.visit(names.append)
         for _ in range(rng.choice([1, 1, 2, 3])):
             name = rng.choice(names)
-            if file.get(name) is not None:  # not a link to nowhere
+            if file.get(name) is not None:  # not a dangling link
                 _change_item(file, name, rng)
         if rng.random() < 0.8:
             for key in ("spikes_sha256", "provenance_sha256"):
@@ -309,7 +309,7 @@ def _change_item(file: h5py.File, name: str, rng: Rng) -> None:
 
 
 def put_other_kind(path: Path, rng: Rng) -> None:
-    """Put something in the place of a file that is none, or has no end."""
+    """Replace a file by something that is not a regular file, or is empty, endless, huge or random."""
     what = rng.randrange(8)
     path.unlink()
     if what == 0:

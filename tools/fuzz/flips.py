@@ -1,11 +1,11 @@
-"""Flips bits of every kind of file that saf-gen writes and reads again, and tells which of them nobody saw.
+"""Flip bits in every kind of file that saf-gen writes and reads again, and report the flips that it does not detect.
 
     python tools/fuzz/flips.py --flips 2000 --seed 99
 
-Each flip is told (an error of one line), or harmless (all that is read of the file is as it was written: the bit lies
-in space that nothing uses, or in an order that means the same), or unseen: something else was read in silence. Harmless
-ones are listed as ranges of bytes. Files that people write have no digest: recipes, scene cards, sensors, lists, logs
-and answers mean what they say.
+A flip is "told" if it causes an error of one line; "harmless" if everything read from the file is as it was written,
+because the bit is in unused space or in an order without meaning; and "unseen" if something else was read without an
+error. Harmless flips are listed as ranges of bytes. Files that people write (recipes, scene cards, sensors, lists, logs
+and answers) have no digest, and are not tested.
 """
 
 import argparse
@@ -38,7 +38,7 @@ STACK = StackSpec("plane", "0" * 64, ("lamp",), DRIVE, 16, 24, 60e-6, 9, 16, 4)
 
 @dataclass(frozen=True)
 class Flipped:
-    """A kind of file: its path among the samples, and what reads all of it."""
+    """A kind of file: its path among the samples, and a function that reads all of it."""
 
     name: str
     path: str
@@ -85,7 +85,7 @@ KINDS = (
 
 
 def flip(kind: Flipped, root: Path, rng: Random, count: int) -> dict[str, Any]:
-    """Flip ``count`` bits of a file, one at a time, and say what was told, harmless and unseen."""
+    """Flip ``count`` bits of a file, one at a time, and return which were told, harmless and unseen."""
     path = sorted(root.glob(kind.path))[0]
     whole, written = path.read_bytes(), kind.read(path)
     told, harmless, unseen, other = 0, [], [], []
@@ -98,7 +98,7 @@ def flip(kind: Flipped, root: Path, rng: Random, count: int) -> dict[str, Any]:
             (harmless if kind.read(path) == written else unseen).append((at, bit))
         except BadInput as error:
             told += "\n" not in str(error)
-        except Exception as error:  # noqa: BLE001 - a traceback for a user, whatever it is
+        except Exception as error:  # noqa: BLE001 - a user would see any of them as a traceback
             other.append((at, bit, repr(error)[:200]))
     path.write_bytes(whole)
     ranges = [f"{a}-{b}" if a < b else f"{a}" for a, b in _join_neighbours(sorted({at for at, _ in harmless}))]
@@ -107,7 +107,7 @@ def flip(kind: Flipped, root: Path, rng: Random, count: int) -> dict[str, Any]:
 
 
 def _join_neighbours(places: list[int], *, gap: int = 64) -> Iterator[tuple[int, int]]:
-    """Yield (first, last) of each run of places that lie no farther apart than ``gap``."""
+    """Yield (first, last) of each run of positions whose distances are at most ``gap``."""
     ends = [*(n for n, (a, b) in enumerate(itertools.pairwise(places), start=1) if b - a > gap), len(places)]
     for first, end in itertools.pairwise([0, *ends] if places else []):
         yield places[first], places[end - 1]
@@ -115,7 +115,7 @@ def _join_neighbours(places: list[int], *, gap: int = 64) -> Iterator[tuple[int,
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--flips", type=int, default=2000, help="of each kind of file")
+    parser.add_argument("--flips", type=int, default=2000, help="number of flips in each kind of file")
     parser.add_argument("--seed", type=int, default=99)
     parser.add_argument("--kind", action="append", choices=[kind.name for kind in KINDS])
     given = parser.parse_args()

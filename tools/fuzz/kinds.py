@@ -1,4 +1,4 @@
-"""The kinds of input: which files, how they are spoiled, and the commands that take them."""
+"""Kinds of input: their files, the changes that corrupt them, and the commands that read them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Change = Callable[[Path, bytes, Random], bytes]
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of input: ``commands`` run in the folder of the samples with {} for the file."""
+    """A kind of input; its commands are run in the folder of the samples, with the file in place of {}."""
 
     name: str
     files: tuple[str, ...]

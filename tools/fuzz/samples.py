@@ -1,4 +1,4 @@
-"""A whole example of every kind of file that a stranger may send or a user may mistype, in one folder."""
+"""A folder with a valid sample of every kind of file that may be untrusted or mistyped."""
 
 import io
 import json
@@ -22,9 +22,9 @@ from saf_gen.stream.sharing import pack_dataset
 
 PACKAGE = Path(saf_gen.__file__).parent
 MARK = "SECRET-OF-THIS-MACHINE"
-"""What lies in a file beside the dataset; nothing that is printed or written may hold it."""
+"""Content of a file next to the dataset, which must not appear in anything that is printed or written."""
 PLANTED = "PLANTED"
-"""The file that planted code would write."""
+"""File that planted code would write."""
 CODE = f"import pathlib\npathlib.Path({PLANTED!r}).write_text('run')\nclass Evil:\n    pass\n"
 PLANNED = {"scene": "own", "scene_motion": "static"}
 ROWS, COLUMNS, FRAMES = 24, 32, 400
@@ -49,7 +49,7 @@ SHEET = (
 
 
 def write_samples(folder: Path, call: Callable[..., int]) -> None:
-    """Write all samples below ``folder``; ``call`` runs a command there."""
+    """Write all samples into ``folder``; ``call`` runs a command there."""
     (folder / "secret.txt").write_text(f"{MARK}\n" * 100)
     (folder / "evil.py").write_text(CODE)
     _write_dataset(folder / "data")
@@ -135,7 +135,7 @@ def _write_scene(folder: Path) -> None:
 
 
 def _write_foreign(folder: Path) -> None:
-    """Write recordings and pictures of other programs."""
+    """Write recordings and pictures in formats of other programs."""
     rng = np.random.default_rng(7)
     frames = (rng.random((16, ROWS, COLUMNS)) < 0.3).astype(np.uint8)
     raw = rng.integers(0, 256, (3, 250, 52), np.uint8)
@@ -166,7 +166,7 @@ def _write_foreign(folder: Path) -> None:
 
 
 def repack(path: Path, change: Callable[[bytes], bytes], *, pick: int) -> bytes:
-    """Return an archive (.npz, .xlsx, .tar) with the content of one member changed, and its sums right."""
+    """Return an archive (.npz, .xlsx, .tar) with the content of one member changed and correct checksums."""
     out = path.with_suffix(".repacked")
     if path.suffix == ".tar":
         with tarfile.open(path) as old, tarfile.open(out, "w") as new:

@@ -1,4 +1,4 @@
-"""A process that takes spoiled files one after the other and tells how each command ended; its parent watches it."""
+"""A process that runs commands on corrupted files one after the other, and reports to its parent how each ended."""
 
 import io
 import json
@@ -32,7 +32,7 @@ def _plot_nothing(*_: object, **__: object) -> list[Any]:
 
 
 def call(*arguments: str) -> tuple[int, str, str]:
-    """Run a command in this process: exit code, what it printed, what it said of errors."""
+    """Run a command in this process, and return its exit code, standard output and standard error."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         try:
@@ -46,7 +46,7 @@ def call(*arguments: str) -> tuple[int, str, str]:
 
 
 def _call_directly(what: str) -> int:
-    """Call what a command would only reach after minutes."""
+    """Call code that a command would reach only after minutes, and return an exit code."""
     try:
         if what == "scene":
             from saf_gen.render.backend import activate_render_backend
@@ -80,7 +80,7 @@ def _call_directly(what: str) -> int:
 
 
 def find_faults(code: int, out: str, err: str) -> list[str]:
-    """Return what a user should not have seen."""
+    """Return descriptions of behaviour that a user should not see."""
     faults = []
     lines = err.splitlines()
     if code not in (0, 1, 2):
@@ -105,7 +105,10 @@ def _listing(root: Path) -> set[str]:
 
 
 def run_case(kind: Kind, seed: int, number: int) -> dict[str, Any]:
-    """Spoil a file of a kind as (seed, number) says, run one command on it, put it back, and tell what came out."""
+    """Corrupt a file of a kind with the random numbers of (seed, number), run a command, and restore the file.
+
+    Returns a description of the case, with its faults.
+    """
     rng, root = Random(f"{seed} {kind.name} {number}"), Path.cwd()
     name = rng.choice(kind.files)
     path = sorted(root.glob(name))[0]
@@ -113,10 +116,10 @@ def run_case(kind: Kind, seed: int, number: int) -> dict[str, Any]:
     keep = path.with_name(f"{path.name}.keep")
     shutil.copy2(path, keep)
     evaluation_folder.plot_report_figures = _plot if (number + 1) % FULL_REPORTS_EVERY == 0 else _plot_nothing
-    told: dict[str, Any] = {"kind": kind.name, "number": number, "file": name, "command": command}
+    result: dict[str, Any] = {"kind": kind.name, "number": number, "file": name, "command": command}
     try:
         if rng.random() < 0.03:
-            told["change"] = "another kind of file"
+            result["change"] = "another kind of file"
             changes.put_other_kind(path, rng)
         else:
             change = rng.choice(kind.changes)
@@ -124,28 +127,28 @@ def run_case(kind: Kind, seed: int, number: int) -> dict[str, Any]:
                 change = kind.changes[0]
             if change is changes.change_hdf5 and raw[:4] != b"\x89HDF" and path.name != "new.mat":
                 change = kind.changes[0]
-            told["change"] = getattr(change, "__name__", "text")
+            result["change"] = getattr(change, "__name__", "text")
             path.write_bytes(change(path, raw, rng))
         before = _listing(root)
-        Path("/proc/self/clear_refs").write_text("5")  # the peak of memory begins anew
+        Path("/proc/self/clear_refs").write_text("5")  # resets the peak memory
         try:
             code, out, err = call(*command.format(path.relative_to(root)).split())
-        except BaseException as error:  # noqa: BLE001 - whatever a user would see as a traceback
+        except BaseException as error:  # noqa: BLE001 - a user would see any of them as a traceback
             code, out, err = -1, "", ""
-            told["trace"] = traceback.format_exc()[-3000:]
-            told["faults"] = [f"traceback: {type(error).__name__}"]
+            result["trace"] = traceback.format_exc()[-3000:]
+            result["faults"] = [f"traceback: {type(error).__name__}"]
         else:
-            told["faults"] = find_faults(code, out, err)
+            result["faults"] = find_faults(code, out, err)
         peak = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
-        told |= {"code": code, "line": err.strip()[-400:], "peak_mib": int(peak.split()[1]) >> 10}
+        result |= {"code": code, "line": err.strip()[-400:], "peak_mib": int(peak.split()[1]) >> 10}
         after = _listing(root)
         done = {one for one in after - before if not command.startswith("fetch") or one.endswith("manifest.json")}
-        if code == 2 and done:  # a fetch goes on where it stopped, and its manifest comes last
-            told["faults"].append(f"written in spite of an error: {sorted(done)[:3]}")
+        if code == 2 and done:  # a fetch may leave files, because it resumes later, but it writes its manifest last
+            result["faults"].append(f"written in spite of an error: {sorted(done)[:3]}")
         if any(".part" in one or ".evaluation." in one for one in after - before):
-            told["faults"].append("a leftover")
+            result["faults"].append("a leftover")
         if (root / samples.PLANTED).exists():
-            told["faults"].append("planted code was run")
+            result["faults"].append("planted code was run")
             (root / samples.PLANTED).unlink()
     finally:
         if path.is_dir() and not path.is_symlink():
@@ -154,11 +157,11 @@ def run_case(kind: Kind, seed: int, number: int) -> dict[str, Any]:
         for left in ("out", "out.h5", "scenes/copied"):
             shutil.rmtree(root / left, ignore_errors=True)
             (root / left).unlink(missing_ok=True)
-    return told
+    return result
 
 
 def _check_samples(root: Path) -> None:
-    """Stop where a command refuses a sample that nobody has spoiled: it would be fuzzed in vain."""
+    """Raise ValueError if a command rejects all valid samples of a kind, because fuzzing it would test nothing."""
     for kind in KINDS:
         for command in kind.commands:
             files = [next(root.glob(file)) for file in kind.files] if "{}" in command else [root]
@@ -171,7 +174,7 @@ def _check_samples(root: Path) -> None:
 
 
 def write_samples_in(root: Path, *, check: bool = False) -> None:
-    """Make ``root`` the working folder and write the samples there, unless they are there already."""
+    """Make ``root`` the working folder, and write the samples there unless they exist."""
     root.mkdir(parents=True, exist_ok=True)
     os.chdir(root)
     if not (root / "packed").exists():
@@ -182,7 +185,7 @@ def write_samples_in(root: Path, *, check: bool = False) -> None:
 
 
 def serve() -> None:
-    """Run the cases that come in by lines of JSON."""
+    """Run the cases that arrive on standard input as lines of JSON."""
     resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
     answers = os.fdopen(os.dup(1), "w")
     for ignored in (ResourceWarning, DeprecationWarning, PendingDeprecationWarning):  # as Python itself does
@@ -193,8 +196,8 @@ def serve() -> None:
     answers.flush()
     for line in sys.stdin:
         case = json.loads(line)
-        told = run_case(by_name[case["kind"]], case["seed"], case["number"])
-        answers.write(json.dumps(told) + "\n")
+        result = run_case(by_name[case["kind"]], case["seed"], case["number"])
+        answers.write(json.dumps(result) + "\n")
         answers.flush()
 
 

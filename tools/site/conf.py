@@ -1,4 +1,4 @@
-"""The site's settings: Sphinx reads the Markdown pages as they stand; nothing is fetched, here or in the pages."""
+"""Settings of the site: Sphinx reads the Markdown pages unchanged; neither the build nor the pages fetch anything."""
 
 from typing import Any
 
@@ -20,5 +20,5 @@ html_css_files = ["site.css"]
 
 
 def setup(app: Any) -> None:
-    """Blocks of CSV are shown without colours."""
+    """Show CSV blocks without syntax colours."""
     app.add_lexer("csv", TextLexer)

@@ -1,7 +1,7 @@
-"""Measurements of speed, memory and file size: ratios within one run, or rates beside their workload.
+"""Measurements of speed, memory and file size: ratios within one run, or rates together with their workload.
 
-Each bench has a module of its own in this folder and yields figures, most of them with a target. A bench is
-not a test: a busy or old machine may miss a target without anything being wrong.
+Each bench is a module of this folder and yields figures, most of them with a target. A bench is not a test: a busy or
+old machine may miss a target although nothing is wrong.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -11,11 +11,11 @@ from pathlib import Path
 
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
 from saf_gen.acceptance.speed.fresh_process import peak_memory_of_bench_gib, run_bench_in_fresh_process
-from saf_gen.acceptance.speed.grain_by_scene import SceneFound, bench_each_scene
+from saf_gen.acceptance.speed.grain_by_scene import SceneResult, bench_each_scene
 from saf_gen.core.execution.job import ReportProgress
 from saf_gen.errors import SafGenError, unknown
 
-__all__ = ["BENCHES", "BenchFigure", "BenchResults", "BenchSize", "SceneFound", "run_benches"]
+__all__ = ["BENCHES", "BenchFigure", "BenchResults", "BenchSize", "SceneResult", "run_benches"]
 
 BENCHES = {
     "stack": "the focal stack against Mitsuba's thin lens: time, and error at equal samples",
@@ -24,7 +24,7 @@ BENCHES = {
     "stream": "the stream file: write, size, three read patterns, file to scores",
     "windows": "random windows for training, read by two processes",
     "score": "ten methods on six sequences",
-    "rates": "what `saf-gen plan --rates` takes: rendering, recording, and the scheduler on jobs that do nothing",
+    "rates": "rates for `saf-gen plan --rates`: rendering, recording, and the scheduler on jobs that do nothing",
     "job": "the paper's synthetic set, recipe to leaderboard, and again under another light",
 }
 PEAK_MEMORY, MAX_MEMORY_GIB = "peak memory of a process", 2.0
@@ -32,7 +32,17 @@ PEAK_MEMORY, MAX_MEMORY_GIB = "peak memory of a process", 2.0
 
 @dataclass(frozen=True)
 class BenchResults:
-    """The figures, remarks on what was left out and why, and the failed benches, each with its error."""
+    """The results of benches.
+
+    Attributes
+    ----------
+    figures : tuple of BenchFigure
+        All measured figures.
+    remarks : tuple of str
+        Sentences about what was left out, and why.
+    failed : dict of str to SafGenError
+        The error of each bench that failed, by the name of the bench.
+    """
 
     figures: tuple[BenchFigure, ...]
     remarks: tuple[str, ...]
@@ -45,14 +55,34 @@ def run_benches(
     *,
     folder: Path | None = None,
     report: ReportProgress = lambda stage, done: None,
-    show: Callable[[SceneFound], None] = lambda found: None,
+    show: Callable[[SceneResult], None] = lambda found: None,
 ) -> BenchResults:
-    """Run benches (keys of BENCHES; all if empty) one after the other, each in a fresh process.
+    """Run benches one after the other, each in a fresh process.
 
-    The bench of grain has a process for each scene. ``show`` is called with what was found of it, and ``folder`` keeps
-    that for a run that goes on. ``report`` is called with what is being measured and the fraction of it that is done,
-    0 to 1. A bench that cannot run here (no LLVM, no recipe) is among the failed ones; the others continue. Raises
-    BadInput for an unknown name, before anything is measured.
+    The bench ``grain`` has a process for each scene. A bench that cannot run here (no LLVM, no recipe) is listed among
+    the failed ones, and the others continue.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Keys of BENCHES; all benches if empty.
+    size : BenchSize
+        Workload of the benches.
+    folder : Path, optional
+        Folder in which the bench ``grain`` saves the results of each scene, so that an interrupted run can be resumed.
+    report : callable, optional
+        Called with what is being measured and the fraction of it that is done, 0 to 1.
+    show : callable, optional
+        Called with the results of the bench ``grain`` for each scene.
+
+    Returns
+    -------
+    BenchResults
+
+    Raises
+    ------
+    BadInput
+        If a name is unknown, before anything is measured.
     """
     for name in names:
         if name not in BENCHES:
@@ -72,7 +102,7 @@ def run_benches(
 
 
 def _measure(name: str, size: BenchSize, *, report: ReportProgress) -> list[BenchFigure | str]:
-    """Return what a bench yields, and the peak memory of this process, which runs nothing else."""
+    """Return the figures and remarks of a bench, and the peak memory of this process, which runs nothing else."""
     run_bench: Callable[[BenchSize, ReportProgress], Iterator[BenchFigure | str]]
     run_bench = import_module(f"saf_gen.acceptance.speed.bench_{name}").run_bench
     return [
@@ -82,9 +112,9 @@ def _measure(name: str, size: BenchSize, *, report: ReportProgress) -> list[Benc
 
 
 def _measure_grain(
-    size: BenchSize, *, folder: Path | None, report: ReportProgress, show: Callable[[SceneFound], None]
+    size: BenchSize, *, folder: Path | None, report: ReportProgress, show: Callable[[SceneResult], None]
 ) -> list[BenchFigure | str]:
-    """Return what the bench of grain finds of all scenes, the worst of them, and the largest of their peak memories."""
+    """Return the figures and remarks of the bench ``grain`` for all scenes, the worst figures, and the peak memory."""
     found: list[BenchFigure | str] = []
     peaks = []
 

@@ -1,4 +1,4 @@
-"""The encoder: rate with all noise on, growth with the length, and public encoders in the same run."""
+"""The encoder: its rate with all noise on, its growth with the length, and public encoders in the same run."""
 
 import importlib.util
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ MAX_GROWTH = 1.1  # of the time per frame
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield the encoder's rate, that of public encoders, and its time and memory at ten times the length."""
+    """Yield the rates of our encoder and of public ones, and the time and memory of ours at ten times the length."""
     sensor = get_sensor(size.sensor)
     charge = synthetic_recording.make_bench_charge(sensor, size.positions[0])
     _encode(sensor, charge, frames=16)  # compiles
@@ -48,7 +48,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
 
 
 def load_encoders_to_bench() -> ModuleType | None:
-    """Import ``benchmarks/public_encoders.py`` of the checkout; None if there is no checkout."""
+    """Return ``benchmarks/public_encoders.py`` of the checkout as a module, or None if there is no checkout."""
     path = Path(saf_gen.__file__).resolve().parent.parent / "benchmarks" / "public_encoders.py"
     spec = importlib.util.spec_from_file_location("saf_gen_public_encoders", path)
     if not path.is_file() or spec is None or spec.loader is None:
@@ -66,10 +66,10 @@ def _encode(sensor: Sensor, charge: np.ndarray, *, frames: int) -> None:
 def _bench_public(
     size: BenchSize, sensor: Sensor, *, our_rate: float, report: ReportProgress
 ) -> Iterator[BenchFigure | str]:
-    """Yield the rates of public encoders on a still picture in memory, of the same mean rate as ours."""
+    """Yield the rates of public encoders on a still picture in memory, with the same mean spike rate as ours."""
     public = load_encoders_to_bench()
     if public is None:
-        yield "encode: the public encoders are left out: benchmarks/ is not beside the package"
+        yield "encode: the public encoders are left out: benchmarks/ is not next to the package"
         return
     shape = (sensor.rows, sensor.columns)
     grey = np.rint(255 * synthetic_recording.MEAN_RATE * synthetic_recording.make_bench_texture(shape)).astype(np.uint8)
@@ -86,7 +86,7 @@ def _bench_public(
 
 
 def _bench_memory(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
-    """Yield the peak memory of a recording and of one ten times as long, each in a fresh process."""
+    """Yield the peak memory of a recording, and of another that is ten times as long, each in a fresh process."""
     short, long = (
         run_bench_in_fresh_process(
             synthetic_recording.bench_recording_memory, size.sensor, size.positions[0], frames=frames, report=report

@@ -5,10 +5,26 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class BenchFigure:
-    """One measured number; ``target`` is its upper limit if ``at_most``, else its lower limit.
+    """One measured number.
 
-    ``low`` and ``high`` are the ends of its interval at 95 %, where it has one. ``cell`` is its row and column in the
-    table of its scene, where it has one.
+    Parameters
+    ----------
+    bench : str
+        Name of the bench.
+    what : str
+        Name of the figure, with its workload.
+    value : float
+        The number, in ``unit``.
+    unit : str
+        Unit of all numbers of the figure.
+    target : float, optional
+        Upper limit of the value if ``at_most``, else its lower limit; None without a target.
+    at_most : bool, default False
+        Whether the target is an upper limit.
+    low, high : float, optional
+        Ends of the 95 % interval; None for a figure without an interval.
+    cell : tuple of str, optional
+        Row and column in the table of its scene; None for a figure that is not in the table.
     """
 
     bench: str
@@ -23,7 +39,7 @@ class BenchFigure:
 
     @property
     def met(self) -> bool | None:
-        """Whether the target is met; None without a target."""
+        """True if the target is met; None without a target."""
         if self.target is None:
             return None
         return self.value <= self.target if self.at_most else self.value >= self.target
@@ -33,20 +49,30 @@ class BenchFigure:
 class BenchSize:
     """The workload of the benches; the defaults are full size.
 
-    Attributes
+    Parameters
     ----------
-    sensor : name or YAML file of the sensor; its pixels are those of all images.
-    frames : frames of a recording; growth is measured from there to ten times as many.
-    positions : positions of the usual and of the fine focal stack.
-    samples, reference : samples per pixel of a focal stack, and of the reference that its error is measured against.
-    still_samples, slice_samples : samples per pixel where grain is measured, at rest and in a time slice: those of the
-        project's recipes.
-    scenes : names of the scenes whose grain is measured; all that can be found if empty.
-    public_frames : frames for the public encoders; the slower ones get a tenth or a hundredth.
-    sequences : recordings that ten methods run on.
-    reads : windows that a process reads at random, after the first pass over them.
-    jobs : jobs that do nothing, on which the scheduler is measured.
-    recipe : recipe of the whole job; '' stands for sad_core.
+    sensor : str
+        Name or YAML file of the sensor, whose pixels are those of all images.
+    frames : int
+        Frames of a recording; growth is measured from this number to ten times as many.
+    positions : tuple of int
+        Numbers of positions of the usual and of the fine focal stack.
+    samples, reference : int
+        Samples per pixel of a focal stack, and of the reference against which its error is measured.
+    still_samples, slice_samples : int
+        Samples per pixel for grain at rest and in a time slice; the defaults are those of the project's recipes.
+    scenes : tuple of str
+        Names of the scenes whose grain is measured; all scenes that can be found if empty.
+    public_frames : int
+        Frames for the public encoders; the slower ones get a tenth or a hundredth.
+    sequences : int
+        Recordings on which ten methods run.
+    reads : int
+        Windows that a process reads at random after the first pass.
+    jobs : int
+        Jobs that do nothing, on which the scheduler is measured.
+    recipe : str
+        Recipe of the bench ``job``; '' stands for sad_core.
     """
 
     sensor: str = "vidar_400x250"

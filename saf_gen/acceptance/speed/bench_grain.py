@@ -1,7 +1,7 @@
-"""Grain: the noise that the renderer leaves in every scene's pictures, at rest and moving, and the time of a slice.
+"""Grain: the noise that the renderer leaves in pictures of each scene, at rest and moving, and the time of a slice.
 
-Each scene is rendered twice, with independent noise, as recordings of the project's recipes have it; what the two do
-not share is grain. :mod:`saf_gen.stack.grain` defines the figures and their intervals.
+Each scene is rendered twice with independent noise, as for recordings of the project's recipes; the difference between
+the two is grain. :mod:`saf_gen.stack.grain` defines the figures and their intervals.
 """
 
 import math
@@ -31,9 +31,9 @@ COLUMNS = {"contrast": "C²", "brenner": "Brenner", "tenengrad": "Tenengrad", "v
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield the grain of each scene at rest and, where it moves, of its time slices.
+    """Yield the grain of each scene at rest and, if the scene moves, in its time slices.
 
-    Raises BadInput for a scene that is not known. A scene that cannot be rendered is left out, and named.
+    A scene that cannot be rendered is left out, with a remark. Raises BadInput if a scene is unknown.
     """
     sensor = get_sensor(size.sensor)
     for scene in [find_scene(name) for name in size.scenes or scene_names()]:
@@ -44,43 +44,45 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
 
 
 def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
-    """Yield the figures of one scene, as the default member of its family."""
+    """Yield the figures of one scene, for the default member of its family."""
     from saf_gen.authoring import scene_grain
     from saf_gen.render.scene_renderer import SceneRenderer
 
-    whole = SceneRenderer(scene, sensor, backend_name="auto", wavelength_m=sensor.wavelength_m)
-    # Pixels beyond the target's box cost time and are not looked at.
-    cropped = scene_grain.crop_sensor_for_scene_grain(sensor, whole.trace_depth_and_target().target)
+    full_renderer = SceneRenderer(scene, sensor, backend_name="auto", wavelength_m=sensor.wavelength_m)
+    # Pixels outside the target's box cost time and are not used.
+    cropped = scene_grain.crop_sensor_for_scene_grain(sensor, full_renderer.trace_depth_and_target().target)
     renderer = SceneRenderer(scene, cropped, backend_name="auto", wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_depth_and_target()
     truth = scene.build_drive().true_focus(seen.depth[seen.target])
-    places = scene_grain.list_scene_grain_places(truth)
+    measured_positions = scene_grain.list_scene_grain_positions(truth)
     positions = size.positions[0]
     still = scene_grain.measure_still_scene_grain(
         renderer,
         seen,
-        places=places,
+        measured_positions=measured_positions,
         positions=positions,
         samples=size.still_samples,
         progress=lambda done: report(f"{scene.id}, at rest", done),
     )
-    max_contrast = dict.fromkeys(places, scene_grain.MAX_STILL_CONTRAST)
-    yield from _place_figures(scene.id, "still", found=still, max_rms=None, max_contrast=max_contrast)
+    max_contrast = dict.fromkeys(measured_positions, scene_grain.MAX_STILL_CONTRAST)
+    yield from _position_figures(scene.id, "still", found=still, max_rms=None, max_contrast=max_contrast)
     if not (renderer.motions and scene.card.slices_per_s):
         return
     found = scene_grain.measure_scene_grain_of_slices(
         renderer,
         seen,
-        places=places,
+        measured_positions=measured_positions,
         positions=positions,
         samples=size.slice_samples,
         step_s=1 / scene.card.slices_per_s,
         time_s=scene.card.still_s,
         progress=lambda done: report(f"{scene.id}, time slices", done),
     )
-    max_contrast = {name: scene_grain.MAX_SLICE_CONTRAST for name in places if name != scene_grain.BEST_FOCUS}
+    max_contrast = {
+        name: scene_grain.MAX_SLICE_CONTRAST for name in measured_positions if name != scene_grain.BEST_FOCUS
+    }
     max_rms = scene_grain.MAX_SLICE_RMS
-    yield from _place_figures(scene.id, "slice", found=found, max_rms=max_rms, max_contrast=max_contrast)
+    yield from _position_figures(scene.id, "slice", found=found, max_rms=max_rms, max_contrast=max_contrast)
     report(f"{scene.id}, later slices", 0.0)
     correlations = scene_grain.correlate_scene_grain_of_slices(
         renderer,
@@ -96,22 +98,22 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
         what = f"{scene.id}, slice, {scene_grain.BEST_FOCUS}: correlation of grain with {later}"
         yield _percent(what, figure)
     report(f"{scene.id}, later slices", 0.5)
-    seconds = _time_slices(whole, size=size, position=truth)
+    seconds = _time_slices(full_renderer, size=size, position=truth)
     report(f"{scene.id}, later slices", 1.0)
     what = f"{scene.id}, slice: loaded, rendered at two positions and stored"
     yield BenchFigure("grain", what, seconds, "s", MAX_SLICE_S.get(scene.id), at_most=True)
 
 
-def _place_figures(
+def _position_figures(
     scene: str, picture: str, *, found: Mapping[str, Any], max_rms: float | None, max_contrast: Mapping[str, float]
 ) -> Iterator[BenchFigure]:
-    """Yield rms and energies of a scene's stills or slices at each place, in per cent, beside their goals."""
-    for place, grain in found.items():
-        row, label = f"{picture}, {place}", f"{scene}, {picture}, {place}"
+    """Yield the rms and the energies of a scene's stills or slices at each position, in per cent, with their goals."""
+    for position_name, grain in found.items():
+        row, label = f"{picture}, {position_name}", f"{scene}, {picture}, {position_name}"
         yield _percent(f"{label}: rms over mean", grain.box.rms, goal=max_rms, cell=(row, "rms"))
         yield _percent(f"{label}: rms over mean on the target alone", grain.target.rms, cell=(row, "on target"))
         for energy, name in ENERGY_NAMES.items():
-            goal = max_contrast.get(place) if energy == "contrast" else None
+            goal = max_contrast.get(position_name) if energy == "contrast" else None
             figure, cell = grain.box.noise_over_signal[energy], (row, COLUMNS[energy])
             yield _percent(f"{label}: noise over signal in {name}", figure, goal=goal, cell=cell)
 
@@ -132,12 +134,12 @@ def _percent(what: str, figure: Any, *, goal: float | None = None, cell: tuple[s
 
 
 def _time_slices(renderer: Any, *, size: BenchSize, position: float) -> float:
-    """Return the seconds per slice of a recording in which the lens rests at a position, by a SceneRenderer."""
+    """Return the rendering time (seconds) per time slice of a recording with the lens at rest at ``position``."""
     from saf_gen.render import render_missing_stacks
 
     first = min(int(position * (size.positions[0] - 1)), size.positions[0] - 2)
     scene = renderer.scene
-    whole = StackSpec.from_scene(
+    first_spec = StackSpec.from_scene(
         scene,
         renderer.grid,
         positions=size.positions[0],
@@ -148,18 +150,18 @@ def _time_slices(renderer: Any, *, size: BenchSize, position: float) -> float:
         window=(first, first + 1),
     )
     step_s = 1 / (scene.card.slices_per_s or 1.0)
-    specs = [replace(whole, time_s=whole.time_s + n * step_s) for n in range(2 + TIMED_SLICES)]
+    specs = [replace(first_spec, time_s=first_spec.time_s + n * step_s) for n in range(2 + TIMED_SLICES)]
     with TemporaryDirectory() as folder:
         options: dict[str, Any] = {"root": Path(folder), "backend_name": renderer.backend_name}
         render_missing_stacks(scene, specs[:1], **options)  # compiles
-        # The scene is built once for a whole recording: the difference of one slice and several leaves that out.
+        # A recording builds its scene only once; the difference between several slices and one leaves this time out.
         _, one_s = time_benched_call(render_missing_stacks, scene, specs[1:2], **options)
         _, several_s = time_benched_call(render_missing_stacks, scene, specs[2:], **options)
     return max(several_s - one_s, 0.0) / (TIMED_SLICES - 1)
 
 
 def find_worst_benched_grain(figures: Sequence[BenchFigure]) -> Iterator[BenchFigure]:
-    """Yield the worst of each kind of figure that has a goal, with the scene and place where it is."""
+    """Yield the worst figure of each kind that has a goal, with its scene and position."""
     kinds = {
         "worst slice: rms over mean": (", slice,", "rms over mean"),
         "worst slice away from focus: noise over signal in C²": (", slice,", "C²"),

@@ -1,4 +1,4 @@
-"""The whole pipeline: the paper's synthetic set from recipe to leaderboard, then under another light."""
+"""The complete pipeline: the dataset of Su et al. (CVPR 2024) from recipe to leaderboard, then under another light."""
 
 import json
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ OTHER_LIGHT: dict[str, Any] = {"kind": "ramp", "from": 2.0, "to": 0.5}
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
-    """Yield the time from recipe to leaderboard, and the time to record again under a new light schedule."""
+    """Yield the time from recipe to leaderboard, and the time to record again under another light schedule."""
     recipe = find_recipe(size.recipe or PAPER_RECIPE)
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "dataset"
@@ -64,7 +64,7 @@ def _rank(folder: Path) -> None:
 
 
 def _write_other_recipe(recipe: Path, folder: Path) -> Path:
-    """Write the recipe with one schedule that it does not have, as JSON, which is YAML; return the path."""
+    """Write the recipe with OTHER_LIGHT as its only light schedule, in JSON, which is also YAML; return the path."""
     data = read_recipe(recipe).model_dump(mode="json")
     data["lights"] = {"other": OTHER_LIGHT}
     for split in data["splits"].values():

@@ -1,6 +1,6 @@
 """The rates of this machine, under the names that `saf-gen plan --rates` reads.
 
-Processor time is measured where others that are busy on the machine would change the figure.
+Processor time is measured for figures that other work on the machine would change.
 """
 
 import json
@@ -31,7 +31,7 @@ from saf_gen.stream.stream_file import open_stream
 
 SCENE = "usaf_target"
 FEW, MANY = 4, 64
-"""Samples of the two stacks whose difference in time is that of the paths alone."""
+"""Samples per pixel of two stacks; the difference between their times is the time of the light paths alone."""
 RECIPE, REPEATS, OPENINGS = "quickstart", 100, 100
 
 
@@ -61,7 +61,7 @@ def _measure_recording(size: BenchSize, folder: Path, *, report: ReportProgress)
 
 
 def _measure_rendering(size: BenchSize, folder: Path, *, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield the rates of rendering; a remark where this machine has no fast renderer."""
+    """Yield the rates of rendering, or a remark if this machine has no fast renderer or is too busy."""
     report("rendering", 0.0)
     try:
         from saf_gen.render import backend
@@ -89,7 +89,7 @@ def _measure_rendering(size: BenchSize, folder: Path, *, report: ReportProgress)
         seconds.append(time_benched_call(job.run, lambda name, done: None)[1])
     _, few, many = seconds
     if many <= few:
-        yield "rates of rendering are left out: the machine was too busy to tell them"
+        yield "rates of rendering are left out: the machine was too busy to measure them"
         return
     pixels, groups, usual = spec.rows * spec.columns, len(spec.groups), MachineRates()
     rate = pixels * groups * (MANY - FEW) / (many - few)
@@ -106,7 +106,7 @@ def _measure_scheduler(size: BenchSize, folder: Path, *, report: ReportProgress)
         done += error is None
     yield BenchFigure("rates", "job_s", (process_time() - processor) / size.jobs, "s of a processor")
     what = f"{done:,} of {size.jobs:,} jobs that do nothing, two workers"
-    yield BenchFigure("rates", what, (perf_counter() - wall) / size.jobs, "s a job")
+    yield BenchFigure("rates", what, (perf_counter() - wall) / size.jobs, "s per job")
     report("scheduler", 0.5)
     data = read_recipe(find_recipe(RECIPE)).model_dump(mode="json")
     for split in data["splits"].values():

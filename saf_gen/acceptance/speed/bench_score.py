@@ -1,4 +1,4 @@
-"""Ten methods on six recordings: the time from file to answer, over that of the measures alone."""
+"""Ten methods on six recordings: the time from file to answer, and its ratio to the time of the measures alone."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +25,7 @@ MAX_S = 30.0
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield the time of all methods on recordings under three lights, over the whole frame."""
+    """Yield the time of all methods on recordings under three lights, with the whole frame as region."""
     sensor = get_sensor(size.sensor)
     charge = synthetic_recording.make_bench_charge(sensor, size.positions[0])
     with TemporaryDirectory() as folder:

@@ -1,11 +1,12 @@
-"""One pass over all focus positions, against Mitsuba's thin lens rendered at each position.
+"""One pass over all focus positions, compared with Mitsuba's thin lens rendered at each position.
 
-First of plain paths, at equal samples; then with shared shading, at equal error: the thin lens would need as many more
-samples as its squared error is larger.
+Plain paths are compared at equal samples, and shared shading at equal error: the thin lens would need more samples by
+the ratio of the squared errors.
 
-Both use the same scene, sensor grid and number of samples, and geometric optics: the thin lens has no waves. It has
-a box filter, and its focus distance in a variable, so that it is compiled once. Both errors are taken against the
-mean of many thin-lens renders with other seeds; the noise of that reference, known from their scatter, is subtracted.
+Both renderers use the same scene, sensor grid and number of samples, and geometric optics, because the thin lens has no
+waves. The thin lens has a box filter, and its focus distance is a variable, so that it is compiled once. Both errors
+are measured against the mean of many thin-lens renders with other seeds; the noise of this reference, known from the
+scatter of the renders, is subtracted.
 """
 
 import math
@@ -28,18 +29,18 @@ SCENE = "usaf_target"  # cheap to trace, so the ratio is at its lowest
 TARGETS = (45.0, 150.0)
 EQUAL_ERROR_TARGET = 100.0
 MAX_ERROR_DB = 0.2
-MIN_ERROR = 1e-9  # of the mean radiance: below it an error drowns in the reference's noise
+MIN_ERROR = 1e-9  # of the mean radiance; a smaller error cannot be distinguished from the noise of the reference
 
 
 @dataclass(frozen=True)
 class ReferenceRender:
-    """The mean of renders, float64 (row, col), and the mean over pixels of the variance of that mean."""
+    """A reference: the mean of renders, float64 (row, col), and the variance of that mean, averaged over pixels."""
 
     radiance: np.ndarray
     noise: float
 
     def relative_rms_error(self, image: np.ndarray) -> float:
-        """Return the RMS error of an image as a fraction of the mean radiance; 0 if it is below the noise."""
+        """Return the rms error of an image as a fraction of the mean radiance; 0 if it is below the noise."""
         square = float(np.mean((image - self.radiance) ** 2)) - self.noise
         return math.sqrt(max(square, 0.0)) / float(self.radiance.mean())
 
@@ -66,19 +67,19 @@ def set_up_benched_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
 
 
 def nearest_bench_positions(positions: int) -> list[float]:
-    """Return the positions of a stack that are nearest to POSITIONS."""
+    """Return the positions nearest to POSITIONS in a stack of this many positions."""
     return [round(position * (positions - 1)) / (positions - 1) for position in POSITIONS]
 
 
 def render_one_pass_for_bench(setup: Any, positions: int, *, samples: int) -> np.ndarray:
-    """Render the focal stack in one pass, float32 (focus, row, col)."""
+    """Return the focal stack rendered in one pass with plain paths, float32 (focus, row, col)."""
     from saf_gen.render import one_pass
 
     return one_pass.render_stack(setup, positions=positions, samples=samples, seed=1)[0]
 
 
 def render_filtered_for_bench(setup: Any, positions: int, *, samples: int) -> np.ndarray:
-    """Render the focal stack in one pass with shared shading, float32 (focus, row, col)."""
+    """Return the focal stack rendered in one pass with shared shading, float32 (focus, row, col)."""
     from saf_gen.render import filtered_pass
 
     lamps = [shape.id() for shape in setup.mitsuba_scene.shapes() if shape.is_emitter()]
@@ -91,7 +92,7 @@ def render_filtered_for_bench(setup: Any, positions: int, *, samples: int) -> np
 
 
 def render_thin_lens_for_bench(setup: Any, position: float, *, samples: int, seed: int) -> np.ndarray:
-    """Render one position (0 to 1) with Mitsuba's thin lens, float32 (row, col)."""
+    """Return one position (0 to 1) rendered with Mitsuba's thin lens, float32 (row, col)."""
     from saf_gen.render import thin_lens
 
     derived = seeds.derive_seed("bench", "thin lens", seed)
@@ -103,7 +104,7 @@ def render_reference_for_bench(
 ) -> tuple[ReferenceRender, list[float]]:
     """Return a reference of ``samples`` samples per pixel, and the seconds of each of its renders.
 
-    It is the mean of at least two renders of ``batch`` samples, which need less memory than one of all.
+    The reference is the mean of at least two renders of ``batch`` samples, which need less memory than a single render.
     """
     timed = [
         time_benched_call(render_thin_lens_for_bench, setup, position, samples=batch, seed=1 + n)
@@ -115,7 +116,7 @@ def render_reference_for_bench(
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield the time of one pass, of as many thin-lens renders, and the errors of both at equal samples."""
+    """Yield the times of one pass and of thin-lens renders at as many positions, and compare their errors and times."""
     setup, chosen = set_up_benched_scene(size.sensor)
     render_thin_lens_for_bench(setup, 0.5, samples=size.samples, seed=0)  # compiles
     usual, _ = size.positions
@@ -168,7 +169,7 @@ def _compare_errors(
 def _compare_at_equal_error(
     size: BenchSize, setup: Any, *, references: list[ReferenceRender], one_render: float
 ) -> Iterator[BenchFigure]:
-    """Yield how many times faster shared shading is than thin-lens renders of the same squared error."""
+    """Yield time and error of shared shading, and its speed relative to thin-lens renders of the same error."""
     samples, (positions, _) = size.still_samples, size.positions
     render_filtered_for_bench(setup, positions, samples=samples)  # compiles
     stack, seconds = time_benched_call(render_filtered_for_bench, setup, positions, samples=samples)

@@ -1,7 +1,7 @@
-"""The stream file: writing, size, file to scores, and three patterns of reading.
+"""The stream file: writing, size, the time from file to scores, and three patterns of reading.
 
-Files are in the page cache, so that the work of reading is measured and not the disk. How much of a file a
-pattern reads is the system's own count, metadata included.
+Files are in the page cache, so that the work of reading is measured and not the disk. The operating system counts how
+much of a file is read, metadata included.
 """
 
 from collections.abc import Callable, Iterator
@@ -54,7 +54,7 @@ def _bench_reading(path: Path) -> Iterator[BenchFigure | str]:
     with open_stream(path) as stream:
         frames, rows, columns = stream.shape
     window = max(1, frames // WINDOWS)
-    middle = frames // 2 // window * window  # a block as searches use them
+    middle = frames // 2 // window * window  # first frame of a block, as searches use them
     box = _centred(rows), _centred(columns)
 
     def score_windows(stream: SpikeStream) -> None:
@@ -94,7 +94,10 @@ def _centred(length: int) -> slice:
 
 
 def _time_read(path: Path, read: Callable[[SpikeStream], object]) -> tuple[float, float | None]:
-    """Return the seconds from opening the file to the end of ``read``, and the fraction of the file read."""
+    """Return the seconds from opening the file to the end of ``read``, and the fraction of the file that was read.
+
+    The fraction is None if the system does not count bytes.
+    """
     before = bytes_read_by_bench()
 
     def work() -> None:

@@ -1,6 +1,6 @@
-"""Random windows for training: how many a second two processes read, the first time and ever after.
+"""Random windows for training: how many per second two processes read, in the first pass and afterwards.
 
-The processes begin together. Files are in the page cache, so that the work of reading is measured and not the disk.
+The processes start together. Files are in the page cache, so that the work of reading is measured and not the disk.
 """
 
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ MIN_PER_SECOND, MAX_GIB = 1_500.0, 1.0
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield windows per second of two processes that read all windows in random order, and the memory of each."""
+    """Yield the windows per second that two processes read in random order, and the larger of their peak memories."""
     sensor = get_sensor(size.sensor)
     with TemporaryDirectory() as folder:
         report("recordings to read", 0.0)
@@ -48,7 +48,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
 
 
 def _make_dataset(folder: Path, size: BenchSize) -> None:
-    """Write one recording under as many names as there are sequences: what it holds does not matter here."""
+    """Write one recording under as many names as there are sequences; its content does not matter here."""
     sensor = get_sensor(size.sensor)
     charge = synthetic_recording.make_bench_charge(sensor, size.positions[0])
     paths = [folder / f"{number}.h5" for number in range(size.sequences)]
@@ -62,7 +62,7 @@ def _make_dataset(folder: Path, size: BenchSize) -> None:
 
 @dataclass(frozen=True)
 class _Reader:
-    """Reads windows beside others, after all of them are there; gives rates of both passes and its memory in GiB."""
+    """Reads windows once all readers have started; returns the rates of both passes and its peak memory (GiB)."""
 
     folder: str
     number: int
@@ -87,7 +87,7 @@ class _Reader:
 
     def _read(self, windows: SpikeWindows, numbers: np.ndarray, *, stage: str) -> float:
         Path(self.folder, f"{stage}-{self.number}").touch()
-        patience = perf_counter() + 60  # the other may have failed
+        patience = perf_counter() + 60  # the other process may have failed
         while len(list(Path(self.folder).glob(f"{stage}-*"))) < PROCESSES and perf_counter() < patience:
             sleep(0.01)
         begin = perf_counter()

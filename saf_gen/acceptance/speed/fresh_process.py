@@ -1,4 +1,4 @@
-"""Functions called in a fresh process, and the time, peak memory and bytes read that they take."""
+"""Calls of functions in a fresh process, and measurements of time, peak memory and bytes read."""
 
 import resource
 import sys
@@ -37,7 +37,7 @@ def run_bench_in_fresh_process(
 ) -> T:
     """Return ``function(*arguments, **options, report=report)``, called in a spawned process.
 
-    Raises SafGenError if the call fails; a SafGenError of the function is passed on.
+    Raises SafGenError if the call fails; a SafGenError raised by the function is raised here as well.
     """
     call = _Call(function.__name__, function, arguments, options)
     ((_, result, error),) = run_jobs([call], workers=1, report=report)
@@ -47,20 +47,20 @@ def run_bench_in_fresh_process(
 
 
 def peak_memory_of_bench_gib() -> float:
-    """Return the peak resident memory (GiB) of this process or of a child that it waited for."""
+    """Return the peak resident memory (GiB) of this process, or of a child that it waited for if that is larger."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * _UNIT
-    line = _field(_STATUS, "VmHWM")  # on Linux a child inherits ru_maxrss from its parent, but not this
+    line = _field(_STATUS, "VmHWM")  # on Linux a child inherits ru_maxrss from its parent, but not VmHWM
     own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _UNIT if line is None else 1024 * line
     return max(own, children) / 2**30
 
 
 def bytes_read_by_bench() -> int | None:
-    """Return the bytes that this process has read, from disk or cache; None if the system does not count."""
+    """Return the number of bytes that this process has read, from disk or cache; None if the system does not count."""
     return _field(_IO, "rchar")
 
 
 def _field(path: Path, name: str) -> int | None:
-    """Return the number in a line ``name: number ...``; None without the file or the line."""
+    """Return the number in the line ``name: number ...`` of a file; None if the file or the line is missing."""
     try:
         lines = path.read_text().splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""What this machine renders with: backend, LLVM, graphics card, cores, memory, versions."""
+"""Facts about this machine that matter for rendering: backend, LLVM, graphics card, cores, memory, versions."""
 
 import os
 import platform
@@ -12,9 +12,9 @@ PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "Open
 
 
 def describe_machine_to_bench() -> tuple[dict[str, str], list[str]]:
-    """Return facts by name, and advice on what to install; nothing is rendered.
+    """Return facts about this machine by name, and advice on what to install, without rendering anything.
 
-    A missing renderer is one of the facts.
+    If there is no renderer, this is one of the facts.
     """
     facts: dict[str, str] = {}
     advice: list[str] = []

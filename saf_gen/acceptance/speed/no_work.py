@@ -1,6 +1,6 @@
 """A job that does nothing, on which the scheduler is measured.
 
-It lies alone, because a process that is started for it imports this module and not what other benches need.
+It has its own module, so that a process that is started for it does not import what other benches need.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from saf_gen.core.execution.job import ReportProgress
 
 @dataclass(frozen=True)
 class NoWork:
-    """A job that only reports, as all do."""
+    """A job that only reports, as every job does."""
 
     number: int
     takes_all_cores: bool = False
@@ -18,9 +18,9 @@ class NoWork:
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
+        """Name of the job in reports."""
         return f"nothing {self.number}"
 
     def run(self, report: ReportProgress) -> None:
-        """Report that it has ended."""
+        """Report that the job has ended."""
         report(self.name, 1.0)

@@ -1,7 +1,7 @@
-"""A synthetic recording that needs no renderer: a sweep over a texture that comes into focus and leaves it.
+"""A synthetic recording that needs no renderer: a sweep over a texture that comes into focus and goes out of it.
 
-The texture's contrast follows a bell curve over the travel, roughly like that of a defocused target. The mean
-rate is 0.2 spikes per readout, with all of the sensor's noise.
+The contrast of the texture follows a bell curve over the travel, roughly like that of a defocused target. The mean rate
+is 0.2 spikes per readout, with all noise of the sensor.
 """
 
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ def encode_bench_blocks(
 ) -> Iterator[np.ndarray]:
     """Yield the spikes of a sweep in consecutive blocks, uint8 (row, col, bytes).
 
-    Recordings of different ``number`` have independent noise.
+    Recordings with different values of ``number`` have independent noise.
     """
     index, fraction = encoder_knot_weights(_sweep(frames), charge.shape[1])
     gain = _gain(light, frames)
@@ -82,7 +82,7 @@ def _sweep(frames: int) -> np.ndarray:
 
 
 def _gain(light: str, frames: int) -> np.ndarray:
-    """Return one of the paper's three lights: constant, a fourfold ramp, ten steps; float32 (frame, 1)."""
+    """Return the gain of a light of Su et al. (CVPR 2024), float32 (frame, 1): constant, fourfold ramp or ten steps."""
     if light == "continuous":
         gain = np.linspace(0.5, 2.0, frames)
     elif light == "sudden":

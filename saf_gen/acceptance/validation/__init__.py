@@ -1,8 +1,9 @@
-"""Validation: the product, run as a user runs it, held against theory, itself, published figures and other code.
+"""Validation: saf_gen is run as a user runs it, and compared with theory, itself, published figures and other code.
 
-A check is one law (:class:`Check`). The checks of one subject stand in one module of this folder; nothing else must be
-told of a new one but its module's list. :func:`run_validation_checks` runs them, keeps what they find, and goes on
-after a stop; :mod:`saf_gen.acceptance.validation.page` writes the page.
+Each check tests one law (:class:`Check`). The checks of a subject are in one module of this folder; to add a check,
+add it to the ``CHECKS`` of its module. :func:`saf_gen.acceptance.validation.runner.run_validation_checks` runs checks,
+saves their results and resumes an interrupted run; :mod:`saf_gen.acceptance.validation.validation_page` writes the
+page.
 """
 
 from importlib import import_module
@@ -32,7 +33,7 @@ SUBJECTS = {
     "dispersion": "dispersion",
     "referee": "emva_referee",
 }
-"""The module of the checks of each subject, in the order of the page."""
+"""Module that holds the checks of each subject, in the order of the page."""
 
 
 def all_validation_checks() -> dict[str, Check]:
@@ -42,9 +43,9 @@ def all_validation_checks() -> dict[str, Check]:
 
 
 def choose_validation_checks(names: list[str]) -> list[Check]:
-    """Return the checks of these names, or all if there are none; a subject stands for all its checks.
+    """Return the checks with these names, or all checks if ``names`` is empty; a subject stands for all its checks.
 
-    Raises BadInput for a name that is neither a check nor a subject.
+    Raises BadInput if a name is neither a check nor a subject.
     """
     checks = all_validation_checks()
     for name in names:

@@ -1,4 +1,4 @@
-"""What a check is, and what it finds: laws and figures in words and numbers, and the data of its plot."""
+"""Checks and their results: the law in words, the figures that were compared with it, and the data of a plot."""
 
 from __future__ import annotations
 
@@ -14,21 +14,27 @@ if TYPE_CHECKING:
 
 
 class CheckSkipped(SafGenError):
-    """A check that cannot be run here, such as one that needs a package that is not installed; says why."""
+    """Raised by a check that cannot run here, such as one whose package is not installed; the message says why."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One figure of a check, its 95 % interval, and the range in which it must lie.
+    """One figure of a check, its 95 % interval, and its allowed range.
 
     Parameters
     ----------
-    what : the figure, in a few words.
-    measured : its value, from the product.
-    expected : what the law says; NaN where the law gives a bound alone.
-    at_least, at_most : the ends of what is allowed, by the statistics of the workload.
-    low, high : the 95 % interval of ``measured``; NaN for a figure without scatter.
-    unit : its unit, '' for a number.
+    what : str
+        Name of the figure, in a few words.
+    measured : float
+        Value of the figure in the output of saf_gen.
+    expected : float, optional
+        Value that the law predicts; NaN, the default, if the law gives only a bound.
+    at_least, at_most : float, optional
+        Ends of the allowed range, which follow from the statistics of the workload; unbounded by default.
+    low, high : float, optional
+        Ends of the 95 % interval of ``measured``; NaN, the default, for a figure without scatter.
+    unit : str, optional
+        Unit of the figure; '', the default, for a dimensionless number.
     """
 
     what: str
@@ -42,12 +48,16 @@ class Comparison:
 
     @property
     def passed(self) -> bool:
-        """Whether the figure lies in the allowed range; what is not a number does not."""
+        """True if the figure is within the allowed range; a NaN never is."""
         return self.at_least <= self.measured <= self.at_most
 
     @property
     def tolerance_used(self) -> float:
-        """The distance to what the law expects over the allowed one, or the figure over its only bound."""
+        """Fraction of the tolerance that the figure uses; above 1 the figure fails.
+
+        This is the deviation from the expected value, divided by the allowed deviation. Without an expected value, it
+        is the figure divided by its upper bound, or its lower bound divided by the figure.
+        """
         if math.isfinite(self.expected):
             off = self.measured - self.expected
             allowed = self.at_most - self.expected if off > 0 else self.expected - self.at_least
@@ -61,7 +71,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve of a plot: points with error bars, or a line. All lists have one length."""
+    """A curve of a plot: a line, or points with error bars. All sequences that are given have the same length."""
 
     label: str
     x: tuple[float, ...]
@@ -72,7 +82,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Plot:
-    """The data of a check's picture."""
+    """The data of the plot of a check."""
 
     x_label: str
     y_label: str
@@ -83,7 +93,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found: its figures, its plot, and remarks in plain sentences."""
+    """The result of a check: its figures, its plot, and remarks in plain sentences."""
 
     comparisons: tuple[Comparison, ...]
     plot: Plot | None = None
@@ -92,17 +102,25 @@ class Finding:
 
 @dataclass(frozen=True)
 class Check:
-    """One law that the product is held to.
+    """One law that the output of saf_gen must obey.
 
     Parameters
     ----------
-    name : its name, as ``--only`` takes it; the subject comes first.
-    law : the law in words, one sentence.
-    formula : the same as a formula.
-    source : where the law comes from, with a DOI where there is one.
-    workload : what is generated, in words.
-    tolerance : what deviation is allowed, and why.
-    run : makes the streams and compares; True as second argument for the small size.
+    name : str
+        Name of the check for ``--only``; it begins with the subject.
+    law : str
+        The law in one sentence.
+    formula : str
+        The law as a formula.
+    source : str
+        Origin of the law, with its DOI if it has one.
+    workload : str
+        Description of what is generated.
+    tolerance : str
+        The allowed deviation, and the reason for it.
+    run : callable
+        Function of a DatasetMaker and a bool (True for the small size) that generates the streams and returns the
+        Finding.
     """
 
     name: str
@@ -115,13 +133,13 @@ class Check:
 
     @property
     def subject(self) -> str:
-        """The subject, by which checks are grouped: the name's first word."""
+        """Subject of the check: the first word of its name."""
         return self.name.partition("_")[0]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a check ended: ``passed``, ``failed``, ``skipped`` or ``broken``; the last two with the reason."""
+    """The outcome of a check: ``passed``, ``failed``, ``skipped`` or ``broken``, the last two with a reason."""
 
     name: str
     outcome: Literal["passed", "failed", "skipped", "broken"]
@@ -132,12 +150,12 @@ class Verdict:
     reason: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as values of JSON; infinities and NaN become None."""
+        """Return the verdict as a dictionary of JSON values; infinities and NaN become None."""
         return _finite(asdict(self))
 
     @classmethod
     def from_dict(cls, found: dict[str, Any]) -> Verdict:
-        """Return the verdict that :meth:`as_dict` gave."""
+        """Return the verdict that :meth:`as_dict` has converted to ``found``."""
         plot = found["plot"]
         return cls(
             **found

@@ -1,4 +1,4 @@
-"""Convergence: at the defaults, what samples, positions and slices leave out lies below the sensor's own noise."""
+"""Convergence: at our recipes' settings, errors from samples, positions and slices are below the sensor's noise."""
 
 from typing import Any
 
@@ -6,8 +6,8 @@ import numpy as np
 
 import saf_gen
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
-from saf_gen.acceptance.validation.optics import DRIVES, F_NUMBER
-from saf_gen.acceptance.validation.workload import DatasetMaker, Made, Workload, workload_sensor_with_noise
+from saf_gen.acceptance.validation.lens_edges import DRIVES, F_NUMBER
+from saf_gen.acceptance.validation.workload import DatasetMaker, MadeDataset, Workload, workload_sensor_with_noise
 from saf_gen.acceptance.validation.written_scenes import lit_chequers_of_workload
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import Sensor, get_sensor
@@ -18,11 +18,12 @@ from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stream.recorded_grain import read_grain_of_stream
 
 SAMPLES, SLICE_SAMPLES, POSITIONS, RATE, BLOCK = 64, 16, 129, 0.2, 100
-"""What our recipes use for scenes at rest and in time slices, and the block of frames in which measures look."""
+"""Samples per pixel at rest and in time slices, positions and mean rate (spikes per readout) of our recipes, and the
+number of frames of the blocks that focus measures look at."""
 
 
 def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare grain at the samples of our recipes with the noise of the sensor, and too few samples with a warning."""
+    """Compare the grain at the samples of our recipes with the sensor's noise; too few samples must give a warning."""
     scenes = ("usaf_target",) if quick else ("usaf_target", "low_texture", "bookshelf", "camel", "two_planes")
     size: dict[str, Any] = {"rows": 50, "columns": 80, "pitch_m": 1e-4}
     sensor = get_sensor("vidar_400x250", **(size if quick else {"rows": 125, "columns": 200, "pitch_m": 4e-5}))
@@ -40,14 +41,14 @@ def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
             shipped=scenes,
         )
 
-    made = maker.make(make(SAMPLES))
+    dataset = maker.make(make(SAMPLES))
     for scene in scenes:
-        with made.open(scene=scene) as stream:
+        with dataset.open(scene=scene) as stream:
             grain = read_grain_of_stream(stream.metadata.provenance)
         rms = float("nan") if grain is None else grain.rms_in_focus
         comparisons.append(Comparison(f"{scene}: grain in focus over the mean", rms, at_least=0.0, at_most=noise))
         shown.append(rms)
-    enough = compose_leaderboard_grain_notes(evaluate(made.folder, methods=["sd+argmax"]).records)
+    enough = compose_leaderboard_grain_notes(evaluate(dataset.folder, methods=["sd+argmax"]).records)
     comparisons.append(Comparison("warnings of evaluate at the default", float(len(enough)), 0.0, 0.0, 0.0))
     few = maker.make(make(1))
     warned = compose_leaderboard_grain_notes(evaluate(few.folder, methods=["energy_of_laplacian+argmax"]).records)
@@ -60,7 +61,7 @@ def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _check_positions(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare SD along a sweep of the positions of our recipes with that of four times as many."""
+    """Compare the SD along a sweep rendered at the positions of our recipes with the SD at four times as many."""
     repeats, frames, samples = (4, 2000, 32) if quick else (12, 4000, 256)
     sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
     lens = {"drive": "image_distance", "f_number": F_NUMBER, **DRIVES["image_distance"]}
@@ -76,15 +77,15 @@ def _check_positions(maker: DatasetMaker, quick: bool) -> Finding:
             render={"samples": samples, "max_depth": 3},
             split={"repeats": repeats},
         )
-        made = maker.make(workload)
+        dataset = maker.make(workload)
         found = []
         for repeat in range(repeats):
-            with made.open(repeat=repeat) as stream:
+            with dataset.open(repeat=repeat) as stream:
                 found.append([measure(stream.counts(k, k + BLOCK)) for k in range(0, frames, BLOCK)])
         curves_of[positions] = np.array(found)
     coarse, fine = curves_of.values()
     scatter = np.sqrt((coarse.var(axis=0, ddof=1) + fine.var(axis=0, ddof=1)) / 2)
-    # A window's bias over the scatter of one recording: at most 1, that is below the sensor's own noise.
+    # Bias of each window over the scatter of one recording; up to 1, the bias is below the sensor's noise.
     off = (coarse - fine.mean(axis=0)) / np.sqrt(np.mean(scatter**2))
     comparisons = (
         Comparison(
@@ -104,7 +105,7 @@ def _check_positions(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _check_slices(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare counts recorded with the time slices of a scene's card with those of four times as many and as clean."""
+    """Compare counts from the time slices of a scene's card with counts from four times as many slices and samples."""
     scenes = ("foliage", "bottle")
     sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=100, columns=160)
     noise = _noise_of_block(get_sensor("vidar_400x250"))
@@ -130,16 +131,19 @@ def _check_slices(maker: DatasetMaker, quick: bool) -> Finding:
                 shipped=(scene,),
             )
 
-        for times, told in ((1, 0), (0.25, 1)):
+        for times, expected_warnings in ((1, 0), (0.25, 1)):
             lines = find_coarse_recipe_sampling(maker.resolve(make(times)))
             what = f"{scene}: warnings of recipes check at {times:g} times the slices of its card"
-            comparisons.append(Comparison(what, float(len(lines)), told, told, told))
-        if quick:  # light between two slices is held to its law by `crossfade_dip`
+            comparisons.append(
+                Comparison(what, float(len(lines)), expected_warnings, expected_warnings, expected_warnings)
+            )
+        if quick:  # crossfade_dip checks the interpolation between two slices
             continue
-        made = (maker.make(make(times)) for times in (1, 4))
-        mine, finer = ([_read_blocks(one, light=light) for light in ("one", "another")] for one in made)
-        # The product of differences with other noise has no noise in the mean; grain of both renders stays in it.
-        first, second = (a - b for a, b in zip(mine, finer, strict=True))
+        dataset = (maker.make(make(times)) for times in (1, 4))
+        by_card, finer = ([_read_blocks(one, light=light) for light in ("one", "another")] for one in dataset)
+        # Sensor noise averages out of the product of two differences with independent noise; the grain of both renders
+        # remains.
+        first, second = (a - b for a, b in zip(by_card, finer, strict=True))
         error = float(np.sqrt(max(np.mean(first * second), 0.0)) / np.mean(finer))
         what = f"{scene}: error over the mean at {per_s:g} slices per second"
         comparisons.append(Comparison(what, error, 0.0, 0.0, noise))
@@ -150,7 +154,10 @@ def _check_slices(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _noise_of_block(sensor: Sensor) -> float:
-    """Return the rms of a block's counts over their mean: fixed pattern, and counting, 1/6 on average."""
+    """Return the rms noise of the counts in a block, divided by their mean.
+
+    The noise is the fixed pattern, shot and threshold noise, and the variance of counting whole spikes, 1/6 on average.
+    """
     pattern = float(
         np.linalg.norm(
             (
@@ -165,43 +172,44 @@ def _noise_of_block(sensor: Sensor) -> float:
     return float(np.hypot(pattern, counting))
 
 
-def _read_blocks(made: Made, *, light: str) -> np.ndarray:
-    """Return the counts of each block of a recording, (block, row, col)."""
-    with made.open(light=light) as stream:
+def _read_blocks(dataset: MadeDataset, *, light: str) -> np.ndarray:
+    """Return the counts in each block of a recording, float64 (block, row, col)."""
+    with dataset.open(light=light) as stream:
         return np.array([stream.counts(k, k + BLOCK) for k in range(0, stream.shape[0], BLOCK)], dtype=float)
 
 
 CHECKS = (
     Check(
         "convergence_samples",
-        "At the samples of our recipes grain lies below the noise of the sensor; a dataset with far too few is "
-        "warned of.",
+        "At the samples per pixel of our recipes, grain is below the noise of the sensor; `evaluate` warns of a "
+        "dataset with far too few samples.",
         "grain rms ≤ √(fixed pattern² + (1/6 + F·m)/m²), m = rate × 100 frames",
         "Grain: docs/explanation/grain.md; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
-        "Scenes at rest with 64 samples as stored beside each recording, and again with one; evaluate's warning.",
-        "The sensor's own noise in a block of 100 frames at a rate of 0.2.",
+        "Scenes at rest with 64 samples per pixel, whose grain is read from each recording, and again with one "
+        "sample; the warnings of `evaluate`.",
+        "The noise of the sensor in a block of 100 frames at a rate of 0.2.",
         _check_samples,
     ),
     Check(
         "convergence_positions",
-        "At the 129 positions of our recipes the focus curve differs from that of 513 by less than one recording "
-        "scatters.",
+        "At the 129 positions of our recipes, the focus curve differs from the curve at 513 positions by less than "
+        "the scatter of one recording.",
         "|mean SD(129) − mean SD(513)| ≤ sd of SD in one recording",
         "Linear interpolation between positions (docs/explanation/physics.md, *Radiometry and exposure*)",
-        "A chequered plane swept by a lens at f/1.4, several seeds, with 129 and with 513 positions.",
-        "One standard deviation of a recording's SD; the noise of the means is taken off.",
+        "A chequered plane swept by a lens at f/1.4, with several seeds, at 129 and at 513 positions.",
+        "One standard deviation of the SD of one recording; the noise of the means is subtracted.",
         _check_positions,
     ),
     Check(
         "convergence_slices",
-        "At the time slices of their cards, mixing two of them changes pictures of moving scenes by less than the "
-        "sensor's noise; a recipe with fewer is warned of.",
+        "At the time slices per second of their cards, mixing two slices changes the pictures of moving scenes by "
+        "less than the noise of the sensor; `recipes check` warns of a recipe with fewer slices.",
         "rms(counts at the card's slices − at four times as many) / mean ≤ √(fixed pattern² + (1/6 + F·m)/m²)",
         "Linear interpolation between slices (docs/explanation/physics.md, *What is not modelled*)",
-        "The middle of the picture of two moving scenes, swept, at 16 samples per slice as in our recipes, against "
-        "four times as many slices of 64 samples, two recordings of each; their grain counts as error. The warning "
-        "of recipes check.",
-        "The sensor's own noise in a block of 100 frames at a rate of 0.2.",
+        "The middle of the picture of two moving scenes, swept, at 16 samples per pixel as in our recipes, compared "
+        "with four times as many slices at 64 samples; two recordings of each, whose grain counts as error. The "
+        "warnings of `recipes check`.",
+        "The noise of the sensor in a block of 100 frames at a rate of 0.2.",
         _check_slices,
     ),
 )

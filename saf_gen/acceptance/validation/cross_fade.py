@@ -1,4 +1,4 @@
-"""Motion between two time slices: pictures are mixed, and fine texture loses contrast half way."""
+"""Motion between two time slices: their pictures are mixed, so that fine texture loses contrast half way."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from saf_gen.acceptance.validation.written_scenes import STILL_LENS, striped_car
 from saf_gen.stream.stream_file import SpikeStream
 
 PERIOD, STEPS = 12, (1.0, 2.0, 3.0, 4.5)
-"""Pixels of a stripe's period, and pixels by which the card moves from slice to slice."""
+"""Period of the stripes, and motion of the card from one slice to the next, in pixels."""
 SLICE_FRAMES, FRAMES = 200, 1000
 
 
 def _check_dip(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the contrast half way between two slices with that at a slice."""
+    """Compare the contrast at points between two slices with the contrast at a slice."""
     steps = STEPS[1::2] if quick else STEPS
     sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=24 if quick else 96, columns=5 * PERIOD)
     focal = STILL_LENS["focal_length_mm"] / 1000
@@ -42,7 +42,7 @@ def _check_dip(maker: DatasetMaker, quick: bool) -> Finding:
         },
         split={"scene_motion": ["dynamic"]},
     )
-    made = maker.make(workload)
+    dataset = maker.make(workload)
     wave = np.exp(-2j * np.pi * (np.arange(5 * PERIOD) + 0.5) / PERIOD)
     parts = (0.0, 0.25, 0.5, 0.75)
     comparisons: list[Comparison] = []
@@ -51,29 +51,31 @@ def _check_dip(maker: DatasetMaker, quick: bool) -> Finding:
     half = 10
     for d, scene in zip(steps, scenes, strict=True):
         turn = 2 * np.pi * d / PERIOD
-        with made.open(scene=scene.id) as stream:
+        with dataset.open(scene=scene.id) as stream:
 
             def rows_at(frame: float, stream: SpikeStream = stream) -> np.ndarray:
                 middle = round(frame)
                 counts = stream.counts(middle - half, middle + half)
                 return np.asarray(counts @ wave)
 
-            # Slices stand at the beginnings of frames 0, 200, …; those with a neighbour on both sides are used.
+            # Slices are at the beginnings of frames 0, 200, …; only those with a neighbour on both sides are used.
             slices = range(SLICE_FRAMES, FRAMES - SLICE_FRAMES, SLICE_FRAMES)
             found = {part: [rows_at(k + part * SLICE_FRAMES) for k in slices] for part in parts}
-        whole = [np.mean(rows) for rows in found[0.0]]
-        moved = whole[1] / whole[0]
+        slice_means = [np.mean(rows) for rows in found[0.0]]
+        moved = slice_means[1] / slice_means[0]
         sign = 1.0 if abs(np.angle(moved * np.exp(-1j * turn))) < abs(np.angle(moved * np.exp(1j * turn))) else -1.0
         at_slice = _mixed(0.0, turn, half=half)
         seen = []
         for part in parts[1:]:
             law = _mixed(part, turn, half=half) / at_slice
-            # Turned to where the pattern of the slice would have gone, the amplitude is real where the law's is.
+            # Turned back by the phase that the law predicts, the amplitude is real.
             back = np.exp(-1j * (sign * np.angle(law)))
-            ratios = [rows / mean * back for rows, mean in zip(found[part], whole, strict=True)]
+            ratios = [rows / mean * back for rows, mean in zip(found[part], slice_means, strict=True)]
             samples = np.mean([ratio.real for ratio in ratios], axis=0)
             error = float(
-                np.mean([rows.std() / np.sqrt(rows.size) / abs(m) for rows, m in zip(found[0.0], whole, strict=True)])
+                np.mean(
+                    [rows.std() / np.sqrt(rows.size) / abs(m) for rows, m in zip(found[0.0], slice_means, strict=True)]
+                )
             )
             one = compare_mean_with_law(
                 f"{d:g} pixels per slice, {part:g} of the way: amplitude over that at a slice",
@@ -94,7 +96,11 @@ def _check_dip(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _mixed(part: float, turn: float, *, half: int) -> complex:
-    """Return the amplitude of a pattern that turns by ``turn`` per slice, mixed, as the mean over 2·``half`` frames."""
+    """Return the complex amplitude of a cross-faded pattern, as the mean over 2·``half`` frames.
+
+    The middle of the frames is ``part`` of the way from one slice to the next; ``turn`` is the phase (radians) by which
+    the pattern moves per slice.
+    """
     at = part + (np.arange(-half, half) + 0.5) / SLICE_FRAMES
     before, weight = np.floor(at), at - np.floor(at)
     mixed = (1 - weight) * np.exp(1j * turn * before) + weight * np.exp(1j * turn * (before + 1))
@@ -104,13 +110,13 @@ def _mixed(part: float, turn: float, *, half: int) -> complex:
 CHECKS = (
     Check(
         "crossfade_dip",
-        "Half way between two slices, texture of f cycles per pixel that moves d pixels per slice has lost "
-        "contrast by the cross-fade.",
+        "Half way between two slices, cross-fading has reduced the contrast of texture with f cycles per pixel that "
+        "moves by d pixels per slice.",
         "dip of C² = (1 − cos 2πfd)/2; between: |1 − w + w·e^(2πifd)|²",
-        "The sum of two sines that are out of step (docs/explanation/physics.md, *What is not modelled*)",
-        "Stripes of a period of 12 pixels that move by 1 to 4.5 pixels per slice of 200 frames; the first "
-        "harmonic of 20 frames.",
-        "The scatter of rows, at the slice and between (once in 10,000 runs by chance).",
+        "The sum of two sines with different phases (docs/explanation/physics.md, *What is not modelled*)",
+        "Stripes with a period of 12 pixels that move by 1 to 4.5 pixels per slice of 200 frames; the first harmonic "
+        "of the counts of 20 frames.",
+        "The scatter between rows, at the slices and between them (one false alarm in 10,000 runs).",
         _check_dip,
     ),
 )

@@ -1,4 +1,4 @@
-"""Theory of spike dispersion: noise at few counts, offset by dark charge, and where golden fast search is blind."""
+"""Spike dispersion: noise at few counts, offset by dark charge, and where golden fast search cannot answer."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,6 +13,7 @@ from saf_gen.acceptance.validation.inference import (
     compare_mean_with_law,
     deviations_by_law,
 )
+from saf_gen.acceptance.validation.theory import count_variance_by_law
 from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
 from saf_gen.acceptance.validation.written_scenes import (
     even_panel_of_workload,
@@ -20,46 +21,47 @@ from saf_gen.acceptance.validation.written_scenes import (
     lit_chequers_of_workload,
 )
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.camera.counting_law import pixel_count_variance, pixel_noise_per_spike
+from saf_gen.camera.counting_law import pixel_noise_per_spike
 
 WINDOW = 100
-FEW = (0.003, 0.006, 0.0125, 0.025, 0.05, 0.08, 0.15, 0.3)
-"""Rates at which a window of 100 frames has 0.3 to 30 counts."""
+FEW_COUNT_RATES = (0.003, 0.006, 0.0125, 0.025, 0.05, 0.08, 0.15, 0.3)
+"""Rates (spikes per readout) at which a window of 100 frames has 0.3 to 30 counts per pixel on average."""
 
 
 def _check_dark_end(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare SD of an even field at few counts with the exact law."""
+    """Compare the SD of an even field at few counts with the exact law."""
     size = {"rows": 100, "columns": 160} if quick else {"rows": 250, "columns": 400}
     sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=size["rows"], columns=size["columns"])
     lights = {
-        f"rate_{n}": {"kind": "constant", "level": gain_of_rate_by_law(rate, sensor)} for n, rate in enumerate(FEW)
+        f"rate_{n}": {"kind": "constant", "level": gain_of_rate_by_law(rate, sensor)}
+        for n, rate in enumerate(FEW_COUNT_RATES)
     }
-    made = maker.make(Workload((even_panel_of_workload(),), sensor, 2 * WINDOW, lights))
+    dataset = maker.make(Workload((even_panel_of_workload(),), sensor, 2 * WINDOW, lights))
     measure, per_spike = saf_gen.get_measure("sd"), pixel_noise_per_spike(sensor)
     comparisons = []
-    for name, rate in zip(lights, FEW, strict=True):
-        with made.open(light=name) as stream:
+    for name, rate in zip(lights, FEW_COUNT_RATES, strict=True):
+        with dataset.open(light=name) as stream:
             counts = stream.counts(WINDOW, 2 * WINDOW)
         mean = rate * WINDOW
         off, found = counts - counts.mean(), counts.mean()
-        # What each pixel adds to SD, to first order; their scatter is that of SD.
+        # First-order influence of each pixel on SD; its scatter gives the standard error of SD.
         influence = (off**2 - off.var()) / found**2 - 2 * off.var() * off / found**3
         comparisons.append(
             compare_estimate_with_law(
                 f"SD at {mean:g} counts",
                 float(measure(counts)),
                 standard_error=float(influence.std() / np.sqrt(counts.size)),
-                expected=float(pixel_count_variance(mean, mean * per_spike)) / mean**2,
-                figures=len(FEW),
+                expected=float(count_variance_by_law(mean, mean * per_spike)) / mean**2,
+                figures=len(FEW_COUNT_RATES),
             )
         )
     x = np.geomspace(0.2, 40, 400)
     average = x * per_spike + 1 / 6
     curves = (
-        Curve("exact law", tuple(x.tolist()), tuple((pixel_count_variance(x, x * per_spike) / x**2).tolist())),
+        Curve("exact law", tuple(x.tolist()), tuple((count_variance_by_law(x, x * per_spike) / x**2).tolist())),
         Curve(
             "SD of streams",
-            tuple(rate * WINDOW for rate in FEW),
+            tuple(rate * WINDOW for rate in FEW_COUNT_RATES),
             tuple(one.measured for one in comparisons),
             "points",
             tuple(one.high - one.measured for one in comparisons),
@@ -70,7 +72,7 @@ def _check_dark_end(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _check_dark_offset(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare SD of an even field under dark charge with what the spread of a dark recording of the device predicts."""
+    """Compare the SD of an even field with dark charge with the prediction from a dark recording of the same device."""
     rows, columns = (100, 160) if quick else (250, 400)
     sensor = workload_sensor_with_noise("shot", "threshold_noise", "dark", rows=rows, columns=columns)
     frames, rates = 2000, (0.002, 0.005, 0.01, 0.03, 0.1)
@@ -78,27 +80,29 @@ def _check_dark_offset(maker: DatasetMaker, quick: bool) -> Finding:
     lights |= {
         f"rate_{n}": {"kind": "constant", "level": gain_of_rate_by_law(rate, sensor)} for n, rate in enumerate(rates)
     }
-    made = maker.make(Workload((even_panel_of_workload(),), sensor, frames, lights))
+    dataset = maker.make(Workload((even_panel_of_workload(),), sensor, frames, lights))
     per_spike, n = pixel_noise_per_spike(sensor), 1000
-    with made.open(light="dark") as stream:
-        dark = stream.counts(0, frames).astype(float) / frames  # within half a spike of what the pixel has
+    with dataset.open(light="dark") as stream:
+        dark = stream.counts(0, frames).astype(float) / frames  # each count is within half a spike of the truth
     comparisons, means, seen, law = [], [], [], []
     for name in list(lights)[1:]:
-        with made.open(light=name) as stream:
+        with dataset.open(light=name) as stream:
             counts = stream.counts(frames - n, frames).astype(float)
         mean = float(counts.mean())
-        # A pixel's own mean: the even light and its dark charge, less what the loss at a spike takes of it.
+        # Expected count of each pixel: from the even light and its dark charge, reduced by the loss at a spike.
         light = mean / n - float(dark.mean())
-        own = n * (light + dark * (1 - 2 * sensor.reset_loss * light))
-        own += mean - float(own.mean())
-        noise = float(np.mean(pixel_count_variance(np.quantile(own, (np.arange(300) + 0.5) / 300), mean * per_spike)))
-        rounding = float(np.mean(pixel_count_variance(frames * np.quantile(dark, (np.arange(300) + 0.5) / 300), 1e-3)))
-        spread = float(own.var()) - rounding * (n / frames) ** 2
-        # (count − mean)² less what the dark recording says of the same pixel: the spread over pixels drops out.
-        samples = ((counts - mean) ** 2 - (own - mean) ** 2) / mean**2
+        expected_counts = n * (light + dark * (1 - 2 * sensor.reset_loss * light))
+        expected_counts += mean - float(expected_counts.mean())
+        noise = float(
+            np.mean(count_variance_by_law(np.quantile(expected_counts, (np.arange(300) + 0.5) / 300), mean * per_spike))
+        )
+        rounding = float(np.mean(count_variance_by_law(frames * np.quantile(dark, (np.arange(300) + 0.5) / 300), 1e-3)))
+        spread = float(expected_counts.var()) - rounding * (n / frames) ** 2
+        # (count − mean)² minus the prediction from the pixel's dark recording: the spread over pixels cancels.
+        samples = ((counts - mean) ** 2 - (expected_counts - mean) ** 2) / mean**2
         comparisons.append(
             compare_mean_with_law(
-                f"{mean / n:.3g} spikes per readout: SD less that of the dark recording",
+                f"{mean / n:.3g} spikes per readout: SD minus that of the dark recording",
                 samples,
                 expected=(noise - rounding * (n / frames) ** 2) / mean**2,
                 figures=len(rates),
@@ -119,25 +123,27 @@ def _check_dark_offset(maker: DatasetMaker, quick: bool) -> Finding:
 
 GOLDEN = (np.sqrt(5) - 1) / 2
 DEAD = (1 - GOLDEN) / 4
-"""0.0955: the sweep stops at its quarter at the earliest, and golden search then keeps the last 0.618 before that."""
+"""0.0955: the search stops the sweep at a quarter at the earliest, and then keeps the last 0.618 of that quarter."""
 THRESHOLD = 10.0
-"""Frames; golden search as released ends at an interval that is no wider."""
+"""Width (frames) of the interval at which golden search as released ends."""
 
 
 def _check_dead_zone(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the answers of golden fast search with 9.55 % of the sweep, for focus before and after that."""
+    """Compare the answers of golden fast search with 9.55 % of the sweep, for a focus before and after that point."""
     sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
     frames, focal, travel = 4000, 0.025, 0.001
-    places, repeats = ((0.04, 0.4), 6) if quick else ((0.02, 0.04, 0.06, 0.08, 0.2, 0.3, 0.4, 0.5), 12)
+    focus_positions, repeats = ((0.04, 0.4), 6) if quick else ((0.02, 0.04, 0.06, 0.08, 0.2, 0.3, 0.4, 0.5), 12)
     in_focus = focal * 0.5 / (0.5 - focal)
     scenes = []
-    for place in places:
-        first = in_focus - place * travel
+    for focus_position in focus_positions:
+        first = in_focus - focus_position * travel
         ends = [focal * v / (v - focal) for v in (first, first + travel)]
         lens = {"focal_length_mm": 25.0, "f_number": 2.0, "focus_range_m": ends}
         lights = {"lamp": ["lamp"], "room": ["room"]}
         scenes.append(
-            lit_chequers_of_workload(f"focus_{round(1000 * place):03d}", lights=lights, lens=lens, chequers=230)
+            lit_chequers_of_workload(
+                f"focus_{round(1000 * focus_position):03d}", lights=lights, lens=lens, chequers=230
+            )
         )
     workload = Workload(
         tuple(scenes),
@@ -148,38 +154,39 @@ def _check_dead_zone(maker: DatasetMaker, quick: bool) -> Finding:
         render={"samples": 32, "max_depth": 3},
         split={"repeats": repeats},
     )
-    made = maker.make(workload)
-    found = {r.sequence: r for r in evaluate(made.folder, methods=["sd+sgfs_code"], region="frame").records}
+    dataset = maker.make(workload)
+    found = {r.sequence: r for r in evaluate(dataset.folder, methods=["sd+sgfs_code"], region="frame").records}
     comparisons, seen = [], []
-    for place, scene in zip(places, scenes, strict=True):
-        recordings = [made.find(scene=scene.id, repeat=n) for n in range(repeats)]
+    for focus_position, scene in zip(focus_positions, scenes, strict=True):
+        recordings = [dataset.find(scene=scene.id, repeat=n) for n in range(repeats)]
         records = [found[recording.id] for recording in recordings]
         answers = [float("nan") if record.position is None else float(record.position) for record in records]
-        with made.open(scene=scene.id, repeat=0) as stream:
+        with dataset.open(scene=scene.id, repeat=0) as stream:
             low, high = stream.truth.depth_of_focus
         depth = (high - low) / 2
-        expected, at_least, at_most = place, place - depth, place + depth
-        if place < DEAD:
-            undecided = _find_undecided_width([made.folder / one.file for one in recordings], frames)
+        expected, at_least, at_most = focus_position, focus_position - depth, focus_position + depth
+        if focus_position < DEAD:
+            undecided = _find_undecided_width([dataset.folder / one.file for one in recordings], frames)
             expected, at_least, at_most = DEAD, DEAD - 1 / frames, DEAD + min(undecided / frames, depth)
         for end, answer in (("earliest", min(answers)), ("latest", max(answers))):
-            name = f"focus at {place:g}: {end} of {repeats} answers"
+            name = f"focus at {focus_position:g}: {end} of {repeats} answers"
             comparisons.append(Comparison(name, answer, expected, at_least, at_most))
         seen.append(float(np.mean(answers)))
-    x = np.linspace(0, max(places), 200)
+    x = np.linspace(0, max(focus_positions), 200)
     curves = (
         Curve("max(focus, 0.0955)", tuple(x.tolist()), tuple(np.maximum(x, DEAD).tolist())),
-        Curve("mean answer", tuple(places), tuple(seen), "points"),
+        Curve("mean answer", tuple(focus_positions), tuple(seen), "points"),
     )
     return Finding(tuple(comparisons), Plot("true focus, fraction of the sweep", "answer", curves))
 
 
 def _find_undecided_width(streams: list[Path], frames: int) -> float:
-    """Return the widest interval, in frames, at which noise may turn the choice of golden search; at least its last.
+    """Return the width (frames) of the widest interval at which noise may change the choice of golden search.
 
-    Where focus lies before the interval, every choice should be its earlier end. A choice is sure where the scores of
-    its two windows, over recordings of other noise, foretell (by Student's law) that a further recording turns it
-    less than once in 10,000 times. What is chosen within the widest interval that is not sure cannot leave it.
+    If the focus is before the interval, golden search should always choose the earlier part. A choice is certain if the
+    scores of its two windows, in recordings with different noise, predict (by Student's t distribution) that another
+    recording changes it less than once in 10,000 times. The answer cannot leave the widest interval that is not
+    certain. If all choices are certain, the width is that of the last interval, THRESHOLD.
     """
     measure, n = saf_gen.get_measure("sd"), len(streams)
     sure = deviations_by_law(FALSE_ALARM, freedom=n - 1) * np.sqrt(1 + 1 / n)
@@ -197,12 +204,12 @@ def _find_undecided_width(streams: list[Path], frames: int) -> float:
     return THRESHOLD
 
 
-_SCATTER = "The scatter of pixels (once in 10,000 runs by chance)"
+_SCATTER = "The scatter between pixels (one false alarm in 10,000 runs)"
 CHECKS = (
     Check(
         "dispersion_dark_end",
-        "Of an even field SD is not 0 but what counting leaves: 1/m − 1 at few counts, then the exact law, and "
-        "only far up F/m + 1/(6·m²).",
+        "The SD of an even field is not 0 but the noise of counting: 1/m − 1 at few counts, then the exact law, and "
+        "F/m + 1/(6·m²) only at many counts.",
         "E[SD] = V(m)/m², V = s² + 1/6 − π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k²",
         "SD: Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363; the law: https://dlmf.nist.gov/24.8.E1",
         "Even light of 0.3 to 30 counts per window of 100 frames, 100,000 pixels; the measure sd.",
@@ -211,23 +218,25 @@ CHECKS = (
     ),
     Check(
         "dispersion_dark_offset",
-        "Dark charge adds its own spread to SD, which falls with the square of the light.",
+        "Dark charge adds its spread to SD; this part falls with the square of the light.",
         "E[SD] = (Var over pixels of n·d + V)/m², m = n·(q + d)/θ",
         "The variance of a sum (docs/explanation/spike-camera.md)",
         "Even light at five levels over dark charge, windows of 1,000 frames, and a dark recording of the same device.",
-        f"{_SCATTER}, each pixel against itself in the dark; and rounding of the dark recording to whole spikes.",
+        f"{_SCATTER}, with each pixel compared with itself in the dark; and the rounding of the dark recording to "
+        "whole spikes.",
         _check_dark_offset,
     ),
     Check(
         "dispersion_dead_zone",
-        "Golden fast search as released cannot answer in the first 9.55 % of a sweep: it stops at a quarter at "
-        "the earliest and keeps the last 0.618.",
+        "Golden fast search as released cannot answer in the first 9.55 % of a sweep: it stops the sweep at a quarter "
+        "at the earliest, and keeps the last 0.618 of that quarter.",
         "earliest answer = (1 − 0.618)/4 = 0.0955 of the sweep",
         "Released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363",
-        "Sweeps of 4,000 frames over a chequered plane whose focus lies before and after the border, each recorded "
-        "with twelve draws of noise; sd+sgfs_code by evaluate.",
-        "Before the border: not a frame earlier, and no later than the widest interval in which noise may turn a "
-        "choice (foretold from recordings of other noise, once in 10,000). After it: half a depth of focus.",
+        "Sweeps of 4,000 frames over a chequered plane whose focus is before or after that border, each recorded with "
+        "twelve draws of noise; `evaluate` runs sd+sgfs_code.",
+        "For a focus before the border, answers may be one frame before the border, and after it by the widest "
+        "interval in which noise may change a choice (predicted from recordings with other noise, once in 10,000). For "
+        "a focus after it, half a depth of focus.",
         _check_dead_zone,
     ),
 )

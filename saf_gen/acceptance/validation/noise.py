@@ -1,7 +1,7 @@
-"""Noise in time: photon transfer, intervals, the spectrum of spikes per frame, independence of pixels and of time.
+"""Noise in time: photon transfer, intervals, the spectrum of spikes per frame, and independence of pixels and windows.
 
-All of it under constant, even light, with shot noise and threshold noise alone: then one exact law holds for every
-pixel (:mod:`saf_gen.camera.counting_law`).
+Light is constant and even, and only shot noise and threshold noise are on, so that one exact law holds for every pixel
+(:mod:`saf_gen.camera.counting_law`).
 """
 
 from collections.abc import Sequence
@@ -15,27 +15,24 @@ from saf_gen.acceptance.validation.inference import (
     compare_estimate_with_law,
     compare_mean_with_law,
 )
-from saf_gen.acceptance.validation.theory import window_autocovariance_by_law
+from saf_gen.acceptance.validation.theory import count_variance_by_law, window_autocovariance_by_law
 from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
 from saf_gen.acceptance.validation.written_scenes import even_panel_of_workload, gain_of_rate_by_law
-from saf_gen.camera.counting_law import (
-    pixel_count_chi_squared,
-    pixel_count_probabilities,
-    pixel_count_variance,
-    pixel_noise_per_spike,
-)
+from saf_gen.camera.counting_law import pixel_count_chi_squared, pixel_count_probabilities, pixel_noise_per_spike
 from saf_gen.camera.noise_table import LANES
 from saf_gen.stream.stream_file import SpikeStream
+from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
 WINDOWS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000)
 RATES = (0.03, 0.2, 0.613)
 INTERVAL_RATES = (0.03, 0.05, 0.13, 0.21, 0.37, 0.5, 0.61, 0.77)
 PAIRS = 16
+BLOCK_FRAMES = 8 * TIME_BLOCK_BYTES  # of a time block, the unit of storage
 COX = "D. R. Cox, Renewal Theory, 1962; the series: https://dlmf.nist.gov/24.8.E1"
 
 
 def _even_light(rates: Sequence[float], *, frames: int, shape: tuple[int, int]) -> Workload:
-    """Return the workload of an even field at some rates (spikes per readout), each under a light of its own."""
+    """Return the workload of an even field at several rates (spikes per readout), with one light for each rate."""
     sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=shape[0], columns=shape[1])
     levels = {_light_name(rate): gain_of_rate_by_law(rate, sensor) for rate in rates}
     lights = {name: {"kind": "constant", "level": level} for name, level in levels.items()}
@@ -43,7 +40,7 @@ def _even_light(rates: Sequence[float], *, frames: int, shape: tuple[int, int]) 
 
 
 def _light_name(rate: float) -> str:
-    """Return the name of the light under which the panel fires at this rate."""
+    """Return the name of the light under which pixels fire at this rate."""
     return f"rate_{round(rate * 1e6):06d}"
 
 
@@ -55,17 +52,17 @@ def _check_photon_transfer(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the temporal variance of counts, from pairs of windows, with the exact law."""
     frames, shape = _size(quick)
     workload = _even_light(RATES, frames=frames, shape=shape)
-    made = maker.make(workload)
+    dataset = maker.make(workload)
     per_spike = pixel_noise_per_spike(workload.sensor)
     windows = [n for n in WINDOWS if 2 * n <= frames]
     comparisons, curves = [], []
     for rate in RATES:
         seen, law, errors = [], [], []
-        with made.open(light=_light_name(rate)) as stream:
+        with dataset.open(light=_light_name(rate)) as stream:
             for n in windows:
                 samples = _half_square_differences(stream, n)
-                # A − B has the variance 2·Var A − 2·cov(A, B), and Var(A + B) is that of a window of 2n.
-                one, two = (float(pixel_count_variance(k * n * rate, k * n * rate * per_spike)) for k in (1, 2))
+                # Var(A − B) is 2·Var A − 2·cov(A, B), and Var(A + B) is that of a window of 2n frames.
+                one, two = (float(count_variance_by_law(k * n * rate, k * n * rate * per_spike)) for k in (1, 2))
                 found = compare_mean_with_law(
                     f"rate {rate:g}, {n:,} frames",
                     samples,
@@ -88,7 +85,7 @@ def _check_photon_transfer(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _half_square_differences(stream: SpikeStream, frames: int) -> np.ndarray:
-    """Return (A − B)²/2 of adjacent windows per pixel, the mean over some pairs; pixels are independent samples."""
+    """Return (A − B)²/2 of adjacent windows per pixel, as a mean over a few pairs; pixels are independent samples."""
     total = stream.shape[0]
     pairs = min(PAIRS, total // (2 * frames))
     starts = np.linspace(0, total - 2 * frames, pairs).astype(int).tolist()
@@ -100,17 +97,17 @@ def _half_square_differences(stream: SpikeStream, frames: int) -> np.ndarray:
 
 
 def _check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the interval that follows a spike at one readout with the exact law, by χ² and by its variance."""
+    """Compare the intervals that follow the spikes of one readout with the exact law, by χ² and by their variance."""
     shape = _size(quick)[1]
     rates = INTERVAL_RATES[::3] if quick else INTERVAL_RATES
     workload = _even_light(rates, frames=400, shape=shape)
-    made = maker.make(workload)
+    dataset = maker.make(workload)
     per_spike = pixel_noise_per_spike(workload.sensor)
     comparisons: list[Comparison] = []
     curves = []
     for rate in rates:
         mean, first = 1 / rate, 200
-        with made.open(light=_light_name(rate)) as stream:
+        with dataset.open(light=_light_name(rate)) as stream:
             spikes = stream.frames(first, min(first + int(1.2 * mean) + 10, 400)).reshape(-1, shape[0] * shape[1])
         fired = spikes[0] == 1
         seen = spikes[1:, fired].argmax(axis=0) + 1
@@ -122,7 +119,7 @@ def _check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
                 compare_chi_squared_with_law(f"{name}: χ²/dof", chi, freedom=freedom, figures=2 * len(rates))
             )
         squares = (seen - mean) ** 2.0
-        expected = float(pixel_count_variance(mean, per_spike * mean**2))
+        expected = float(count_variance_by_law(mean, per_spike * mean**2))
         fourth = float((probabilities * (numbers - mean) ** 4).sum())
         comparisons.append(
             compare_estimate_with_law(
@@ -142,7 +139,7 @@ def _check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _spikes_per_frame(stream: SpikeStream) -> np.ndarray:
-    """Return the spikes of all pixels in each frame, int64 (T,)."""
+    """Return the number of spikes of all pixels in each frame, int64 (T,)."""
     total, size = stream.shape[0], -(-stream.shape[0] // 8)
     out = np.zeros(8 * size, np.int64)
     for first in range(0, size, 250):
@@ -153,19 +150,19 @@ def _spikes_per_frame(stream: SpikeStream) -> np.ndarray:
 
 
 def _check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the periodogram of spikes per frame with that of the exact law: their quotient is white."""
+    """Compare the periodogram of spikes per frame with that of the exact law; their quotient must be white."""
     frames, shape = _size(quick)
     workload = _even_light(RATES, frames=frames, shape=shape)
-    made = maker.make(workload)
+    dataset = maker.make(workload)
     per_spike, pixels = pixel_noise_per_spike(workload.sensor), shape[0] * shape[1]
     taper = np.sqrt(8 / 3) * np.sin(np.pi * (np.arange(frames) + 0.5) / frames) ** 2
     bands = 5 if quick else 10
     figures = len(RATES) * (bands + 1)
     comparisons, curves = [], []
     for rate in RATES:
-        with made.open(light=_light_name(rate)) as stream:
+        with dataset.open(light=_light_name(rate)) as stream:
             spikes = _spikes_per_frame(stream) - pixels * rate
-        # Every third ordinate: under Hann's taper those are independent.
+        # Every third ordinate, because these are independent under a Hann taper.
         chosen = slice(3, frames // 2, 3)
         seen = np.abs(np.fft.rfft(taper * spikes)[chosen]) ** 2 / frames
         law = pixels * _expected_periodogram(taper, rate=rate, per_spike=per_spike)[chosen]
@@ -176,7 +173,7 @@ def _check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
                 compare_chi_squared_with_law(name, float(2 * band.sum()), freedom=2 * band.size, figures=figures)
             )
         highest = -np.log1p(-((1 - FALSE_ALARM / figures) ** (1 / quotient.size)))
-        name = f"rate {rate:g}: highest line of {quotient.size:,}"
+        name = f"rate {rate:g}: highest ordinate of {quotient.size:,}"
         comparisons.append(Comparison(name, float(quotient.max()), float("nan"), 0.0, float(highest)))
         at = np.fft.rfftfreq(frames)[chosen]
         cells = np.array_split(np.arange(at.size), 60)
@@ -190,7 +187,7 @@ def _check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _expected_periodogram(taper: np.ndarray, *, rate: float, per_spike: float) -> np.ndarray:
-    """Return the mean periodogram of one pixel's spikes per frame under a taper, float64 (T // 2 + 1,)."""
+    """Return the expected periodogram of the tapered spikes per frame of one pixel, float64 (T // 2 + 1,)."""
     frames = taper.size
     lags = np.arange(frames)
     covariance = np.concatenate(
@@ -203,22 +200,24 @@ def _expected_periodogram(taper: np.ndarray, *, rate: float, per_spike: float) -
 
 
 def _check_independence(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare correlations between pixels with 0, and those between windows of time with the exact law."""
+    """Compare correlations between pixels with 0, and covariances between windows of a pixel with the exact law."""
+    rate, n = RATES[1], 40
+    begin, stop = BLOCK_FRAMES - 10 * n, BLOCK_FRAMES + 10 * n
     frames, shape = _size(quick)
-    workload = _even_light(RATES, frames=frames, shape=shape)
-    made = maker.make(workload)
-    rate, n, per_spike = RATES[1], 40, pixel_noise_per_spike(workload.sensor)
-    begin = 2000 - 10 * n if not quick else frames // 2 - 10 * n  # the middle pair lies on both sides of a time block
-    with made.open(light=_light_name(rate)) as stream:
+    # The streams of the small size end at the first border of time blocks, so this check has a longer one.
+    rates, frames = ((rate,), stop) if quick else (RATES, frames)
+    workload = _even_light(rates, frames=frames, shape=shape)
+    dataset, per_spike = maker.make(workload), pixel_noise_per_spike(workload.sensor)
+    with dataset.open(light=_light_name(rate)) as stream:
         counts = np.stack([stream.counts(begin + k * n, begin + (k + 1) * n) for k in range(20)]).astype(float)
     counts -= n * rate
-    apart = {"next column": 1, "next row": shape[1], "diagonal": shape[1] + 1, "next noise block": LANES}
+    pixel_lags = {"next column": 1, "next row": shape[1], "diagonal": shape[1] + 1, "next noise block": LANES}
     lags = (1, 2, 3, 5, 8)
-    figures = len(apart) + 1 + len(lags) + 1
+    figures = len(pixel_lags) + 1 + len(lags) + 1
     comparisons = []
     flat = (counts[0::2] - counts[1::2]).reshape(len(counts) // 2, -1)
     flat = flat / flat.std()
-    for what, lag in apart.items():
+    for what, lag in pixel_lags.items():
         products = (flat[:, lag:] * flat[:, :-lag]).mean(axis=0)
         comparisons.append(
             compare_mean_with_law(f"correlation with the pixel in the {what}", products, expected=0.0, figures=figures)
@@ -235,11 +234,11 @@ def _check_independence(maker: DatasetMaker, quick: bool) -> Finding:
     middle = counts[9] * counts[10]
     comparisons.append(
         compare_mean_with_law(
-            "covariance of windows beside a border of time blocks", middle, expected=float(law[-1]), figures=figures
+            "covariance of windows at a border of time blocks", middle, expected=float(law[-1]), figures=figures
         )
     )
     x = tuple(float(lag) for lag in lags)
-    seen = comparisons[len(apart) + 1 : -1]
+    seen = comparisons[len(pixel_lags) + 1 : -1]
     error = tuple(one.high - one.measured for one in seen)
     curves = (
         Curve("stream", x, tuple(one.measured for one in seen), "points", error),
@@ -248,52 +247,52 @@ def _check_independence(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("windows apart", "covariance of counts", curves))
 
 
-_EVEN = "A glowing panel before a lens of 2 m, so that light is even to 10⁻⁵, at rates of "
+_EVEN = "A glowing panel in front of a lens with f = 2 m, so that light is even to 10⁻⁵, at rates of "
 _BY_CHANCE = (
-    f"By the scatter of the pixels alone: all figures together fail a right product once in {1 / FALSE_ALARM:,.0f} "
-    "runs."
+    f"Only the scatter between pixels: all figures together fail correct code once in {1 / FALSE_ALARM:,.0f} runs."
 )
 CHECKS = (
     Check(
         "noise_photon_transfer",
-        "The variance of counts from one window to the next is that of shot and threshold noise, plus that of "
-        "counting whole spikes.",
+        "The variance of counts between windows is that of shot and threshold noise, plus that of counting whole "
+        "spikes.",
         "E[(A − B)²]/2 = 2·V(n) − V(2n)/2; V = s² + 1/6 − π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k², m = n·rate, s² = "
         "(1/θ + σ²)·m",
         COX,
-        f"{_EVEN}{', '.join(map(str, RATES))}; adjacent windows A, B of n = 1 to 10,000 frames of 20,000, 100,000 "
-        "pixels.",
+        f"{_EVEN}{', '.join(map(str, RATES))}; adjacent windows A and B of n = 1 to 10,000 frames, in 20,000 frames "
+        "of 100,000 pixels.",
         _BY_CHANCE,
         _check_photon_transfer,
     ),
     Check(
         "noise_intervals",
-        "After a spike, the next comes after one of the whole numbers of readouts round θ/q, as often as the "
-        "exact law says.",
+        "The interval to the next spike is one of the whole numbers of readouts around θ/q, as often as the exact law "
+        "predicts.",
         "P(N = n) = E[max(0, 1 − |X − n|)], X normal with mean 1/rate and variance (1/θ + σ²)/rate²",
         COX,
-        f"{_EVEN}{', '.join(map(str, INTERVAL_RATES))}; of every pixel that fires at readout 200 the interval that "
-        "follows.",
-        f"Pearson's χ² and the variance with the law's own scatter. {_BY_CHANCE}",
+        f"{_EVEN}{', '.join(map(str, INTERVAL_RATES))}; the interval that follows the spike of every pixel that "
+        "fires at readout 200.",
+        f"Pearson's χ² and the variance, with the scatter that the law predicts. {_BY_CHANCE}",
         _check_intervals,
     ),
     Check(
         "noise_spectrum",
-        "Spikes per frame have the spectrum that follows from the exact law, and no line beside it: over it they "
-        "are white.",
+        "Spikes per frame have the spectrum that follows from the exact law, without further lines: divided by it, "
+        "they are white.",
         "S(f) = Σⱼ γ(j)·e^(2πifj), γ(j) = (V(j + 1) − 2·V(j) + V(j − 1))/2",
         COX,
-        "The streams of noise_photon_transfer: spikes of 100,000 pixels in each of 20,000 frames, tapered by Hann.",
-        f"Ordinates of a periodogram are exponential about the law: χ² by band, and the highest of all. {_BY_CHANCE}",
+        "The streams of noise_photon_transfer: spikes of 100,000 pixels in each of 20,000 frames, with a Hann taper.",
+        "Ordinates of a periodogram are exponentially distributed around the law: χ² in each band, and the highest "
+        f"ordinate of all. {_BY_CHANCE}",
         _check_spectrum,
     ),
     Check(
         "noise_independence",
-        "Pixels know nothing of each other; windows of one pixel share what is left over of a spike, and nothing "
-        "else, also across blocks.",
+        "Pixels are independent; windows of one pixel are correlated only by the charge that is left over at their "
+        "borders, also across time blocks.",
         "corr(pixel, pixel) = 0; cov(window 0, window j) = (V((j + 1)·n) − 2·V(j·n) + V((j − 1)·n))/2",
         COX,
-        "The stream of noise_photon_transfer at a rate of 0.2: 20 windows of 40 frames round frame 2,000, where a "
+        "The stream of noise_photon_transfer at a rate of 0.2: 20 windows of 40 frames around frame 2,000, where a "
         "time block ends.",
         _BY_CHANCE,
         _check_independence,

@@ -1,4 +1,4 @@
-"""The picture of a check: small, and drawn alike for all."""
+"""Plots of checks: small, and all in the same style."""
 
 from io import BytesIO
 from pathlib import Path
@@ -15,7 +15,7 @@ SIZE_INCHES, DOTS_PER_INCH = (6.4, 2.7), 100
 
 
 def draw_validation_plot(plot: Plot, path: Path) -> None:
-    """Write the picture of a plot as a PNG of 48 colours, some seven kilobytes; a law and its points share a colour."""
+    """Write a plot as PNG with 48 colours, about seven kilobytes; a law and its points share a colour."""
     figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

@@ -1,7 +1,7 @@
-"""Radiometry: the rate of a pixel against f-number, magnification, field angle and five decades of light.
+"""Radiometry: firing rate against f-number, magnification, field angle and five decades of light.
 
-An evenly glowing panel of known radiance before a lens; what each pixel should fire follows from closed forms, in
-absolute units. Shot and threshold noise are on, the fixed pattern and dark current off.
+The scene is an evenly glowing panel of known radiance in front of a lens; closed forms give the rate of each pixel in
+absolute units. Shot and threshold noise are on; fixed pattern and dark signal are off.
 """
 
 from itertools import pairwise
@@ -15,7 +15,7 @@ from saf_gen.acceptance.validation.theory import (
     charge_of_rate_by_law,
     charge_per_radiance_by_law,
     firing_rate_by_law,
-    off_axis_distances_in_law,
+    off_axis_distances_for_validation,
 )
 from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
 from saf_gen.acceptance.validation.written_scenes import (
@@ -28,18 +28,18 @@ from saf_gen.camera.sensor import Sensor
 
 F_NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)
 SETTLED = 100
-"""Frames that are left out at the beginning."""
+"""Frames that are left out at the beginning of a recording."""
 UNEVEN = 1e-5
-"""How even the waves' bends leave even light, of its radiance: docs/explanation/waves.md."""
+"""Relative unevenness that the bends by waves leave in even light: docs/explanation/waves.md."""
 
 
 def rounding_error_of_law(rate: float) -> float:
-    """Return how far single precision may move a rate, relatively: half a last digit of θ at each readout."""
+    """Return the relative error of a rate in single precision: half a unit in the last place of θ at each readout."""
     return 2.0**-25 / rate
 
 
 def _sensor(quick: bool, **changes: Any) -> Sensor:
-    """Return the sensor of 8 mm × 5 mm, with larger pixels at the small size."""
+    """Return a sensor of 8 mm × 5 mm, with larger pixels at the small size."""
     size: dict[str, Any] = (
         {"rows": 50, "columns": 80, "pitch_m": 1e-4} if quick else {"rows": 125, "columns": 200, "pitch_m": 4e-5}
     )
@@ -47,12 +47,12 @@ def _sensor(quick: bool, **changes: Any) -> Sensor:
 
 
 def _check_f_number(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare rates at f-numbers from 1.4 to 16 with 1/N²."""
+    """Compare firing rates at f-numbers N from 1.4 to 16 with a charge proportional to 1/N²."""
     numbers = F_NUMBERS[::3] if quick else F_NUMBERS
     sensor, frames = _sensor(quick), 1000 if quick else 4000
     focal, near, far = 0.2, 9.0, 12.0
     v = focal * far / (far - focal)
-    x = off_axis_distances_in_law((sensor.rows, sensor.columns), sensor.pitch_m)
+    x = off_axis_distances_for_validation((sensor.rows, sensor.columns), sensor.pitch_m)
     widest = charge_per_radiance_by_law(sensor, f_number=1.4, focal_length_m=focal, image_distance_m=v, off_axis_m=0.0)
     radiance = float(charge_of_rate_by_law(0.9, sensor) / widest)
     scenes = tuple(
@@ -65,14 +65,14 @@ def _check_f_number(maker: DatasetMaker, quick: bool) -> Finding:
         )
         for n in numbers
     )
-    made = maker.make(Workload(scenes, sensor, frames))
+    dataset = maker.make(Workload(scenes, sensor, frames))
     comparisons, rates, law = [], [], []
     for n, scene in zip(numbers, scenes, strict=True):
         charge = radiance * charge_per_radiance_by_law(
             sensor, f_number=n, focal_length_m=focal, image_distance_m=v, off_axis_m=x
         )
         expected = firing_rate_by_law(charge, sensor)
-        with made.open(scene=scene.id) as stream:
+        with dataset.open(scene=scene.id) as stream:
             seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
         rate = float(expected.mean())
         comparisons.append(
@@ -91,7 +91,7 @@ def _check_f_number(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare rates along a sweep from magnification 0 to 1 with 1/(1 + M)²."""
+    """Compare firing rates along a sweep from magnification M = 0 to 1 with a charge proportional to 1/(1 + M)²."""
     sensor, frames, focal, positions = _sensor(quick), 2000 if quick else 8000, 0.025, 129
     ends = (1000.0, 2 * focal)
     nearest, farthest = (focal * u / (u - focal) for u in ends)
@@ -102,13 +102,13 @@ def _check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
     lens = {"focal_length_mm": 1000 * focal, "f_number": 4.0, "focus_range_m": list(ends)}
     panel = glowing_panel_of_workload("panel_bellows", radiance=radiance, depth_m=0.6, half_m=0.4, lens=lens)
     focus = {"positions": positions, "motion": {"kind": "sweep"}}
-    made = maker.make(Workload((panel,), sensor, frames, focus=focus))
-    x = off_axis_distances_in_law((sensor.rows, sensor.columns), sensor.pitch_m)
+    dataset = maker.make(Workload((panel,), sensor, frames, focus=focus))
+    x = off_axis_distances_for_validation((sensor.rows, sensor.columns), sensor.pitch_m)
     windows = [(start, start + frames // 20) for start in range(frames // 20, frames, frames // 20)]
     comparisons, magnifications, seen, law = [], [], [], []
-    # Between two positions charge is a straight line, which lies above 1/v² by at most 3/4·(step/v)².
+    # Charge is interpolated linearly between positions; the chord is above 1/v² by at most 3/4·(step/v)², relatively.
     chord = 0.75 * ((farthest - nearest) / (positions - 1) / nearest) ** 2
-    with made.open() as stream:
+    with dataset.open() as stream:
         for start, stop in windows:
             times = (start + (stop - start) * (np.arange(25) + 0.5) / 25) / frames  # middles of 25 equal parts
             v = nearest + (farthest - nearest) * times
@@ -146,23 +146,23 @@ def _check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _check_field_angle(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare rates in rings round the axis with cos⁴, out to 30 degrees."""
+    """Compare firing rates in rings around the axis, out to 30 degrees, with a charge proportional to cos⁴."""
     sensor, frames, focal, far = _sensor(quick), 1000 if quick else 4000, 0.008, 0.6
     v = focal * far / (far - focal)
-    x = off_axis_distances_in_law((sensor.rows, sensor.columns), sensor.pitch_m)
+    x = off_axis_distances_for_validation((sensor.rows, sensor.columns), sensor.pitch_m)
     per_radiance = charge_per_radiance_by_law(
         sensor, f_number=2.8, focal_length_m=focal, image_distance_m=v, off_axis_m=x
     )
     radiance = float(charge_of_rate_by_law(0.6, sensor) / per_radiance.max())
     lens = {"focal_length_mm": 1000 * focal, "f_number": 2.8, "focus_range_m": [far, 0.4]}
     panel = glowing_panel_of_workload("panel_wide", radiance=radiance, depth_m=0.5, half_m=0.6, lens=lens)
-    made = maker.make(Workload((panel,), sensor, frames))
+    dataset = maker.make(Workload((panel,), sensor, frames))
     expected = firing_rate_by_law(radiance * per_radiance, sensor)
-    with made.open() as stream:
+    with dataset.open() as stream:
         seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
     angle = np.degrees(np.arctan(x / v))
     rings = np.linspace(0, angle.max() + 1e-9, 4 if quick else 9)
-    # The product takes the angle at a pixel's middle; the mean over a pixel differs by the curvature of cos⁴.
+    # saf_gen uses the angle at the centre of a pixel; the mean over the pixel differs by the curvature of cos⁴.
     curvature = 20 * (sensor.pitch_m / v) ** 2 / 24
     comparisons, middles, rates, law = [], [], [], []
     for first, last in pairwise(rings):
@@ -184,7 +184,7 @@ def _check_field_angle(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _check_decades(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare rates over five decades of light with both laws of saturation."""
+    """Compare firing rates over five decades of light with both laws of saturation."""
     frames = 2000 if quick else 20_000
     light = np.geomspace(1e-2, 3.16, 4) if quick else np.geomspace(1e-5, 3.16, 12)
     comparisons: list[Comparison] = []
@@ -196,11 +196,11 @@ def _check_decades(maker: DatasetMaker, quick: bool) -> Finding:
             float(charge_of_rate_by_law(0.5, sensor)) / sensor.threshold_e
         )
         lights = {f"light_{n:02d}": {"kind": "constant", "level": q * per_threshold} for n, q in enumerate(light)}
-        made = maker.make(Workload((even_panel_of_workload(),), sensor, frames, lights))
+        dataset = maker.make(Workload((even_panel_of_workload(),), sensor, frames, lights))
         rates, law = [], []
         for name, q in zip(lights, light, strict=True):
             expected = float(firing_rate_by_law(q * sensor.threshold_e, sensor))
-            with made.open(light=name) as stream:
+            with dataset.open(light=name) as stream:
                 seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
             comparisons.append(
                 compare_mean_with_law(
@@ -226,12 +226,13 @@ def _check_decades(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _end_effect(charge: float, saturation: str) -> float:
-    """Return how many spikes the ends of a window may add or take away, on average; ``charge`` is in thresholds, q.
+    """Return how many spikes per pixel the ends of a window may add or remove, on average.
 
-    ``subtract`` begins with an even phase, as it goes on. ``dead_readout`` begins with no pixel dead. Conservation says
-    N·(1 + q) = q·W + q·(spikes in the last readout − in the one before the first) − (charge held after − before). A
-    readout has at most min(q, 1) spikes; what pixels hold is even at first and has a mean within q/2 of that later, or
-    within q beyond saturation.
+    ``charge``, q, is in thresholds per readout. With ``subtract``, phases are uniformly distributed at the start and
+    remain so. With ``dead_readout``, no pixel is dead at the start. For N spikes in W readouts, conservation of charge
+    gives N·(1 + q) = q·W + q·(spikes in the last readout − spikes in the one before the first) − (charge held after −
+    charge held before). A readout has at most min(q, 1) spikes per pixel. The charge held is uniform at the start; its
+    later mean is within q/2 of the mean at the start, or within q beyond saturation.
     """
     if saturation == "subtract":
         return 0.0
@@ -239,56 +240,57 @@ def _end_effect(charge: float, saturation: str) -> float:
 
 
 def _lost_at_the_cap(charge: float, sensor: Sensor) -> float:
-    """Return the largest part of the rate that ``subtract`` loses, because it keeps one threshold of excess at most.
+    """Return the largest fraction of the rate that ``subtract`` loses by keeping at most one threshold of excess.
 
-    Within the noise of saturation a pixel that has just fired may hold more than that. Charge then diffuses over the
-    cap, by σ²/2 per spike at the most: half the variance of a threshold, at an even density.
+    Close to saturation, within the noise, a pixel that has just fired may hold more than that. Charge then diffuses
+    over the cap, by at most σ²/2 per spike: half the variance of a threshold, for a uniform density.
     """
     return pixel_noise_per_spike(sensor) / 2 if sensor.saturation == "subtract" and charge > 0.9 else 0.0
 
 
 _TOLERANCE = (
-    "The scatter of pixels (once in 10,000 runs by chance), 10⁻⁵ for what waves leave uneven, and half a last "
-    "digit of "
-    "single precision per readout"
+    "The scatter between pixels (one false alarm in 10,000 runs), 10⁻⁵ for the unevenness that waves leave, and half "
+    "a unit in the last place of single precision per readout"
 )
 CHECKS = (
     Check(
         "radiometry_f_number",
-        "An evenly lit pixel fires in proportion to the aperture's area.",
+        "An evenly lit pixel collects charge in proportion to the area of the aperture.",
         "rate = q/(θ + ℓ·q), q = π·R²/v²·cos⁴ϑ·L·pitch²·FF·QE·λ/(h·c)/F, R = f/(2N)",
         "M. Born and E. Wolf, Principles of Optics, section 4.8, doi:10.1017/CBO9781139644181",
-        "A panel of known radiance before lenses of 200 mm from f/1.4 to f/16, in absolute units, rates 0.007 to 0.9.",
+        "A panel of known radiance in front of 200 mm lenses from f/1.4 to f/16, in absolute units, at rates of 0.007 "
+        "to 0.9.",
         f"{_TOLERANCE}.",
         _check_f_number,
     ),
     Check(
         "radiometry_bellows",
-        "A lens that is drawn out to magnification M loses light by 1/(1 + M)².",
+        "A lens that is moved out to magnification M loses light by the factor 1/(1 + M)².",
         "E = π·R²/v²·cos⁴ϑ·L, v = f·(1 + M)",
         "M. Born and E. Wolf, Principles of Optics, section 4.8, doi:10.1017/CBO9781139644181",
-        "A sweep of a lens of 25 mm from infinity to magnification 1, 129 positions; 19 windows.",
-        f"{_TOLERANCE}; straight lines between positions, 3/4·(step/v)².",
+        "A sweep of a 25 mm lens from infinity to magnification 1, at 129 positions; 19 windows.",
+        f"{_TOLERANCE}; 3/4·(step/v)² for linear interpolation between positions.",
         _check_bellows,
     ),
     Check(
         "radiometry_field_angle",
-        "Away from the axis light falls with the fourth power of the cosine.",
+        "Off the axis, light falls with the fourth power of the cosine of the field angle.",
         "E(ϑ) = E(0)·cos⁴ϑ",
         "M. Born and E. Wolf, Principles of Optics, section 4.8, doi:10.1017/CBO9781139644181",
-        "A panel before a lens of 8 mm: rings round the axis, out to 30 degrees.",
-        f"{_TOLERANCE}; curvature of cos⁴ within a pixel.",
+        "A panel in front of an 8 mm lens: rings around the axis, out to 30 degrees.",
+        f"{_TOLERANCE}; the curvature of cos⁴ within a pixel.",
         _check_field_angle,
     ),
     Check(
         "radiometry_decades",
-        "Rate follows light over five decades, and bends into saturation by the law that the sensor has.",
+        "The firing rate follows the light over five decades, and saturates by the law of the sensor.",
         "subtract: min(1, q/(θ + ℓ·q)); dead_readout: 1/(1 + θ/q)",
         "Acnext/SCSim; BIT-Vision/RSIR and SpikeNeRF calibrations (docs/explanation/spike-camera.md, *Saturation*)",
-        "Even light from 10⁻⁵ to 3.16 thresholds per readout, both laws, 20,000 frames of 16,000 pixels.",
-        f"{_TOLERANCE}, which is 0.3 % at 10⁻⁵. For dead_readout the ends of the window, because it does not begin "
-        "with an even phase. For subtract near saturation 3·10⁻⁵, half the variance of a threshold: it keeps at "
-        "most one threshold of excess, and loses what noise brings above that (measured: 1.5·10⁻⁵).",
+        "Even light from 10⁻⁵ to 3.16 thresholds per readout, with both laws of saturation, in 20,000 frames of 16,000 "
+        "pixels.",
+        f"{_TOLERANCE}, which is 0.3 % at 10⁻⁵. For dead_readout, the effect of the ends of the window, because phases "
+        "are not uniform at the start. For subtract near saturation, 3·10⁻⁵, half the variance of a threshold: a pixel "
+        "keeps at most one threshold of excess charge, and loses what noise adds above that (measured: 1.5·10⁻⁵).",
         _check_decades,
     ),
 )

@@ -1,4 +1,4 @@
-"""Runs checks one after the other and keeps what each found, so that a run that was stopped goes on."""
+"""Runs checks one after the other and saves the result of each, so that an interrupted run can be resumed."""
 
 import hashlib
 import json
@@ -14,8 +14,8 @@ from saf_gen.acceptance.validation.workload import DatasetMaker
 from saf_gen.core.files import check_folder_writable, write_text_atomically
 from saf_gen.errors import SafGenError
 
-KEPT = ".validation"
-"""The folder, beside the page, of what was found and of datasets; it may be deleted."""
+RESULTS = ".validation"
+"""Folder for results and datasets, next to the page; it may be deleted."""
 
 ReportCheck = Callable[[int, int, str], None]
 
@@ -23,41 +23,50 @@ ReportCheck = Callable[[int, int, str], None]
 def run_validation_checks(
     checks: Sequence[Check], folder: Path, *, quick: bool = False, report: ReportCheck = lambda done, total, what: None
 ) -> list[Verdict]:
-    """Run checks and return how each ended, in their order.
+    """Run checks and return their verdicts, in the same order.
 
-    What a check found is written to ``folder`` at once. A check that was run there before, at the same size and with
-    the same code of saf_gen, is not run again. Datasets are deleted when all checks have ended, and stay where the
-    run is stopped.
+    The verdict of a check that passed or failed is saved in ``folder`` at once. If the check is run there again, at the
+    same size and with the same code of saf_gen, the saved verdict is returned. Datasets are deleted when all checks
+    have ended, and kept if the run is interrupted.
 
     Parameters
     ----------
-    checks : what :func:`saf_gen.acceptance.validation.choose_validation_checks` returns.
-    folder : where the page will be; what is kept lies in it, in a folder ``.validation``.
-    quick : run the small sizes.
-    report : is called with checks that are done, their number, and what is at work.
+    checks : sequence of Check
+        Checks to run, such as :func:`saf_gen.acceptance.validation.choose_validation_checks` returns.
+    folder : Path
+        Folder of the page; results and datasets are saved in its subfolder ``.validation``.
+    quick : bool, default False
+        Whether to run the small sizes.
+    report : callable, optional
+        Called with the number of checks done, the number of all checks, and the name and stage of the current one.
+
+    Returns
+    -------
+    list of Verdict
 
     Raises
     ------
-    BadInput : a folder that cannot be written.
+    BadInput
+        If the folder cannot be written.
     """
     check_folder_writable(folder)
-    home = folder / KEPT / f"{fingerprint_validated_source()[:12]}-{'quick' if quick else 'whole'}"
-    if (folder / KEPT).is_dir():  # what older code found, or left behind, is of no use
-        for other in (folder / KEPT).iterdir():
+    home = folder / RESULTS / f"{fingerprint_validated_source()[:12]}-{'quick' if quick else 'whole'}"
+    if (folder / RESULTS).is_dir():  # results and datasets of other code are of no use
+        for other in (folder / RESULTS).iterdir():
             if other.name.partition("-")[0] != home.name.partition("-")[0]:
                 shutil.rmtree(other, ignore_errors=True)
     verdicts, maker = [], DatasetMaker(home / "datasets")
     for done, check in enumerate(checks):
 
-        def tell(stage: str, check: Check = check, done: int = done) -> None:
+        def notify(stage: str, check: Check = check, done: int = done) -> None:
             report(done, len(checks), f"{check.name}: {stage}")
 
-        tell("starts")
+        notify("starts")
         file = home / f"{check.name}.json"
         if file.is_file():
             verdicts.append(Verdict.from_dict(json.loads(file.read_text(encoding="utf-8"))))
             continue
-        verdict = _run_check(check, replace(maker, report=tell), quick=quick)
+        verdict = _run_check(check, replace(maker, report=notify), quick=quick)
         if verdict.outcome in ("passed", "failed"):
             text = json.dumps(verdict.as_dict(), ensure_ascii=False, allow_nan=False)
             write_text_atomically(file, text)
@@ -68,7 +77,7 @@ def run_validation_checks(
 
 
 def _run_check(check: Check, maker: DatasetMaker, *, quick: bool) -> Verdict:
-    """Run one check. An error of the product ends it as ``broken``, with the error's line; the others go on."""
+    """Run one check; an error of saf_gen gives the verdict ``broken`` with the error's message, and is not raised."""
     begin = perf_counter()
     try:
         found = check.run(maker, quick)
@@ -88,7 +97,7 @@ def _run_check(check: Check, maker: DatasetMaker, *, quick: bool) -> Verdict:
 
 
 def fingerprint_validated_source() -> str:
-    """Return the SHA-256 (hex) over all code and presets of saf_gen: what other code found is not used."""
+    """Return the SHA-256 (hex) of all code and presets of saf_gen, by which results of other code are recognised."""
     package = Path(saf_gen.__file__).resolve().parent
     digest = hashlib.sha256()
     for path in sorted(p for p in package.rglob("*") if p.suffix in (".py", ".yaml")):

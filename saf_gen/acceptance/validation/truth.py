@@ -1,4 +1,4 @@
-"""Truth: the focus and depth that a file states, against closed forms, and against where its spikes are sharpest."""
+"""Truth: the focus and depth that a file states, compared with closed forms and with where its spikes are sharpest."""
 
 import math
 
@@ -8,20 +8,20 @@ from scipy.optimize import brentq
 import saf_gen
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
 from saf_gen.acceptance.validation.inference import compare_mean_with_law
-from saf_gen.acceptance.validation.optics import DRIVES, F_NUMBER, lens_by_law
-from saf_gen.acceptance.validation.theory import off_axis_columns_in_law
+from saf_gen.acceptance.validation.lens_edges import DRIVES, F_NUMBER, lens_by_law
+from saf_gen.acceptance.validation.theory import off_axis_columns_for_validation
 from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
 from saf_gen.acceptance.validation.written_scenes import grey_planes_of_workload, lit_chequers_of_workload
 
 SINGLE_PRECISION_M = 5e-7
-"""What single precision may move a depth of half a metre: eight last digits, for a few operations."""
+"""Error (m) of a depth of half a metre in single precision: eight units in the last place, for a few operations."""
 SHAPE = (32, 48)
 TILT_DEG = 20.0
 NEAR_M, FAR_M = 0.47, 0.53
 
 
 def _best_focus(drive: str, depths: np.ndarray) -> float:
-    """Return the position with the smallest mean of c² over these depths (m): docs/explanation/physics.md."""
+    """Return the position of least mean squared blur over these depths (m); see docs/explanation/physics.md."""
     first, last = (float(one) for one in lens_by_law(drive, np.array([0.0, 1.0]))[0])
     if drive == "image_distance":
         focal = DRIVES[drive]["focal_length_mm"] / 1000
@@ -37,9 +37,9 @@ def _best_focus(drive: str, depths: np.ndarray) -> float:
 
 
 def _depths(kind: str, drive: str, *, position: float, pitch_m: float) -> np.ndarray:
-    """Return the depth (m) of every target pixel, seen through a pinhole at the lens's centre at a position."""
+    """Return the depth (m) of every target pixel, seen through a pinhole at the centre of the lens at ``position``."""
     v, _, z, _ = lens_by_law(drive, np.array([position]))
-    slope = off_axis_columns_in_law(SHAPE, pitch_m) / v[0]
+    slope = off_axis_columns_for_validation(SHAPE, pitch_m) / v[0]
     if kind == "two_depths":
         return np.broadcast_to(np.where(slope < 0, NEAR_M, FAR_M), SHAPE)[SHAPE[0] // 2 :]
     tangent = math.tan(math.radians(TILT_DEG))
@@ -48,7 +48,7 @@ def _depths(kind: str, drive: str, *, position: float, pitch_m: float) -> np.nda
 
 
 def _check_depths(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare truth and depth of two depths behind one mask, a slanted target and a roof, each drive."""
+    """Compare truth and depth with closed forms, for a target at two depths, a slanted one and a roof, by drive."""
     sensor = workload_sensor_with_noise(rows=SHAPE[0], columns=SHAPE[1], pitch_m=6e-5)
     across, back = (f"rotate([0, 1, 0], {angle})" for angle in (TILT_DEG, -TILT_DEG))
     kinds: dict[str, dict[str, str]] = {
@@ -73,21 +73,23 @@ def _check_depths(maker: DatasetMaker, quick: bool) -> Finding:
         for (kind, drive), shapes in _cases(kinds, quick).items()
     ]
     focus = {"positions": 5, "motion": {"kind": "sweep"}}
-    made = maker.make(Workload(tuple(scenes), sensor, 400, exposure={"mean_rate": 0.2}, focus=focus))
+    dataset = maker.make(Workload(tuple(scenes), sensor, 400, exposure={"mean_rate": 0.2}, focus=focus))
     comparisons: list[Comparison] = []
     curves = []
     for kind, drive in _cases(kinds, quick):
-        with made.open(scene=f"{kind}_{drive}") as stream:
+        with dataset.open(scene=f"{kind}_{drive}") as stream:
             truth = stream.truth
-        places = [0.5]
-        for _ in range(50):  # the pixels' depths follow from where the lens is, and that from them
-            places.append(_best_focus(drive, _depths(kind, drive, position=places[-1], pitch_m=sensor.pitch_m).ravel()))
-        position = places[-1]
+        positions = [0.5]
+        for _ in range(50):  # the depths depend on the lens position, which depends on the depths
+            positions.append(
+                _best_focus(drive, _depths(kind, drive, position=positions[-1], pitch_m=sensor.pitch_m).ravel())
+            )
+        position = positions[-1]
         law = _depths(kind, drive, position=position, pitch_m=sensor.pitch_m)
         target, depth = np.asarray(truth.target), np.asarray(truth.depth, np.float64)
         per_metre = abs(_best_focus(drive, law.ravel() + 1e-4) - position) / 1e-4
-        # The product looks twice: from the middle of the travel, and from where that is in focus.
-        unsettled = float(np.abs(_depths(kind, drive, position=places[1], pitch_m=sensor.pitch_m) - law).max())
+        # saf_gen traces depth twice only: from the middle of the travel, and from the best focus for those depths.
+        unsettled = float(np.abs(_depths(kind, drive, position=positions[1], pitch_m=sensor.pitch_m) - law).max())
         allowed_m = SINGLE_PRECISION_M + unsettled
         allowed = per_metre * allowed_m
         name = f"{kind}, {drive}"
@@ -98,7 +100,7 @@ def _check_depths(maker: DatasetMaker, quick: bool) -> Finding:
         inside[-law.shape[0] :] = True
         flipped = inside[::-1] if (target != inside).any() else inside
         missed = float((target != flipped).sum())
-        comparisons.append(Comparison(f"{name}: pixels of the target off", missed, 0.0, 0.0, 0.0, unit="pixels"))
+        comparisons.append(Comparison(f"{name}: wrong pixels of the target", missed, 0.0, 0.0, 0.0, unit="pixels"))
         seen = depth[flipped].reshape(law.shape)
         seen = min((seen, seen[:, ::-1]), key=lambda one: float(np.abs(one - law).max()))
         error = float(np.abs(seen - law).max())
@@ -113,13 +115,13 @@ def _check_depths(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _cases(kinds: dict[str, dict[str, str]], quick: bool) -> dict[tuple[str, str], dict[str, str]]:
-    """Return the shapes by kind and drive; at the small size each kind has one drive."""
+    """Return the shapes by kind and drive; at the small size, each kind has a single drive."""
     chosen = {(kind, drive): shapes for kind, shapes in kinds.items() for drive in DRIVES}
     return {pair: chosen[pair] for pair in zip(kinds, DRIVES, strict=True)} if quick else chosen
 
 
 def _check_moving(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the track of a target that comes nearer, and the frame at which the sweep meets it, with closed forms."""
+    """Compare the track of an approaching target, and the frame at which the sweep meets it, with closed forms."""
     drives = list(DRIVES)[:1] if quick else list(DRIVES)
     sensor = workload_sensor_with_noise(rows=SHAPE[0], columns=SHAPE[1], pitch_m=6e-5)
     frames, slices_per_s, came_m = 2000, 50.0 if quick else 100.0, -0.06
@@ -144,18 +146,18 @@ def _check_moving(maker: DatasetMaker, quick: bool) -> Finding:
         split={"scene_motion": ["dynamic"]},
         render={"samples": 4, "slice_samples": 4, "max_depth": 2},
     )
-    made = maker.make(workload)
+    dataset = maker.make(workload)
     comparisons, curves = [], []
-    # At a frame's middle: (t + ½)/F. Between two slices the track is a straight line, as the pictures are.
+    # Times are the middles of frames, (t + ½)/F. Between two slices the track, like the pictures, is linear.
     times = (np.arange(frames) + 0.5) / sensor.readout_hz
     at = np.arange(0, 0.1 + 1e-9, 1 / slices_per_s)
     for drive in drives:
         best = np.array([_best_focus(drive, np.array([0.53 + came_m * t / 0.1])) for t in at])
         track = np.interp(times, at, best)
-        with made.open(scene=f"coming_{drive}") as stream:
+        with dataset.open(scene=f"coming_{drive}") as stream:
             truth, position = stream.truth, np.asarray(stream.focus_position, np.float64)
         per_metre = float(np.abs(np.diff(best)).max()) / (abs(came_m) * 0.1)
-        allowed = per_metre * SINGLE_PRECISION_M + 2.0**-24  # and the file's own single precision
+        allowed = per_metre * SINGLE_PRECISION_M + 2.0**-24  # plus the single precision of the file
         error = float(np.abs(np.asarray(truth.track) - track).max())
         comparisons.append(Comparison(f"{drive}: largest error of the track", error, 0.0, 0.0, allowed))
         ahead = position - track
@@ -176,7 +178,7 @@ def _check_moving(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _check_sharpest(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare where the spikes of a sweep are sharpest, by SD, with the truth in the file."""
+    """Compare the position at which the spikes of a sweep are sharpest, by SD, with the truth in the file."""
     rows, columns = (48, 64) if quick else (96, 128)
     repeats, frames = (6, 2000) if quick else (12, 4000)
     drives = list(DRIVES)[:1] if quick else list(DRIVES)
@@ -199,25 +201,25 @@ def _check_sharpest(maker: DatasetMaker, quick: bool) -> Finding:
         render={"samples": 64 if quick else 256, "max_depth": 3},
         split={"repeats": repeats},
     )
-    made = maker.make(workload)
+    dataset = maker.make(workload)
     measure, step = saf_gen.get_measure("sd"), frames // 100
     comparisons, curves = [], []
     for drive in drives:
         peaks: list[float] = []
         scale = 1.0
         for repeat in range(repeats):
-            with made.open(scene=f"chequers_{drive}", repeat=repeat) as stream:
+            with dataset.open(scene=f"chequers_{drive}", repeat=repeat) as stream:
                 scores = np.array([measure(stream.counts(k, k + step)) for k in range(0, frames, step)])
                 low, high = stream.truth.depth_of_focus
                 scale, middle = (high - low) / 2, stream.truth.position
-            places = (np.arange(scores.size) + 0.5) * step / frames
+            positions = (np.arange(scores.size) + 0.5) * step / frames
             top = int(scores.argmax())
             near = slice(max(top - 8, 0), top + 9)
-            fitted = np.polynomial.Polynomial.fit(places[near], scores[near], 2)
+            fitted = np.polynomial.Polynomial.fit(positions[near], scores[near], 2)
             peaks.append((float(fitted.deriv().roots()[0].real) - middle) / scale)
         comparisons.append(
             compare_mean_with_law(
-                f"{drive}: peak of SD less truth",
+                f"{drive}: peak of SD minus truth",
                 np.array(peaks),
                 expected=0.0,
                 figures=len(drives),
@@ -225,41 +227,42 @@ def _check_sharpest(maker: DatasetMaker, quick: bool) -> Finding:
                 unit="half depths of focus",
             )
         )
-        curves.append(Curve(drive, tuple(places.tolist()), tuple((scores / scores.max()).tolist())))
+        curves.append(Curve(drive, tuple(positions.tolist()), tuple((scores / scores.max()).tolist())))
     return Finding(tuple(comparisons), Plot("position", "SD over its peak", tuple(curves)))
 
 
-_EXACT = "Nothing is random: single precision of a few operations, 0.5 µm of depth, and what that moves the position"
+_EXACT = "Nothing is random: a few operations in single precision, 0.5 µm of depth, and its effect on the position"
 CHECKS = (
     Check(
         "truth_depths",
-        "The true focus is where the mean of c² over the target's own pixels is smallest, and depth is that of "
-        "each pixel's ray.",
+        "At the true focus the mean of c² over the pixels of the target is smallest, and the depth of a pixel is that "
+        "of its ray.",
         "v = mean(w)/mean(w²), w = 1/f − 1/d; 1/u = mean(1/d); mean((y − u)/y³) = 0, y = d − z",
         "Least squares of c = 2R·v·|1/d − 1/u| (docs/explanation/physics.md, *The lens and its drive*)",
-        "Two depths behind one mask before a wall, a plane at 20 degrees, and a roof; each drive; truth read from "
-        "the files.",
-        f"{_EXACT}; and that the product looks twice, from the middle of the travel and from where that is in "
-        "focus, not more often.",
+        "A target at two depths in front of a wall, a plane tilted by 20 degrees, and a roof, with each drive; the "
+        "truth is read from the files.",
+        f"{_EXACT}; and the error of tracing depth only twice, from the middle of the travel and from the best focus "
+        "for those depths.",
         _check_depths,
     ),
     Check(
         "truth_moving",
-        "The truth of a target that moves is that of each moment, straight between time slices.",
+        "The truth of a moving target is that of each moment, interpolated linearly between time slices.",
         "p(t) by the formulas of truth_depths, at the depth 0.53 m − 0.6 m/s·t",
-        "As truth_depths",
-        "A card that comes nearer by 6 cm in 0.1 s, 100 time slices per second, swept by each drive.",
-        f"{_EXACT}; a frame by the speed of lens against target.",
+        "Same as for truth_depths",
+        "A card that approaches by 6 cm in 0.1 s, at 100 time slices per second, swept by each drive.",
+        f"{_EXACT}; for the frame, this divided by the speed of the lens relative to the target.",
         _check_moving,
     ),
     Check(
         "truth_sharpest",
-        "The spikes themselves are sharpest where the file says that the focus is.",
+        "The spikes are sharpest at the true focus that the file states.",
         "argmax SD(p) = truth",
-        "The paper's SD: Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363",
-        "A chequered plane swept by each drive, several seeds; a parabola through SD of 17 windows round the peak.",
-        "The scatter over seeds (once in 10,000 runs by chance), and 0.1 half depths of focus: the window's and "
-        "the parabola's own shape.",
+        "SD: Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363",
+        "A chequered plane swept by each drive, with several seeds; a parabola is fitted to the SD of 17 windows "
+        "around the peak.",
+        "The scatter over seeds (one false alarm in 10,000 runs), and 0.1 half depths of focus for the shape of the "
+        "window and of the parabola.",
         _check_sharpest,
     ),
 )

@@ -1,7 +1,7 @@
-"""What checks run: scenes, a sensor and a recipe written to a folder, and the dataset that `generate` makes of them.
+"""Workloads of checks: scenes, a sensor and a recipe in a folder, and the dataset that `generate` makes from them.
 
-A check sees of the product what a user sees: files that are written, the public functions behind the commands, and
-the streams that come out.
+A check uses saf_gen as a user does: it writes files, calls the public functions behind the commands, and reads the
+resulting streams.
 """
 
 import hashlib
@@ -28,23 +28,41 @@ from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 @dataclass(frozen=True)
 class WrittenScene:
-    """A scene as its two files hold it: the card as a mapping, and the body of ``build`` in ``scene.py``."""
+    """The content of the two files of a scene: the card as a mapping, and the body of ``build`` in ``scene.py``."""
 
     card: Mapping[str, Any]
     build: str
 
     @property
     def id(self) -> str:
-        """Its name."""
+        """Name of the scene."""
         return str(self.card["id"])
 
 
 @dataclass(frozen=True)
 class Workload:
-    """Scenes, a sensor and a recipe: what a user would write.
+    """Scenes, a sensor and a recipe, as a user would write them.
 
-    ``lights`` are schedules by name; ``exposure``, ``focus`` and ``render`` are those keys of the recipe, ``split`` has
-    more keys of its split ``test``, which holds all scenes. ``shipped`` names scenes that come with saf_gen.
+    Parameters
+    ----------
+    scenes : tuple of WrittenScene
+        Scenes to write.
+    sensor : Sensor
+        Sensor of all recordings.
+    frames : int
+        Frames per recording.
+    lights : mapping, optional
+        Light schedules by name; by default one, which is constant.
+    exposure, focus, render : mapping, optional
+        Sections of the recipe; by default absolute exposure, a lens at rest at position 0, and 4 samples per pixel.
+    split : mapping, optional
+        Additional keys of the split ``test``, which holds all scenes.
+    saturation : str, optional
+        Law of saturation in the recipe; by default that of the sensor.
+    seed : int, default 15
+        Seed of the recipe.
+    shipped : tuple of str, optional
+        Names of further scenes, which come with saf_gen.
     """
 
     scenes: tuple[WrittenScene, ...]
@@ -63,7 +81,7 @@ class Workload:
 
     @cached_property
     def files(self) -> dict[str, str]:
-        """The text of every file by its path."""
+        """Text of every file, by path."""
         camera = {"sensor": "sensor.yaml", "frames": self.frames, "exposure": self.exposure}
         recipe = {
             "name": "validation",
@@ -89,42 +107,49 @@ class Workload:
 
     @cached_property
     def key(self) -> str:
-        """Digest of all files: equal workloads share their streams."""
+        """Digest of all files (16 hex digits); equal workloads share their streams."""
         return hashlib.sha256(json.dumps(self.files, sort_keys=True).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
-class Made:
-    """The dataset of a workload."""
+class MadeDataset:
+    """A dataset that was generated from a workload."""
 
     folder: Path
     sequences: tuple[SequenceEntry, ...]
 
     def find(self, *, scene: str | None = None, light: str | None = None, repeat: int | None = None) -> SequenceEntry:
-        """Return the one sequence of a scene, light and repeat; what is left out may be anything."""
+        """Return the only sequence with this scene, light and repeat; an argument that is None matches anything."""
         wanted = {"scene": scene, "light": light, "repeat": repeat}
-        given = {key: value for key, value in wanted.items() if value is not None}
-        (found,) = (s for s in self.sequences if all(getattr(s, k) == v for k, v in given.items()))
+        wanted_values = {key: value for key, value in wanted.items() if value is not None}
+        (found,) = (s for s in self.sequences if all(getattr(s, k) == v for k, v in wanted_values.items()))
         return found
 
     def open(self, **which: Any) -> SpikeStream:
-        """Open a sequence's stream; the arguments are those of :meth:`find`."""
+        """Open the stream of a sequence; the arguments are those of :meth:`find`."""
         return open_stream(self.folder / self.find(**which).file)
 
 
 @dataclass(frozen=True)
 class DatasetMaker:
-    """Where workloads are written and generated. A dataset that is there and whole is used again.
+    """Writes workloads to a folder and generates their datasets; a complete dataset that is there is used again.
 
-    What this maker has ``made``, by the key of its workload, is used without being read back and checked once more.
+    Parameters
+    ----------
+    folder : Path
+        Folder with a subfolder for each workload.
+    report : callable, optional
+        Called with the name of the work that is being done.
+    datasets : dict, optional
+        Datasets of this maker, by the key of their workload; they are not read and checked again.
     """
 
     folder: Path
     report: Callable[[str], None] = lambda stage: None
-    made: dict[str, Made] = field(default_factory=dict)
+    datasets: dict[str, MadeDataset] = field(default_factory=dict)
 
     def resolve(self, workload: Workload) -> ResolvedRecipe:
-        """Write a workload's files, and return its recipe resolved."""
+        """Write the files of a workload, and return its resolved recipe."""
         home = self._home(workload)
         for name, text in workload.files.items():
             if not (home / name).exists():
@@ -132,30 +157,30 @@ class DatasetMaker:
         with use_workload_scenes(home / "scenes"):
             return resolve_recipe(home / "recipe.yaml")
 
-    def make(self, workload: Workload) -> Made:
-        """Write a workload's files, generate its dataset, and return it; SafGenError where a sequence fails."""
-        if workload.key in self.made:
-            return self.made[workload.key]
+    def make(self, workload: Workload) -> MadeDataset:
+        """Write the files of a workload, generate its dataset and return it; raise SafGenError if a sequence fails."""
+        if workload.key in self.datasets:
+            return self.datasets[workload.key]
         resolved, home = self.resolve(workload), self._home(workload)
         with use_workload_scenes(home / "scenes"):
             result = generate(resolved, home / "dataset", report=lambda name, done: self.report(name))
         for name, error in result.failed.items():
             raise SafGenError(f"{name}: {error}")
-        self.made[workload.key] = Made(home / "dataset", read_manifest(home / "dataset").sequences)
-        return self.made[workload.key]
+        self.datasets[workload.key] = MadeDataset(home / "dataset", read_manifest(home / "dataset").sequences)
+        return self.datasets[workload.key]
 
     def _home(self, workload: Workload) -> Path:
         return self.folder / workload.key
 
     def clear(self) -> None:
         """Delete all datasets."""
-        self.made.clear()
+        self.datasets.clear()
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
 @contextmanager
 def use_workload_scenes(folder: Path) -> Iterator[None]:
-    """Let scenes be found in a folder alone, as SAF_GEN_SCENES does; worker processes inherit it."""
+    """Set SAF_GEN_SCENES to this folder alone inside a ``with`` block; worker processes inherit the setting."""
     before = os.environ.get(SCENES_VARIABLE)
     os.environ[SCENES_VARIABLE] = str(folder)
     try:
@@ -168,12 +193,12 @@ def use_workload_scenes(folder: Path) -> Iterator[None]:
 
 
 def workload_sensor_with_noise(*switched_on: str, name: str = "vidar_400x250", **changes: Any) -> Sensor:
-    """Return a sensor whose noise is off, but for the switches named."""
+    """Return a sensor of which only the named kinds of noise are switched on."""
     switches = {f.name: f.name in switched_on for f in fields(get_sensor(name).noise)}
     return get_sensor(name, **changes, noise=switches)
 
 
 def _to_yaml(value: Any) -> str:
-    """Return JSON, which is YAML but for numbers such as 2e-05: YAML wants a point in them."""
+    """Return the value as JSON that is also YAML, which requires a decimal point in numbers such as 2.0e-05."""
     text = json.dumps(value, indent=1, ensure_ascii=False, default=dict)
     return re.sub(r"(?<=[\s\[])(-?\d+)(e[-+]?\d+)(?=[,\s\]}])", r"\1.0\2", text) + "\n"

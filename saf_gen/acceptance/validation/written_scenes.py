@@ -1,4 +1,4 @@
-"""The scenes of the checks: a glowing panel, edges, planes at known depths; each as the two files of its folder."""
+"""Scenes of the checks, as the two files of a scene folder: a glowing panel, edges, planes at known depths."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from saf_gen.camera.sensor import Sensor
 
 FAR_M = 10.001
 FLAT_LENS = {"focal_length_mm": 2000, "f_number": 2.8, "drive": "image_distance", "focus_range_m": [FAR_M, 9.999]}
-"""A lens so long that over a sensor of 8 mm cos⁴ and 1/v² are even to 10⁻⁵."""
+"""A lens so long that cos⁴ and 1/v² are even to 10⁻⁵ over a sensor of 8 mm."""
 
 
 def _write_scene(
@@ -21,9 +21,10 @@ def _write_scene(
     target: Sequence[str],
     **card: Any,
 ) -> WrittenScene:
-    """Return a scene; the lens is at the origin and looks along +z.
+    """Return a scene whose lens is at the origin and looks along +z.
 
-    ``build`` is what ``build(params)`` does, indented by four; ``t`` in it is Mitsuba's transform, ``np`` numpy.
+    ``build`` is the body of ``build(params)``, indented by four spaces; in it, ``t`` is Mitsuba's transform and ``np``
+    is numpy.
     """
     keys = {
         "id": name,
@@ -41,7 +42,7 @@ def _write_scene(
 def glowing_panel_of_workload(
     name: str, *, radiance: float, depth_m: float, half_m: float, lens: Mapping[str, Any]
 ) -> WrittenScene:
-    """Return a panel across the axis that fills the view and sends the same radiance (W m⁻² sr⁻¹) everywhere."""
+    """Return a scene with a panel across the axis that fills the view with an even radiance (W m⁻² sr⁻¹)."""
     build = f"""    return {{
         "panel": {{
             "type": "rectangle",
@@ -54,15 +55,15 @@ def glowing_panel_of_workload(
 
 
 def even_panel_of_workload() -> WrittenScene:
-    """Return a panel of 1 W m⁻² sr⁻¹ before FLAT_LENS."""
+    """Return a scene with a panel of 1 W m⁻² sr⁻¹ in front of FLAT_LENS."""
     return glowing_panel_of_workload("even_panel", radiance=1.0, depth_m=10.0, half_m=2.0, lens=FLAT_LENS)
 
 
 def gain_of_rate_by_law(rate: float, sensor: Sensor) -> float:
-    """Return the gain at which :func:`even_panel_of_workload` makes a sensor fire at a rate.
+    """Return the gain at which the scene :func:`even_panel_of_workload` makes a sensor fire at ``rate``.
 
-    It is that at position 0, without dark current. Position 0 is rendered, so that no interpolation between
-    positions enters.
+    The lens is at position 0, and there is no dark signal. Position 0 is rendered, so no interpolation between
+    positions is involved.
     """
     v = 2.0 * FAR_M / (FAR_M - 2.0)
     axis = charge_per_radiance_by_law(sensor, f_number=2.8, focal_length_m=2.0, image_distance_m=v, off_axis_m=0.0)
@@ -80,9 +81,9 @@ STILL_LENS: dict[str, Any] = {
 def lit_chequers_of_workload(
     name: str, *, lights: Mapping[str, Sequence[str]], lens: Mapping[str, Any] = STILL_LENS, chequers: int = 60
 ) -> WrittenScene:
-    """Return a chequered plane 0.5 m before the lens, under a ``lamp`` beside the lens and the light of a ``room``.
+    """Return a scene with a chequered plane 0.5 m from the lens, lit by a ``lamp`` next to the lens and a ``room``.
 
-    ``chequers`` is their number along the plane's metre.
+    ``chequers`` is the number of chequers along each side of the plane, which is 1 m.
     """
     build = """    def grey(value):
         return {"type": "rgb", "value": value}
@@ -114,7 +115,7 @@ def lit_chequers_of_workload(
 def glowing_edge_of_workload(
     name: str, *, depth_m: float, edge_m: float, lens: Mapping[str, Any], turn_deg: float = 0.0
 ) -> WrittenScene:
-    """Return a bright half plane beside the dark, its edge ``edge_m`` off the axis and turned by ``turn_deg``."""
+    """Return a scene with a bright half plane on black; its edge is ``edge_m`` off the axis, turned by ``turn_deg``."""
     half = 0.5 * depth_m
     build = f"""    turned = t.rotate([0, 0, 1], {turn_deg}).translate([{edge_m + half}, 0, {depth_m}])
     return {{
@@ -129,7 +130,7 @@ def glowing_edge_of_workload(
 
 
 def strips_behind_bar_of_workload(name: str, *, lens: Mapping[str, Any]) -> WrittenScene:
-    """Return upright strips of a wall at 0.55 m behind an upright bar at 0.45 m, in even light: all rows are alike."""
+    """Return a scene with vertical strips at 0.55 m behind a vertical bar at 0.45 m, in even light; rows are alike."""
     build = """    def strip(left, right, depth, reflectance):
         place = t.translate([(left + right) / 2, 0, depth]).rotate([0, 1, 0], 180)
         return {
@@ -149,8 +150,11 @@ def strips_behind_bar_of_workload(name: str, *, lens: Mapping[str, Any]) -> Writ
 def grey_planes_of_workload(
     name: str, *, shapes: Mapping[str, str], target: Sequence[str], lens: Mapping[str, Any], **card: Any
 ) -> WrittenScene:
-    """Return grey planes in even light; ``shapes`` are transforms, by name, of a rectangle from −1 to 1 facing −z."""
-    made = "".join(f"        {name!r}: plane({where}),\n" for name, where in shapes.items())
+    """Return a scene with grey planes in even light.
+
+    ``shapes`` maps the name of each plane to the transform, as source code, of a rectangle from −1 to 1 facing −z.
+    """
+    planes = "".join(f"        {name!r}: plane({where}),\n" for name, where in shapes.items())
     build = f"""    def plane(where):
         return {{
             "type": "rectangle",
@@ -159,14 +163,14 @@ def grey_planes_of_workload(
         }}
 
     return {{
-{made}        "room": {{"type": "constant", "radiance": {{"type": "rgb", "value": 1.0}}}},
+{planes}        "room": {{"type": "constant", "radiance": {{"type": "rgb", "value": 1.0}}}},
     }}
 """
     return _write_scene(name, build, lens=lens, lights={"room": ["room"]}, target=target, **card)
 
 
 def striped_card_of_workload(name: str, *, period_m: float, speed_m_per_s: float) -> WrittenScene:
-    """Return a card 0.5 m before the lens with upright stripes, in even light, which moves sideways for a second."""
+    """Return a scene with a vertically striped card, 0.5 m from the lens in even light, that moves sideways for 1 s."""
     build = """    def grey(value):
         return {"type": "rgb", "value": value}
 

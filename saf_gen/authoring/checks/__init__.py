@@ -1,4 +1,4 @@
-"""Checks of a scene: each examines one aspect, and says in one line what it found and what to do.
+"""Checks of a scene: each examines one aspect, and reports in one line what it found and what to do.
 
 >>> for finding in check_scene(find_scene("camel"), get_sensor("vidar_400x250")):  # doctest: +SKIP
 ...     print(finding.level, finding.text)
@@ -7,7 +7,7 @@
 from collections.abc import Callable, Iterator
 
 from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok
-from saf_gen.authoring.checks.focus_reach import check_scene_family, check_scene_reach, scene_check_target_unseen
+from saf_gen.authoring.checks.focus_reach import check_scene_family, check_scene_reach, scene_check_out_of_reach
 from saf_gen.authoring.checks.licence import check_scene_licence
 from saf_gen.authoring.checks.picture_grain import check_scene_grain
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
@@ -52,10 +52,25 @@ CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]]
 def check_scene(
     scene: Scene, sensor: Sensor, *, backend: str = "auto", progress: Callable[[float], None] = lambda done: None
 ) -> Iterator[SceneFinding]:
-    """Yield the findings of all checks, as they are made.
+    """Yield the findings of all checks as they are made.
 
-    Whatever stops a check, such as a scene that cannot be built, is an error of that check, and ends those that need
-    its result. ``backend`` is 'auto', 'cuda', 'llvm' or 'scalar'; ``progress`` is called with the fraction done, 0...1.
+    If something stops a check, such as a scene that cannot be built, the finding is an error of that check, and checks
+    that need its result do not run.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to check.
+    sensor : Sensor
+        Sensor in front of which the scene is checked.
+    backend : {'auto', 'cuda', 'llvm', 'scalar'}, default 'auto'
+        Backend of the renderer.
+    progress : callable, optional
+        Called with the fraction done, 0 to 1.
+
+    Yields
+    ------
+    SceneFinding
     """
     yield from check_scene_licence(scene)
     subject = SceneUnderTest(scene, sensor, backend=backend)
@@ -69,7 +84,7 @@ def check_scene(
     try:
         subject.true_focus  # noqa: B018
     except BadInput as problem:
-        yield scene_check_target_unseen(subject, problem)
+        yield scene_check_out_of_reach(subject, problem)
         return
     for n, check in enumerate(CHECKS_OF_BUILT_SCENES, 1):
         try:

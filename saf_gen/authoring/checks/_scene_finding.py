@@ -1,4 +1,4 @@
-"""The finding of a check."""
+"""Findings of checks."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class SceneFinding:
-    """One line of one check: its level, and what was measured or what to do."""
+    """One line of a check: its level, and what was measured or what to do."""
 
     check: str
     level: Literal["ok", "warning", "error"]
@@ -14,15 +14,15 @@ class SceneFinding:
 
 
 def scene_check_ok(check: str, text: str) -> SceneFinding:
-    """Return the finding that all is well, with the value that shows it."""
+    """Return a finding that all is well; ``text`` states the value that shows it."""
     return SceneFinding(check, "ok", text)
 
 
 def scene_check_warning(check: str, text: str) -> SceneFinding:
-    """Return the finding that the scene can be used but should be improved, with what to do."""
+    """Return a finding that the scene can be used but should be improved; ``text`` says what to do."""
     return SceneFinding(check, "warning", text)
 
 
 def scene_check_error(check: str, text: str) -> SceneFinding:
-    """Return the finding that the scene cannot be used as it is."""
+    """Return a finding that the scene cannot be used as it is."""
     return SceneFinding(check, "error", text)

@@ -1,4 +1,4 @@
-"""The checks of one scene as a job that another machine may run."""
+"""The checks of one scene, as a job that may run on another machine."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from saf_gen.scene.scene_folder import Scene
 
 @dataclass(frozen=True)
 class CheckSceneJob:
-    """Checks a scene, and returns all findings at once."""
+    """Checks a scene and returns all findings at once."""
 
     scene: Scene
     sensor: Sensor

@@ -1,4 +1,4 @@
-"""The reach of the lens: is the target in focus well inside the travel, for every member of the family?"""
+"""Reach of the lens: is the target in focus well inside the travel, for every member of the family?"""
 
 import math
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ import numpy as np
 
 from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.authoring.checks.scene_units import suggest_unit_in_scene_check
+from saf_gen.authoring.checks.scene_units import suggest_scene_check_unit
 from saf_gen.core.config.ranges import is_config_range
 from saf_gen.errors import BadInput
 
@@ -16,14 +16,14 @@ MIN_BLUR = 4.0  # pixels; with less at both ends of the travel there is nothing 
 MEMBERS = 3
 
 
-def scene_check_target_unseen(subject: SceneUnderTest, problem: BadInput) -> SceneFinding:
-    """Return the finding for a target out of sight or reach, with the unit that would explain it."""
-    unit = suggest_unit_in_scene_check(subject)
+def scene_check_out_of_reach(subject: SceneUnderTest, problem: BadInput) -> SceneFinding:
+    """Return the finding for a target out of sight or out of reach, with the unit that would explain it, if any."""
+    unit = suggest_scene_check_unit(subject)
     return scene_check_error("reach", f"{problem}; {unit}" if unit else str(problem))
 
 
 def check_scene_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """Check where in the travel the target is in focus, and how much it is blurred at the ends."""
+    """Check where in the travel the target is in focus, and how much it is blurred at the ends of the travel."""
     truth, half = subject.true_focus, subject.half_depth_of_focus
     low, high = subject.depth_of_focus
     ends = [
@@ -31,24 +31,24 @@ def check_scene_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         for p in (0.0, 1.0)
     ]
     text = (
-        f"in focus at {truth:.3f} of the travel, within a pixel from {low:.3f} to {high:.3f}; "
-        f"blurred over {ends[0]:.0f} and {ends[1]:.0f} pixels at its ends"
+        f"in focus at {truth:.3f} of the travel, depth of focus {low:.3f} to {high:.3f}; "
+        f"blurred over {ends[0]:.0f} and {ends[1]:.0f} pixels at the ends of the travel"
     )
     if not MARGIN <= truth <= 1 - MARGIN:
         yield scene_check_warning(
-            "reach", f"{text}: the focus lies near an end of the travel, widen {subject.drive.travel_key}"
+            "reach", f"{text}: the focus is near an end of the travel, widen {subject.drive.travel_key}"
         )
     elif max(ends) < MIN_BLUR:
         yield scene_check_warning(
-            "reach", f"{text}: that is hardly any blur, open the lens or widen {subject.drive.travel_key}"
+            "reach", f"{text}: this is too little blur, open the lens or widen {subject.drive.travel_key}"
         )
     else:
-        positions = 2 ** math.ceil(math.log2(1 / half)) + 1  # at most half the depth of focus apart
+        positions = 2 ** math.ceil(math.log2(1 / half)) + 1  # spaced by at most half the depth of focus
         yield scene_check_ok("reach", f"{text}; recipes need focus.positions: {positions} or more")
 
 
 def check_scene_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """Check that a few random members of the family can be built, with the target in reach."""
+    """Check that a few random members of the family can be built, with a target that the lens can focus."""
     scene = subject.scene
     if not any(is_config_range(value) for value in scene.card.params.values()):
         return
@@ -63,7 +63,7 @@ def check_scene_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:
             continue
         if not MARGIN / 2 <= member.true_focus <= 1 - MARGIN / 2:
             yield scene_check_warning(
-                "family", f"with {drawn} the focus lies at {member.true_focus:.3f} of the travel, close to its end"
+                "family", f"with {drawn} the focus is at {member.true_focus:.3f} of the travel, close to its end"
             )
     if found:
         yield scene_check_ok(

@@ -1,4 +1,4 @@
-"""Licence and source: may others use the scene, and is the origin of everything in it documented?"""
+"""Licence and source: may others use the scene, and is the origin of all its parts documented?"""
 
 from collections.abc import Iterator
 
@@ -16,18 +16,18 @@ OPEN = frozenset(
 )
 """SPDX names of licences that let others use, change and redistribute a work (spdx.org/licenses)."""
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tga", ".bmp", ".pfm"})
-ASSETS = PICTURES | {".ply", ".obj", ".serialized", ".vol", ".spd", ".bsdf"}  # files that somebody made
+ASSETS = PICTURES | {".ply", ".obj", ".serialized", ".vol", ".spd", ".bsdf"}  # files whose authors must be named
 
 
 def check_scene_licence(scene: Scene) -> Iterator[SceneFinding]:
-    """Check the card's ``licence`` and ``source``, and the file that ``source`` names."""
+    """Check the card's ``licence`` and ``source``, and the file to which ``source`` refers."""
     licence, source = scene.card.licence.strip(), scene.card.source.strip()
     words = licence.replace("(", " ").replace(")", " ").split()
     names = [word for word in words if word not in ("AND", "OR", "WITH")]
     unknown_names = [name for name in names if name not in OPEN]
     if not names:
         yield scene_check_error(
-            "licence", "nobody has set it: write one in scene.yaml that lets others use the scene, such as CC-BY-4.0"
+            "licence", "licence is empty: write one in scene.yaml that lets others use the scene, such as CC-BY-4.0"
         )
     elif any("-NC" in name or "-ND" in name for name in unknown_names):
         yield scene_check_warning(
@@ -52,8 +52,10 @@ def _check_source(scene: Scene, source: str) -> SceneFinding:
         if not path.is_file():
             return scene_check_error("source", f"{source} does not exist: state in it {content}")
         if len(path.read_text(encoding="utf-8", errors="replace").split()) < 10:
-            return scene_check_warning("source", f"{source} says hardly anything: state in it {content}")
+            return scene_check_warning("source", f"{source} says too little: state in it {content}")
         return scene_check_ok("source", source)
     if assets:
-        return scene_check_warning("source", f"{assets[0]} is not explained: name SOURCE.md, and state in it {content}")
+        return scene_check_warning(
+            "source", f"{assets[0]} has no documented origin: name SOURCE.md, and state in it {content}"
+        )
     return scene_check_ok("source", source)

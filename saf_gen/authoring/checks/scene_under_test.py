@@ -1,4 +1,4 @@
-"""A scene under test: its geometry, its true focus and its stacks, each made when a check first needs it."""
+"""A scene under test: its geometry, its true focus and its stacks, each computed when a check first needs it."""
 
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
@@ -22,7 +22,7 @@ NEAR_SAMPLES = 16
 class SceneUnderTest:
     """One member of a scene's family in front of a sensor.
 
-    An attribute that needs a part of the scene that cannot be built or seen raises BadInput.
+    Accessing an attribute raises BadInput if it needs a part of the scene that cannot be built or seen.
     """
 
     scene: Scene
@@ -32,17 +32,17 @@ class SceneUnderTest:
 
     @cached_property
     def renderer(self) -> SceneRenderer:
-        """The renderer of the built scene."""
+        """Renderer of the scene."""
         return SceneRenderer(self.scene, self.sensor, backend_name=self.backend, wavelength_m=self.sensor.wavelength_m)
 
     @property
     def drive(self) -> Drive:
-        """The card's lens with its drive."""
+        """Lens of the card, with its drive."""
         return self.scene.build_drive()
 
     @cached_property
     def depth_and_target(self) -> DepthAndTarget:
-        """Depth and target where the target is in focus; for a moving scene at ``still_s``."""
+        """Depth map and target with the lens focused on the target; for a moving scene, at the time ``still_s``."""
         return self.renderer.trace_depth_and_target()
 
     @property
@@ -52,12 +52,12 @@ class SceneUnderTest:
 
     @cached_property
     def true_focus(self) -> float:
-        """The focus position that is sharpest by geometric optics."""
+        """Position of the lens that is sharpest by geometric optics."""
         return self.drive.true_focus(self.target_depths_m)
 
     @cached_property
     def depth_of_focus(self) -> tuple[float, float]:
-        """The focus positions at which the target's blur is as wide as what the camera resolves."""
+        """Positions of the lens at which the target's blur is as wide as what the camera resolves in focus."""
         waves = self.renderer.wavelength_m
         return self.drive.depth_of_focus(self.target_depths_m, self.sensor.pitch_m, wavelength_m=waves)
 
@@ -69,19 +69,21 @@ class SceneUnderTest:
 
     @property
     def pixel_footprint_m(self) -> float:
-        """The width (m) that a pixel sees of a plane facing it where the target is in focus."""
+        """Width (m) of the part of a plane facing the camera, at the true focus, that a pixel sees."""
         drive, focus = self.drive, self.true_focus
         return self.sensor.pitch_m * float(drive.object_distance(focus)) / float(drive.image_distance(focus))
 
     @cached_property
     def stack(self) -> FocalStack:
-        """A coarse focal stack over the whole travel, all lights together."""
+        """Coarse focal stack over the whole travel, with all lights together."""
         positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if self.renderer.is_slow else (POSITIONS, SAMPLES)
-        return self.renderer.render_stack(self.depth_and_target, positions=positions, samples=samples, together=True)
+        return self.renderer.render_stack(
+            self.depth_and_target, positions=positions, samples=samples, as_one_group=True
+        )
 
     @cached_property
     def near_stacks(self) -> tuple[FocalStack, FocalStack]:
-        """Two stacks round the true focus with independent noise, so that their covariance is free of it."""
+        """Two stacks around the true focus with independent noise, so that their covariance is free of noise."""
         step = self.half_depth_of_focus / 2
         positions = round(1 / step) + 1
         middle = min(max(round(self.true_focus * (positions - 1)), 0), positions - 1)

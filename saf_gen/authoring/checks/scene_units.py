@@ -1,4 +1,4 @@
-"""Sizes against distances, which show geometry that is in millimetres or inches by mistake."""
+"""Comparison of sizes with distances, which reveals geometry that is in millimetres or inches by mistake."""
 
 from collections.abc import Iterator
 
@@ -17,11 +17,11 @@ UNITS = {
     "kilometres": 1e3,
 }
 MIN_PIXELS = 500  # of a target
-MAX_FIELDS = 3.0  # a target at most so many fields of view off the axis may be the one that is meant
+MAX_FIELDS = 3.0  # half fields of view; a unit that puts the target farther off the axis is not suggested
 
 
 def check_scene_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """Check how large the target is, how far away, and how much of the frame it fills."""
+    """Check how large the target is, how far away it is, and how much of the frame it fills."""
     seen = subject.depth_and_target
     size = np.ptp(subject.renderer.bounds(*subject.scene.card.target), axis=0)
     text = (
@@ -37,8 +37,8 @@ def check_scene_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         yield scene_check_ok("units", text)
 
 
-def suggest_unit_in_scene_check(subject: SceneUnderTest) -> str:
-    """Return advice to change the unit where that brings the target into the lens's reach, else ''."""
+def suggest_scene_check_unit(subject: SceneUnderTest) -> str:
+    """Return advice to change the unit if that brings the target into the reach of the lens, else ''."""
     card = subject.scene.card
     box = subject.renderer.bounds(*card.target)
     if not box.size:
@@ -51,10 +51,10 @@ def suggest_unit_in_scene_check(subject: SceneUnderTest) -> str:
     half = subject.sensor.columns * subject.sensor.pitch_m / 2 / float(subject.drive.image_distance(0.5))
 
     def fits(point: np.ndarray, camera: np.ndarray) -> bool:
-        away = point - camera
-        depth = float(away @ axis)
-        aside = float(np.linalg.norm(away - depth * axis))
-        return bool(near <= depth <= far and aside <= MAX_FIELDS * half * depth)
+        displacement = point - camera
+        depth = float(displacement @ axis)
+        offset = float(np.linalg.norm(displacement - depth * axis))
+        return bool(near <= depth <= far and offset <= MAX_FIELDS * half * depth)
 
     for name, metres in UNITS.items():
         if metres == card.unit_m:

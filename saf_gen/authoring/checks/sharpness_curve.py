@@ -10,12 +10,12 @@ from saf_gen.core.region import mask_bounding_box
 from saf_gen.stack.focal_stack import FocalStack
 
 CLOSE, FAR = 0.5, 1.5  # depths of focus
-RIVAL = 0.8  # of the peak
+MIN_RIVAL = 0.8  # of the peak
 MIN_CONTRAST = 1.2  # of the peak over the lowest value
 
 
 def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """Check how many depths of focus the peak lies from the true focus, and whether there are other peaks."""
+    """Check how far the peak is from the true focus, in depths of focus, and whether there are other peaks."""
     focus, curve = subject.stack.spec.focus, _target_sharpness(subject, subject.stack)
     if not curve.max() > 0:
         yield scene_check_error("curve", "the target's box has no sharpness: it is dark or uniform")
@@ -43,7 +43,7 @@ def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         k
         for k in range(1, len(curve) - 1)
         if curve[k] > max(curve[k - 1], curve[k + 1]) and abs(focus[k] - subject.true_focus) > 2 * FAR * half
-        if curve[k] > RIVAL * curve.max()
+        if curve[k] > MIN_RIVAL * curve.max()
     ]
     if rivals:
         k = max(rivals, key=lambda k: curve[k])
@@ -53,9 +53,9 @@ def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
 
 
 def _target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
-    """Return the variance over the squared mean of the charge in the target's box, float64 (focus,).
+    """Return the variance of the charge in the target's box, divided by its squared mean, float64 (focus,).
 
-    The definition is that of a stream's ``sharpness``; the value is 0 where the box is black.
+    The ``sharpness`` of a stream has the same definition. The value is 0 if the box is black.
     """
     rows, columns = mask_bounding_box(stack.target)
     seen = subject.collected_charge(stack)[:, rows, columns].astype(np.float64)
@@ -64,7 +64,7 @@ def _target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
 
 
 def _parabola_peak(focus: np.ndarray, curve: np.ndarray) -> float:
-    """Return the peak of a parabola through the highest value and its neighbours."""
+    """Return the position of the peak of a parabola through the highest value and its neighbours."""
     k = int(curve.argmax())
     below, at, above = curve[k - 1 : k + 2]
     bend = below - 2 * at + above

@@ -1,9 +1,9 @@
-"""Time slices: how far is the interpolation between two of them from a render half way?
+"""Time slices: how much does interpolation between two slices differ from a render half way between them?
 
-The error is the root mean square difference, over the target's bounding box, between the mean of two slices
-and a render at the moment between them, over the mean of that render; the lens is focused on the target, with
-all lights at gain 1. Two pairs of images with independent noise are rendered, and the mean product of their
-differences is free of noise. For steady motion, interpolation is worst half way.
+The error is the root mean square difference, over the target's bounding box, between the mean of two slices and a
+render at the moment half way between them, divided by the mean of that render. The lens is focused on the target, and
+all lights have gain 1. Two pairs of images with independent noise are rendered; the mean product of their differences
+is free of noise. For steady motion, the error of interpolation is largest half way.
 """
 
 import math
@@ -24,46 +24,50 @@ from saf_gen.stack.time_resolved import frames_of_stack_slices
 
 PATHS, SLOW_PATHS = 1 << 19, 1 << 15  # per image
 MIN_SAMPLES, MAX_SAMPLES = 8, 256  # per pixel
-SIGMAS = 3.0  # standard errors by which a measured error must exceed the card's
-MIN_ERROR = 0.001  # a smaller error is hardly worth a render
+SIGMAS = 3.0  # standard errors by which a measured error must exceed the error that the card states
+MIN_ERROR = 0.001  # smallest error that is proposed for a card; a smaller one is not worth the rendering
 
 
 @dataclass(frozen=True)
 class SliceMismatch:
     """The error of the interpolation between two slices.
 
-    mean_square : mean squared error over the squared mean, without noise; chance may bring it below 0.
-    standard_error : its standard error.
+    Both attributes are NaN for black images, which have no mean to compare with.
 
-    Both are NaN for black images, which have no mean to compare with.
+    Attributes
+    ----------
+    mean_square : float
+        Mean squared error divided by the squared mean, without noise; by chance it may be negative.
+    standard_error : float
+        Standard error of ``mean_square``.
     """
 
     mean_square: float
     standard_error: float
 
     def rms(self, sigmas: float = 0.0) -> float:
-        """Return the rms error after adding ``sigmas`` standard errors to the mean squared error."""
+        """Return the rms error relative to the mean; ``sigmas`` standard errors are added to the mean squared error."""
         return float(np.sqrt(max(self.mean_square + sigmas * self.standard_error, 0.0)))
 
     @classmethod
     def from_pairs(cls, *pairs: tuple[np.ndarray, np.ndarray]) -> Self:
-        """Compare two pairs (interpolated, rendered) of images (row, col) with independent noise."""
+        """Return the error from two pairs (interpolated, rendered) of images (row, col) with independent noise."""
         first, second = (interpolated.astype(np.float64) - between for interpolated, between in pairs)
         mean = float(np.mean([between for _, between in pairs]))
         if not mean > 0:
             return cls(float("nan"), float("nan"))
         square = float((first * second).mean()) / mean**2
-        # With noise of variance s² on a difference e, a pixel's product has the variance 2e²s² + s⁴.
+        # If a difference e has noise of variance s², the product at a pixel has the variance 2e²s² + s⁴.
         noise = ((first + second) / 2 * (first - second)) ** 2
         return cls(square, float(np.sqrt(noise.mean() / noise.size)) / mean**2)
 
 
 def check_scene_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """Check the error of interpolating between slices against the card's ``interpolation_error``."""
+    """Compare the error of interpolating between slices with the card's ``interpolation_error``."""
     card = subject.scene.card
     if not subject.renderer.motions or card.slices_per_s is None:
         return
-    found = {time_s: error for time_s in _times(subject) if (error := measure_slices_in_scene_check(subject, time_s))}
+    found = {time_s: error for time_s in _times(subject) if (error := _measure_mismatch(subject, time_s))}
     dark = [time_s for time_s, error in found.items() if np.isnan(error.mean_square)]
     if dark:
         finding = error_finding if len(dark) == len(found) else scene_check_warning
@@ -93,8 +97,8 @@ def check_scene_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         yield scene_check_ok("slices", f"{text}, the card says {stated:.2%}")
 
 
-def measure_slices_in_scene_check(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:
-    """Measure the error between the two slices round a moment; None where the target cannot be focused."""
+def _measure_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:
+    """Return the error between the two slices around a moment; None if the target is not in the frame or in reach."""
     hz, renderer = subject.sensor.readout_hz, subject.renderer
     slices_per_s = subject.scene.card.slices_per_s or hz
     step = frames_of_stack_slices(1, readout_hz=hz, slices_per_s=slices_per_s)[1]  # frames, as in a recipe
@@ -119,13 +123,13 @@ def measure_slices_in_scene_check(subject: SceneUnderTest, time_s: float) -> Sli
 
 
 def _times(subject: SceneUnderTest) -> list[float]:
-    """Return the first moment, the one at which the scene is shown at rest, and the last."""
+    """Return the first moment, the moment at which the scene is shown at rest, and the last moment, in seconds."""
     last = scene_motion_end_s(subject.renderer.motions, recording_s=RECORDING_S)
     return sorted({0.0, min(max(subject.scene.card.still_s, 0.0), last), last})
 
 
 def _round_up(error: float) -> float:
-    """Round an error up to two digits."""
+    """Return an error rounded up to two significant digits."""
     error = max(error, MIN_ERROR)
     unit = 10.0 ** (np.floor(np.log10(error)) - 1)
     return float(f"{np.ceil(error / unit - 1e-9) * unit:.6g}")

@@ -1,12 +1,13 @@
 """Detail: is the target fine enough to show defocus, and not so fine that it is noise?
 
-Blur loss and noise are measured on the rendered image, so they hold for bitmaps, formulas and geometry alike. The blur
-loss is the fraction of the variance of the target's brightness that a blur over three pixels removes. A surface with
-coarser detail loses next to nothing; its focus curve is flat on top, and nobody finds the focus on it. The noise is
-what two renders of the same image do not share. Detail much finer than a pixel, or a small bright lamp, costs samples.
+Blur loss and noise are measured on the rendered image, so they apply to bitmaps, formulas and geometry alike. The blur
+loss is the fraction of the variance of the target's brightness that a blur of three pixels removes. A surface with only
+coarse detail loses almost nothing; its focus curve is flat at the top, and no method finds the focus on it. The noise
+is the difference between two renders of the same image. Detail much finer than a pixel, or a small bright lamp, needs
+many samples.
 
-For bitmaps the size of a texel is compared with that of a pixel, from the texture coordinates of the surface.
-A texel larger than a pixel is visible, because the renderer interpolates between texels.
+For bitmaps, the size of a texel is compared with that of a pixel by the texture coordinates of the surface. Texels
+larger than a pixel are visible, because the renderer interpolates between texels.
 """
 
 from collections.abc import Iterator
@@ -20,20 +21,25 @@ from saf_gen.stack.focal_stack import FocalStack
 
 BLUR = 3.0  # pixels
 MIN_CONTRAST = 0.01
-MIN_LOSS, WEAK_LOSS = 0.005, 0.03  # of the variance: below, the focus cannot be found, or only just
+MIN_LOSS, WEAK_LOSS = 0.005, 0.03  # of the variance; below these, the focus cannot be found, or only just
 USUAL_SAMPLES = 64  # per pixel, as in the full-size recipes
 MAX_NOISE = 0.1  # of the target's contrast
-SIGNIFICANT = 4.0  # standard errors; the largest of a few neighbouring positions is taken
+SIGNIFICANT = 4.0  # standard errors; so many, because the largest of a few neighbouring positions is used
 MIN_TEXEL, MAX_TEXEL = 0.2, 1.0  # pixels per texel; smaller texels alias
 
 
 @dataclass(frozen=True)
 class TargetDetail:
-    """How much detail a target shows.
+    """The detail that a target shows.
 
-    contrast : standard deviation over mean of the target at its true focus, without noise.
-    blur_loss : fraction of the squared contrast that is lost out of focus.
-    noise : standard deviation of one stack's noise over that of the target.
+    Attributes
+    ----------
+    contrast : float
+        Standard deviation of the target at its true focus, divided by its mean, without noise.
+    blur_loss : float
+        Fraction of the squared contrast that is lost out of focus.
+    noise : float
+        Standard deviation of the noise of one stack, divided by that of the target.
     """
 
     contrast: float
@@ -42,11 +48,11 @@ class TargetDetail:
 
 
 def check_scene_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """Check contrast and blur loss, the size of texels, and noise."""
+    """Check the contrast and blur loss of the target, the size of its texels, and its noise."""
     focus, (low, high) = subject.near_stacks[0].spec.focus, subject.depth_of_focus
-    aside = min(BLUR * (high - low) / 2, max(subject.true_focus - focus[0], focus[-1] - subject.true_focus))
-    blur = 2 * aside / (high - low)  # 3 pixels, or fewer where the travel ends before
-    detail = measure_detail_in_scene_check(*subject.near_stacks, truth=subject.true_focus, aside=aside)
+    offset = min(BLUR * (high - low) / 2, max(subject.true_focus - focus[0], focus[-1] - subject.true_focus))
+    blur = 2 * offset / (high - low)  # 3 pixels, or fewer if the stack ends before
+    detail = _measure_detail(*subject.near_stacks, truth=subject.true_focus, offset=offset)
     yield _check_contrast(subject, detail, blur=blur)
     texels = (
         subject.renderer.texel_footprints(subject.true_focus, subject.depth_and_target.target)
@@ -71,7 +77,7 @@ def _check_contrast(subject: SceneUnderTest, detail: TargetDetail, *, blur: floa
     wanted = f"details of {pixel_mm:.3g} to {5 * pixel_mm:.3g} mm; a pixel sees {pixel_mm:.3g} mm"
     if not detail.contrast > MIN_CONTRAST:
         return scene_check_error(
-            "detail", f"the target shows next to nothing (contrast {detail.contrast:.2g}): give it {wanted}"
+            "detail", f"the target has almost no contrast ({detail.contrast:.2g}): give it {wanted}"
         )
     if not detail.blur_loss > MIN_LOSS:
         return scene_check_error("detail", f"{text}: it shows no defocus, give it {wanted}")
@@ -92,11 +98,12 @@ def _check_noise(subject: SceneUnderTest, detail: TargetDetail, *, texel: float)
     return scene_check_warning("detail", f"{text} ({cause}): use coarser detail or larger lamps, or {remedy}")
 
 
-def measure_detail_in_scene_check(first: FocalStack, second: FocalStack, *, truth: float, aside: float) -> TargetDetail:
-    """Measure the target's detail from two stacks of independent noise, at the true focus and beside it.
+def _measure_detail(first: FocalStack, second: FocalStack, *, truth: float, offset: float) -> TargetDetail:
+    """Return the target's detail, from two stacks with independent noise, at the true focus and on either side of it.
 
-    ``aside`` is how far beside it, as a fraction of the travel. The squared contrast is the covariance of both stacks
-    over the target's pixels, divided by the squared mean; of the losses on both sides the larger counts.
+    ``offset`` is the distance from the true focus on either side, as a fraction of the travel. The squared contrast is
+    the covariance of both stacks over the target's pixels, divided by the squared mean; the larger of the losses on
+    both sides counts.
     """
     mask, focus = first.target, first.spec.focus
     a, b = (stack.radiance.sum(axis=0)[:, mask].astype(np.float64) for stack in (first, second))
@@ -105,13 +112,13 @@ def measure_detail_in_scene_check(first: FocalStack, second: FocalStack, *, trut
         return TargetDetail(0.0, 0.0, float("inf"))
     a_, b_ = (stack - stack.mean(axis=1, keepdims=True) for stack in (a, b))
     products = a_ * b_
-    shared = products.mean(axis=1) / mean**2
+    covariance = products.mean(axis=1) / mean**2
     best = int(np.abs(focus - truth).argmin())
-    beside = [p for p in (truth - aside, truth + aside) if focus[0] - 1e-9 <= p <= focus[-1] + 1e-9]
-    lowest = min(float(np.interp(p, focus, shared)) for p in beside)
-    peak = float(shared[max(best - NEAR // 4, 0) : best + NEAR // 4 + 1].max())
+    sides = [p for p in (truth - offset, truth + offset) if focus[0] - 1e-9 <= p <= focus[-1] + 1e-9]
+    lowest = min(float(np.interp(p, focus, covariance)) for p in sides)
+    peak = float(covariance[max(best - NEAR // 4, 0) : best + NEAR // 4 + 1].max())
     uncertain = float(products[best].std()) / np.sqrt(products.shape[1]) / mean[best] ** 2
-    if not peak > SIGNIFICANT * uncertain:  # noise alone may show as much
+    if not peak > SIGNIFICANT * uncertain:  # noise alone may reach this contrast
         return TargetDetail(0.0, 0.0, float("inf"))
-    own = ((a[best] - b[best]) ** 2).mean() / 2 / mean[best] ** 2
-    return TargetDetail(np.sqrt(peak), 1 - lowest / peak, float(np.sqrt(own / peak)))
+    stack_noise = ((a[best] - b[best]) ** 2).mean() / 2 / mean[best] ** 2
+    return TargetDetail(np.sqrt(peak), 1 - lowest / peak, float(np.sqrt(stack_noise / peak)))

@@ -10,15 +10,15 @@ from saf_gen.camera.exposure import sensor_firing_rate
 from saf_gen.core.config.ranges import is_config_range
 
 LUMENS_PER_WATT = 683.0
-"""Luminous efficacy of light of 555 nm, by the definition of the candela. All light has the one wavelength at
+"""Luminous efficacy of light of 555 nm, by the definition of the candela. All light is taken to have the wavelength at
 which the sensors convert it to electrons, so that lux and electrons correspond."""
-TOLERANCE, FAMILY_TOLERANCE = 0.1, 0.3  # of the card's value, which for a family is a mean
-DARKEST, BRIGHTEST = 0.1, 2e5  # lux: full moon, more than the sun at noon
+TOLERANCE, FAMILY_TOLERANCE = 0.1, 0.3  # of the card's value, which is a mean for a family
+DARKEST, BRIGHTEST = 0.1, 2e5  # lux: light of the full moon, and more than that of the sun at noon
 MAX_DARK_FRACTION = 0.05
 
 
 def check_scene_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """Check the illuminance of the target by each group against the card, and for dark pixels."""
+    """Compare the illuminance of the target by each light group with the card, and look for dark pixels."""
     card = subject.scene.card
     lux = {
         group: LUMENS_PER_WATT

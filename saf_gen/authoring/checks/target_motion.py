@@ -15,7 +15,7 @@ MAX_STEP, PROPOSED_STEP = 2.0, 1.0  # pixels from one time slice to the next
 
 
 def check_scene_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """Check the target at a few moments, and the speed of the fastest shape against the time slices."""
+    """Check the target at a few moments, and compare the speed of the fastest shape with the time slices."""
     renderer, card = subject.renderer, subject.scene.card
     if not renderer.motions:
         if card.slices_per_s is not None:
@@ -45,7 +45,7 @@ def check_scene_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         yield scene_check_warning("motion", f"{text}: it leaves the lens's reach, shorten its path in depth")
     else:
         yield scene_check_ok("motion", text)
-    name, pixels_per_s = fastest_shape_in_scene_check(subject, times)
+    name, pixels_per_s = _find_fastest_shape(subject, times)
     yield _check_speed(subject, name, pixels_per_s=pixels_per_s)
 
 
@@ -71,18 +71,18 @@ def _check_speed(subject: SceneUnderTest, name: str, *, pixels_per_s: float) -> 
 
 
 def _times(subject: SceneUnderTest) -> list[float]:
-    """Return moments (s) within a recording: evenly spaced ones, and keyframes."""
+    """Return moments (seconds) within a recording: evenly spaced ones, and those of keyframes."""
     motions = subject.renderer.motions
     keys = {frame.time_s for motion in motions.values() for frame in motion.keyframes}
     last = scene_motion_end_s(motions, recording_s=RECORDING_S)
     return sorted({*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]})
 
 
-def fastest_shape_in_scene_check(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:
-    """Return the shape that moves fastest in the image and its speed (pixels per second); ('', 0) for none.
+def _find_fastest_shape(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:
+    """Return the shape that moves fastest in the image, and its speed in pixels per second; ('', 0) if none moves.
 
-    The speed is that of the corners of the shape's bounding box, seen through the middle of the lens where
-    the target is in focus, over a millisecond at each of the times. Lamps without a body do not count.
+    The speed is that of the corners of the shape's bounding box over a millisecond at each of the times, seen through
+    the middle of the lens at the true focus. Lamps without geometry do not count.
     """
     card, drive = subject.scene.card, subject.drive
     origin = np.array(card.camera.origin_m)

@@ -1,6 +1,7 @@
 """The contact sheet: images along the lens's travel, depth, light groups, brightness, blur and sharpness.
 
-Images fill a grid without gaps; below them stand two plots, each half the sheet wide. One font, the width of a page.
+The images fill a grid without gaps; below them are two plots, each half as wide as the sheet. The sheet is as wide as a
+page, and uses one font.
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from saf_gen.core.files import write_atomically
 from saf_gen.errors import unknown
 from saf_gen.stack.focal_stack import FocalStack
 
-WIDTH, PIXELS = 7.16, 1600  # inches: two columns of a paper; pixels of a PNG
+WIDTH, PIXELS = 7.16, 1600  # width in inches, two columns of a paper, and in pixels of a PNG
 TITLE, CAPTION, GAP, PLOT, AXIS, LEFT, RIGHT = (
     0.22,
     0.26,
@@ -30,7 +31,7 @@ TITLE, CAPTION, GAP, PLOT, AXIS, LEFT, RIGHT = (
     0.36,
     0.45,
     0.6,
-)  # inches; a caption has two lines, a plot a margin on either side
+)  # inches; a caption has two lines, and a plot has a margin on either side
 FORMS = ("png", "pdf", "svg")
 
 
@@ -38,10 +39,18 @@ FORMS = ("png", "pdf", "svg")
 class ContactSheet:
     """The content of a contact sheet.
 
-    title : a line above the images.
-    stack, sensor : a focal stack, and the sensor that would record it.
-    sharp : image of the scene with everything sharp, (row, col), if any.
-    small_images : captions and images (row, col) of other members of the family and other moments.
+    Parameters
+    ----------
+    title : str
+        Line above the images.
+    stack : FocalStack
+        Focal stack to show.
+    sensor : Sensor
+        Sensor that would record the stack.
+    sharp : ndarray, shape (row, col), optional
+        Image of the scene with everything sharp.
+    small_images : sequence of (str, ndarray), optional
+        Captions and images (row, col) of other members of the family and of other moments.
     """
 
     title: str
@@ -52,14 +61,14 @@ class ContactSheet:
 
     @property
     def true_focus(self) -> float:
-        """The true focus, inside the travel or not; NaN for a target out of sight."""
+        """True focus, which may be outside the travel; NaN if the target is out of sight."""
         depths = self.stack.depth[self.stack.target]
         return self.stack.spec.drive.true_focus(depths) if depths.size else float("nan")
 
 
 @dataclass(frozen=True)
 class _Cell:
-    """An image of the grid, grey values 0...1 or depths, and its caption."""
+    """An image of the grid, with grey values or depths from 0 to 1, and its caption."""
 
     caption: str
     image: np.ndarray
@@ -68,14 +77,17 @@ class _Cell:
 
 
 def write_scene_preview(stack: FocalStack, sensor: Sensor, *, path: Path) -> None:
-    """Write the contact sheet of a dataset's focal stack as PNG, 1600 pixels wide."""
+    """Write the contact sheet of a dataset's focal stack; ``path`` is as in :func:`draw_preview_sheet`."""
     spec = stack.spec
     title = f"{spec.scene}: {spec.positions} positions, {spec.samples} samples per pixel"
     draw_preview_sheet(ContactSheet(title, stack, sensor), path)
 
 
 def draw_preview_sheet(sheet: ContactSheet, path: Path) -> None:
-    """Write a contact sheet as PNG (1600 pixels wide), PDF or SVG, by the ending of the file; BadInput for another."""
+    """Write a contact sheet as PNG (1600 pixels wide), PDF or SVG, by the ending of the file.
+
+    Raises BadInput for another ending.
+    """
     form = path.suffix.removeprefix(".").lower()
     if form not in FORMS:
         raise unknown("kind of file", path.suffix or path.name, allowed=[f".{f}" for f in FORMS], where=str(path))
@@ -108,7 +120,7 @@ def draw_preview_sheet(sheet: ContactSheet, path: Path) -> None:
 
 
 def choose_preview_columns(count: int) -> int:
-    """Return how many images stand side by side so that ``count`` of them fill all rows: 3 to 7, four if possible."""
+    """Return how many images to place in a row so that ``count`` images fill all rows: 3 to 7, 4 if possible."""
     return next((across for across in (4, 5, 3, 6, 7) if count % across == 0), 4)
 
 
@@ -118,7 +130,7 @@ def _best_index(sheet: ContactSheet) -> int:
 
 
 def _list_cells(sheet: ContactSheet) -> list[_Cell]:
-    """Return the images; where they would not fill their rows, the target is shown once more by itself."""
+    """Return the images of the grid; if they would not fill their rows, an image of the target alone is added."""
     stack, best = sheet.stack, _best_index(sheet)
     spec, image = stack.spec, stack.radiance.sum(axis=0)
     white = find_display_white_level(image[best])
@@ -151,4 +163,4 @@ def _draw_cell(axes: Axes, cell: _Cell) -> None:
     if cell.outline is not None:
         axes.contour(cell.outline, levels=[0.5], colors="white", linewidths=0.6)
     axes.set_axis_off()
-    axes.set_title(cell.caption, y=1.0, pad=2, linespacing=1.1)  # without a place, that of every tick would be found
+    axes.set_title(cell.caption, y=1.0, pad=2, linespacing=1.1)  # without y, it would measure every tick

@@ -1,4 +1,4 @@
-"""Images side by side in one file."""
+"""Several images side by side in one file."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ GAP = 4  # pixels between two images
 
 
 def save_preview_image_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, max_bytes: int) -> None:
-    """Write rows of grey images (0...1, of one height per row) as JPEG, below ``max_bytes`` if possible."""
+    """Write rows of grey images (0 to 1, of equal height in a row) as JPEG, with at most ``max_bytes`` if possible."""
     height = sum(row[0].shape[0] + GAP for row in rows) - GAP
     sheet = np.ones((height, max(sum(image.shape[1] + GAP for image in row) - GAP for row in rows)))
     y = 0

@@ -1,4 +1,4 @@
-"""The contact sheet of a scene, rendered coarsely so that its author has it in seconds."""
+"""The contact sheet of a scene, rendered coarsely so that its author can see it within seconds."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,20 +16,20 @@ from saf_gen.scene.scene_folder import Scene
 
 POSITIONS, SAMPLES, SHARP_SAMPLES = 33, 8, 12
 SLOW_POSITIONS, SLOW_SAMPLES = 9, 4
-SHRINK, SMALL_IMAGES = 2, 2  # pixels per side that make one of a small image; small images of each kind
+SHRINK, SMALL_IMAGES = 2, 2  # factor by which small images are smaller on each side; small images of each kind
 RECORDING_S = 1.0
 
 
 def preview_scene(scene: Scene, sensor: Sensor, *, path: Path, backend: str = "auto") -> None:
-    """Write the contact sheet of a scene as PNG; its target may be out of reach or sight.
+    """Write the contact sheet of a scene as PNG, PDF or SVG, by the ending of ``path``.
 
-    Raises BadInput for a scene that cannot be built or loaded.
+    The target may be out of reach or out of sight. Raises BadInput if the scene cannot be built or loaded.
     """
     draw_preview_sheet(make_preview_sheet(scene, sensor, backend=backend), path)
 
 
 def make_preview_sheet(scene: Scene, sensor: Sensor, *, backend: str) -> ContactSheet:
-    """Render what the sheet of a scene shows."""
+    """Render the content of the contact sheet of a scene, and return it."""
     renderer = SceneRenderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_depth_and_target(allow_unseen_target=True)
     positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if renderer.is_slow else (POSITIONS, SAMPLES)
@@ -46,7 +46,7 @@ def make_preview_sheet(scene: Scene, sensor: Sensor, *, backend: str) -> Contact
 def render_preview_images(
     renderer: SceneRenderer, position: float, *, samples: int, count: int
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield captions and small sharp images: of members of the family, and of moments of a moving scene."""
+    """Yield captions and small sharp images of members of the family, and of moments of a moving scene."""
     scene, grid = renderer.scene, renderer.grid
     grid = SensorGrid(grid.rows // SHRINK, grid.columns // SHRINK, grid.pitch_m * SHRINK)
     if any(is_config_range(value) for value in scene.card.params.values()):

@@ -1,4 +1,4 @@
-"""The plots of a contact sheet: blur and sharpness over the travel, and the brightness of the pixels."""
+"""Plots of a contact sheet: blur and sharpness over the travel, and the brightness of the pixels."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +12,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import FocalStack
 
 BLUE, ORANGE = COLOURS[:2]
-USUAL_RATE = 0.2  # spikes per readout, the mean_rate of the recipes
+USUAL_RATE = 0.2  # spikes per readout, the usual mean_rate of recipes
 
 
 def _charge(stack: FocalStack, sensor: Sensor) -> np.ndarray:
@@ -22,7 +22,7 @@ def _charge(stack: FocalStack, sensor: Sensor) -> np.ndarray:
 
 
 def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth: float) -> None:
-    """Draw the blur of the target by geometric optics, and the stack's noise-free sharpness in its box."""
+    """Draw the target's blur by geometric optics, and the noise-free sharpness of the stack in the target's box."""
     drive, depths = stack.spec.drive, stack.depth[stack.target]
     axes.set(xlabel="focus position, fraction of travel", xlim=(0, 1))
     axes.set_title("blur (rms) and sharpness of the target,\ntrue focus and depth of focus")
@@ -42,7 +42,7 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
     seen = _charge(stack, sensor)[:, rows, columns].astype(np.float64)
     mean = seen.mean(axis=(1, 2))
     if not (mean > 0).all():
-        return  # sharpness is undefined in the dark
+        return  # the sharpness of a black image is undefined
     right = axes.twinx()
     right.plot(stack.spec.focus, seen.var(axis=(1, 2)) / mean**2, ".-", color=ORANGE)
     right.set_ylabel("sharpness, variance over mean²", color=ORANGE)
@@ -51,7 +51,10 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
 
 
 def draw_preview_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, best: int) -> None:
-    """Draw how spikes per readout are distributed over target and frame at best focus, for a mean of 0.2 on target."""
+    """Draw histograms of the spikes per readout of target and frame at best focus, for a mean of 0.2 on the target.
+
+    If the target is out of sight, or part of it is dark, that mean cannot be reached and the exposure is absolute.
+    """
     charge = _charge(stack, sensor)[best]
     try:
         scale = camera_exposure_scale(charge, stack.target, sensor=sensor, mean_rate=USUAL_RATE)

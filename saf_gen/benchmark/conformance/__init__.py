@@ -1,8 +1,8 @@
-"""Checks of anybody's method: whether it ends, keeps to travel and budget, and repeats its answers.
+"""Checks of third-party methods: whether a method ends, keeps to travel and budget, and repeats its answers.
 
 >>> for result in check_conformance_by_name("my_measure.py:Mine+argmax"): ...  # doctest: +SKIP
 
-They hold for every registered measure and search; this project's tests run them over all of these.
+Every registered measure and search passes the checks; the tests of this project run them on all of these.
 """
 
 from collections.abc import Iterator
@@ -29,11 +29,24 @@ LIMITS = CheckLimits()
 
 
 def check_conformance_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
-    """Run the checks of a method, or of a measure or a search alone, and yield their results.
+    """Run the checks of a method, or of a single measure or search, and yield their results.
 
-    ``name`` is ``MEASURE+SEARCH``, ``@FILE`` of a tuned method, or the name of a measure or a search with options;
-    ``limits`` are scores and seconds after which a plug-in is stopped. Raises BadInput at once, for a name that is none
-    of these.
+    Parameters
+    ----------
+    name : str
+        ``MEASURE+SEARCH``, ``@FILE`` of a tuned method, or the name of a measure or a search with options.
+    limits : CheckLimits, optional
+        Numbers of scores and seconds after which a plug-in is stopped.
+
+    Yields
+    ------
+    CheckResult
+        Result of each check.
+
+    Raises
+    ------
+    BadInput
+        If the name is none of these. It is raised by the call, before the first result.
     """
     found = resolve_method_name(name)
     if isinstance(found, Method):
@@ -50,9 +63,9 @@ def check_measure_conformance(measure: Measure, limits: CheckLimits = LIMITS) ->
 
 
 def check_search_conformance(search: Search, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
-    """Run the checks of a search, estimating or lens-commanding, and yield their results."""
+    """Run the checks of a search, some of which depend on whether it commands the lens, and yield their results."""
     if commands(search):
-        # Imported here because it reads OpenEXR files.
+        # Imported here because this loads the reader of OpenEXR files.
         from saf_gen.benchmark.conformance.commanding_search_checks import list_commanding_conformance_checks
 
         return run_conformance_checks("search", list_commanding_conformance_checks(search, limits), limits=limits)
@@ -60,13 +73,13 @@ def check_search_conformance(search: Search, limits: CheckLimits = LIMITS) -> It
 
 
 def check_method_conformance(method: Method, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
-    """Run the checks of a measure, of a search and, where neither fails, of both together."""
+    """Run the checks of the measure, of the search and, if neither fails, of both together; yield their results."""
     failed = False
     for results in (check_measure_conformance(method.measure, limits), check_search_conformance(method.search, limits)):
         for result in results:
             failed |= result.level == "fail"
             yield result
     if failed:
-        yield CheckResult("method", "whole", "warn", "not run: a half of it fails", "mend that first")
+        yield CheckResult("method", "whole", "warn", "not run: its measure or its search fails", "correct that first")
         return
     yield from run_conformance_checks("method", list_method_conformance_checks(method, limits), limits=limits)

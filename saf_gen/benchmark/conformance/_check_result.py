@@ -1,4 +1,4 @@
-"""The result of a check, and the exceptions by which a check reports a fault."""
+"""The result of a check, and the exceptions with which a check reports a fault."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,11 +6,21 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What one check saw, and what to do where something is wrong; one line each.
+    """The result of one check.
 
-    ``part`` is ``measure``, ``search`` or ``method``. ``level`` is ``pass``; ``warn``, where it can be ranked but
-    behaves in a way that users would not expect; or ``fail``, where the benchmark would refuse it or its figures would
-    be meaningless.
+    Attributes
+    ----------
+    part : str
+        ``measure``, ``search`` or ``method``.
+    check : str
+        Name of the check.
+    level : str
+        ``pass``; ``warn`` if the part can be ranked but behaves in a way that users would not expect; or ``fail`` if
+        the benchmark would refuse it or its results would be meaningless.
+    seen : str
+        The observation of the check, on one line.
+    to_do : str
+        How to correct the fault, on one line; '' if there is no fault.
     """
 
     part: str
@@ -21,9 +31,9 @@ class CheckResult:
 
 
 class CheckFailure(BaseException):
-    """Raised by a check that fails, with what was seen and what to do.
+    """Error that a failing check raises, with what it saw and how to correct the fault.
 
-    A BaseException, so that no ``except Exception`` of a plug-in or of the benchmark catches it.
+    It is a BaseException, so that no ``except Exception`` in a plug-in or in the benchmark catches it.
     """
 
     level: Literal["warn", "fail"] = "fail"
@@ -34,6 +44,6 @@ class CheckFailure(BaseException):
 
 
 class CheckWarning(CheckFailure):
-    """Raised by a check that warns."""
+    """Error that a check raises to warn."""
 
     level = "warn"

@@ -1,4 +1,4 @@
-"""Runs checks of anybody's plug-in: each ends in a result, whatever the plug-in does, and in time."""
+"""Runner for checks of third-party plug-ins: each check gives a result in limited time, whatever the plug-in does."""
 
 import signal
 import threading
@@ -16,7 +16,7 @@ import numpy as np
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckResult, CheckWarning
 
 Check = Callable[[], str]
-"""Returns what was seen where all is well, and raises CheckFailure or CheckWarning where it is not."""
+"""A function that returns what it saw if all is well, and otherwise raises CheckFailure or CheckWarning."""
 
 PACKAGE = Path(__file__).parents[2]
 PLUGIN_FOLDERS = (PACKAGE / "plugins/measures", PACKAGE / "plugins/searches")
@@ -26,66 +26,75 @@ PYTHON = Path(traceback.__file__).parent
 
 @dataclass(frozen=True)
 class CheckLimits:
-    """The most scores of one view and seconds of one check, after which a plug-in is stopped.
+    """Limits after which a plug-in is stopped.
 
     The time limit acts on Python code in the main thread, on systems that have interval timers.
+
+    Parameters
+    ----------
+    scores : int, optional
+        Maximum number of scores from one view.
+    seconds : float, optional
+        Maximum duration of one check, in seconds.
     """
 
     scores: int = 1_000_000
     seconds: float = 30.0
 
     def check_scores(self, scores: int) -> None:
-        """Raise LimitExceededError for more scores than allowed."""
+        """Raise LimitExceededError if there are more scores than allowed."""
         if scores > self.scores:
             raise LimitExceededError(f"did not end within {self.scores:,} scores")
 
 
 class LimitExceededError(BaseException):
-    """A plug-in exceeded its limits; no ``except Exception`` of the plug-in catches a BaseException."""
+    """Error for a plug-in that exceeds its limits; a BaseException, so that no ``except Exception`` catches it."""
 
 
 def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
-    """Run checks one after the other and yield their results; leave out those after a check that had to be stopped."""
+    """Run checks one after the other and yield their results; a check that exceeds the limits ends the run."""
     for name, check in checks.items():
         try:
             yield CheckResult(part, name, "pass", _run_within(check, limits))
         except CheckFailure as fault:
             yield CheckResult(part, name, fault.level, fault.seen, fault.to_do)
         except LimitExceededError as late:
-            seen = f"{late}; the rest of the checks was left out"
-            yield CheckResult(part, name, "fail", seen, "let its loops end whatever the scores are")
+            seen = f"{late}; the rest of the checks was skipped"
+            yield CheckResult(part, name, "fail", seen, "make all loops end, whatever the scores are")
             return
-        except (Exception, SystemExit) as error:  # noqa: BLE001 anybody's plug-in may raise anything
+        except (Exception, SystemExit) as error:  # noqa: BLE001 a third-party plug-in may raise anything
             seen = describe_method_crash(error)
-            yield CheckResult(part, name, "fail", seen, "no input of the benchmark may raise this: catch it")
+            yield CheckResult(part, name, "fail", seen, "no input of the benchmark may raise this: handle the case")
 
 
 def describe_method_crash(error: BaseException) -> str:
-    """Return an exception as one line, with the file and line of the plug-in that raised it."""
-    own = [frame for frame in traceback.extract_tb(error.__traceback__) if _is_plugin_code(Path(frame.filename))]
-    origin = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
+    """Return an exception on one line, with the file and line of the plug-in that raised it."""
+    plugin_frames = [
+        frame for frame in traceback.extract_tb(error.__traceback__) if _is_plugin_code(Path(frame.filename))
+    ]
+    origin = f" ({Path(plugin_frames[-1].filename).name}, line {plugin_frames[-1].lineno})" if plugin_frames else ""
     return " ".join(f"{type(error).__name__}: {error}{origin}".split())
 
 
 def _is_plugin_code(file: Path) -> bool:
-    ours = PACKAGE in file.parents and not any(folder in file.parents for folder in PLUGIN_FOLDERS)
-    python = PYTHON in file.parents and "site-packages" not in file.parts
-    return not (ours or python or NUMPY in file.parents)
+    in_package = PACKAGE in file.parents and not any(folder in file.parents for folder in PLUGIN_FOLDERS)
+    in_python = PYTHON in file.parents and "site-packages" not in file.parts
+    return not (in_package or in_python or NUMPY in file.parents)
 
 
 def _run_within(check: Check, limits: CheckLimits) -> str:
-    """Return what the check saw. Raise CheckWarning for Python's warnings, which would fill the screen."""
+    """Return what the check saw; a Python warning becomes a CheckWarning, so that warnings do not fill the screen."""
     with warnings.catch_warnings(record=True) as caught, _time_limit(limits.seconds):
         warnings.simplefilter("always")
         seen = check()
     if caught:
-        raise CheckWarning(f"{caught[0].category.__name__}: {caught[0].message}", "handle the case that it warns of")
+        raise CheckWarning(f"{caught[0].category.__name__}: {caught[0].message}", "handle the case that causes this")
     return seen
 
 
 @contextmanager
 def _time_limit(seconds: float) -> Iterator[None]:
-    """Raise LimitExceededError in the code of the block after so many seconds."""
+    """Raise LimitExceededError inside the ``with`` block after ``seconds``."""
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""Seeded images for checks: counts of all kinds, and a texture with the spectrum of natural scenes."""
+"""Reproducible images for checks: counts of all kinds, and a texture with the spectrum of natural scenes."""
 
 from functools import lru_cache
 
@@ -8,7 +8,7 @@ from saf_gen.core.seeds import make_generator
 
 
 def make_conformance_counts(*shape: int, highest: int = 50) -> np.ndarray:
-    """Return counts drawn evenly from 0 to below ``highest``, uint32 and read-only."""
+    """Return counts drawn uniformly from 0 to ``highest`` - 1: uint32 of the given shape, read-only."""
     counts = make_generator("conformance", *shape).integers(0, highest, shape, dtype=np.uint32)
     counts.flags.writeable = False
     return counts
@@ -16,10 +16,17 @@ def make_conformance_counts(*shape: int, highest: int = 50) -> np.ndarray:
 
 @lru_cache
 def make_conformance_texture(rows: int, columns: int) -> np.ndarray:
-    """Return an image whose amplitudes fall as 1/frequency: float64, read-only, mean about 1, at least 0.05.
+    """Return a random image whose amplitudes fall as 1/frequency, the average over natural scenes.
 
-    That is the average over natural scenes: D. J. Field, "Relations between the statistics of natural images and the
-    response properties of cortical cells", JOSA A 4(12), 1987, doi:10.1364/JOSAA.4.002379. Its contrast is 0.4 rms.
+    Returns
+    -------
+    ndarray of float64, shape (rows, columns)
+        Read-only; the mean is about 1, the contrast about 0.4 rms, and the minimum at least 0.05.
+
+    References
+    ----------
+    D. J. Field, "Relations between the statistics of natural images and the response properties of cortical cells",
+    JOSA A 4(12), 1987, doi:10.1364/JOSAA.4.002379.
     """
     frequency = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns))
     frequency[0, 0] = 1.0
@@ -39,4 +46,4 @@ EDGE_CASE_COUNTS: dict[str, np.ndarray] = {
     "one-column": make_conformance_counts(40, 1),
     "one-spike": np.eye(1, 400, 7, dtype=np.uint32).reshape(20, 20),
 }
-"""Counts that any measure must score."""
+"""Counts that every measure must be able to score."""

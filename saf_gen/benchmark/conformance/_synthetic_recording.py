@@ -1,4 +1,4 @@
-"""A recording with a given focus curve: every score is known, and none takes time."""
+"""A synthetic recording with a given focus curve, in which every score is known and takes no time."""
 
 from functools import cache
 
@@ -16,16 +16,36 @@ SIZE = 16, 24
 
 
 def conformance_bell_curve(frames: int, peak: float, *, width: float = 0.1) -> np.ndarray:
-    """Return a Gaussian of height 1 at the fraction ``peak`` of a recording; it falls to 1/e in ``width``."""
+    """Return a Gaussian focus curve of height 1, one value per frame.
+
+    The peak is at the fraction ``peak`` of the recording; at the distance ``width``, also a fraction of the recording,
+    the curve has fallen to 1/e.
+    """
     return np.exp(-(((np.arange(frames) / frames - peak) / width) ** 2))
 
 
 class SyntheticRecording:
-    """A recording as a saf_gen.parts.View in which a score is the mean of ``curve`` over the window.
+    """A :class:`saf_gen.parts.View` of a recording in which each score is the mean of ``curve`` over the window.
 
-    Counts, which a measure that is asked for by name scores, are a texture whose contrast follows the curve.
-    ``unit`` multiplies the scores of the method's own measure, ``light`` is the mean rate, and
-    ``seen`` is the end of the latest window or position that was looked at.
+    The counts, which measures named by the search score, are a texture whose contrast follows the curve.
+
+    Parameters
+    ----------
+    curve : ndarray of float
+        Focus curve, one value per frame.
+    unit : float, optional
+        Factor of the scores by the method's own measure.
+    light : float, optional
+        Mean rate, in spikes per pixel and readout.
+    limits : CheckLimits, optional
+        Limits on the number of scores.
+
+    Attributes
+    ----------
+    seen : int
+        End of the latest window or position that was looked at.
+    scores : int
+        Number of windows that were scored or looked at.
     """
 
     readout_hz = 20_000.0
@@ -49,10 +69,10 @@ class SyntheticRecording:
         if measure is None:
             return self._unit * mean
         scorer, counts = _measure(measure), self._make_texture(mean, frames=frames)
-        given = np.stack([counts, counts]) / 2 if wants_halves(scorer) else counts
+        scored_counts = np.stack([counts, counts]) / 2 if wants_halves(scorer) else counts
         if wants_frames(scorer):
-            return scorer(given, frames=frames)  # type: ignore[call-arg]
-        return scorer(given)
+            return scorer(scored_counts, frames=frames)  # type: ignore[call-arg]
+        return scorer(scored_counts)
 
     def counts(self, first: int, stop: int) -> np.ndarray:
         mean, frames = self._look(first, stop)
@@ -67,10 +87,10 @@ class SyntheticRecording:
         raise BadInput(f"the lens of a recording cannot be moved to {to}")
 
     def wait(self, frames: int) -> None:
-        raise BadInput(f"the lens of a recording cannot go on for {frames} frames")
+        raise BadInput(f"the lens of a recording cannot wait for {frames} frames")
 
     def _look(self, first: int, stop: int) -> tuple[float, int]:
-        """Return the mean of the curve over a window, and its frames."""
+        """Return the mean of the curve over a window, and the number of its frames."""
         window = validate_window(first, stop, total=self.frames)
         self.scores += 1
         self._limits.check_scores(self.scores)

@@ -1,6 +1,6 @@
-"""Checks of a search that commands the lens: it ends within travel and budget, whatever moves the lens.
+"""Checks of a search that commands the lens: it keeps to travel and budget, whatever actuator moves the lens.
 
-The measure is ``sd`` unless the search brings one of its own.
+The measure is ``sd``, unless the search uses a measure of its own.
 """
 
 from functools import partial
@@ -10,12 +10,12 @@ import numpy as np
 from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_same_method_answers
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
-from saf_gen.benchmark.conformance._closed_loop_trial import (
+from saf_gen.benchmark.conformance._checked_runs import (
     BUDGET_FRAMES,
     LIGHT_FACTORS,
     Runner,
     describe_closed_loop_run,
-    run_method_on_test_scene,
+    run_method_on_conformance_scene,
     run_method_twice,
 )
 from saf_gen.benchmark.conformance._declaration_checks import check_conformance_of_docs
@@ -34,8 +34,10 @@ TOLERANCE = 0.1  # fraction of the travel
 
 
 def list_commanding_conformance_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
-    """Return the checks of one search by name."""
-    run = partial(run_method_on_test_scene, Method("sd+search", get_measure("sd"), search, code=""), limits=limits)
+    """Return the checks of a search that commands the lens, by name."""
+    run = partial(
+        run_method_on_conformance_scene, Method("sd+search", get_measure("sd"), search, code=""), limits=limits
+    )
     return {
         "described": partial(check_conformance_of_docs, search),
         "stated": partial(check_statements_conformance, search),
@@ -50,24 +52,24 @@ def list_commanding_conformance_checks(search: Search, limits: CheckLimits) -> d
 
 
 def _check_refuses_recording(search: Search, limits: CheckLimits) -> str:
-    """Check that the search passes on the error that the lens of a recording cannot be moved."""
+    """Check that the search does not catch the error that the lens of a recording cannot be moved."""
     try:
         answer = search(SyntheticRecording(np.ones(2000), limits=limits))
     except BadInput as refusal:
         return f"refused: {refusal.problem}"
     raise CheckFailure(
         f"on a recording, whose lens cannot be moved, it answers {answer}",
-        "move the lens before the first score, and let the BadInput of view.move pass",
+        "move the lens before the first score, and do not catch the BadInput of view.move",
     )
 
 
 def _check_actuators(run: Runner) -> str:
-    """Check that the search ends in time with every actuator of saf_gen, and answers with a position of the travel."""
+    """Check that the search ends in time with every actuator of saf_gen and answers with a position in the travel."""
     return "; ".join(f"{name}: {describe_closed_loop_run(run(name))}" for name in actuator_names())
 
 
 def _check_small_budgets(run: Runner) -> str:
-    """Check that the search ends within a budget that is too small."""
+    """Check that the search ends within its budget even if that is too small."""
     answers = []
     for frames in SMALL_BUDGETS:
         position = run(STEADY, frames=frames).answer.position
@@ -76,20 +78,20 @@ def _check_small_budgets(run: Runner) -> str:
 
 
 def _check_lights(run: Runner) -> str:
-    """Check that the search ends without a spike, and with one at every readout."""
+    """Check that the search ends in usual light, without light, and in light that saturates the sensor."""
     return "; ".join(
         f"{name}: {describe_closed_loop_run(run(STEADY, light=light))}" for name, light in LIGHT_FACTORS.items()
     )
 
 
 def _check_repeatable(run: Runner) -> str:
-    """Check that the search moves the lens along the same path before the same camera."""
+    """Check that the search moves the lens along the same path if the camera is the same."""
     run_method_twice(run, STEADY)
-    return "the same answer, by the same path of the lens"
+    return "the same answer along the same path of the lens"
 
 
 def _check_any_unit(run: Runner) -> str:
-    """Check that the search gives the same answer for scores in another unit: each measure has its own."""
+    """Check that the search gives the same answer for scores in another unit, because each measure has its own unit."""
     for best in (0.0, 0.7):
         plain, scaled = (run(STEADY, best=best, unit=unit).answer for unit in (1.0, UNIT))
         check_same_method_answers(plain, scaled, cause=f"scores times {UNIT:g} change the answer", hint=UNIT_HINT)
@@ -97,7 +99,7 @@ def _check_any_unit(run: Runner) -> str:
 
 
 def _check_finds_focus(run: Runner) -> str:
-    """Check that the search finds the focus of a natural texture, from any focus and initial lens position."""
+    """Check that the search finds the focus of a natural texture, for several foci and initial lens positions."""
     found = []
     for seed, best in enumerate(BEST_POSITIONS):
         end = run(STEADY, best=best, seed=seed)
@@ -105,6 +107,6 @@ def _check_finds_focus(run: Runner) -> str:
     words = ", ".join(f"{best:g} as {'nothing' if at is None else f'{end:.3f}'}" for best, at, end in found)
     seen = f"the focus, fractions of the travel: {words}"
     if any(at is None or abs(end - best) > TOLERANCE for best, at, end in found):
-        expected = f"within {TOLERANCE:g} is what one expects in {BUDGET_FRAMES / 20_000:g} s with {STEADY}"
-        raise CheckWarning(seen, f"{expected}; wait until the lens rests, and score longer where it is noisy")
+        expected = f"an error within {TOLERANCE:g} is expected in {BUDGET_FRAMES / 20_000:g} s with {STEADY}"
+        raise CheckWarning(seen, f"{expected}; wait until the lens rests, and score longer windows if they are noisy")
     return seen

@@ -1,4 +1,4 @@
-"""Checks of a search that estimates on a recording: it ends, answers within the recording, and ignores the unit."""
+"""Checks of a search that estimates on a recording: it ends, answers with a frame of it, and ignores the unit."""
 
 from collections.abc import Callable
 from functools import partial
@@ -16,7 +16,7 @@ from saf_gen.parts import Search, wants_measures
 from saf_gen.plugins.measures import get_measure
 
 LENGTHS = 2000, 5000, 20_000, 100_000
-"""Frames of the recordings; the first that is not refused as too short is used."""
+"""Lengths of the recordings in frames; the first that the search does not refuse as too short is used."""
 SHORT_LENGTHS = 1, 2, 5, 20, 100
 PEAK_FRACTIONS = 0.3, 0.5, 0.7
 TOLERANCE = 0.05  # fraction of the recording
@@ -26,7 +26,7 @@ ViewFactory = Callable[..., SyntheticRecording]
 
 
 def list_estimating_conformance_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
-    """Return the checks of one search by name."""
+    """Return the checks of a search that works on recordings, by name."""
     checks: dict[str, Callable[[Search, ViewFactory], str]] = {
         "ends": _check_ends,
         "answers": _check_answers,
@@ -46,7 +46,7 @@ def list_estimating_conformance_checks(search: Search, limits: CheckLimits) -> d
 
 
 def check_statements_conformance(search: Search) -> str:
-    """Check that the search states whether it is causal, and that every other measure which it uses exists."""
+    """Check that the search states whether it is causal, and that all measures that it names exist."""
     causal = getattr(search, "causal", None)
     if not isinstance(causal, bool):
         raise CheckFailure(
@@ -57,13 +57,13 @@ def check_statements_conformance(search: Search) -> str:
         try:
             get_measure(name)
         except BadInput as problem:
-            raise CheckFailure(f"it uses {name!r}: {problem}", "name measures that exist") from problem
+            raise CheckFailure(f"it uses {name!r}: {problem}", "name existing measures") from problem
     others = ", ".join(wants_measures(search))
     return f"causal: {'yes' if causal else 'no'}{f'; also uses {others}' if others else ''}"
 
 
 def find_recording_length_for_method(search: Search, record: ViewFactory = SyntheticRecording) -> int:
-    """Return the length in frames of the shortest recording that the search does not refuse."""
+    """Return the first of LENGTHS, in frames, that the search does not refuse; raise CheckFailure if it refuses all."""
     for frames in LENGTHS:
         try:
             search(record(conformance_bell_curve(frames, 0.5)))
@@ -73,12 +73,12 @@ def find_recording_length_for_method(search: Search, record: ViewFactory = Synth
             return frames
     raise CheckFailure(
         f"it refuses a recording of {frames:,} frames: {refusal}",
-        "ask for windows 0 <= first < stop <= view.frames, and refuse only what is too short",
+        "ask for windows 0 <= first < stop <= view.frames, and refuse only recordings that are too short",
     )
 
 
 def _check_ends(search: Search, record: ViewFactory) -> str:
-    """Check that the search ends, within a number of scores and of seconds."""
+    """Check that the search ends within the limits on scores and time."""
     costs = []
     for frames in (find_recording_length_for_method(search, record), LENGTHS[-1]):
         view = record(conformance_bell_curve(frames, 0.5))
@@ -88,7 +88,7 @@ def _check_ends(search: Search, record: ViewFactory) -> str:
 
 
 def _check_answers(search: Search, record: ViewFactory) -> str:
-    """Check that the search returns an Answer, with a frame of the recording or none, whatever the curve."""
+    """Check that for any curve the search returns an Answer that is a frame of the recording or an abstention."""
     curves = _curves(find_recording_length_for_method(search, record))
     for name, curve in curves.items():
         check_method_answer_frame(search(record(curve)), len(curve), recording=name)
@@ -96,7 +96,7 @@ def _check_answers(search: Search, record: ViewFactory) -> str:
 
 
 def _check_flat(search: Search, record: ViewFactory) -> str:
-    """Check that the search does not crash without a spike, with equal scores, or with the top of the curve cut off."""
+    """Check that the search does not crash without spikes, with equal scores, or if the curve has a flat top."""
     frames = find_recording_length_for_method(search, record)
     answers = []
     for name, (curve, light) in {
@@ -118,7 +118,7 @@ def _check_repeatable(search: Search, record: ViewFactory) -> str:
 
 
 def _check_any_unit(search: Search, record: ViewFactory) -> str:
-    """Check that the search gives the same answer for scores in another unit: each measure has its own."""
+    """Check that the search gives the same answer for scores in another unit, because each measure has its own unit."""
     for name, curve in _curves(find_recording_length_for_method(search, record)).items():
         plain, scaled = search(record(curve)), search(record(curve, unit=UNIT))
         check_same_method_answers(
@@ -134,15 +134,15 @@ def _check_finds_peak(search: Search, record: ViewFactory) -> str:
     words = ", ".join(f"{peak} as {'nothing' if at is None else f'{at / frames:.3f}'}" for peak, at in found)
     seen = f"peaks of the curve, fractions of the recording: {words}"
     if any(at is None or abs(at / frames - peak) > TOLERANCE for peak, at in found):
-        raise CheckWarning(seen, f"within {TOLERANCE:g} is what one expects of a smooth peak without noise")
+        raise CheckWarning(seen, f"an error within {TOLERANCE:g} is expected for a smooth peak without noise")
     return seen
 
 
 def _check_stops_early(search: Search, record: ViewFactory) -> str:
-    """If it states that it is causal, it does not ask for the end of a sweep with an early peak.
+    """Check that a search that states that it is causal does not ask for the end of a sweep with an early peak.
 
-    In the closed loop the lens moves on until the end of the last window asked for. What was recorded until
-    then is all that a causal search may need, so its answer lies in it.
+    In the closed loop the lens moves on until the end of the last window that the search asks for. The answer must
+    therefore be among the frames recorded until then.
     """
     frames = LENGTHS[-1] // 2
     view = record(conformance_bell_curve(frames, PEAK_FRACTIONS[0]))
@@ -150,13 +150,13 @@ def _check_stops_early(search: Search, record: ViewFactory) -> str:
     seen = f"on a peak at {PEAK_FRACTIONS[0]} of the sweep it asked for frames up to {view.seen / frames:.3f}"
     if getattr(search, "causal", False) and view.seen >= frames:
         raise CheckFailure(
-            f"it states that it is causal, and {seen}",
-            "ask for windows in their order and return at the peak, or state causal = False",
+            f"it states that it is causal, but {seen}",
+            "ask for windows in order of time and return at the peak, or state causal = False",
         )
     if answer.frame is not None and answer.frame > view.seen - 0.5:
         raise CheckWarning(
             f"{seen}, and answers a later one, {answer.frame / frames:.3f}",
-            "in the closed loop the lens has not been there yet: the answer is cut to the frames so far",
+            "in the closed loop the lens has not been there yet: the answer is limited to the frames so far",
         )
     return seen
 
@@ -174,7 +174,7 @@ def _check_short(search: Search, record: ViewFactory) -> str:
 
 
 def _curves(frames: int) -> dict[str, np.ndarray]:
-    """Return focus curves of two lengths, the second odd, by name."""
+    """Return focus curves by name; their lengths are ``frames`` and, for some peaks, an odd number."""
     odd = frames * 5 // 2 - 1
     peaks = {
         f"a peak at {at:g} of {n:,} frames": conformance_bell_curve(n, at)

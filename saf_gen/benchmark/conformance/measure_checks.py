@@ -1,4 +1,4 @@
-"""Checks of a focus measure: a finite float for any counts, its degree, and no side effect."""
+"""Checks of a focus measure: it returns a finite float for any counts, has its stated degree, and no side effects."""
 
 import math
 from collections.abc import Callable
@@ -27,7 +27,7 @@ Scorer = Callable[[np.ndarray], float]
 
 
 def list_measure_conformance_checks(measure: Measure) -> dict[str, Check]:
-    """Return the checks of one measure by name."""
+    """Return the checks of a focus measure, by name."""
     checks: dict[str, Callable[[Measure], str]] = {
         "described": check_conformance_of_docs,
         "stated": _check_statements,
@@ -45,7 +45,7 @@ def list_measure_conformance_checks(measure: Measure) -> dict[str, Check]:
 
 
 def _check_statements(measure: Measure) -> str:
-    """Check that the measure states a degree (a whole number from 0), a range, and, if any, a cost above 0."""
+    """Check that the measure states a degree (a whole number, 0 or more) and a range, and that any cost is above 0."""
     degree = getattr(measure, "degree", None)
     if type(degree) is not int:
         raise CheckFailure(
@@ -69,24 +69,24 @@ def _check_finite(measure: Measure) -> str:
     for name, counts in EDGE_CASE_COUNTS.items():
         try:
             score = _window_scorer(measure)(counts)
-        except Exception as error:  # anybody's measure may raise anything
+        except Exception as error:  # a third-party measure may raise anything
             raise CheckFailure(
                 f"{describe_method_crash(error)}, for {name} counts {counts.shape}", "score counts of any size"
             ) from error
         if not isinstance(score, float):
             raise CheckFailure(
-                f"the score of {name} counts is no float: {type(score).__name__} {score!r}", "return float(score)"
+                f"the score of {name} counts is not a float: {type(score).__name__} {score!r}", "return float(score)"
             )
         if not math.isfinite(score):
-            raise CheckFailure(f"the score of {name} counts is {score}", "return 0.0 where it would divide by 0")
+            raise CheckFailure(f"the score of {name} counts is {score}", "return 0.0 instead of dividing by 0")
     return f"a finite float for counts that are {', '.join(EDGE_CASE_COUNTS)}"
 
 
 def _check_zero_when_empty(measure: Measure) -> str:
-    """Check that the measure returns 0.0 without a spike if its degree is 0: an empty window is never best."""
+    """Check that a measure of degree 0 returns 0.0 if there is no spike, so that an empty window is never the best."""
     score = _window_scorer(measure)(EDGE_CASE_COUNTS["empty"])
     if measure.degree == 0 and score != 0.0:
-        raise CheckFailure(f"empty counts score {score}", "return 0.0 where no pixel counted a spike")
+        raise CheckFailure(f"empty counts score {score}", "return 0.0 if no pixel counted a spike")
     return f"empty counts score {score:g}"
 
 
@@ -105,7 +105,7 @@ def _check_number_types(measure: Measure) -> str:
 
 
 def _check_memory_layout(measure: Measure) -> str:
-    """Check that the measure returns the same score however the counts lie in memory."""
+    """Check that the measure returns the same score for every memory layout of the counts."""
     scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
     for layout, other in {
@@ -115,23 +115,23 @@ def _check_memory_layout(measure: Measure) -> str:
         if scorer(other) != score:
             raise CheckFailure(
                 f"memory order changes the score: {scorer(other)!r} for counts {layout}, not {score!r}",
-                "address pixels by row and column; np.ascontiguousarray copies where it must",
+                "index pixels by row and column; np.ascontiguousarray copies if necessary",
             )
     return "the same score for counts by rows, by columns and with gaps"
 
 
 def _check_leaves_input(measure: Measure) -> str:
-    """Check that the measure does not write into the counts, which other methods get as the same array."""
+    """Check that the measure does not modify the counts, because other methods get the same array."""
     before = make_conformance_counts(37, 52)
     writeable = before.copy()
     _window_scorer(measure)(writeable)
     if not np.array_equal(writeable, before):
-        raise CheckFailure("it changes the counts it is given", "work on a copy: counts.astype(np.float64) is one")
-    return "the counts are as they were"
+        raise CheckFailure("it changes the counts it is given", "work on a copy, such as counts.astype(np.float64)")
+    return "the counts are unchanged"
 
 
 def _check_repeatable(measure: Measure) -> str:
-    """Check that the measure returns the same score for the same counts, also after other counts and as a copy."""
+    """Check that the measure, or a fresh copy of it, always returns the same score for the same counts."""
     scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
     scorer(EDGE_CASE_COUNTS["one-spike"])
@@ -146,38 +146,38 @@ def _check_repeatable(measure: Measure) -> str:
 
 
 def _check_degree(measure: Measure) -> str:
-    """Check that three times the counts give the score times 3**degree, with the degree that is stated."""
-    # A measure of halves corrects for counting in whole spikes by a constant, which is small for many counts.
+    """Check that tripling the counts multiplies the score by 3**degree, where degree is the stated one."""
+    # A measure of halves corrects for the rounding to whole spikes by a constant, which is negligible for large counts.
     counts = make_conformance_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
     scorer = _window_scorer(measure)
     one, three = scorer(counts), scorer(counts * np.uint32(3))
     if not math.isclose(three, one * 3.0**measure.degree, rel_tol=1e-9, abs_tol=1e-12):
         measured = f"degree {math.log(three / one, 3):.4g}" if one * three > 0 else "no power of brightness"
         raise CheckFailure(
-            f"counts times 3 give {three:g} instead of {one:g}: {measured}, and it states {measure.degree}",
-            "state the degree that it has; a score without one is no power: divide by mean count first",
+            f"counts times 3 give {three:g} instead of {one:g}: {measured}, but it states {measure.degree}",
+            "state the actual degree; if the score is no power of brightness, divide by the mean count first",
         )
     return f"counts times 3 give the score times {3**measure.degree}"
 
 
 def _check_sharp_over_blurred(measure: Measure) -> str:
-    """Check that the measure does not score a natural texture below the same texture blurred."""
+    """Check that the measure does not score a natural texture lower than a blurred copy of it."""
     sharp = 50 * make_conformance_texture(96, 96)
     scorer = _window_scorer(measure)
     high, low = scorer(sharp), scorer(gaussian_filter(sharp, BLUR, mode="wrap"))
     if not low <= high * (1 + 1e-9):
         raise CheckWarning(
             f"a texture blurred by {BLUR:g} pixels scores {low:.4g}, above the sharp one's {high:.4g}",
-            "larger must mean sharper: change its sign, or say in its docstring where it fails",
+            "larger must mean sharper: change its sign, or say in its docstring when it fails",
         )
     return f"a texture blurred by {BLUR:g} pixels scores {low:.4g}, the sharp one {high:.4g}"
 
 
 def _check_speed(measure: Measure) -> str:
-    """Return how long a score of 100,000 pixels takes; no measure fails for being slow."""
+    """Return how long a score of 100,000 pixels takes, in words; a measure never fails because it is slow."""
     halves = (2,) if wants_halves(measure) else ()
     counts = make_conformance_counts(*halves, *IMAGE)
-    measure(make_conformance_counts(*halves, 37, 52))  # compiles what is compiled on first use
+    measure(make_conformance_counts(*halves, 37, 52))  # triggers compilation on first use
     times: list[float] = []
     while len(times) < 3 and sum(times) < 0.05:
         begin = perf_counter()
@@ -187,13 +187,13 @@ def _check_speed(measure: Measure) -> str:
 
 
 def _window_scorer(measure: Measure) -> Scorer:
-    """Return a scorer of whole windows: a measure of halves gets the counts twice, a timed one a length."""
+    """Return a function that scores counts; a measure of halves gets them twice, and a timed measure also a length."""
 
     def score(counts: np.ndarray) -> float:
-        given = np.stack([counts, counts]) if wants_halves(measure) else counts
-        plain = measure(given)
+        scored_counts = np.stack([counts, counts]) if wants_halves(measure) else counts
+        plain = measure(scored_counts)
         if wants_frames(measure):
-            timed = measure(given, frames=400)  # type: ignore[call-arg]
+            timed = measure(scored_counts, frames=400)  # type: ignore[call-arg]
             if not (isinstance(timed, float) and math.isfinite(timed)):
                 raise CheckFailure(f"with frames=400 it scores {timed!r}", "return a finite float")
         return plain

@@ -1,4 +1,4 @@
-"""Checks of a whole method, on small recordings and before a running camera."""
+"""Checks of a complete method, on small recordings and on a running camera."""
 
 import tempfile
 from functools import partial
@@ -7,20 +7,20 @@ from pathlib import Path
 from saf_gen.benchmark.conformance._answer_checks import check_method_answer_frame, check_same_method_answers
 from saf_gen.benchmark.conformance._check_result import CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
-from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, write_conformance_recordings
+from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, write_conformance_recordings
 from saf_gen.benchmark.conformance.estimating_search_checks import find_recording_length_for_method
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.parts import Answer, commands
 from saf_gen.stream.stream_file import open_stream
 
-MIN_FRAMES = 4000  # windows are then long enough for a spike or two
+MIN_FRAMES = 4000  # makes windows long enough to contain a spike or two
 TOLERANCE = 0.1  # fraction of the travel
 ACTUATOR = "voice_coil_hall"
 
 
 def list_method_conformance_checks(method: Method, limits: CheckLimits) -> dict[str, Check]:
-    """Return the checks of one method by name."""
+    """Return the checks of a method, by name."""
     closed_loop: dict[str, Check] = {"running camera": partial(_check_on_running_camera, method, limits)}
     if commands(method.search):
         return closed_loop
@@ -28,7 +28,7 @@ def list_method_conformance_checks(method: Method, limits: CheckLimits) -> dict[
 
 
 def _check_on_recordings(method: Method) -> str:
-    """Check that the method repeats its answer on recordings that are empty, full, saturated, and of a sweep."""
+    """Check that the method repeats its answers on recordings that are empty, full or saturated, or show a sweep."""
     frames = max(find_recording_length_for_method(method.search), MIN_FRAMES)
     answers: dict[str, Answer] = {}
     with tempfile.TemporaryDirectory(prefix="saf-gen-") as folder:
@@ -42,22 +42,22 @@ def _check_on_recordings(method: Method) -> str:
     listed = ", ".join(f"{name} {'none' if at is None else f'{at:.3f}'}" for name, at in found.items())
     seen = f"fractions of {frames:,} frames: {listed}; focus at {BEST_FOCUS}"
     if found["swept"] is None or abs(found["swept"] - BEST_FOCUS) > TOLERANCE:
-        raise CheckWarning(seen, f"within {TOLERANCE:g} is what one expects of a sweep in constant light")
+        raise CheckWarning(seen, f"an error within {TOLERANCE:g} is expected for a sweep in constant light")
     return seen
 
 
 def _check_on_running_camera(method: Method, limits: CheckLimits) -> str:
-    """Check that the method keeps to travel and budget and repeats its run, in usual light, none, and too much."""
-    # Imported here because it reads OpenEXR files.
-    from saf_gen.benchmark.conformance import _closed_loop_trial as trial
+    """Check that the method keeps to travel and budget and repeats its run: in usual light, too much light and none."""
+    # Imported here because this loads the reader of OpenEXR files.
+    from saf_gen.benchmark.conformance import _checked_runs as checked_runs
 
-    run = partial(trial.run_method_on_test_scene, method, limits=limits)
+    run = partial(checked_runs.run_method_on_conformance_scene, method, limits=limits)
     runs = {
-        name: trial.run_method_twice(run, ACTUATOR, light=light, condition=f"with {name} ")
-        for name, light in trial.LIGHT_FACTORS.items()
+        name: checked_runs.run_method_twice(run, ACTUATOR, light=light, condition=f"with {name} ")
+        for name, light in checked_runs.LIGHT_FACTORS.items()
     }
-    ends = "; ".join(f"{name}: {trial.describe_closed_loop_run(end)}" for name, end in runs.items())
+    ends = "; ".join(f"{name}: {checked_runs.describe_closed_loop_run(end)}" for name, end in runs.items())
     seen = f"the lens ends at {ends}; focus at {BEST_FOCUS}"
     if abs(float(runs["a usual light"].path[-1]) - BEST_FOCUS) > TOLERANCE:
-        raise CheckWarning(seen, f"within {TOLERANCE:g} is what one expects in a usual light")
+        raise CheckWarning(seen, f"an error within {TOLERANCE:g} is expected in usual light")
     return seen

@@ -1,4 +1,4 @@
-"""What a name of `saf-gen methods check` means: a whole method, a measure or a search."""
+"""Resolution of the name given to ``saf-gen methods check``, which may name a method, a measure or a search."""
 
 from inspect import signature
 from typing import Any
@@ -13,9 +13,9 @@ FORM_SUFFIXES = ("_n", "_tfi")
 
 
 def resolve_method_name(spec: str) -> Method | tuple[str, Any]:
-    """Return the method that a name stands for, or the kind (``measures``, ``searches``) and the plug-in.
+    """Return the method of a given name, or the kind (``measures`` or ``searches``) and the plug-in of that name.
 
-    Raises BadInput for a name that is none of these, and for options that the plug-in refuses.
+    Raises BadInput if nothing has this name, or if the plug-in refuses its options.
     """
     if spec.startswith("@") or "+" in spec:
         return parse_method(spec)
@@ -38,7 +38,7 @@ def _find_kind(name: str) -> str:
     cls = _load_class(name, bare)
     plain = getattr(cls, "plain", None)
     if plain is not None and not any(hasattr(plain, member) for member in ("degree", "score_range", "halves")):
-        return "searches" if _takes_a_view(plain) else "measures"
+        return "searches" if _has_view_parameter(plain) else "measures"
     if bare != name or any(hasattr(cls, member) for member in ("degree", "score_range", "halves")):
         return "measures"
     if any(hasattr(cls, member) for member in ("causal", "commands")):
@@ -46,18 +46,22 @@ def _find_kind(name: str) -> str:
     raise BadInput(
         f"{name!r} is neither a measure nor a search",
         allowed="a class that states degree (a measure) or causal (a search)",
-        hint=f"state it, or check a whole method: {name}+argmax",
+        hint=f"state one of them, or check a complete method: {name}+argmax",
     )
 
 
-def _takes_a_view(plain: Any) -> bool:
-    """Return whether a plain function, or what a plain class is called with, names what it is given ``view``."""
+def _has_view_parameter(plain: Any) -> bool:
+    """Return whether a parameter of a plain function, or of calls of a plain class, has the name ``view``."""
     called = plain.__call__ if isinstance(plain, type) else plain
     return "view" in list(signature(called).parameters)[:2]
 
 
 def _load_class(name: str, bare: str) -> type:
-    """Return the class of ``file.py:Class``, first one whose own name ends with a suffix."""
+    """Return the class called ``name`` or, if it does not exist, the class called ``bare``.
+
+    ``bare`` is ``name`` without the suffixes ``_n`` and ``_tfi``. The full name is tried first, because a
+    class may have a name with this ending.
+    """
     try:
         return plugin_class("measures", name)
     except BadInput:

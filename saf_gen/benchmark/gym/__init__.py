@@ -3,7 +3,8 @@
 >>> import gymnasium, saf_gen.benchmark.gym  # doctest: +SKIP
 >>> env = gymnasium.make("saf_gen/Autofocus-v0", dataset="datasets/quickstart")  # doctest: +SKIP
 
-It needs the extra ``gym``. The id carries a version, which rises when what a policy sees or earns changes.
+This module needs the extra ``gym``. The id ends with a version, which is increased whenever the observations or the
+rewards of a policy change.
 """
 
 from saf_gen.errors import BadInput

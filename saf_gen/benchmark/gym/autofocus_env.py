@@ -26,44 +26,62 @@ MAX_PIXELS = 1024
 
 
 class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
-    """A policy moves the lens of a running spike camera, and says when it is in focus.
+    """A Gymnasium environment in which a policy moves the lens of a running spike camera until it is in focus.
 
     Parameters
     ----------
-    dataset : a dataset folder, or one of its streams; its focal stacks must hold every lens position.
-    split, sequences : which of its sequences; None: all.
-    protocol : the actuator and the budget; None: a voice coil, and as long as can be captured.
-    region : ``target``, the box around the target, or ``frame``.
-    control_s : the control period in seconds, rounded up to whole packets of 8 readouts.
-    pixels : rows and columns of the observed image, 1 to 1024.
-    keep : sequences that stay in memory, each with its focal stacks (1 GiB at most).
-    threads : threads that encode; None: one for each core.
-    render_mode : ``rgb_array``, or None.
+    dataset : str or Path
+        Dataset folder, or one of its streams; its focal stacks must hold every lens position.
+    split : str, optional
+        Split of the sequences to use; by default all splits.
+    sequences : sequence of str, optional
+        Ids of the sequences to use; by default all.
+    protocol : ClosedLoopProtocol, optional
+        Actuator and budget; by default a voice coil and as long as can be captured.
+    region : str, default 'target'
+        Where the policy looks: ``target``, the box around the target, or ``frame``.
+    control_s : float, default 0.005
+        Control period in seconds, rounded up to whole packets of 8 readouts.
+    pixels : int, default 64
+        Rows and columns of the observed image, 1 to 1024.
+    keep : int, default 4
+        Number of sequences that stay in memory, each with its focal stacks (1 GiB at most).
+    threads : int, optional
+        Number of threads that encode; by default one per core.
+    render_mode : str, optional
+        ``rgb_array``, or None.
 
     Raises
     ------
-    BadInput : for a dataset, split, sequence, region, period or size that does not exist or is not allowed, and by
-        ``reset`` for a protocol that the recording cannot keep.
+    BadInput
+        If the dataset, the split or a sequence does not exist, or if another parameter is not allowed. ``reset`` raises
+        it if the protocol does not suit the recording.
 
     Notes
     -----
-    Observation, of the last control period:
-        ``image`` float32 (pixels, pixels), 0...1: counts per pixel and frame, as means over equal areas of
-        the box, whatever its shape; ``lens`` float32 (1,), 0...1: the last reading of the position sensor,
-        clipped to the travel; ``left`` float32 (1,), 0...1: the fraction of the budget that is left.
-    Action: float32 (2,), 0...1, ``[position, stop]``. The lens moves to ``position``; with ``stop`` above 0.5
-        that is the answer.
-    Reward: minus the mean error of the lens in a step, in travels, times the fraction of the budget that the
-        step took. On an answer, also minus its error times the fraction that is left, and plus 1 within one
-        depth of focus. Errors are 0 where the truth is unknown.
-    End: ``terminated`` by an answer, when the lens has settled; ``truncated`` when the budget is spent, which
-        the benchmark counts as a failure.
-    Info: ``sequence`` and ``seconds`` passed; at the end also the result of
-        :func:`saf_gen.benchmark.tracks.closed_loop_judgement.judge_closed_loop_run`.
+    An observation describes the last control period:
 
-    ``reset(seed=n)`` draws the sequence, the initial lens position and the noise of camera and lens, all
-    named by n and by the number of episodes since. ``reset(options={"sequence": ID})`` takes that sequence
-    and begins as the benchmark does.
+    - ``image``, float32 (pixels, pixels), 0...1: counts per pixel and frame, averaged over equal areas of the box
+      whatever its shape.
+    - ``lens``, float32 (1,), 0...1: the last reading of the position sensor, clipped to the travel.
+    - ``left``, float32 (1,), 0...1: the fraction of the budget that is left.
+
+    An action is ``[position, stop]``, float32 (2,), 0...1. The lens moves to ``position``; if ``stop`` is above 0.5,
+    ``position`` is the answer.
+
+    The reward of a step is minus the mean error of the lens during the step, in travels, times the fraction of the
+    budget that the step took. An answer also costs its error times the fraction of the budget that is left, and earns
+    1 if it is within one depth of focus. Errors are 0 if the truth is unknown.
+
+    An episode is ``terminated`` by an answer, once the lens has settled, or ``truncated`` when the budget is spent,
+    which the benchmark counts as a failure.
+
+    The info has ``sequence`` and ``seconds`` (the time that has passed) and, at the end, the result of
+    :func:`saf_gen.benchmark.tracks.closed_loop_judgement.judge_closed_loop_run`.
+
+    ``reset(seed=n)`` draws the sequence, the initial lens position and the noise of camera and lens; the draws are
+    determined by n and by the number of episodes since then. ``reset(options={"sequence": ID})`` uses that sequence
+    and starts as the benchmark does.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
@@ -88,10 +106,10 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             raise unknown("region", region, allowed=REGIONS)
         if not (math.isfinite(control_s) and control_s > 0):
             raise BadInput(f"the control period is {control_s:g} s", allowed="seconds, above 0")
-        _check_whole("pixels", pixels, highest=MAX_PIXELS)
-        _check_whole("keep", keep)
+        _check_integer("pixels", pixels, highest=MAX_PIXELS)
+        _check_integer("keep", keep)
         if threads is not None:
-            _check_whole("threads", threads)
+            _check_integer("threads", threads)
         self.tasks = _select_tasks(list_sequences_to_evaluate(Path(dataset), split=split), sequences)
         self.protocol = ClosedLoopProtocol(get_actuator("voice_coil")) if protocol is None else protocol
         self.region, self.control_s, self.pixels = region, control_s, pixels
@@ -104,27 +122,27 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             }
         )
         self.action_space = spaces.Box(0, 1, (2,), np.float32)
-        self._keep, self._threads = keep, threads
+        self._max_sequences, self._threads = keep, threads
         self._sequences: OrderedDict[str, ClosedLoopSequence] = OrderedDict()
         self._episodes = 0
         self._task: SequenceTask | None = None
         self._episode: Episode | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy, in this process or another, reads its sequences again and begins with ``reset``."""
+        """Return the state without sequences and episode: a copy reads sequences again and starts with ``reset``."""
         return {**self.__dict__, "_sequences": OrderedDict(), "_episode": None}
 
     @property
     def parameters(self) -> str:
-        """Everything that determines the observations, in one line, for records."""
+        """All parameters that determine the observations, on one line, for records."""
         return f"images of {self.pixels}×{self.pixels}, every {self.control_s * 1e3:g} ms"
 
     def load_sequence(self, task: SequenceTask) -> ClosedLoopSequence:
-        """Return a sequence ready to be captured, from memory if it is one of the last ``keep``."""
+        """Return a sequence that is ready to be captured, from memory if it is among the last ``keep`` used."""
         if task.id not in self._sequences:
             with open_stream(task.path) as stream:
                 found = ClosedLoopSequence.from_stream(task, stream, region=self.region)
-            while len(self._sequences) >= self._keep:
+            while len(self._sequences) >= self._max_sequences:
                 self._sequences.popitem(last=False)
             self._sequences[task.id] = found
         self._sequences.move_to_end(task.id)
@@ -133,7 +151,10 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin an episode and let one control period pass with the lens at rest; see the class."""
+        """Start an episode, let one control period pass with the lens at rest, and return observation and info.
+
+        The docstring of the class describes ``seed`` and ``options``.
+        """
         super().reset(seed=seed)
         self._episodes = 0 if seed is not None else self._episodes + 1
         name = "gym", self.np_random_seed, self._episodes
@@ -158,7 +179,10 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._episode.observe(), self._make_info()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Take one control period, or answer. Raise BadInput for an action outside its space."""
+        """Run one control period, or answer, and return observation, reward, terminated, truncated and info.
+
+        Raises BadInput if the action is outside its space, and ResetNeeded if the episode is over.
+        """
         episode = self.episode
         if episode.run is not None:
             raise gymnasium.error.ResetNeeded("the episode is over: call reset")
@@ -169,17 +193,20 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def episode(self) -> Episode:
-        """The current or last episode. Raises ResetNeeded before the first."""
+        """The current or last episode. Raises ResetNeeded before the first ``reset``."""
         if self._episode is None:
             raise gymnasium.error.ResetNeeded("there is no episode yet: call reset")
         return self._episode
 
     def render(self) -> np.ndarray | None:
-        """Return the box in the last control period with ``rgb_array``, uint8 (h, w, 3), by draw_policy_observation."""
+        """Return the box in the last control period as an image, uint8 (h, w, 3), if the render mode is ``rgb_array``.
+
+        See draw_policy_observation for the grey values.
+        """
         return draw_policy_observation(self.episode.rate) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Release the sequences in memory; streams are open only while they are read."""
+        """Release the sequences in memory; streams need no closing, since they are open only while they are read."""
         self._sequences.clear()
         self._episode = None
 
@@ -208,7 +235,7 @@ def _check_action(action: np.ndarray) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _check_whole(name: str, value: int, *, highest: int | None = None) -> None:
+def _check_integer(name: str, value: int, *, highest: int | None = None) -> None:
     if isinstance(value, bool) or not isinstance(value, int) or value < 1 or (highest and value > highest):
         allowed = f"a whole number, 1 to {highest}" if highest else "a whole number, 1 or more"
         raise BadInput(f"{name} is {value!r}", allowed=allowed)

@@ -1,6 +1,6 @@
-"""One episode: a running camera controlled by a policy, one control period at a time, and its rewards.
+"""One episode: a policy controls a running camera, one control period at a time, and earns rewards.
 
-It is independent of Gymnasium. The camera, the start, the end and the judgement are those of the benchmark.
+This module does not use Gymnasium. The camera, the start, the end and the judgement are those of the benchmark.
 """
 
 from dataclasses import replace
@@ -23,28 +23,40 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
 FOCUS_BONUS = 1.0
-"""Reward for a lens that ends within one depth of focus: as much as the errors of an episode cost at most."""
+"""Reward for a lens that ends within one depth of focus; equal to the largest possible cost of an episode's errors."""
 
 
 class Episode:
-    """A running camera, its lens at rest before the first control period.
-
-    Raises BadInput for a budget of less than two control periods.
+    """A running camera that a policy controls; initially its lens is at rest before the first control period.
 
     Parameters
     ----------
-    sequence : what is in front of the camera.
-    protocol : the actuator, and the budget of time.
-    control_s : the control period in seconds, rounded up to whole packets of the camera.
-    pixels : rows and columns of the observed image.
-    seed : names the initial lens position and the noise; None: those of the benchmark.
-    threads : threads that encode; None: one for each core.
+    sequence : ClosedLoopSequence
+        Scene in front of the camera, and the region where the policy looks.
+    protocol : ClosedLoopProtocol
+        Actuator, and budget of time.
+    control_s : float
+        Control period in seconds, rounded up to whole packets of the camera.
+    pixels : int
+        Rows and columns of the observed image.
+    seed : int, optional
+        Determines the initial lens position and the noise; by default they are those of the benchmark.
+    threads : int, optional
+        Number of threads that encode; by default one per core.
 
     Attributes
     ----------
-    run : the run once the episode is over, None before.
-    rate : float64 (h, w), counts per pixel and frame of the last control period, in the whole box.
-    observations : number of observations so far.
+    run : ClosedLoopRun or None
+        The run after the episode is over; None before.
+    rate : ndarray of float64, shape (h, w)
+        Counts per pixel and frame in the last control period, in the entire box.
+    observations : int
+        Number of observations so far.
+
+    Raises
+    ------
+    BadInput
+        If the budget is shorter than two control periods.
     """
 
     def __init__(
@@ -66,8 +78,8 @@ class Episode:
         frames, track = self._camera.frames, self._truth.track
         if frames < 2 * self.period:
             raise BadInput(
-                f"a control period of {control_s * 1e3:g} ms, with a budget of {self._budget / self._hz * 1e3:g} ms",
-                allowed="half the budget at most",
+                f"the control period is {control_s * 1e3:g} ms, the budget {self._budget / self._hz * 1e3:g} ms",
+                allowed="a control period of at most half the budget",
             )
         self._best = np.full(frames, self._truth.position) if track is None else track[:frames]
         self.rate = np.zeros((0, 0))
@@ -76,18 +88,18 @@ class Episode:
 
     @property
     def seconds(self) -> float:
-        """Time that has passed."""
+        """Time that has passed, in seconds."""
         return self._camera.now / self._hz
 
     def score(self, measure: str) -> float:
-        """Return the score of the last control period by a focus measure, for what a wrapper shows a policy.
+        """Return the score of the last control period by a focus measure, for wrappers that show it to a policy.
 
-        Raises BadInput before the first period, for an unknown measure, and for a score that is not a finite number.
+        Raises BadInput before the first period, if the measure is unknown, and if the score is not a finite number.
         """
         return self._camera.score(self._camera.now - self.period, self._camera.now, measure)
 
     def observe(self) -> dict[str, np.ndarray]:
-        """Let a control period pass, or what is left of the budget, and return the observation."""
+        """Let one control period pass, or the rest of the budget if that is shorter, and return the observation."""
         self._camera.wait(min(self.period, self._camera.frames - self._camera.now))
         self.observations += 1
         return self._make_observation()
@@ -95,7 +107,7 @@ class Episode:
     def move(self, position: float) -> tuple[dict[str, np.ndarray], float]:
         """Send the lens to a position, and return the observation of the next period and the reward.
 
-        Where no time is left then, the episode is over without an answer. Raises BadInput for a position
+        If no time is left afterwards, the episode is over without an answer. Raises BadInput if the position is
         outside the travel.
         """
         begin = self._camera.now
@@ -106,10 +118,10 @@ class Episode:
         return observation, -self._sum_errors(begin)
 
     def stop(self, position: float) -> tuple[dict[str, np.ndarray], float]:
-        """Answer with a position, where the lens settles; return the last observation and the reward.
+        """Answer with a position, let the lens settle there, and return the last observation and the reward.
 
-        The last error counts for the time that is left, so that an early stop is not a cheap one. Raises
-        BadInput for a position outside the travel.
+        The final error also counts for the time that is left, so that stopping early does not avoid its cost. Raises
+        BadInput if the position is outside the travel.
         """
         begin = self._camera.now
         self._finish(position)
@@ -120,15 +132,18 @@ class Episode:
         return self._make_observation(), reward
 
     def abstain(self) -> None:
-        """End the episode with the answer that the focus is not found."""
+        """End the episode with an abstention: the focus was not found."""
         self._finish(None)
 
     def fail(self, problem: str) -> None:
-        """End the episode without an answer."""
+        """End the episode without an answer; ``problem`` says why."""
         self.run = finish_closed_loop_run(self._camera, Answer(), to=None, budget=self._budget, problem=problem)
 
     def judge(self) -> dict[str, Any]:
-        """Return truth, error and success of the run; None where unknown. Raise BadInput before the end."""
+        """Return truth, error, success and other results of the run, each None if unknown.
+
+        Raises BadInput before the end of the episode.
+        """
         if self.run is None:
             raise BadInput("the episode is still going on", hint="stop it, or let its time run out")
         return judge_closed_loop_run(self.run, self._truth, readout_hz=self._hz)
@@ -138,7 +153,7 @@ class Episode:
         self.run = finish_closed_loop_run(self._camera, answer, to=position, budget=self._budget)
 
     def _make_observation(self) -> dict[str, np.ndarray]:
-        """Return what a policy sees. The image covers a whole period, also where the last was cut short."""
+        """Return what a policy sees; the image always covers a full period, even if the last one was cut short."""
         camera = self._camera
         first = camera.now - self.period
         counts = camera.run_until(first, camera.now).window(first, camera.now)
@@ -152,9 +167,9 @@ class Episode:
         }
 
     def _sum_errors(self, begin: int) -> float:
-        """Return the errors of the lens since a frame, summed over frames, in travels per budget."""
+        """Return the sum of the lens errors over the frames since ``begin``, in travels, divided by the budget."""
         errors = np.abs(self._camera.path - self._best)[begin : self._camera.now]
-        return float(np.nansum(errors)) / self._camera.frames  # NaN: unknown
+        return float(np.nansum(errors)) / self._camera.frames  # NaN means that the truth is unknown
 
 
 def _no_score(counts: np.ndarray) -> float:

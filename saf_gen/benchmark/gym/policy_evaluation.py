@@ -1,4 +1,4 @@
-"""A policy as a method of the benchmark: run on every sequence, judged and recorded like the others."""
+"""Evaluation of a policy as a method of the benchmark: it is run on every sequence, judged and recorded."""
 
 import hashlib
 import inspect
@@ -16,6 +16,7 @@ import numpy as np
 from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
 from saf_gen.benchmark.records import RECORDS_FILE, Record, write_benchmark_records
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
+from saf_gen.benchmark.tracks.predictions import METHOD_NAME
 from saf_gen.benchmark.tracks.search_run import describe_method_exception
 from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, measure_rate_of_evaluated_stream
 from saf_gen.benchmark.view import WindowCounts
@@ -23,8 +24,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
 
 Policy = Callable[[dict[str, np.ndarray]], np.ndarray | None]
-"""An observation in, an action out; None abstains."""
-NAME = r"[A-Za-z0-9][A-Za-z0-9_.:=,+-]{0,79}"
+"""A function that turns an observation into an action; None abstains."""
 
 
 def evaluate_policy(
@@ -35,34 +35,40 @@ def evaluate_policy(
     code: str = "",
     out: str | Path | None = None,
 ) -> list[Record]:
-    """Run a policy on every sequence of an environment, as the benchmark would, and return the records.
+    """Run a policy on every sequence of an environment under the conditions of the benchmark, and return the records.
 
-    The lens begins where it does for every method, with the noise of the recording, and the benchmark judges
-    it. A policy that raises fails on that sequence, as a search does; the action None abstains.
+    The lens starts at the same position as for every method, with the noise of the recording, and the benchmark judges
+    the answer. A policy that raises an exception fails on that sequence, like a search; the action None abstains.
 
     Parameters
     ----------
-    env : an :class:`AutofocusEnv`, in any wrappers; the policy sees and acts through them.
-    make_policy : called for each sequence, so that nothing is carried over from one to the next.
-    method : the name in the leaderboard.
-    code : the version of the policy, which learned weights need. Without it, a digest of the source of the
-        module that defines ``make_policy``; weights are not part of that.
-    out : a folder where ``records.jsonl`` is written, for ``saf-gen leaderboard``.
+    env : gymnasium.Env
+        An :class:`AutofocusEnv`, in any wrappers; the policy sees and acts through them.
+    make_policy : callable
+        Returns a policy. It is called for each sequence, so that nothing is carried over from one to the next.
+    method : str
+        Name in the leaderboard.
+    code : str, optional
+        Version of the policy, which must be given if weights were learned. By default it is a digest of the source of
+        the module that defines ``make_policy``, which does not include weights.
+    out : str or Path, optional
+        Folder in which ``records.jsonl`` is written, for ``saf-gen leaderboard``.
 
     Returns
     -------
-    list[Record]
-        One per sequence. ``windows`` is the number of images, ``seconds`` the time that the policy took.
+    list of Record
+        One record per sequence. ``windows`` is the number of images, ``seconds`` the time that the policy took.
 
     Raises
     ------
-    BadInput : for a name that is not allowed, for a source that cannot be read, for what the environment refuses, and
-        for focal stacks that cannot be read.
+    BadInput
+        If the name is not allowed, if the source or the focal stacks cannot be read, or if the environment refuses
+        something.
     """
     inner = env.unwrapped
     if not isinstance(inner, AutofocusEnv):
-        raise BadInput(f"the environment is {inner!r:.60}", allowed="an AutofocusEnv, in wrappers or without")
-    if not re.fullmatch(NAME, method):
+        raise BadInput(f"the environment is {inner!r:.60}", allowed="an AutofocusEnv, with or without wrappers")
+    if not re.fullmatch(METHOD_NAME, method):
         raise BadInput(f"the method is called {method!r:.90}", allowed="1 to 80 of A-Z a-z 0-9 _ . : = , + -")
     code = code or _digest_source(make_policy, inner.parameters)
     records = []
@@ -101,7 +107,7 @@ def _run_policy(
             over = terminated or truncated
         if episode.run is None:
             episode.fail("a wrapper of the environment ended the episode")
-    except Exception as error:  # noqa: BLE001 anybody's policy may raise anything
+    except Exception as error:  # noqa: BLE001 a third-party policy may raise anything
         episode.fail(describe_method_exception(error))
     run = episode.run
     if run is None:
@@ -110,7 +116,7 @@ def _run_policy(
 
 
 def _digest_source(make_policy: Callable[[], Policy], parameters: str) -> str:
-    """Return 12 digits of a sha256 over the source of the module that defines a policy, and what it sees."""
+    """Return 12 digits of a SHA-256 over the source of the module that defines a policy and over what it observes."""
     module = sys.modules.get(getattr(make_policy, "__module__", ""))
     try:
         source = inspect.getsource(module) if module else ""
@@ -118,7 +124,7 @@ def _digest_source(make_policy: Callable[[], Policy], parameters: str) -> str:
         source = ""
     if not source:
         raise BadInput(
-            f"the source of the policy {make_policy!r:.60} cannot be read", hint="say which version it is: code='1'"
+            f"the source of the policy {make_policy!r:.60} cannot be read", hint="state its version, such as code='1'"
         )
     name = getattr(make_policy, "__qualname__", "")
     return hashlib.sha256("\n".join([name, parameters, source]).encode()).hexdigest()[:12]

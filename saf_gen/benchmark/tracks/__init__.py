@@ -1,1 +1,1 @@
-"""The evaluator's side: it runs methods on recordings or a running camera, and judges what they answer."""
+"""The evaluator: it runs methods on recordings or on a running camera, and judges their answers."""

@@ -1,4 +1,4 @@
-"""Judges a run of the closed loop by where the lens is at the end, against the truth at that moment."""
+"""Judgement of a closed-loop run: the position of the lens at the end is compared with the truth at that moment."""
 
 import math
 from collections.abc import Sequence
@@ -11,15 +11,17 @@ from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.stream.metadata import Truth
 
 ARRIVAL_TOLERANCE_DOF = 0.25
-"""Depths of focus from its last position within which the lens counts as arrived."""
+"""Distance from its last position, in depths of focus, within which the lens counts as arrived."""
+DEFAULT_DEPTH_OF_FOCUS = 0.01
+"""Depth of focus, as a fraction of the travel, that takes its place in this distance if it is unknown."""
 
 
 def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float) -> dict[str, Any]:
-    """Return the fields of a record that the lens decides; None means unknown.
+    """Return the fields of a record that depend on the lens; None means unknown.
 
-    Errors (in travels and depths of focus) and blur compare the last position of the lens with the truth at that
-    moment. An abstention is a success where no position in the travel is within the limit. ``time_to_focus_s`` ends
-    when the lens has arrived for good, within a quarter of the depth of focus of its last position.
+    Errors (in travels and in depths of focus) and blur compare the last position of the lens with the truth at that
+    moment. An abstention is a success if no position in the travel is within the limit. ``time_to_focus_s`` ends when
+    the lens has arrived for good, that is, within a quarter of the depth of focus of its last position.
     """
     path = run.path
     answered = not run.problem and (run.answer.position is not None or run.answer.frame is not None)
@@ -39,12 +41,12 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float
         success = (False,) * len(SUCCESS_LIMITS_DOF) if best_known and dof is not None else success
     elif not answered:
         if best_known and dof is not None:
-            away = max(0.0, -best, best - 1) / dof
-            success = tuple(away > limit for limit in SUCCESS_LIMITS_DOF)
+            distance = max(0.0, -best, best - 1) / dof
+            success = tuple(distance > limit for limit in SUCCESS_LIMITS_DOF)
     else:
         position = float(path[-1])
         fields["position"] = position
-        near = ARRIVAL_TOLERANCE_DOF * dof if dof is not None else ARRIVAL_TOLERANCE_DOF * 0.01
+        near = ARRIVAL_TOLERANCE_DOF * (DEFAULT_DEPTH_OF_FOCUS if dof is None else dof)
         off = np.flatnonzero(np.abs(path[run.answer_frame :] - position) > near)
         arrived = run.answer_frame + (int(off[-1]) + 1 if off.size else 0)
         fields["time_to_focus_s"] = arrived / readout_hz
@@ -59,7 +61,7 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float
 
 
 def count_reversals_of_closed_loop_run(positions: Sequence[float]) -> int:
-    """Return how often a lens that is sent to these positions, in order, changes its direction."""
+    """Return how often a lens that is sent to one of these positions after the other changes its direction."""
     directions = np.sign(np.diff(positions))
     directions = directions[directions != 0]
     return int((directions[1:] != directions[:-1]).sum())

@@ -1,9 +1,9 @@
-"""A method in the closed loop: it moves the lens of a running camera within a budget of time.
+"""A run of a method in the closed loop, where it moves the lens of a running camera within a budget of time.
 
-On a sequence all methods begin with the lens at the same position, drawn by the sequence's seed. A search that commands
-the lens then moves it itself. A search that estimates on a recording is given a sweep: the lens goes to the nearer end
-of its travel, then to the other end, and back to where the search says; the sweep ends with the last window that the
-search looks at. What counts is where the lens is at the end, against the truth at that moment.
+On a sequence, the lens starts at the same position for all methods, drawn with the seed of the sequence. A search that
+commands the lens then moves it itself. A search that estimates on a recording is given a sweep: the lens goes to the
+nearer end of its travel, then towards the other end, and back to the answer of the search; the sweep ends with the last
+window that the search looks at. The run is judged by the position of the lens at the end.
 """
 
 from collections.abc import Callable
@@ -22,16 +22,31 @@ from saf_gen.core import seeds
 from saf_gen.parts import Answer, commands
 
 SETTLE_TOLERANCE = 1e-4
-"""Fraction of the travel within which the lens counts as settled at its last position."""
+"""Distance from its last position, as a fraction of the travel, within which the lens counts as settled."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopRun:
-    """What came of a method on a running camera.
+    """The result of a method on a running camera.
 
-    ``path`` (n,) is the true lens position up to the end; ``answer_frame`` the frame at which the method was
-    done; ``budget`` is in frames; ``problem`` says why the method failed, '' where it did not;
-    ``commanded_positions`` begins with where the lens stood, then has every position it was sent to.
+    Attributes
+    ----------
+    answer : Answer
+        Answer of the method.
+    problem : str
+        Why the method failed, or ''.
+    answer_frame : int
+        Frame at which the method was done.
+    path : ndarray of float64, shape (n,)
+        True lens position at each frame up to the end, as fractions of the travel.
+    budget : int
+        Budget in frames.
+    windows : int
+        Number of windows that the method scored or looked at.
+    seconds : float
+        Computing time of the method, in seconds.
+    commanded_positions : tuple of float
+        Initial position of the lens, followed by every position to which it was sent.
     """
 
     answer: Answer
@@ -47,9 +62,9 @@ class ClosedLoopRun:
 def start_closed_loop_camera(
     captured: CapturedFrames, measure: Callable[..., float], *, protocol: ClosedLoopProtocol
 ) -> RunningCamera:
-    """Return a camera before its first frame, with the lens where every method of this sequence begins.
+    """Return a camera before its first frame, with the lens at the start position of all methods on this sequence.
 
-    Raises BadInput for a protocol that the recording cannot keep.
+    Raises BadInput if the protocol does not suit the recording.
     """
     capture = captured.capture
     return RunningCamera(
@@ -66,16 +81,16 @@ def start_closed_loop_camera(
 def finish_closed_loop_run(
     camera: RunningCamera, answer: Answer, *, to: float | None, budget: int, problem: str = ""
 ) -> ClosedLoopRun:
-    """Return the run of a method that is done, after the lens has settled at ``to``, unless that is None.
+    """Let the lens settle at ``to`` (unless that is None), and return the run of a method that is done.
 
-    Raises what the camera met where the focal stacks could not be read, whatever the method made of it.
+    If the focal stacks could not be read, the error of the camera is raised even if the method caught it.
     """
     if camera.stack_error is not None:
         raise camera.stack_error
     answer_frame = camera.now
     if to is not None:
         camera.move(to)
-        with suppress(BudgetSpentError):  # the lens is judged by where it is then
+        with suppress(BudgetSpentError):  # the lens is then judged by its position at the end of the budget
             camera.settle(SETTLE_TOLERANCE)
     return ClosedLoopRun(
         answer=answer,
@@ -90,15 +105,15 @@ def finish_closed_loop_run(
 
 
 def explain_spent_method_budget(budget: int) -> str:
-    """Return why a method failed that had no answer when its budget, in frames, was spent."""
+    """Return why a method failed: it spent its budget, in frames, without giving an answer."""
     return f"the budget of {budget} frames was spent"
 
 
 def run_closed_loop_method(captured: CapturedFrames, method: Method, *, protocol: ClosedLoopProtocol) -> ClosedLoopRun:
-    """Let a method find the focus; ``captured`` may be of another run, whose frames are kept where they are the same.
+    """Let a method search for the focus, and return the run, whatever the method raises or answers.
 
-    Whatever the method raises or answers becomes a run. Raises BadInput for a protocol that the recording
-    cannot keep, and what the focal stacks raise where they cannot be read.
+    ``captured`` may come from an earlier run, whose frames are reused as long as they are the same. Raises BadInput if
+    the protocol does not suit the recording, and the error of the focal stacks if they cannot be read.
     """
     budget, sweep = protocol.count_frames(captured.capture)
     camera = start_closed_loop_camera(captured, method.measure, protocol=protocol)
@@ -115,13 +130,13 @@ def run_closed_loop_method(captured: CapturedFrames, method: Method, *, protocol
 
 
 def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answer, float | None, str]:
-    """Return the answer, where the lens goes then, and why the method failed."""
+    """Run a search that moves the lens itself; return its answer, the final lens command, and the problem or ''."""
     answer, problem = run_search_of_method(method.search, camera, scorer=camera.scorer)
     return answer, _clip_to_travel(answer.position), problem
 
 
 def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int) -> tuple[Answer, float | None, str]:
-    """Run a search on a sweep of ``sweep`` frames; return its answer, where the lens goes then, and any failure."""
+    """Run a search on a sweep of ``sweep`` frames; return its answer, the final lens command, and the problem or ''."""
     begin, end = (0.0, 1.0) if camera.commanded_positions[0] < 0.5 else (1.0, 0.0)
     camera.move(begin)
     camera.settle()
@@ -131,10 +146,10 @@ def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int)
     if answer.frame is None:
         return answer, None, problem
     if not -0.5 <= answer.frame <= view.frames - 0.5:
-        return Answer(), None, f"answered frame {answer.frame}, which is not of the sweep"
+        return Answer(), None, f"answered frame {answer.frame}, which is not in the sweep"
     return answer, _clip_to_travel(view.position_at(answer.frame)), ""
 
 
 def _clip_to_travel(position: float | None) -> float | None:
-    """Clip a position to 0...1: a noisy position sensor may read a little outside the travel."""
+    """Return a position clipped to 0...1, because a noisy position sensor may read a little outside the travel."""
     return None if position is None else min(max(float(position), 0.0), 1.0)

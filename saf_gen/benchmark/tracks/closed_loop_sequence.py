@@ -1,4 +1,4 @@
-"""One sequence of the closed loop, ready to be captured again, and the record of a run on it."""
+"""One sequence of the closed loop, ready to be captured again, and the records of runs on it."""
 
 import hashlib
 from collections.abc import Mapping
@@ -21,11 +21,24 @@ from saf_gen.stream.stream_file import SpikeStream
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopSequence:
-    """What is in front of the camera and where methods look, the same for all methods.
+    """The scene in front of the camera and the region where methods look, equal for all methods.
 
-    ``box`` has both ends filled in, and ``region`` is its name in records. ``charge_source`` covers the rows
-    that the box needs. ``data`` is the content_sha256 of the stream, or, where the time slices are not those
-    of the recording, a digest of both. Nothing here keeps the stream open.
+    It does not keep the stream open.
+
+    Attributes
+    ----------
+    task : SequenceTask
+        The sequence.
+    capture : Capture
+        Everything that is needed to record the sequence again.
+    box : Region
+        Where methods look; both ends of its slices are numbers.
+    region : str
+        Name of the box in records.
+    charge_source : ChargeSource
+        Charge of the rows that the box needs.
+    data : str
+        content_sha256 of the stream, or a digest of it and of the time slices if these are not those of the recording.
     """
 
     task: SequenceTask
@@ -39,7 +52,7 @@ class ClosedLoopSequence:
     def from_stream(cls, task: SequenceTask, stream: SpikeStream, *, region: str) -> "ClosedLoopSequence":
         """Return the sequence of an open stream.
 
-        Raises BadInput where the stream is not the one that the manifest names, or cannot be captured again.
+        Raises BadInput if the stream is not the one that the manifest names, or if it cannot be captured again.
         """
         check_stream_to_evaluate(task, stream)
         capture = Capture.from_stream(stream, Path(str(task.path)).parent.parent / "stacks")
@@ -52,7 +65,7 @@ class ClosedLoopSequence:
         return cls(task, capture, box, region_name, charge_source, data)
 
     def make_captured_frames(self, *, threads: int | None = None) -> CapturedFrames:
-        """Return captured frames of the box, none of them captured yet; ``threads`` encode, by default one per core."""
+        """Return an empty store for captured frames of the box; ``threads`` encode them, by default one per core."""
         return CapturedFrames(self.capture, self.charge_source, region=self.box, threads=threads)
 
     def make_record(
@@ -66,7 +79,26 @@ class ClosedLoopSequence:
         common: Mapping[str, Any],
         tuning: str = "",
     ) -> Record:
-        """Return the record of a method's run; ``common`` comes from describe_evaluated_sequence."""
+        """Return the record of a method's run.
+
+        Parameters
+        ----------
+        run : ClosedLoopRun
+            The run.
+        protocol : ClosedLoopProtocol
+            Protocol of the closed loop.
+        method, code, parameters : str
+            Name of the method, digest of its code, and all its options.
+        common : mapping of str to any
+            Fields from describe_evaluated_sequence.
+        tuning : str, optional
+            Digest of the tuned file that named the method.
+
+        Returns
+        -------
+        Record
+            The record.
+        """
         judged = judge_closed_loop_run(run, self.capture.truth, readout_hz=self.capture.sensor.readout_hz)
         unknown = dict.fromkeys(("position", "error", "error_dof", "blur_px", "time_to_focus_s"))
         return Record(

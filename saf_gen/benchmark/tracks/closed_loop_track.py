@@ -1,4 +1,4 @@
-"""The closed-loop track: every method moves the lens of a running camera."""
+"""The closed-loop track, in which every method moves the lens of a running camera."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,8 +10,8 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
-from saf_gen.benchmark.tracks.picture_grain import describe_grain_for_record
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.tracks.recorded_grain_fields import describe_grain_for_record
 from saf_gen.benchmark.tracks.sequence_tasks import (
     SequenceTask,
     describe_evaluated_sequence,
@@ -23,7 +23,7 @@ from saf_gen.stream.measure_input import choose_stream_region
 from saf_gen.stream.stream_file import open_stream
 
 PATH_POINTS = 400
-"""Points of a lens path that are kept for figures."""
+"""Maximum number of points of a lens path that are kept for figures."""
 
 
 def evaluate_closed_loop_sequence(
@@ -35,9 +35,29 @@ def evaluate_closed_loop_sequence(
     protocol: ClosedLoopProtocol,
     step: Callable[[int, str], None],
 ) -> tuple[list[Record], list[LensPath]]:
-    """Return the records of a sequence, and where each method took the lens.
+    """Return the records of a sequence, and the path along which each method moved the lens.
 
-    ``rate_region`` is the region whose mean counts the records carry as ``mean_rate``.
+    Parameters
+    ----------
+    task : SequenceTask
+        The sequence.
+    methods : sequence of Method
+        Methods to run.
+    region : str
+        Region where the methods look.
+    rate_region : str
+        Region of the mean counts that are stored in the records as ``mean_rate``.
+    protocol : ClosedLoopProtocol
+        Protocol of the closed loop.
+    step : callable
+        Called with (methods done, name of the last method).
+
+    Returns
+    -------
+    records : list of Record
+        One record per method.
+    paths : list of LensPath
+        One lens path per method.
     """
     records, paths = [], []
     with open_stream(task.path) as stream:
@@ -45,11 +65,11 @@ def evaluate_closed_loop_sequence(
         rate = measure_rate_of_evaluated_stream(WindowCounts(stream, choose_stream_region(stream, rate_region)[0]))
         budget = protocol.count_frames(sequence.capture)[0]
         common = describe_evaluated_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
-        if sequence.capture.truth.track is None:  # a moving scene has other slices here than the recording
+        if sequence.capture.truth.track is None:  # in a moving scene the slices here differ from the recording's
             common["grain_rms"] = describe_grain_for_record(stream)["grain_rms"]
-    if not all(commands(method.search) for method in methods):  # the others are given a sweep
+    if not all(commands(method.search) for method in methods):  # methods that do not command the lens need a sweep
         protocol.check_sweep(sequence.capture)
-    captured = {commanding: sequence.make_captured_frames() for commanding in (False, True)}  # a sweep is shared
+    captured = {commanding: sequence.make_captured_frames() for commanding in (False, True)}  # all sweeps are equal
     for done, method in enumerate(methods, start=1):
         run = run_closed_loop_method(captured[commands(method.search)], method, protocol=protocol)
         records.append(

@@ -1,4 +1,4 @@
-"""Where the focus of a sequence lies and whether the lens comes to it, whatever a method answers."""
+"""Location of the focus of a sequence, and whether the lens reaches it, independent of any answer."""
 
 import math
 from dataclasses import replace
@@ -9,48 +9,70 @@ from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, find_judged_focus_cr
 from saf_gen.stream.metadata import Truth
 
 REACH_LIMIT_DOF = SUCCESS_LIMITS_DOF[1]
-"""Depths of focus within which the lens counts as having come to the focus: there an answer can be right."""
+"""Distance from the focus, in depths of focus, within which the lens has reached it, so that an answer can be right."""
 
 
-def judge_when_focus_is_met(truth: Truth, focus_position: np.ndarray | None) -> tuple[float | None, float | None]:
-    """Return when the lens of a recording first meets the focus, and how near it comes at all.
+def judge_focus_crossing(truth: Truth, focus_position: np.ndarray | None) -> tuple[float | None, float | None]:
+    """Return when the lens of a recording first meets the focus, and its smallest distance from the focus.
 
-    When: a fraction of the recording, 0...1. A lens that comes near without crossing the focus meets it where
-    it is nearest; one that stays farther away than REACH_LIMIT_DOF does not meet it (None).
+    Parameters
+    ----------
+    truth : Truth
+        Truth of the recording.
+    focus_position : ndarray of float, shape (T,), or None
+        Lens position at each readout, as fractions of the travel.
 
-    How near: the least distance over all readouts ``focus_position`` (T,), in depths of focus; it decides whether an
-    abstention is right (:func:`saf_gen.benchmark.judgement.judge_method_answer`). None means unknown.
+    Returns
+    -------
+    when : float or None
+        Time of the first meeting, as a fraction of the recording, 0...1. A lens that comes near without crossing the
+        focus meets it where it is nearest. None if the lens stays farther away than REACH_LIMIT_DOF, or if unknown.
+    distance : float or None
+        Smallest distance over all readouts, in depths of focus. It determines whether an abstention is right, see
+        :func:`saf_gen.benchmark.judgement.judge_method_answer`. None if unknown.
     """
     best = _find_best_focus(truth)
     lens = np.asarray([] if focus_position is None else focus_position, dtype=np.float64)
     if best is None or not lens.size or not np.isfinite(lens).all():
         return None, None
-    away = lens - best
-    least = _to_depths_of_focus(float(np.abs(away).min()), truth)
-    if least is not None and least > REACH_LIMIT_DOF:
-        return None, least
-    frame = find_judged_focus_crossing(None, away=away, truth_frame=truth.frame)
-    if frame is None and least is not None:
-        frame = float(np.abs(away).argmin())
-    return None if frame is None else min(max((frame + 0.5) / lens.size, 0.0), 1.0), least
+    offset = lens - best
+    min_distance = _to_depths_of_focus(float(np.abs(offset).min()), truth)
+    if min_distance is not None and min_distance > REACH_LIMIT_DOF:
+        return None, min_distance
+    frame = find_judged_focus_crossing(None, offset=offset, truth_frame=truth.frame)
+    if frame is None and min_distance is not None:
+        frame = float(np.abs(offset).argmin())
+    return None if frame is None else min(max((frame + 0.5) / lens.size, 0.0), 1.0), min_distance
 
 
-def judge_where_focus_lies(truth: Truth) -> tuple[float | None, float | None]:
-    """Return where in the travel, 0...1, the focus lies, and how many depths of focus beyond its ends.
+def judge_focus_location(truth: Truth) -> tuple[float | None, float | None]:
+    """Return the position of the focus in the travel, and its distance from the travel.
 
-    This is for a lens that may go anywhere. In a moving scene the position is ``truth.position`` and the distance the
-    smallest at any time. None means unknown, or out of reach.
+    This is for a lens that may move anywhere in its travel.
+
+    Parameters
+    ----------
+    truth : Truth
+        Truth of the recording. In a moving scene the position is ``truth.position``.
+
+    Returns
+    -------
+    position : float or None
+        Fraction of the travel, clipped to 0...1. None if unknown, or if the distance exceeds REACH_LIMIT_DOF.
+    distance : float or None
+        How far the focus is beyond the ends of the travel, in depths of focus; in a moving scene, the smallest
+        distance at any time. None if unknown.
     """
     best = _find_best_focus(truth)
     if best is None:
         return None, None
-    least = _to_depths_of_focus(float(np.maximum(0.0, np.maximum(-best, best - 1)).min()), truth)
-    reached = least is not None and least <= REACH_LIMIT_DOF
-    return min(max(truth.position, 0.0), 1.0) if reached else None, least
+    min_distance = _to_depths_of_focus(float(np.maximum(0.0, np.maximum(-best, best - 1)).min()), truth)
+    reached = min_distance is not None and min_distance <= REACH_LIMIT_DOF
+    return min(max(truth.position, 0.0), 1.0) if reached else None, min_distance
 
 
 def truncate_truth_to_judge(truth: Truth, frames: int) -> Truth:
-    """Return the truth of a recording's first ``frames``.
+    """Return the truth of the first ``frames`` frames of a recording.
 
     In a moving scene whose focus the recorded lens met later, the position is that of the last of these frames.
     """
@@ -61,7 +83,7 @@ def truncate_truth_to_judge(truth: Truth, frames: int) -> Truth:
 
 
 def _find_best_focus(truth: Truth) -> np.ndarray | None:
-    """Return the best focus, (T,) or (1,), or None unless it is known in every frame."""
+    """Return the best focus, shape (T,) or (1,), or None if it is unknown in any frame."""
     best = np.atleast_1d(np.float64(truth.position) if truth.track is None else truth.track)
     return best if math.isfinite(truth.position) and best.size and np.isfinite(best).all() else None
 

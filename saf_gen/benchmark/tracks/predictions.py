@@ -1,9 +1,11 @@
-"""Answers made elsewhere, in any language: one line of JSON per method and sequence, judged like our own.
+"""Answers of external programs in any language, which are judged like those of methods that run here.
+
+A file has one line of JSON per method and sequence::
 
     {"method": "my_net", "sequence": "camel-sudden-00", "frame": 8213.5, "frames_seen": 9000}
 
-``frame`` is 0-based and may be fractional; null abstains. The lens was where the recording says it was. What
-an answer cost is what its author says, as far as it can be true.
+``frame`` counts from 0 and may be fractional; null abstains. The lens positions are those of the recording. The cost
+of an answer is what its author states; impossible numbers, such as more frames than were recorded, are refused.
 """
 
 import hashlib
@@ -21,21 +23,40 @@ from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput, unknown
 
 EXAMPLE = '{"method": "my_net", "sequence": "ID", "frame": 8213.5} in each line'
-FRAMES_HINT = "an answer needs no frame after it: say how far the method looked, or leave frames_seen out"
+FRAMES_HINT = "set frames_seen to how far the method looked, at least up to its answer, or leave frames_seen out"
+METHOD_NAME = r"[A-Za-z0-9][A-Za-z0-9_.:=,+-]{0,79}"
+"""Regular expression of the names that a method that runs elsewhere, or a policy, may have."""
 
 
 def _check_method_name(name: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.:=,+-]{0,79}", name):
+    if not re.fullmatch(METHOD_NAME, name):
         raise ValueError("1 to 80 of A-Z a-z 0-9 _ . : = , + -, a letter or digit first")
     return name
 
 
 class Prediction(FrozenModel):
-    """One answer; text that reads like a number, true and false are refused where a number belongs.
+    """One answer of a method on a sequence.
 
-    ``frames_seen`` is how many frames from the beginning the method looked at, at least up to its answer; None means
-    all. ``seconds`` is its computing time, ``trace`` its steps, ``note`` a line for the reader, and ``data``, where
-    given, the stream's content_sha256, which is checked.
+    A number must be a JSON number; strings and booleans are refused.
+
+    Attributes
+    ----------
+    method : str
+        Name of the method.
+    sequence : str
+        Id of the sequence.
+    frame : float or None
+        Frame of the answer, counted from 0; None abstains.
+    frames_seen : int, optional
+        Number of frames from the beginning that the method looked at, at least up to its answer; None means all.
+    seconds : float, optional
+        Computing time in seconds.
+    trace : tuple of float, optional
+        Steps of the method.
+    note : str, optional
+        A line for the reader.
+    data : str, optional
+        content_sha256 of the stream, which is checked if given.
     """
 
     method: Annotated[str, AfterValidator(_check_method_name)]
@@ -48,40 +69,49 @@ class Prediction(FrozenModel):
     data: str | None = None
 
     def describe_frames_fault(self, frames: int) -> str:
-        """Return what is wrong with ``frames_seen`` for a recording of ``frames`` frames, '' if it fits."""
+        """Return what is wrong with ``frames_seen`` for a recording of ``frames`` frames, or ''."""
         if self.frames_seen is None or self.frames_seen <= frames:
             return ""
-        return f"frames_seen is {self.frames_seen}, and {frames} frames were recorded"
+        return f"frames_seen is {self.frames_seen}, but {frames} frames were recorded"
 
 
 class PredictionSet:
-    """The answers of a file, by method and sequence; ``code`` is 12 digits of the file's sha256."""
+    """The answers in a file by method and sequence; ``code`` is the first 12 digits of the file's SHA-256."""
 
     def __init__(self, path: Path, code: str, *, found: dict[str, dict[str, Prediction]]) -> None:
         self.path, self.code, self._found = path, code, found
 
     def only(self, sequence: str) -> "PredictionSet":
-        """Return the answers on one sequence alone."""
+        """Return the set of the answers on one sequence."""
         found = {name: {sequence: answers[sequence]} for name, answers in self._found.items()}
         return PredictionSet(self.path, self.code, found=found)
 
     def for_sequence(self, sequence: str) -> list[Prediction]:
-        """Return what each method answered on a sequence, in the order of the file."""
+        """Return the answer of each method on a sequence, in the order of the file."""
         return [answers[sequence] for answers in self._found.values()]
 
-    def check_complete(self, tasks: Sequence[SequenceTask], *, beside: Iterable[str] = ()) -> None:
-        """Raise BadInput unless every method answers every one of these sequences and no other.
+    def check_complete(self, tasks: Sequence[SequenceTask], *, running_methods: Iterable[str] = ()) -> None:
+        """Check that every method answers each of these sequences and no other.
 
-        The digest and length of a stream are compared where the task states them. ``beside`` names the methods that run
-        here; a prediction must not bear the name of one.
+        Parameters
+        ----------
+        tasks : sequence of SequenceTask
+            The sequences. If a task states the digest or the length of its stream, the answers are checked for them.
+        running_methods : iterable of str, optional
+            Names of the methods that run here, which predictions must not use.
+
+        Raises
+        ------
+        BadInput
+            If an answer is missing, superfluous, made from another stream, or has the name of a method that runs here.
         """
         sequences = {task.id: task for task in tasks}
-        for name in beside:
+        for name in running_methods:
             if name in self._found:
                 raise BadInput(
-                    f"the method {name!r} is also one that runs here",
+                    f"the name {name!r} belongs to a method that is evaluated too",
                     where=str(self.path),
-                    hint="give yours another name",
+                    hint="rename the method in the file",
                 )
         for method, answers in self._found.items():
             where = f"{self.path}, method {method}"
@@ -101,10 +131,10 @@ class PredictionSet:
 
 
 def _check_stream(prediction: Prediction, task: SequenceTask, *, where: str) -> None:
-    """Raise BadInput for an answer made from another stream, or from more frames than were recorded."""
+    """Raise BadInput if an answer was made from another stream, or from more frames than were recorded."""
     if None not in (prediction.data, task.content_sha256) and prediction.data != task.content_sha256:
         raise BadInput(
-            f"{task.id} was made from other data: {prediction.data:.12}",
+            f"the prediction for {task.id} was made from other data: {prediction.data:.12}",
             where=where,
             allowed=f"{task.content_sha256:.12}",
             hint="predict again on this dataset",
@@ -116,12 +146,25 @@ def _check_stream(prediction: Prediction, task: SequenceTask, *, where: str) -> 
 def read_method_predictions(path: str | Path) -> PredictionSet:
     """Read a file of predictions.
 
-    Raises BadInput, with the line, for a file that cannot be read or is empty, a line that is not a
-    prediction, and a method that answers a sequence twice.
+    Parameters
+    ----------
+    path : str or Path
+        File with one JSON object per line.
+
+    Returns
+    -------
+    PredictionSet
+        The answers.
+
+    Raises
+    ------
+    BadInput
+        If the file cannot be read or is empty, if a line is not a prediction, or if a method answers a sequence twice;
+        the error gives the line.
     """
     path = Path(path)
     found: dict[str, dict[str, Prediction]] = {}
-    for number, line in enumerate(read_text(path).split("\n"), start=1):  # notes may hold other ends of lines
+    for number, line in enumerate(read_text(path).split("\n"), start=1):  # notes may contain other line separators
         if not line.strip():
             continue
         document = parse_json(line, path, first_line=number)

@@ -1,4 +1,4 @@
-"""The protocol of the closed loop: what moves the lens, and how long a method may take."""
+"""Protocol of the closed loop: what moves the lens, and how long a method may take."""
 
 import math
 from dataclasses import dataclass, replace
@@ -10,24 +10,31 @@ from saf_gen.optics.actuators import ActuatedLens, Actuator
 from saf_gen.stack.capture import Capture
 
 MIN_FRAMES = 16
-"""The shortest budget or sweep, in frames: two packets of the camera."""
+"""Shortest budget or sweep, in frames: two packets of the camera."""
 MAX_DURATION_S = 86_400.0
-"""One day: longer than any recording, and few enough frames to count."""
+"""Longest budget or sweep, in seconds: one day, which is longer than any recording but safe to convert to frames."""
 
 
 @dataclass(frozen=True)
 class ClosedLoopProtocol:
     """The conditions that all methods of a closed-loop evaluation share.
 
-    Raises BadInput for a time that no recording could keep.
-
     Parameters
     ----------
-    actuator : what moves the lens.
-    budget_s : seconds until the lens is judged, above 0. None means the most: as long as the recording can be captured
+    actuator : Actuator
+        Motor that moves the lens.
+    budget_s : float, optional
+        Time until the lens is judged, in seconds, above 0. By default it is as long as the recording can be captured
         again.
-    sweep_s : seconds of a sweep from end to end, for searches that need one. None means half the budget, but at least
-        what the actuator needs, and at most what is left once the lens rests where the sweep begins.
+    sweep_s : float, optional
+        Duration of a sweep from end to end, in seconds, for searches that need one. By default it is half the budget,
+        but at least what the actuator needs, and at most what is left after the lens has come to rest at the start of
+        the sweep.
+
+    Raises
+    ------
+    BadInput
+        If a time is not above 0, or is longer than MAX_DURATION_S.
     """
 
     actuator: Actuator
@@ -40,15 +47,31 @@ class ClosedLoopProtocol:
                 raise BadInput(f"the {name} is {value:g} s", allowed=f"seconds, above 0, at most {MAX_DURATION_S:g}")
 
     def count_frames(self, capture: Capture) -> tuple[int, int]:
-        """Return the frames of the budget and of a sweep; raises BadInput for more than can be captured.
+        """Return the number of frames of the budget and of a sweep.
 
-        Whether the actuator gets from end to end within a sweep is left to ``check_sweep``.
+        This does not check that the actuator gets from end to end within a sweep; ``check_sweep`` does.
+
+        Parameters
+        ----------
+        capture : Capture
+            The recording that is captured again.
+
+        Returns
+        -------
+        budget, sweep : int
+            Numbers of frames.
+
+        Raises
+        ------
+        BadInput
+            If the budget is shorter than MIN_FRAMES or longer than can be captured, or if a given sweep is shorter than
+            MIN_FRAMES or longer than the budget.
         """
         hz = capture.sensor.readout_hz
         budget = capture.frames if self.budget_s is None else round(self.budget_s * hz)
         if not MIN_FRAMES <= budget <= capture.frames:
-            whole = capture.frames == len(capture.gain)
-            why = "as long as was recorded" if whole else "as long as its time slices hold all focus positions"
+            is_full_length = capture.frames == len(capture.gain)
+            why = "as long as was recorded" if is_full_length else "as long as its time slices hold all focus positions"
             raise BadInput(
                 f"a budget of {_ms(budget, hz)} ms",
                 allowed=f"{_ms(MIN_FRAMES, hz)} to {_ms(capture.frames, hz)} ms, {why}",
@@ -65,45 +88,45 @@ class ClosedLoopProtocol:
         return budget, sweep
 
     def check_sweep(self, capture: Capture) -> None:
-        """Raise BadInput where the actuator is too slow for the sweep that some methods are given.
+        """Raise BadInput if the actuator is too slow for the sweep that some methods are given.
 
-        In a shorter sweep such a method would see only a part of the travel. The budget must also cover the time in
-        which the lens comes to rest where the sweep begins.
+        In a sweep that is too short, these methods would see only a part of the travel. The budget must also cover the
+        time in which the lens comes to rest at the start of the sweep.
         """
         hz = capture.sensor.readout_hz
         budget, sweep = self.count_frames(capture)
-        least, before = self._count_sweep_frames(hz), self._count_rest_frames(hz)
-        most = budget - before
-        if most < least:
+        min_sweep, rest_frames = self._count_sweep_frames(hz), self._count_rest_frames(hz)
+        max_sweep = budget - rest_frames
+        if max_sweep < min_sweep:
             raise BadInput(
-                f"the actuator {self.actuator.label} needs {_ms(before + least, hz)} ms for a sweep: "
-                f"{_ms(before, hz)} until it rests where the sweep begins, {_ms(least, hz)} from end to end",
+                f"the actuator {self.actuator.label} needs {_ms(rest_frames + min_sweep, hz)} ms for a sweep: "
+                f"{_ms(rest_frames, hz)} until it rests where the sweep begins, {_ms(min_sweep, hz)} from end to end",
                 allowed=f"at most the budget of {_ms(budget, hz)} ms",
-                hint="record longer, take a quicker --actuator, or run only methods that command the lens",
+                hint="record longer, choose a faster --actuator, or run only methods that command the lens",
             )
-        if not least <= sweep <= most:
+        if not min_sweep <= sweep <= max_sweep:
             raise BadInput(
                 f"a sweep of {_ms(sweep, hz)} ms with the actuator {self.actuator.label}",
-                allowed=f"{_ms(least, hz)} ms, in which it gets from end to end, to {_ms(most, hz)} ms: the "
-                f"budget of {_ms(budget, hz)} less {_ms(before, hz)} until it rests where the sweep begins",
-                hint="give another --sweep, or take a quicker --actuator",
+                allowed=f"{_ms(min_sweep, hz)} ms, in which it gets from end to end, to {_ms(max_sweep, hz)} ms: the "
+                f"budget of {_ms(budget, hz)} less {_ms(rest_frames, hz)} until it rests where the sweep begins",
+                hint="choose another --sweep or a faster --actuator",
             )
 
     def describe(self, capture: Capture) -> str:
-        """Return the protocol in one line for records; a sweep that cannot be made is ``no sweep``."""
+        """Return the protocol on one line, for records; it says ``no sweep`` if a sweep is impossible."""
         hz = capture.sensor.readout_hz
         budget, sweep = self.count_frames(capture)
-        whole = self._count_sweep_frames(hz) <= sweep <= budget - self._count_rest_frames(hz)
-        sweep_text = f"sweep {_ms(sweep, hz)} ms" if whole else "no sweep"
+        sweep_fits = self._count_sweep_frames(hz) <= sweep <= budget - self._count_rest_frames(hz)
+        sweep_text = f"sweep {_ms(sweep, hz)} ms" if sweep_fits else "no sweep"
         return f"{self.actuator.label}, {_ms(budget, hz)} ms, {sweep_text}"
 
     def _count_sweep_frames(self, hz: float) -> int:
-        """Return the frames of the shortest sweep: latency, the travel, and the lens following its motor."""
+        """Return the length of the shortest sweep, in frames: latency, the travel, and the lens following its motor."""
         frames = self.actuator.end_to_end_s * hz
         return max(MIN_FRAMES, math.ceil(frames - 0.01))  # 500.007 frames are 500
 
     def _count_rest_frames(self, hz: float) -> int:
-        """Return the frames until the lens rests at the nearer end, from the middle of the travel."""
+        """Return the number of frames until a lens that starts at the middle of the travel rests at an end."""
         return _simulate_rest_frames(self.actuator, hz)
 
 
@@ -112,7 +135,7 @@ def _simulate_rest_frames(actuator: Actuator, hz: float) -> int:
     lens = ActuatedLens(replace(actuator, place_rms=0.0), start=0.5, readout_hz=hz, seed=0)
     lens.command(0.0)
     frames = int((actuator.latency_s + actuator.move_s(0.5)) * hz) // REST_CHECK_FRAMES * REST_CHECK_FRAMES
-    lens.run(frames)  # not before the motor is there
+    lens.run(frames)  # the lens cannot rest before the motor has arrived
     while not lens.is_settled(REST_TOLERANCE):
         step = max(REST_CHECK_FRAMES, frames // 100)  # an actuator that takes minutes is checked less often
         lens.run(step)

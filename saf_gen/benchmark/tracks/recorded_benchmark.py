@@ -1,17 +1,17 @@
-"""Which frozen benchmark a recording belongs to."""
+"""Name of the frozen benchmark that a recording belongs to."""
 
 from collections.abc import Mapping
 
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_benchmarks
 
 _DIGITS = 12
-"""Of the digest, in a record."""
+"""Number of digits of the digest that a record contains."""
 
 
 def name_benchmark_for_record(provenance: Mapping[str, str]) -> str | None:
-    """Return the name of a recording's frozen benchmark and 12 digits of its digest; None where it belongs to none.
+    """Return the name of a recording's frozen benchmark and 12 digits of its digest, or None if it belongs to none.
 
-    What a recording claims counts where this version knows a benchmark of that name and digest.
+    The benchmark that a recording states is accepted only if this version of saf_gen knows its name and digest.
     """
     name, _, digest = provenance.get(BENCHMARK_KEY, "").partition(" ")
     frozen = read_frozen_benchmarks().get(name)

@@ -1,4 +1,4 @@
-"""Which sensor made a recording, as a name that tells sensors of other numbers apart."""
+"""Name of the sensor that made a recording, which distinguishes sensors with different numbers."""
 
 import hashlib
 import json
@@ -12,10 +12,10 @@ from saf_gen.errors import BadInput
 
 
 def name_sensor_for_record(provenance: Mapping[str, str]) -> str | None:
-    """Return the name of the sensor that a recording states; None where it states none that can be read.
+    """Return the name of the sensor that a recording states, or None if it states no readable sensor.
 
-    A sensor whose numbers are not those of the one of its name, because a recipe changed them or because it is a file
-    of somebody's own, has six digits of their digest after its name: ``vidar_400x250#1c2d3e``.
+    If the numbers of the sensor differ from those of the registered sensor of that name, because a recipe changed them
+    or because a user wrote the sensor file, six digits of their digest follow the name: ``vidar_400x250#1c2d3e``.
     """
     text = provenance.get("sensor")
     return None if text is None else _name(text)
@@ -25,7 +25,7 @@ def name_sensor_for_record(provenance: Mapping[str, str]) -> str | None:
 def _name(text: str) -> str | None:
     try:
         sensor = parse_sensor(text, "/provenance/sensor")
-    except BadInput:  # of another version, or of a stranger
+    except BadInput:  # the sensor is from another version, or from an untrusted file
         return None
     digest = _digest(sensor)
     if sensor.name in sensor_names() and digest == _digest(get_sensor(sensor.name)):
@@ -34,7 +34,7 @@ def _name(text: str) -> str | None:
 
 
 def _digest(sensor: Sensor) -> str:
-    """Return the digest of a sensor's numbers, without its words."""
+    """Return the digest of a sensor's numbers, without its name and sources."""
     numbers = asdict(sensor)
     del numbers["name"], numbers["sources"]
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""The recorded track: every method sees the same recording through a narrow view."""
+"""The recorded track, in which every method sees the same recording through a restricted view."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.thumbnails import make_evaluated_thumbnails
-from saf_gen.benchmark.tracks.picture_grain import describe_grain_for_record
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
+from saf_gen.benchmark.tracks.recorded_grain_fields import describe_grain_for_record
 from saf_gen.benchmark.tracks.search_run import run_search_of_method
 from saf_gen.benchmark.tracks.sequence_tasks import (
     SequenceTask,
@@ -28,19 +28,19 @@ from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 
 def check_method_leaves_lens(methods: Sequence[Method]) -> None:
-    """Raise BadInput for a method that commands the lens, which a recording does not let it do."""
+    """Raise BadInput if a method commands the lens, which is impossible on a recording."""
     for method in methods:
         if commands(method.search):
             raise BadInput(
-                f"method {method.name!r} commands the lens, and a recording is over",
+                f"method {method.name!r} commands the lens, which is impossible on a recording",
                 allowed="searches that estimate on a recording",
-                hint="run it with --track closed_loop, or search with argmax, egs or sgfs_causal",
+                hint="run it with --track closed_loop, or use the search argmax, egs or sgfs_causal",
             )
 
 
 @dataclass(frozen=True)
 class _Attempt:
-    """What a method, or the author of a prediction, made of a recording, and at what cost."""
+    """The answer of a method, or of a prediction, on a recording, and its cost."""
 
     method: str
     code: str
@@ -63,12 +63,38 @@ def evaluate_recorded_sequence(
     predictions: PredictionSet | None = None,
     with_thumbnails: bool = False,
 ) -> tuple[list[Record], SweepSummary]:
-    """Return the records of a sequence, of all methods and then of all predictions, and what figures need.
+    """Return the records of a sequence, and its data for figures.
 
-    ``rate_region`` is the region whose mean counts the records carry as ``mean_rate``.
+    A method that raises an exception or gives an invalid answer gets a record, too.
 
-    Whatever a method raises or answers is in its record. Raises BadInput for a stream that cannot be read or
-    is not the one that the manifest names.
+    Parameters
+    ----------
+    task : SequenceTask
+        The sequence.
+    methods : sequence of Method
+        Methods to run.
+    region : str
+        Region where the methods look.
+    rate_region : str
+        Region of the mean counts that are stored in the records as ``mean_rate``.
+    step : callable
+        Called with (methods done, name of the last method).
+    predictions : PredictionSet, optional
+        Answers that were made elsewhere.
+    with_thumbnails : bool, default False
+        Whether to make small pictures of the recording.
+
+    Returns
+    -------
+    records : list of Record
+        Records of all methods, followed by those of all predictions.
+    sweep : SweepSummary
+        Data for figures.
+
+    Raises
+    ------
+    BadInput
+        If the stream cannot be read, or is not the one that the manifest names.
     """
     attempts: list[_Attempt] = []
     curves: dict[str, FocusCurve] = {}
@@ -91,7 +117,7 @@ def evaluate_recorded_sequence(
             step(done, method.name)
         if predictions is not None:
             attempts += [
-                _take_prediction(prediction, code=predictions.code, frames=stream.shape[0])
+                _attempt_from_prediction(prediction, code=predictions.code, frames=stream.shape[0])
                 for prediction in predictions.for_sequence(task.id)
             ]
         records = [
@@ -143,7 +169,7 @@ def _run_method(method: Method, view: RecordingView, *, stream_path: str) -> _At
     )
 
 
-def _take_prediction(prediction: Prediction, *, code: str, frames: int) -> _Attempt:
+def _attempt_from_prediction(prediction: Prediction, *, code: str, frames: int) -> _Attempt:
     answer = Answer(prediction.frame, prediction.trace, prediction.note)
     problem = prediction.describe_frames_fault(frames) or _find_range_fault(answer, frames)
     return _Attempt(
@@ -174,7 +200,7 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
         truth_frame=truth.frame,
         ends=truth.depth_of_focus,
     )
-    # A failure must not pass for the abstention that is right where the focus lies outside the travel.
+    # A failure must not count as an abstention, which is right if the focus is outside the travel.
     half, one, two = (success and not attempt.problem for success in judged.success)
     return Record(
         method=attempt.method,
@@ -211,7 +237,7 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
 
 
 def _make_curve(view: RecordingView, measure: str, *, answer: Answer) -> FocusCurve:
-    """Return the focus curve that argmax looked at, which costs nothing more."""
+    """Return the focus curve that argmax looked at, from scores that have already been computed."""
     blocks = sorted(view.scores)
     return FocusCurve(
         measure=measure,

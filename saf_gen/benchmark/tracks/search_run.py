@@ -1,4 +1,4 @@
-"""Runs a search and returns its answer, or why it has none; whatever it does, the other methods go on."""
+"""Run a search and return its answer, or the reason why it failed; other methods are not affected by a failure."""
 
 import math
 from numbers import Real
@@ -11,7 +11,7 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, Search, View, commands
 
 MAX_REASON_CHARACTERS = 300
-"""A reason stands in a table, so it is cut to this length."""
+"""Maximum length of a reason, which is shown in a table."""
 
 
 def run_search_of_method(
@@ -19,40 +19,47 @@ def run_search_of_method(
 ) -> tuple[Answer, str]:
     """Return the answer of a search and '', or an empty answer and one line that says why the search failed.
 
-    The search holds only the members of saf_gen.parts.View, and its own time is added to ``scorer``, however
-    it ends. BudgetSpentError passes through, and so does BadInput that names the file ``stream_path``, which
-    is not the method's fault.
+    The search has access only to the members of :class:`saf_gen.parts.View`. Its computing time outside the view is
+    added to ``scorer``, however it ends.
+
+    Raises
+    ------
+    BudgetSpentError
+        If the search asks for more frames than its budget has left.
+    BadInput
+        If the error concerns the file ``stream_path`` and is hence not the fault of the method.
     """
-    whole, within = Stopwatch(), Stopwatch()
+    total_time, view_time = Stopwatch(), Stopwatch()
     try:
-        answer = whole.time(search, RestrictedView(view, within))
+        answer = total_time.time(search, RestrictedView(view, view_time))
         if fault := find_method_answer_fault(answer, commanding=commands(search)):
             return Answer(), _to_one_line("; ".join(fault))
         return _to_plain_numbers(answer), ""
     except BudgetSpentError:
         raise
-    except Exception as error:  # anybody's search and measure may raise anything
+    except Exception as error:  # third-party searches and measures may raise anything
         if stream_path and isinstance(error, BadInput) and error.where == stream_path:
             raise
         return Answer(), describe_method_exception(error)
-    finally:  # two threads of a search may look at once, for longer than it runs
-        scorer.add_seconds(max(whole.seconds - within.seconds, 0.0))
+    finally:  # the times inside the view may add up to more than the total if a search uses threads
+        scorer.add_seconds(max(total_time.seconds - view_time.seconds, 0.0))
 
 
 def describe_method_exception(error: Exception) -> str:
-    """Return the type and the message of an exception, in one line."""
+    """Return the type and the message of an exception, on one line."""
     try:
         message = str(error)
-    except Exception:  # noqa: BLE001 anybody's exception may fail to give its message
+    except Exception:  # noqa: BLE001 a third-party exception may fail to give its message
         message = ""
     return _to_one_line(f"{type(error).__name__}: {message}" if message else type(error).__name__)
 
 
 def find_method_answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
-    """Return what is wrong with an answer and what to do about it; None where it can be judged.
+    """Return what is wrong with an answer and how to correct it, or None if the answer can be judged.
 
-    A sound answer is an Answer with a finite trace and a note of one line. A search that commands the lens gives a
-    finite position and no frame, one that estimates a finite frame and no position; with neither it abstains.
+    A valid answer is an Answer with a finite trace and a note of at most one line. A search that commands the lens
+    gives a finite position and no frame; a search that estimates gives a finite frame and no position. An answer with
+    neither is an abstention.
     """
     if not isinstance(answer, Answer):
         return (
@@ -79,13 +86,13 @@ def find_method_answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str
 
 
 def _to_plain_numbers(answer: Answer) -> Answer:
-    """Return the answer in floats, whatever kinds of numbers the search computes with."""
+    """Return the answer with all its numbers as floats."""
     frame, position = (None if x is None else float(x) for x in (answer.frame, answer.position))
     return Answer(frame, tuple(float(x) for x in answer.trace), answer.note, position)
 
 
 def _to_one_line(text: str) -> str:
-    # Lone surrogates, as in file names that are not UTF-8, cannot be written: they are escaped.
+    # Lone surrogates, as in file names that are not UTF-8, cannot be written, so they are escaped.
     text = " ".join(text.encode("utf-8", "backslashreplace").decode("utf-8").split())
     return text if len(text) <= MAX_REASON_CHARACTERS else f"{text[: MAX_REASON_CHARACTERS - 1]}…"
 

@@ -1,4 +1,4 @@
-"""The sequences to evaluate, where methods look, and what the records of all methods say of a sequence."""
+"""The sequences to evaluate, and the fields of a record that are equal for all methods on a sequence."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -6,11 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from saf_gen.benchmark.judgement import light_ratio_for_record
-from saf_gen.benchmark.tracks.focus_location import (
-    judge_when_focus_is_met,
-    judge_where_focus_lies,
-    truncate_truth_to_judge,
-)
+from saf_gen.benchmark.tracks.focus_location import judge_focus_crossing, judge_focus_location, truncate_truth_to_judge
 from saf_gen.benchmark.tracks.recorded_benchmark import name_benchmark_for_record
 from saf_gen.benchmark.tracks.recorded_sensor import name_sensor_for_record
 from saf_gen.benchmark.versions import evaluator_version
@@ -23,7 +19,7 @@ from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
 
 RATE_BLOCKS = 200
-"""Blocks of a recording in which mean counts are measured."""
+"""Minimum number of blocks in which mean counts are measured; a shorter recording has one block per frame."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +41,24 @@ class SequenceTask:
 def list_sequences_to_evaluate(
     path: AnyPath, *, split: str | None = None, scene_motion: str | None = None
 ) -> list[SequenceTask]:
-    """Return the sequences of a dataset folder, of this split and scene motion, or the one stream of a file.
+    """Return the sequences to evaluate in a dataset folder, or the single stream of a file.
 
-    Raises BadInput where there is nothing, or nothing of that split or scene motion.
+    Parameters
+    ----------
+    path : Path or StorePath
+        Dataset folder or stream file.
+    split, scene_motion : str, optional
+        Split and scene motion of the sequences; by default all.
+
+    Returns
+    -------
+    list of SequenceTask
+        At least one sequence.
+
+    Raises
+    ------
+    BadInput
+        If there is no dataset, stream or sequence, or no sequence of that split or scene motion.
     """
     if not path.is_dir():
         return [_make_stream_task(path, split=split, scene_motion=scene_motion)]
@@ -91,7 +102,10 @@ def _make_stream_task(path: AnyPath, *, split: str | None, scene_motion: str | N
         )
     for what, value in (("split", split), ("scene motion", scene_motion)):
         if value is not None:
-            raise BadInput(f"{what} {value!r} of the single stream {str(path)!r}", allowed=f"no {what}, or a dataset")
+            raise BadInput(
+                f"{what} {value!r} cannot be selected from the single stream {str(path)!r}",
+                allowed=f"a dataset, or a stream without a selected {what}",
+            )
     name = file_name_as_text(path.stem)
     return SequenceTask(name, None, name, None, path, None)
 
@@ -110,7 +124,7 @@ def check_stream_to_evaluate(task: SequenceTask, stream: SpikeStream) -> None:
 
 
 def measure_rate_of_evaluated_stream(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centres of blocks, in frames, and the mean counts in each, spikes per pixel and readout."""
+    """Return the centres of blocks, in frames, and the mean counts in each, in spikes per pixel and readout."""
     window = max(1, counts.frames // RATE_BLOCKS)
     first = np.arange(0, counts.frames - window + 1, window)
     rate = np.array([float(np.mean(counts.window(a, a + window))) / window for a in first.tolist()])
@@ -125,9 +139,25 @@ def describe_evaluated_sequence(
     track: Literal["recorded", "closed_loop"],
     frames: int | None = None,
 ) -> dict[str, Any]:
-    """Return what a record says of the sequence, the evaluator and the machine, whatever the method.
+    """Return the fields of a record that describe the sequence, the evaluator and the machine.
 
-    ``rate`` comes from measure_rate_of_evaluated_stream. ``frames`` limits it to the first frames of the recording.
+    Parameters
+    ----------
+    task : SequenceTask
+        The sequence.
+    stream : SpikeStream
+        Its open stream.
+    rate : tuple of ndarray
+        Result of measure_rate_of_evaluated_stream.
+    track : str
+        ``recorded`` or ``closed_loop``.
+    frames : int, optional
+        Number of frames from the beginning that are described; by default the entire recording.
+
+    Returns
+    -------
+    dict of str to any
+        Keyword arguments for Record.
     """
     truth, gain = truncate_truth_to_judge(stream.truth, frames or stream.shape[0]), stream.metadata.gain
     centres, mean_rate = rate
@@ -135,9 +165,9 @@ def describe_evaluated_sequence(
         gain = None if gain is None else gain[:frames]
         mean_rate = mean_rate[: max(1, int((centres < frames).sum()))]
     if track == "recorded":
-        location, off_dof = judge_when_focus_is_met(truth, stream.focus_position)
+        location, off_dof = judge_focus_crossing(truth, stream.focus_position)
     else:
-        location, off_dof = judge_where_focus_lies(truth)
+        location, off_dof = judge_focus_location(truth)
     return {
         "track": track,
         "variant": task.variant,

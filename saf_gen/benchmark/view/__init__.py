@@ -1,4 +1,4 @@
-"""What a method may see and do: the window counts of a recording, or a running camera and its lens."""
+"""Views through which a method sees a recording, or sees a running camera and moves its lens."""
 
 from saf_gen.benchmark.view.recording_view import RecordingView
 from saf_gen.benchmark.view.window_counts import WindowCounts

@@ -1,7 +1,7 @@
-"""The frames that a running camera has captured, encoded from the stacks with the lens wherever it was.
+"""Frames that a running camera has captured, encoded from focal stacks along the path of the lens.
 
-Only the rows that a region needs are encoded, and only when somebody looks. Runs whose lens went the same way share
-what was encoded: all methods that are given a sweep see the same spikes.
+Only the rows that a region needs are encoded, and only when a method looks at them. Runs whose lens moved along the
+same path share the encoded frames, so all methods that are given a sweep see the same spikes.
 """
 
 from functools import partial
@@ -16,10 +16,27 @@ from saf_gen.stream.interval_texture import time_texture_of_stream_window
 
 
 class CapturedFrames:
-    """The spikes that a running camera has captured so far, in a region of the sensor with both ends filled in.
+    """The spikes that a running camera has captured so far, in a region of the sensor.
 
-    ``charge_source`` is the charge of ``rows_in_method_view(capture, region)``; runs of one capture may share it, and
-    may share the captured frames, one run after the other.
+    Successive runs of one capture may share the captured frames.
+
+    Parameters
+    ----------
+    capture : Capture
+        The recording that is captured again.
+    charge_source : ChargeSource
+        Charge of ``rows_in_method_view(capture, region)``; runs of one capture may share it.
+    region : Region
+        Region of the sensor; both ends of its slices are numbers.
+    threads : int, optional
+        Number of threads that encode; by default one per core.
+
+    Attributes
+    ----------
+    frames : int
+        Number of frames that are encoded.
+    textures_s : float
+        Time in seconds in which interval textures were computed.
     """
 
     def __init__(
@@ -37,10 +54,17 @@ class CapturedFrames:
         self.frames, self.textures_s = 0, 0.0
 
     def encode_until(self, stop: int, position: np.ndarray) -> None:
-        """Encode all readouts before ``stop``, whole bytes of them, with the lens at ``position``, 0...1 of the travel.
+        """Encode all readouts before ``stop``, a multiple of 8.
 
-        What an earlier run encoded is kept where its lens was at the same positions all the time; else encoding begins
-        anew, because the charge of a pixel comes from all that passed before.
+        Frames of an earlier run are kept if its lens was at the same positions in all of them. Otherwise encoding
+        starts from the beginning, because the charge of a pixel depends on all earlier readouts.
+
+        Parameters
+        ----------
+        stop : int
+            Number of readouts, a multiple of 8.
+        position : ndarray of float64
+            Lens position at each readout, as fractions of the travel, 0...1.
         """
         known = min(self.frames, stop)
         if not np.array_equal(self._position[:known], position[:known]):
@@ -56,13 +80,13 @@ class CapturedFrames:
             self.frames = run.end
 
     def window(self, first: int, stop: int) -> np.ndarray:
-        """Return the counts in frames ``first <= t < stop`` that are encoded already: uint32 (h, w)."""
+        """Return the counts of frames ``first <= t < stop``, which must be encoded already: uint32 (h, w)."""
         counts = np.zeros(self.shape, np.uint32)
         bits.sum_bits_of_planes(self._planes, counts, first=first, stop=stop)
         return counts
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
-        """Return the texture from intervals of a window, float64 (h, w); see texture_of_stream_window."""
+        """Return the interval texture of a window, float64 (h, w); see texture_of_stream_window."""
 
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
@@ -73,6 +97,6 @@ class CapturedFrames:
 
 
 def rows_in_method_view(capture: Capture, region: Region) -> slice:
-    """Return the rows that a region needs, from where a block of the encoder's noise begins."""
+    """Return the rows that a region needs, beginning at the start of a block of the encoder's noise."""
     step = capture.row_alignment
     return slice(region[0].start // step * step, region[0].stop)

@@ -1,4 +1,4 @@
-"""Scores of windows by a method's measure or by a named one, and what the method pays for them."""
+"""Scores of windows by a method's own measure or by another named measure, and the cost of these scores."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -13,20 +13,34 @@ from saf_gen.stream.measure_input import WindowSource, stream_input_for_measure
 
 
 class TimedWindowSource(WindowSource, Protocol):
-    """Windows, and ``textures_s``: seconds in which their textures so far were computed, without reading and counting.
+    """A source of windows that also measures the time in which interval textures were computed.
 
-    A texture that was kept counts as long as it took to compute.
+    Attributes
+    ----------
+    textures_s : float
+        Time in seconds of all interval textures so far, without reading and counting. A texture that was kept from an
+        earlier request counts with the time that it took to compute.
     """
 
     textures_s: float
 
 
 class MeteredScorer:
-    """Scores windows for one method; ``windows`` counts these and what was looked at, ``seconds`` what they took.
+    """Scores windows for one method, and measures the cost.
 
-    The seconds include the measure and its interval textures, and the search once run_search_of_method has added its
-    own time. Counting, reading and encoding are left out, because they stand for the camera: how spikes are
-    stored is no merit of a method, and counted windows are shared between methods.
+    The cost in ``seconds`` is the computing time of the measure and of its interval textures; run_search_of_method adds
+    that of the search. Reading, encoding and counting of spikes are excluded: they represent the camera, they depend on
+    how spikes are stored, not on the method, and counted windows are shared between methods.
+
+    Parameters
+    ----------
+    measure : callable
+        The method's own measure.
+
+    Attributes
+    ----------
+    windows : int
+        Number of windows that were scored or looked at.
     """
 
     def __init__(self, measure: Callable[..., float]) -> None:
@@ -36,11 +50,11 @@ class MeteredScorer:
 
     @property
     def seconds(self) -> float:
-        """Seconds that the method has computed so far."""
+        """Computing time of the method so far, in seconds."""
         return self._watch.seconds
 
     def add_seconds(self, seconds: float) -> None:
-        """Add time that the method computed outside its scores."""
+        """Add computing time that the method spent outside its scores."""
         self._watch.seconds += seconds
 
     def look(self, source: WindowSource, *, first: int, stop: int) -> np.ndarray:
@@ -51,10 +65,9 @@ class MeteredScorer:
         return counts
 
     def score(self, source: TimedWindowSource, *, first: int, stop: int, measure: str | None = None) -> float:
-        """Return the score of frames ``first <= t < stop``, by the method's measure or by a named one.
+        """Return the score of frames ``first <= t < stop`` by the method's measure, or by the one named ``measure``.
 
-        Raises BadInput for a window that is not there, for a score that is not a finite number, and for an
-        unknown measure.
+        Raises BadInput if the window does not exist, if the score is not a finite number, or if the measure is unknown.
         """
         if measure is not None and measure not in self._named_measures:
             self._named_measures[measure] = get_measure(measure)
@@ -69,6 +82,6 @@ class MeteredScorer:
             raise BadInput(
                 f"{type(scorer).__name__} scores frames {first} to {stop} with {score}",
                 allowed="a finite number for any counts",
-                hint="a measure gives 0.0 where there is no spike",
+                hint="return 0.0 if there is no spike",
             )
         return score

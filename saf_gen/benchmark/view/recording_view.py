@@ -1,4 +1,4 @@
-"""What a method sees of a recording: its length, the lens positions, and the score of any window."""
+"""View of a recording for a method: its length, the lens positions, and the scores and counts of windows."""
 
 from collections.abc import Callable
 
@@ -11,10 +11,23 @@ from saf_gen.errors import BadInput
 
 
 class RecordingView:
-    """The view of a recording that is handed to one method's search; see saf_gen.parts.View.
+    """The view of a recording for one method's search; see :class:`saf_gen.parts.View`.
 
-    ``now`` is the end of the latest window scored or looked at, ``scores`` the method's own score of each window
-    (first, stop), and ``scorer`` counts what they cost.
+    Parameters
+    ----------
+    counts : WindowCounts
+        Counts of any window of the recording.
+    measure : callable
+        The method's own measure.
+
+    Attributes
+    ----------
+    now : int
+        End of the latest window that was scored or looked at.
+    scores : dict of (int, int) to float
+        Score of each window (first, stop) by the method's own measure.
+    scorer : MeteredScorer
+        Scorer that measures the cost.
     """
 
     lag_s = 0.0  # the positions of a recording are those of the lens itself
@@ -26,9 +39,9 @@ class RecordingView:
         self.scores: dict[tuple[int, int], float] = {}
 
     def position(self, frame: int) -> float:
-        """Return the lens position, a fraction of the travel, or NaN where the stream does not record it.
+        """Return the lens position, as a fraction of the travel, or NaN if it was not recorded.
 
-        Raises BadInput for a frame outside the recording.
+        Raises BadInput if the frame is outside the recording.
         """
         window, lens = validate_window(frame, frame + 1, total=self.frames), self._counts.lens_position
         return float("nan") if lens is None else float(lens[window.start])
@@ -39,13 +52,13 @@ class RecordingView:
 
     def wait(self, frames: int) -> None:
         """Raise BadInput, because no time passes on a recording."""
-        raise _refuse_lens_command(f"go on for {frames} frames")
+        raise _refuse_lens_command(f"wait for {frames} frames")
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        """Return the score of frames ``first <= t < stop`` (0-based), by the method's or a named measure.
+        """Return the score of frames ``first <= t < stop`` by the method's measure, or by the one named ``measure``.
 
-        Raises BadInput for a window that is empty or outside the recording, for a score that is not a finite
-        number, and for an unknown measure.
+        Raises BadInput if the window is empty or outside the recording, if the score is not a finite number, or if the
+        measure is unknown.
         """
         window = validate_window(first, stop, total=self.frames)
         first, stop = window.start, window.stop
@@ -56,7 +69,10 @@ class RecordingView:
         return score
 
     def counts(self, first: int, stop: int) -> np.ndarray:
-        """Return the counts of frames ``first <= t < stop``: uint32 (h, w), read-only. Raises as ``score`` does."""
+        """Return the counts of frames ``first <= t < stop``: uint32 (h, w), read-only.
+
+        Raises BadInput if the window is empty or outside the recording.
+        """
         window = validate_window(first, stop, total=self.frames)
         self.now = max(self.now, window.stop)
         return self.scorer.look(self._counts, first=window.start, stop=window.stop)

@@ -1,4 +1,4 @@
-"""The wrapper through which a search holds its view: the members of saf_gen.parts.View and nothing else."""
+"""Wrapper that gives a search access to the members of saf_gen.parts.View and to nothing else."""
 
 import numpy as np
 
@@ -7,16 +7,21 @@ from saf_gen.parts import View
 
 
 class BudgetSpentError(Exception):
-    """A method asked for more frames than its budget has left."""
+    """Error for a method that asks for more frames than its budget has left."""
 
 
 class RestrictedView:
-    """A view reduced to the members that saf_gen.parts.View promises, none of which can be set.
+    """A view that is reduced to the members of :class:`saf_gen.parts.View`, none of which can be set.
 
-    The recording, sweep or running camera behind it has members for the evaluator, such as the true lens
-    position and the time of the measure; a search cannot reach those.
+    The recording, sweep or running camera behind it has members for the evaluator, such as the true lens position and
+    the time of the measure. A search cannot access those.
 
-    ``within`` measures the time spent inside the view: the rest of a search's time is its own.
+    Parameters
+    ----------
+    view : View
+        Recording, sweep or running camera.
+    within : Stopwatch
+        Measures the time that is spent inside the view; the search is charged for its remaining time.
     """
 
     __slots__ = ("_view", "_within")
@@ -26,12 +31,12 @@ class RestrictedView:
 
     @property
     def frames(self) -> int:
-        """Frames that may be looked at."""
+        """Number of frames that may be looked at."""
         return self._view.frames
 
     @property
     def now(self) -> int:
-        """Frames that have passed."""
+        """Number of frames that have passed."""
         return self._view.now
 
     @property

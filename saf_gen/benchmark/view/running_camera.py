@@ -1,9 +1,8 @@
-"""A camera that runs while a method moves its lens: the closed loop.
+"""The closed loop: a camera that runs while a method moves its lens.
 
-Every readout is encoded with the lens where its actuator has it then, in the light and the scene of that
-moment, and the charge of every pixel carries over from readout to readout. Time passes when a method scores
-a window, waits, or lets the lens settle; frames that have passed never change. The camera hands over whole
-bytes, so time goes by at least 8 readouts at once.
+Every readout is encoded with the light, the scene and the lens position of that moment, and the charge of every pixel
+carries over from readout to readout. Time passes when a method scores a window, waits, or lets the lens settle. Frames
+that have passed never change. The camera delivers whole bytes, so time advances by at least 8 readouts at once.
 """
 
 import math
@@ -19,27 +18,36 @@ from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, Actuator
 
 PACKET_FRAMES = 8
-"""Readouts that the camera hands over at once."""
+"""Number of readouts that the camera delivers at once."""
 REST_CHECK_FRAMES = 5 * PACKET_FRAMES
-"""Readouts between two checks of whether the lens has come to rest."""
+"""Number of readouts between two checks of whether the lens has come to rest."""
 REST_TOLERANCE = 1e-3
-"""Fraction of the travel within which a lens counts as at rest."""
+"""Distance, as a fraction of the travel, within which a lens counts as at rest."""
 
 
 class RunningCamera:
-    """A running camera as the evaluator holds it; see saf_gen.parts.View.
+    """A running camera with all members that the evaluator needs; see :class:`saf_gen.parts.View`.
 
-    A method holds it through a :class:`saf_gen.benchmark.view.restricted_view.RestrictedView`, without the
-    members that are the evaluator's: ``path``, ``commanded_positions``, ``commanded_trajectory``,
-    ``stack_error``, ``scorer``, ``settle`` and ``run_until``.
+    A method accesses it through a :class:`saf_gen.benchmark.view.restricted_view.RestrictedView`, which hides the
+    members for the evaluator: ``path``, ``commanded_positions``, ``commanded_trajectory``, ``stack_error``, ``scorer``,
+    ``settle`` and ``run_until``.
 
     Parameters
     ----------
-    captured : where the captured frames are kept; none are captured yet.
-    measure : scores the counts of a window.
-    actuator, start, seed : what moves the lens, the position where it stands (0...1), the name of its noise.
-    budget : frames that may pass, at most those of the capture; rounded down to whole packets.
-    readout_hz : frames per second.
+    captured : CapturedFrames
+        Store for the captured frames.
+    measure : callable
+        Scores the counts of a window.
+    actuator : Actuator
+        Motor that moves the lens.
+    start : float
+        Initial lens position, as a fraction of the travel, 0...1.
+    seed : int
+        Seed of the noise of the lens.
+    budget : int
+        Number of frames that may pass, at most those of the capture; rounded down to whole packets.
+    readout_hz : float
+        Frames per second.
     """
 
     def __init__(
@@ -58,33 +66,37 @@ class RunningCamera:
         self.lag_s, self._actuator = actuator.lag_s, actuator
         self._lens = ActuatedLens(actuator, start=start, readout_hz=readout_hz, seed=seed)
         self.now = 0
-        """Frames that have passed."""
+        """Number of frames that have passed."""
         self.path = np.full(self.frames, start, np.float64)
-        """(frames,) true lens positions up to ``now``, fractions of the travel."""
+        """True lens positions up to ``now``, as fractions of the travel, shape (frames,)."""
         self._sensed = np.full(self.frames, start, np.float64)
         self.commanded_positions = [start]
-        """The start position and then every position that the lens was sent to, in order."""
+        """The start position, followed by every position to which the lens was sent."""
         self.commanded_trajectory: Callable[[int], float] | None = None
-        """The commanded position at each frame of a sweep; None where the last command holds."""
+        """Function that returns the commanded position at each frame of a sweep; None if there is no sweep."""
         self.stack_error: Exception | None = None
-        """Why the focal stacks could not be read, which is not the method's fault; None where they could."""
+        """Error of reading the focal stacks, which is not the method's fault; None if all could be read."""
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        """Return the score of frames ``first <= t < stop``; the camera runs until they have passed.
+        """Return the score of frames ``first <= t < stop``, after running the camera until they have passed.
 
-        Raises BadInput for an empty window and for a score that is not a finite number, BudgetSpentError
-        where the window ends after the budget.
+        Raises BadInput if the window is empty or if the score is not a finite number, and BudgetSpentError if the
+        window ends after the budget.
         """
         return self.scorer.score(self.run_until(first, stop), first=first, stop=stop, measure=measure)
 
     def counts(self, first: int, stop: int) -> np.ndarray:
-        """Return the counts of frames ``first <= t < stop``: uint32 (h, w), read-only. Raises as ``score`` does."""
+        """Return the counts of frames ``first <= t < stop``, after running the camera: uint32 (h, w), read-only.
+
+        Raises BadInput if the window is empty, and BudgetSpentError if it ends after the budget.
+        """
         return self.scorer.look(self.run_until(first, stop), first=first, stop=stop)
 
     def run_until(self, first: int, stop: int) -> CapturedFrames:
         """Let the camera run until a window has passed, and return the captured frames.
 
-        Raises as ``score`` does, and what the stacks raise where they cannot be read.
+        Raises BadInput if the window is empty, BudgetSpentError if it ends after the budget, and the error of the focal
+        stacks if they cannot be read.
         """
         if stop > self.frames:
             raise BudgetSpentError(f"frame {stop} of a budget of {self.frames}")
@@ -92,35 +104,38 @@ class RunningCamera:
         self.wait(max(0, window.stop - self.now))
         try:
             self._captured.encode_until(-(-window.stop // PACKET_FRAMES) * PACKET_FRAMES, self.path)
-        except Exception as error:  # kept, because anybody's search may swallow it
+        except Exception as error:  # kept because a third-party search may catch it
             self.stack_error = error
             raise
         return self._captured
 
     def position(self, frame: int) -> float:
-        """Return what the position sensor read at a frame that has passed, a fraction of the travel."""
+        """Return what the position sensor read at a frame that has passed, as a fraction of the travel."""
         if not 0 <= frame < max(self.now, 1):
             raise BadInput(f"frame {frame} has not passed", allowed=f"0 to {max(self.now - 1, 0)}")
         return float(self._sensed[frame])
 
     def move(self, to: float) -> None:
-        """Command the lens to ``to``; it moves while time passes. Raises BadInput outside 0...1."""
+        """Command the lens to ``to``; it moves while time passes. Raises BadInput if ``to`` is outside 0...1."""
         if not 0 <= to <= 1:
             raise BadInput(f"the lens was sent to {to:g}", allowed="0 to 1 of the travel")
         self._lens.command(float(to))
         self.commanded_positions.append(float(to))
 
     def sweep_command_frames(self, sweep: int) -> float:
-        """Return the frames in which commands run from end to end so that the lens arrives in ``sweep``."""
+        """Return the number of frames for which commands must run from end to end so that the lens takes ``sweep``."""
         return self._actuator.command_sweep_s(sweep / self.readout_hz) * self.readout_hz
 
     @property
     def sensor_lead_frames(self) -> float:
-        """Frames by which the lens, moving steadily, trails what the position sensor reads."""
+        """Number of frames by which a steadily moving lens trails the reading of the position sensor."""
         return self._actuator.sensor_lead_s * self.readout_hz
 
     def settle(self, within: float = REST_TOLERANCE) -> None:
-        """Let time pass until the lens rests, to ``within`` of the travel. Raises as ``wait`` does."""
+        """Let time pass until the lens rests to within a fraction ``within`` of the travel.
+
+        Raises BudgetSpentError if the budget ends first.
+        """
         while not self._lens.is_settled(within):
             self.wait(REST_CHECK_FRAMES)
 

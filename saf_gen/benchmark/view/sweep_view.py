@@ -1,4 +1,4 @@
-"""A sweep of the running lens, for a search that estimates on a recording and sees it being made."""
+"""A sweep of the lens of a running camera, as the view of a search that would otherwise run on a recording."""
 
 import math
 
@@ -10,58 +10,68 @@ from saf_gen.errors import BadInput
 
 
 class SweepView:
-    """The view of a lens that goes from one end of its travel to the other; see saf_gen.parts.View.
+    """The view of a lens that goes from one end of its travel to the other; see :class:`saf_gen.parts.View`.
 
-    Frames count from the beginning of the sweep. A search that looks only at what has passed stops the sweep
-    where it answers; one that scores the last window first completes it.
+    Frames count from the beginning of the sweep. A search that looks only at frames that have passed stops the sweep
+    when it answers; a search that first scores the last window completes the sweep.
 
     Parameters
     ----------
-    camera : the running camera, its lens at rest at ``begin``.
-    begin, end : lens positions, fractions of the travel.
-    frames : readouts in which the lens goes from one to the other. The lens trails its commands, so these
-        run a little faster, in ``camera.sweep_command_frames(frames)``.
+    camera : RunningCamera
+        The running camera, whose lens is at rest at ``begin``.
+    begin, end : float
+        First and last lens position, as fractions of the travel.
+    frames : int
+        Number of readouts in which the lens goes from ``begin`` to ``end``. The lens trails its commands, so
+        the commands run a little faster, in ``camera.sweep_command_frames(frames)``.
     """
 
     def __init__(self, camera: RunningCamera, *, begin: float, end: float, frames: int) -> None:
         self._camera, self._offset = camera, camera.now
         self.frames, self.readout_hz, self.lag_s = frames, camera.readout_hz, camera.lag_s
         command_frames = camera.sweep_command_frames(frames)
-        packet_end = PACKET_FRAMES - self._offset  # a command holds for a packet: it is the position at its end
+        packet_end = PACKET_FRAMES - self._offset  # a command holds for a packet, and is the position at its end
         camera.commanded_trajectory = lambda frame: (
             begin + (end - begin) * min((frame + packet_end) / command_frames, 1.0)
         )
 
     @property
     def now(self) -> int:
-        """Frames of the sweep that have passed."""
+        """Number of frames of the sweep that have passed."""
         return self._camera.now - self._offset
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        """Return the score of a window of the sweep; the lens goes on until the window is over.
+        """Return the score of a window of the sweep; the lens goes on moving until the window is over.
 
-        Raises BadInput for a window that is empty, begins before the sweep or ends after it.
+        Raises BadInput if the window is empty, begins before the sweep or ends after it.
         """
         window = validate_window(first, stop, total=self.frames)
         return self._camera.score(self._offset + window.start, self._offset + window.stop, measure)
 
     def counts(self, first: int, stop: int) -> np.ndarray:
-        """Return the counts of a window of the sweep: uint32 (h, w), read-only. Raises as ``score`` does."""
+        """Return the counts of a window of the sweep: uint32 (h, w), read-only.
+
+        Raises BadInput if the window is empty, begins before the sweep or ends after it.
+        """
         window = validate_window(first, stop, total=self.frames)
         return self._camera.counts(self._offset + window.start, self._offset + window.stop)
 
     def position(self, frame: int) -> float:
-        """Return what the position sensor read at a frame of the sweep; BadInput unless it has passed."""
+        """Return what the position sensor read at a frame of the sweep, as a fraction of the travel.
+
+        Raises BadInput if the frame has not passed.
+        """
         if not 0 <= frame < self.now:
-            allowed = f"0 to {self.now - 1}" if self.now else "none before the first look"
+            allowed = f"0 to {self.now - 1}" if self.now else "no frame before the first score"
             raise BadInput(f"frame {frame} has not passed", allowed=allowed)
         return self._camera.position(self._offset + frame)
 
     def position_at(self, frame: float) -> float:
-        """Return the lens position at a fractional frame, as far as the position sensor knows it.
+        """Return the lens position at a fractional frame, as a fraction of the travel, from the position sensor.
 
-        Linear between frames. A sensor at the motor reads ahead of the lens, by as long as the lens trails
-        the motor. Where no frame has passed, it is where the lens stood before.
+        The reading is interpolated linearly between frames. A sensor at the motor reads ahead of the lens by the time
+        by which the lens trails the motor; this is corrected. If no frame has passed, the last reading before the sweep
+        is returned.
         """
         last = self.now - 1
         frame -= self._camera.sensor_lead_frames

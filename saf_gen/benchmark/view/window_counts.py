@@ -1,7 +1,7 @@
-"""Spike counts of any window of a recording, cheaply.
+"""Fast spike counts of any window of a recording.
 
-A search looks at hundreds of windows, often half the recording long, and several methods look at the same
-ones. So long windows are summed from running sums at knots, and windows already counted are kept.
+A search looks at hundreds of windows, which are often half as long as the recording, and several methods look at the
+same windows. Long windows are therefore computed from running sums at knots, and windows already counted are kept.
 """
 
 from collections import OrderedDict
@@ -14,18 +14,30 @@ from saf_gen.stream.interval_texture import time_texture_of_stream_window
 from saf_gen.stream.stream_file import SpikeStream
 
 KNOTS = 256
-"""Frames at which running sums are kept, at most; fewer where they would exceed KNOT_BYTES."""
+"""Maximum number of frames at which running sums are kept; there are fewer if they would exceed KNOT_BYTES."""
 KNOT_BYTES = 128 << 20
+"""Memory for running sums, in bytes."""
 WINDOW_BYTES = 256 << 20
-"""Memory for windows that are kept after they were counted."""
+"""Memory for windows that are kept after they were counted, in bytes."""
 
 
 class WindowCounts:
-    """Spike counts of any window of a stream, in a region of it (by default the whole frame).
+    """Spike counts of any window of a stream, in a region or in the whole frame.
 
-    It needs 128 MiB for running sums and 256 MiB for windows already counted, beside what the stream keeps. It serves
-    one thread at a time, and the stream must stay open meanwhile. Raises BadInput for a region that is empty or leaves
-    the frame.
+    It needs up to 128 MiB for running sums and 256 MiB for windows already counted, in addition to the memory of the
+    stream. It must be used by one thread at a time, and the stream must stay open.
+
+    Parameters
+    ----------
+    stream : SpikeStream
+        Open stream.
+    region : Region, optional
+        Rows and columns; by default the whole frame.
+
+    Raises
+    ------
+    BadInput
+        If the region is empty or extends beyond the frame.
     """
 
     def __init__(self, stream: SpikeStream, region: Region | None = None) -> None:
@@ -37,23 +49,23 @@ class WindowCounts:
         between = max(min(KNOTS, KNOT_BYTES // image_bytes) - 1, 1)
         self._step = 8 * -(-self.frames // (8 * between))
         self._sums: np.ndarray | None = None
-        self._kept: OrderedDict[tuple[str, int, int], np.ndarray] = OrderedDict()
-        self._kept_bytes = 0
-        self._texture_seconds: dict[tuple[int, int], float] = {}  # of each texture that is kept
+        self._cache: OrderedDict[tuple[str, int, int], np.ndarray] = OrderedDict()
+        self._cache_bytes = 0
+        self._texture_seconds: dict[tuple[int, int], float] = {}  # computing time of each texture that is kept
         self.textures_s = 0.0
 
     def window(self, first: int, stop: int) -> np.ndarray:
-        """Return the counts in frames ``first <= t < stop`` (0-based): uint32 (h, w), read-only.
+        """Return the counts of frames ``first <= t < stop``, counted from 0: uint32 (h, w), read-only.
 
-        Raises BadInput unless the window holds at least one frame and lies in the recording.
+        Raises BadInput if the window is empty or extends beyond the recording.
         """
         window = validate_window(first, stop, total=self.frames)
         return self._compute_once("counts", self._count, window=window)
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
-        """Return the texture from intervals of a window of n frames: float64 (h, w), 0...n, read-only.
+        """Return the interval texture of a window of n frames: float64 (h, w), 0...n, read-only.
 
-        See texture_of_stream_window. Raises BadInput as ``window`` does.
+        See texture_of_stream_window. Raises BadInput if the window is empty or extends beyond the recording.
         """
         window = validate_window(first, stop, total=self.frames)
         image = self._compute_once("intervals", self._compute_texture, window=window)
@@ -61,18 +73,18 @@ class WindowCounts:
         return image
 
     def _compute_once(self, kind: str, compute: Callable[[int, int], np.ndarray], *, window: range) -> np.ndarray:
-        """Return what is kept of a window, or compute and keep it; the oldest go beyond WINDOW_BYTES."""
+        """Return the kept image of a window, or compute and keep it; beyond WINDOW_BYTES the oldest are dropped."""
         key = kind, window.start, window.stop
-        if key in self._kept:
-            self._kept.move_to_end(key)
-            return self._kept[key]
+        if key in self._cache:
+            self._cache.move_to_end(key)
+            return self._cache[key]
         image = compute(window.start, window.stop)
         image.flags.writeable = False  # the next method gets the same array
-        self._kept[key] = image
-        self._kept_bytes += image.nbytes
-        while self._kept_bytes > WINDOW_BYTES and len(self._kept) > 1:
-            (dropped_kind, *dropped), dropped_image = self._kept.popitem(last=False)
-            self._kept_bytes -= dropped_image.nbytes
+        self._cache[key] = image
+        self._cache_bytes += image.nbytes
+        while self._cache_bytes > WINDOW_BYTES and len(self._cache) > 1:
+            (dropped_kind, *dropped), dropped_image = self._cache.popitem(last=False)
+            self._cache_bytes -= dropped_image.nbytes
             if dropped_kind == "intervals":
                 del self._texture_seconds[dropped[0], dropped[1]]
         return image
@@ -99,10 +111,10 @@ class WindowCounts:
         return image
 
     def _running_sums(self) -> np.ndarray:
-        """Return the spikes before each whole multiple of the step: uint32 (knots, h, w)."""
-        whole = self.frames // self._step
-        sums = np.zeros((whole + 1, *self.shape), dtype=np.uint32)
-        for knot in range(whole):
+        """Return the number of spikes per pixel before each multiple of the step: uint32 (knots, h, w)."""
+        full_steps = self.frames // self._step
+        sums = np.zeros((full_steps + 1, *self.shape), dtype=np.uint32)
+        for knot in range(full_steps):
             first = self._step * knot
             sums[knot + 1] = sums[knot] + self._stream.counts(first, first + self._step, region=self._region)
         return sums

@@ -1,1 +1,1 @@
-"""Reads what users write: strict YAML and JSON, ranges of numbers, plug-ins by name."""
+"""Readers of what users write: strict YAML and JSON, ranges of numbers, and plug-ins by name."""

@@ -1,8 +1,8 @@
-"""Plug-ins as recipes write them, called components: ``{kind: ..., key: value, ...}``.
+"""Components of recipes: plug-ins with their options, written as ``{kind: ..., key: value, ...}``.
 
-A number may be left open as a range, a file is named by its path, and the component itself may be a choice
-among several. :func:`read_config_component` checks it at every corner of its ranges, so that no draw can fail hours
-later; :func:`draw_config_component` turns it into that of one recording.
+A number may be left open as a range, a file is named by its path, and the component itself may be a choice among
+several. :func:`read_config_component` checks a component at every corner of its ranges, so that no draw can fail hours
+later; :func:`draw_config_component` draws the component of one recording.
 """
 
 from collections.abc import Callable, Iterable
@@ -13,7 +13,7 @@ from saf_gen.core import seeds
 from saf_gen.core.config import registry
 from saf_gen.core.config.document import Document, Key
 from saf_gen.core.config.ranges import config_range_extremes, draw_config_range, is_config_range
-from saf_gen.core.csv_table import read_text_beside
+from saf_gen.core.csv_table import read_text_in_folder
 from saf_gen.errors import BadInput, located, unknown
 
 Component = dict[str, Any]
@@ -28,12 +28,12 @@ def read_config_component(
     common: Iterable[str] = (),
     build: Callable[..., object] | None = None,
 ) -> Component:
-    """Return the component at these keys of a recipe, checked, and with the text of its file.
+    """Return the component at these keys of a recipe, checked and with the text of its file.
 
-    ``common`` are keys that every kind takes beside its own. ``build(kind, **options)`` builds one corner of
-    the ranges; by default the registry does.
+    ``common`` are keys that every kind takes in addition to its options. ``build(kind, **options)`` builds the plug-in
+    at one corner of the ranges; by default the registry builds it.
 
-    Raises BadInput with file and line where something does not fit.
+    Raises BadInput, with file and line, for the first entry that is wrong.
     """
     what, where = registry.PLUGIN_KINDS[plugin_kind], document.locate(*keys)
     if is_config_range(component):
@@ -68,20 +68,20 @@ def read_config_component(
 
 
 def _with_text(value: Any, document: Document, *, where: str) -> Any:
-    """Return the path of a file, or each of a choice, with its text, which a recording keeps."""
+    """Return the path of a file, or each path of a choice, together with the text, which a recording stores."""
     if is_config_range(value) and isinstance(value.get("choice"), list):
         return {"choice": [_with_text(one, document, where=where) for one in value["choice"]]}
     if not isinstance(value, str):
-        return value  # read before, or refused by the plug-in
-    return {"path": value, "text": read_text_beside(str(document.path.parent), value, where=where)}
+        return value  # its text is already read, or the plug-in will refuse it
+    return {"path": value, "text": read_text_in_folder(str(document.path.parent), value, where=where)}
 
 
 def draw_config_component(
     plugin_kind: str, component: Component, *, name: tuple[str | int, ...], purpose: tuple[str, ...]
 ) -> Component:
-    """Return the component of one recording, with open numbers drawn and a ``seed`` added where it has none.
+    """Return the component of one recording, with open numbers drawn, and with a ``seed`` if the plug-in takes one.
 
-    ``name`` names the recording's random streams, ``purpose`` this component among them.
+    ``name`` names the random streams of the recording, and ``purpose`` identifies this component among them.
     """
     chosen = draw_config_range(component, seeds.make_generator(*name, "recipe", *purpose))
     drawn = {

@@ -1,4 +1,4 @@
-"""Documents that users write or programs hand over, checked against a model, with a line for every error.
+"""Documents that users or programs write, checked against a model, with a line number for every error.
 
 :mod:`saf_gen.core.config.yaml_document` and :mod:`saf_gen.core.config.json_document` read a file into a
 :class:`Document`; :func:`validate_document` turns it into a value of a frozen pydantic model.
@@ -20,12 +20,12 @@ from saf_gen.errors import BadInput, closest
 
 Key = str | int
 Lines = Mapping[tuple[Key, ...], int]
-"""The line, from 1, of the value at each path of keys; () is the whole document."""
+"""The line number, from 1, of the value at each path of keys; () is the whole document."""
 
 Model = TypeVar("Model")
 
 STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-"""Immutable, no unknown keys, finite numbers; a dataclass takes it as ``__pydantic_config__``."""
+"""Immutable, without unknown keys, with finite numbers; a dataclass sets it as its ``__pydantic_config__``."""
 
 
 class FrozenModel(BaseModel):
@@ -35,9 +35,9 @@ class FrozenModel(BaseModel):
 
 
 class Document:
-    """Plain data of a file, and the line of every value in it.
+    """The plain data of a file, and the line of every value in it.
 
-    ``find_lines`` is called when the first line is asked for, so that reading a file without errors stays fast.
+    ``find_lines`` is called only when a line is first requested, so that reading a file without errors is fast.
     """
 
     def __init__(self, data: Any, path: AnyPath, *, find_lines: Callable[[], Lines]) -> None:
@@ -49,30 +49,31 @@ class Document:
         return self._find_lines()
 
     def locate(self, *keys: Key) -> str:
-        """Return ``file:line`` of the value at these keys, or of the nearest enclosing one."""
+        """Return ``file:line`` of the value at these keys, or of the nearest enclosing value."""
         for end in range(len(keys), -1, -1):
             if keys[:end] in self._lines:
                 return f"{self.path}:{self._lines[keys[:end]]}"
         return str(self.path)
 
     def only(self, key: str) -> "Document":
-        """Return what a mapping holds under this key alone."""
+        """Return the document with only this key of its mapping."""
         return Document({key: self.data[key]}, self.path, find_lines=lambda: self._lines)
 
 
-MAX_BYTES = 1 << 30
-"""Of a file that programs write, such as the manifest of a dataset."""
+MAX_DATA_FILE_BYTES = 1 << 30
+"""Largest number of bytes of a file that programs write, such as the manifest of a dataset."""
 MAX_LINE = 1 << 24
-"""Characters of a line of a file that programs write, such as the records of an evaluation."""
+"""Largest number of characters per line of a file that programs write, such as the records of an evaluation."""
 
 
-def read_text(path: AnyPath, *, most: int = MAX_BYTES, encoding: str = "utf-8", hint: str = "") -> str:
-    """Return the text of a file; ends of lines become a newline.
+def read_text(path: AnyPath, *, max_bytes: int = MAX_DATA_FILE_BYTES, encoding: str = "utf-8", hint: str = "") -> str:
+    """Return the text of a file, with every line end as a newline.
 
-    Raises BadInput, with the nearest name, where it cannot be read, is no file on a disk, or has over ``most`` bytes.
+    Raises BadInput if the file is missing (the error then suggests the nearest name), cannot be read, is not a regular
+    file, or has more than ``max_bytes`` bytes.
     """
     try:
-        check_plain_file(path, most=most, hint=hint)
+        check_plain_file(path, max_bytes=max_bytes, hint=hint)
         return path.read_text(encoding=encoding)
     except FileNotFoundError:
         others = Path(str(path)).parent.glob(f"*{path.suffix[:2]}*" if path.suffix else "*")
@@ -83,23 +84,23 @@ def read_text(path: AnyPath, *, most: int = MAX_BYTES, encoding: str = "utf-8", 
         raise BadInput(f"{path} cannot be read: {error}", hint=hint) from error
 
 
-def check_plain_file(path: AnyPath, *, most: int = MAX_BYTES, hint: str = "") -> None:
-    """Raise BadInput for a folder, a pipe, a device, or a file of over ``most`` bytes.
+def check_plain_file(path: AnyPath, *, max_bytes: int = MAX_DATA_FILE_BYTES, hint: str = "") -> None:
+    """Raise BadInput for a folder, a pipe, a device, or a file of more than ``max_bytes`` bytes.
 
-    Raises OSError where there is nothing.
+    Raises OSError if the path does not exist.
     """
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
         what = "a folder" if stat.S_ISDIR(found.st_mode) else "not a file on a disk"
         raise BadInput(f"{path} is {what}", hint=hint)
-    if found.st_size > most:
-        raise BadInput(f"{path} has {found.st_size:,} bytes", allowed=f"at most {most:,}", hint=hint)
+    if found.st_size > max_bytes:
+        raise BadInput(f"{path} has {found.st_size:,} bytes", allowed=f"at most {max_bytes:,}", hint=hint)
 
 
 def read_lines(path: Path, *, hint: str = "") -> Generator[str, None, None]:
-    """Yield the lines of a text file without their ends, one in memory at a time; the file may have any size.
+    """Yield the lines of a text file of any size, without their ends; only one line is in memory at a time.
 
-    Raises BadInput where it cannot be read, is no file on a disk, or a line is longer than MAX_LINE.
+    Raises BadInput if the file cannot be read, is not a regular file, or has a line of more than MAX_LINE characters.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
@@ -109,19 +110,22 @@ def read_lines(path: Path, *, hint: str = "") -> Generator[str, None, None]:
             while line := file.readline(MAX_LINE + 1):
                 number += 1
                 if len(line) > MAX_LINE:
-                    raise BadInput("the line is too long", where=f"{path}:{number}", allowed=f"{MAX_LINE:,}", hint=hint)
+                    allowed = f"at most {MAX_LINE:,} characters"
+                    raise BadInput("the line is too long", where=f"{path}:{number}", allowed=allowed, hint=hint)
                 yield line.removesuffix("\n")
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path} cannot be read: {error}", hint=hint) from error
 
 
-def check_letters_whole(text: str, *, where: str) -> None:
-    """Raise BadInput for a text with half a letter, as an escape may write it: no file could hold it."""
+def check_valid_unicode(text: str, *, where: str) -> None:
+    """Raise BadInput for a text with an unpaired surrogate, as an escape may give: it cannot be written to a file."""
     try:
         text.encode()
     except UnicodeEncodeError as error:
         half = text[error.start : error.end]
-        raise BadInput(f"this holds {half!r}, which is half a letter", where=where, allowed="text of Unicode") from None
+        raise BadInput(
+            f"the text contains {half!r}, an unpaired surrogate", where=where, allowed="valid Unicode text"
+        ) from None
 
 
 _adapter = cache(TypeAdapter)
@@ -130,8 +134,8 @@ _adapter = cache(TypeAdapter)
 def validate_document(model: type[Model], document: Document, *, hint: str = "") -> Model:
     """Return the document as a value of ``model``, a pydantic model or a dataclass.
 
-    Raises BadInput for the first thing that does not fit, with file, line, value, and what is allowed.
-    ``hint`` is the next step where the file itself cannot be edited (a file that a program wrote).
+    Raises BadInput for the first error, with file, line, value, and what is allowed. ``hint`` is the next step if users
+    should not edit the file, because a program wrote it.
     """
     checked: Any = model  # to mypy a type[Model] is not hashable
     if not isinstance(document.data, dict):
@@ -141,16 +145,16 @@ def validate_document(model: type[Model], document: Document, *, hint: str = "")
         found: Model = _adapter(checked).validate_python(document.data)
         return found
     except ValidationError as error:
-        raise _first_complaint(error, model, document=document, hint=hint) from error
+        raise _describe_first_error(error, model, document=document, hint=hint) from error
 
 
-def _first_complaint(error: ValidationError, model: Any, *, document: Document, hint: str) -> BadInput:
-    """Return the first of pydantic's complaints as one line of ours."""
-    # A misspelt key comes before the key that it leaves missing: it is what the user can see in the file.
-    complaints = sorted(error.errors(), key=lambda one: one["type"] not in UNKNOWN_KEY)
-    first = complaints[0]
-    if len(complaints) > 1:
-        hint = f"({len(complaints) - 1} more after this one)" + (f"; {hint}" if hint else "")
+def _describe_first_error(error: ValidationError, model: Any, *, document: Document, hint: str) -> BadInput:
+    """Return the first of pydantic's errors as a BadInput of one line."""
+    # A misspelt key is reported before the key that is missing because of it: the user can see it in the file.
+    details = sorted(error.errors(), key=lambda one: one["type"] not in UNKNOWN_KEY)
+    first = details[0]
+    if len(details) > 1:
+        hint = f"({len(details) - 1} more after this one)" + (f"; {hint}" if hint else "")
     keys = _keys_in_file(first, document.data)
     name, where = _dotted(keys), document.locate(*keys)
     if first["type"] in UNKNOWN_KEY:
@@ -191,29 +195,29 @@ def _dotted(keys: tuple[Key, ...]) -> str:
     return ".".join(str(key) for key in keys)
 
 
-def _keys_in_file(complaint: ErrorDetails, data: Any) -> tuple[Key, ...]:
-    """Return where a complaint lies in the file: pydantic's path without the kinds of unions in it."""
+def _keys_in_file(error: ErrorDetails, data: Any) -> tuple[Key, ...]:
+    """Return the path of an error in the file: pydantic's path without the names of union members."""
     keys: list[Key] = []
-    for i, key in enumerate(complaint["loc"]):
+    for i, key in enumerate(error["loc"]):
         known = key in data if isinstance(data, dict) else isinstance(data, list) and key in range(len(data))
         if known:
             data = data[key]
-        if known or (complaint["type"] == "missing" and i == len(complaint["loc"]) - 1):
+        if known or (error["type"] == "missing" and i == len(error["loc"]) - 1):
             keys.append(key)
     return tuple(keys)
 
 
-def _expectation(complaint: ErrorDetails) -> str:
-    if complaint["type"] == "string_pattern_mismatch":
+def _expectation(error: ErrorDetails) -> str:
+    if error["type"] == "string_pattern_mismatch":
         return "lower-case letters, digits, - and _, a letter or digit first"
-    text = complaint["msg"].split(", unable to")[0]
+    text = error["msg"].split(", unable to")[0]
     for prefix in ("Input should be ", "Value error, "):
         text = text.removeprefix(prefix)
     return text
 
 
 def _fields(model: Any) -> dict[str, Any]:
-    """Return the keys of a model in a file, each with its annotation; none for what is not a model."""
+    """Return the keys of a model in a file, each with its annotation; empty if ``model`` is not a model."""
     for candidate in _alternatives(model):
         if isinstance(candidate, type) and issubclass(candidate, BaseModel):
             return {f.alias or name: f.annotation for name, f in candidate.model_fields.items()}
@@ -224,14 +228,14 @@ def _fields(model: Any) -> dict[str, Any]:
 
 
 def _annotation_at(model: Any, loc: tuple[Key, ...]) -> Any:
-    """Return the annotation at a path of pydantic's within a model."""
+    """Return the annotation at one of pydantic's paths within a model."""
     for key in loc:
         model = _annotation_inside(model, key)
     return model
 
 
 def _meaning(model: Any, loc: tuple[Key, ...]) -> str:
-    """Return the text that stands in the annotation of a key, Annotated[…, "what it means"], if any."""
+    """Return the text in the annotation of a key, Annotated[…, "what it means"]; '' if it has no text."""
     return next((note for note in get_args(_annotation_at(model, loc))[1:] if isinstance(note, str)), "")
 
 

@@ -1,6 +1,6 @@
 """The docstrings of fields: the text below a field of a model or dataclass says what the field is.
 
-Python forgets them, so they are read from the source when somebody asks. Reference pages and JSON Schemas show them.
+Python discards them, so they are read from the source when needed. Reference pages and JSON Schemas show them.
 """
 
 import ast
@@ -12,12 +12,12 @@ from textwrap import dedent
 
 @cache
 def config_field_docs(cls: type) -> dict[str, str]:
-    """Return what the docstring below each annotated field of a class says, on one line, by the field's name.
+    """Return the docstring below each annotated field of a class, on one line, by the name of the field.
 
-    Fields of base classes come first; a class may say anew what a field of its base is. Fields without a docstring
-    are left out.
+    Fields of base classes come first; a class may replace the docstring of a field of its base. Fields without a
+    docstring are left out.
     """
-    said = {}
+    docs = {}
     for one in reversed(cls.__mro__):
         if one.__module__.startswith(("pydantic", "builtins", "abc")):
             continue
@@ -26,5 +26,5 @@ def config_field_docs(cls: type) -> dict[str, str]:
         for field, below in pairwise(statements):
             text = below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else None
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, str):
-                said[field.target.id] = " ".join(text.split())
-    return said
+                docs[field.target.id] = " ".join(text.split())
+    return docs

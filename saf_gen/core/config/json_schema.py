@@ -1,7 +1,7 @@
 """JSON Schemas of the YAML files that users write, so that an editor completes keys and marks mistakes.
 
 A schema accepts everything that the strict models accept. It refuses unknown keys, wrong types and numbers out of
-range; what depends on other files, such as the names of scenes, is left to ``saf-gen recipes check``.
+range. It does not check what depends on other files, such as the names of scenes; ``saf-gen recipes check`` does.
 """
 
 import typing
@@ -35,15 +35,15 @@ RANGE: Schema = {
         CHOICE,
     ],
 }
-PLAIN: Schema = {"type": ["number", "string", "boolean"]}
+PLAIN_SCHEMA: Schema = {"type": ["number", "string", "boolean"]}
 OPEN: Schema = {"$ref": "#/$defs/Range"}
-"""A value that is left open; every schema of :func:`model_to_json_schema` has its definition."""
-PARAMETER: Schema = {"anyOf": [PLAIN, {"type": "array", "items": PLAIN}, OPEN]}
-"""A parameter of a scene: plain, or a range."""
+"""A value that is left open; every schema of :func:`model_to_json_schema` contains its definition."""
+PARAMETER: Schema = {"anyOf": [PLAIN_SCHEMA, {"type": "array", "items": PLAIN_SCHEMA}, OPEN]}
+"""A parameter of a scene: a plain value, a list of them, or a range."""
 
 
 def model_to_json_schema(model: type[BaseModel], title: str) -> Schema:
-    """Return the schema of a document, with the docstrings of its models and of their fields as descriptions."""
+    """Return the schema of a document, with the docstrings of its models and their fields as descriptions."""
     schema = model.model_json_schema()
     for cls in {model, *_models_in(model)}:
         part = schema if cls is model else schema["$defs"][cls.__name__]
@@ -51,8 +51,8 @@ def model_to_json_schema(model: type[BaseModel], title: str) -> Schema:
         part["description"] = (cls.__doc__ or "").split("\n\n")[0].replace("``", "")
         for name, one in part["properties"].items():
             one.pop("title", None)
-            if said := config_field_docs(cls).get(name):
-                one["description"] = said.replace("``", "")
+            if text := config_field_docs(cls).get(name):
+                one["description"] = text.replace("``", "")
     schema["$defs"] = schema.get("$defs", {}) | {"Range": RANGE}
     return {"$schema": DIALECT, "title": title, **schema}
 
@@ -68,9 +68,9 @@ def _models_in(model: type[BaseModel]) -> Iterable[type[BaseModel]]:
 
 
 def define_config_schema(schema: Schema, plugin_kind: str, *, common: Mapping[str, Schema] | None = None) -> Schema:
-    """Add definitions of ``{kind: ..., ...}`` for every plug-in of a kind, and return the reference to any of them.
+    """Add a definition of ``{kind: ..., ...}`` for each plug-in of a kind, and return a reference to any of them.
 
-    ``common`` are keys that all of them take. Each value may be left open, and so may the whole.
+    ``common`` are keys that all of them take. Each value may be left open, and the component itself may be a choice.
     """
     kinds = []
     for name in registry.names(plugin_kind):
@@ -83,14 +83,14 @@ def define_config_schema(schema: Schema, plugin_kind: str, *, common: Mapping[st
 
 def _kind_schema(plugin_kind: str, name: str, *, common: dict[str, Schema]) -> Schema:
     cls = registry.plugin_class(plugin_kind, name)
-    hints, said = typing.get_type_hints(cls), config_field_docs(cls)
+    hints, docs = typing.get_type_hints(cls), config_field_docs(cls)
     keys: dict[str, Schema] = {"kind": {"const": name}}
     needed = ["kind"]
     for field in fields(cls):
         key = field.name.rstrip("_")
         keys[key] = {"anyOf": [_value_schema(hints[field.name]), OPEN]}
-        if field.name in said:
-            keys[key]["description"] = said[field.name].replace("``", "")
+        if field.name in docs:
+            keys[key]["description"] = docs[field.name].replace("``", "")
         if field.default is MISSING and field.default_factory is MISSING:
             needed.append(key)
     about = " ".join((cls.__doc__ or "").split("\n\n")[0].split()).replace("``", "")
@@ -104,7 +104,7 @@ def _kind_schema(plugin_kind: str, name: str, *, common: dict[str, Schema]) -> S
 
 
 def _value_schema(hint: Any) -> Schema:
-    """Return the schema of one value by its type hint; a mapping stands for the path of a file."""
+    """Return the schema of a value with this type hint; a mapping is written as the path of a file."""
     inner = [one for one in typing.get_args(hint) if one is not NoneType]
     if NoneType in typing.get_args(hint):
         return {"anyOf": [*(_value_schema(one) for one in inner), {"type": "null"}]}

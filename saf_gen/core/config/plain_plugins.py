@@ -1,4 +1,4 @@
-"""Makes plug-ins of plain functions and plain classes, whose parameters become the options."""
+"""Conversion of plain functions and classes to plug-ins, with their parameters as options."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -14,17 +14,17 @@ from saf_gen.parts import wants_frames, wants_halves
 
 PROTOCOL_METHODS = {"measures": "__call__", "searches": "__call__", "lights": "integral", "motions": "positions"}
 DECLARED = "saf_gen_declared"
-"""Attribute of a function that holds what its decorator states."""
+"""Attribute of a function that holds what its decorator declares."""
 
 
 def wrap_plain_code(found: object, plugin_kind: str) -> type | None:
-    """Return the plug-in class that a function or class stands for; None where it stands for none.
+    """Return a function or class as a plug-in class; None if it cannot be a plug-in of this kind.
 
-    A dataclass is taken as it is. A class needs the method of its kind (``__call__`` of measures and searches), and the
-    parameters of its ``__init__`` are its options. A function is a measure or a search: its first parameter is what it
-    is given, the others are options. Attribute ``plain`` of the plug-in class is the function or class.
+    A dataclass is returned unchanged. A class needs the method of its kind (``__call__`` for measures and searches),
+    and the parameters of its ``__init__`` become options. A function is a measure or a search: its first parameter is
+    its input, and the others become options. The attribute ``plain`` of the plug-in class is the function or class.
 
-    Raises BadInput for parameters that no option can stand for.
+    Raises BadInput if the parameters cannot become options.
     """
     if isinstance(found, type):
         if is_dataclass(found):
@@ -37,7 +37,7 @@ def wrap_plain_code(found: object, plugin_kind: str) -> type | None:
 
 
 def declare_measure(function: Callable[..., float], **declared: Any) -> None:
-    """Attach what a measure states about itself to its function."""
+    """Attach to a function what it declares about itself as a measure."""
     setattr(function, DECLARED, declared)
 
 
@@ -67,31 +67,31 @@ def _plugin_of_function(function: Callable[..., Any], plugin_kind: str) -> type:
     options = [option for option in _list_options(function)[1:] if option[0] not in length]
     names = [name for name, *_ in options]
 
-    def call(self: Any, given: Any, **frames: int) -> Any:
-        answer = function(given, **{name: getattr(self, name) for name in names}, **frames)
+    def call(self: Any, model_input: Any, **frames: int) -> Any:
+        answer = function(model_input, **{name: getattr(self, name) for name in names}, **frames)
         return float(answer) if plugin_kind == "measures" else answer
 
     return _make_plugin(function, plugin_kind, options=options, added={**declared, "__call__": call}, bases=())
 
 
 def _list_options(found: Callable[..., Any]) -> list[tuple[str, Any, Any]]:
-    """Return name, type and dataclass field of each parameter that can be named."""
+    """Return the name, type and dataclass field of each parameter that can be given by name."""
     options: list[tuple[str, Any, Any]] = []
     try:
         parameters = signature(found).parameters.values()
-    except (TypeError, ValueError) as error:  # such as one that is written in C
+    except (TypeError, ValueError) as error:  # such as those of a function that is written in C
         raise BadInput(f"the parameters of {found!r} cannot be read: {error}", hint="wrap it in a function") from error
     for parameter in parameters:
         if parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
             continue
         required = parameter.default is Parameter.empty
-        held = field() if required else field(default_factory=partial(_give, parameter.default))
-        options.append((parameter.name, Any, held))
+        option_field = field() if required else field(default_factory=partial(_return_default, parameter.default))
+        options.append((parameter.name, Any, option_field))
     return options
 
 
-def _give(default: object) -> object:
-    """Return a default that is not copied, as Python does not copy those of functions."""
+def _return_default(default: object) -> object:
+    """Return a default without copying it, as Python does with the defaults of functions."""
     return default
 
 
@@ -105,20 +105,20 @@ def _make_plugin(
     stated |= {name: value for name, value in defaults.items() if name not in stated and not hasattr(plain, name)}
     try:
         made = make_dataclass(plain.__name__, options, bases=bases, namespace=stated, eq=False)
-    except TypeError as error:  # a parameter without a default after one with
+    except TypeError as error:  # a parameter without a default follows one that has a default
         raise BadInput(f"{plain.__name__}: {error}", hint="give its parameters defaults") from error
     made.__module__, made.__qualname__ = plain.__module__, plain.__qualname__
     return made
 
 
 def _find_degree(measure: Any) -> int:
-    """Return the power of brightness in a score, found by quadrupling counts; 0 where it is no whole power."""
+    """Return the power of brightness in a score, found by quadrupling counts; 0 if it is not a whole number."""
     counts = (np.arange(48 * 64, dtype=np.uint32).reshape(48, 64) * 7919 % 97 % 23 + 1).astype(np.uint32)
-    given = np.stack([counts, counts[::-1]]) if wants_halves(measure) else counts
+    window = np.stack([counts, counts[::-1]]) if wants_halves(measure) else counts
     frames = {"frames": 200} if wants_frames(measure) else {}
     try:
-        one, four = measure(given, **frames), measure(4 * given, **frames)
-    except Exception:  # noqa: BLE001  (anybody's measure may raise anything, and does so again where it is used)
+        one, four = measure(window, **frames), measure(4 * window, **frames)
+    except Exception:  # noqa: BLE001  (a user's measure may raise anything, and does so again when it is used)
         return 0
     if not (0 < one < math.inf and 0 < four < math.inf):
         return 0

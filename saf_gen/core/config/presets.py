@@ -1,4 +1,4 @@
-"""Devices described in YAML files: those that come with saf_gen, by name, and users' own, by path."""
+"""Devices described in YAML files: those that come with saf_gen, by name, and those of users, by path."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -18,12 +18,12 @@ Device = TypeVar("Device")
 def checked(
     fits: Callable[[Any], bool], allowed: str, *, convert: Callable[[Any], Any] = lambda value: value
 ) -> Callable[[Any], Any]:
-    """Return a check for pydantic: the value, converted, if it ``fits``, else an error that says what is allowed."""
+    """Return a check for pydantic that converts a value that ``fits`` and raises ValueError for any other value."""
 
     def check(value: Any) -> Any:
         if not fits(value):
-            slip = "; YAML reads 1e-5 as text: write 1.0e-5" if _is_exponent(value) else ""
-            raise ValueError(allowed + slip)
+            hint = "; YAML reads 1e-5 as text: write 1.0e-5" if _is_exponent(value) else ""
+            raise ValueError(allowed + hint)
         return convert(value)
 
     return check
@@ -36,13 +36,13 @@ def _is_exponent(value: Any) -> bool:
         return False
 
 
-def between(least: float, most: float, *, unit: str, whole: bool = False) -> PlainValidator:
-    """Return the check of a number from ``least`` to ``most``, both allowed; ``whole`` admits only whole numbers."""
-    kind = "a whole number " if whole else ""
+def between(low: float, high: float, *, unit: str, integer: bool = False) -> PlainValidator:
+    """Return a check for pydantic of a number from ``low`` to ``high``, inclusive; ``integer`` requires an integer."""
+    kind = "a whole number " if integer else ""
     return PlainValidator(
         checked(
-            lambda n: is_number(n) and (not whole or isinstance(n, int)) and least <= n <= most,
-            f"{kind}{least:g} to {most:g} {unit}",
+            lambda n: is_number(n) and (not integer or isinstance(n, int)) and low <= n <= high,
+            f"{kind}{low:g} to {high:g} {unit}",
         )
     )
 
@@ -62,13 +62,14 @@ Sources = Annotated[
         )
     ),
 ]
-"""Where the numbers of a device come from."""
+"""Sources of the numbers of a device."""
 
 
 def change_preset_fields(device: Device, changes: Mapping[str, Any], *, where: str) -> Device:
-    """Return a copy of a device with some fields changed, and with some fields of a field that is a mapping.
+    """Return a copy of a device with some fields changed.
 
-    Raises BadInput, with ``where``, for an unknown field and for a value that is not allowed.
+    If a field has fields itself, a mapping changes only those that it names. Raises BadInput, with ``where``, for an
+    unknown field or a value that is not allowed.
     """
     data: dict[str, Any] = asdict(device)  # type: ignore[call-overload]
     for key, value in changes.items():
@@ -78,14 +79,21 @@ def change_preset_fields(device: Device, changes: Mapping[str, Any], *, where: s
 
 
 def is_preset_file(name: str | Path) -> bool:
-    """Return whether this is the path of a device's file rather than a device's name."""
+    """Return whether ``name`` is the path of a device file rather than the name of a device."""
     return Path(name).suffix in (".yaml", ".yml")
 
 
 class Presets(Generic[Device]):
     """The devices of one kind in a folder of YAML files, one file per device.
 
-    ``kind`` is what messages call the devices, such as "sensor"; ``model`` is their frozen dataclass.
+    Parameters
+    ----------
+    kind : str
+        Name of the kind in messages, such as "sensor".
+    model : type
+        Frozen dataclass of the devices.
+    folder : Path
+        Folder of the YAML files.
     """
 
     def __init__(self, kind: str, model: type[Device], *, folder: Path) -> None:
@@ -96,9 +104,9 @@ class Presets(Generic[Device]):
         return sorted(path.stem for path in self.folder.glob("*.yaml"))
 
     def get(self, name: str | Path, changes: Mapping[str, Any]) -> Device:
-        """Return the device ``name``, or the one in a user's file, with some fields changed.
+        """Return the device ``name``, or the device in a user's file, with some fields changed.
 
-        Raises BadInput for an unknown name or field, and for a value that is not allowed.
+        Raises BadInput for an unknown name or field, a file that cannot be read, or a value that is not allowed.
         """
         if is_preset_file(name):
             path = Path(name)

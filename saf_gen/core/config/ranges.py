@@ -1,6 +1,6 @@
-"""Numbers left open in a recipe: ``{uniform: [a, b]}``, ``{log_uniform: [a, b]}``, ``{choice: [...]}``.
+"""Numbers that a recipe leaves open: ``{uniform: [a, b]}``, ``{log_uniform: [a, b]}``, ``{choice: [...]}``.
 
-Each value is drawn from a generator of its own, named by sequence and key, so no draw changes another.
+Each value is drawn from its own generator, named by sequence and key, so no draw changes another.
 """
 
 import sys
@@ -13,21 +13,21 @@ import numpy as np
 from saf_gen.errors import BadInput, closest
 
 RANGE_FORMS = ("uniform", "log_uniform", "choice")
-PLAIN = "a finite number, text, true or false, or a list of them"
+PLAIN_VALUES = "a finite number, text, true or false, or a list of them"
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value is a number that float64 holds; true and false are not numbers."""
+    """Return whether a value is a number that float64 can hold; true and false are not numbers."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def is_config_range(value: Any) -> bool:
-    """Return whether a value is one of the three forms."""
+    """Return whether a value has one of the three forms of a range."""
     return isinstance(value, dict) and len(value) == 1 and next(iter(value)) in RANGE_FORMS
 
 
 def _form_and_values(value: dict[str, Any], where: str) -> tuple[str, list[Any]]:
-    """Return the form of a range and its list, checked."""
+    """Return the form of a range and its list of values, after checking them."""
     kind, among = next(iter(value.items()))
     if kind == "choice":
         if not isinstance(among, list) or not among:
@@ -46,29 +46,31 @@ def _form_and_values(value: dict[str, Any], where: str) -> tuple[str, list[Any]]
 
 
 def check_config_parameter(value: Any, *, what: str = "the value", where: str = "") -> None:
-    """Raise BadInput for a parameter that is neither plain nor a range of plain values.
+    """Raise BadInput for a parameter that is neither a plain value nor a range of plain values.
 
-    Finite numbers, text, true and false, and lists of them are plain. A YAML date or ``.nan`` is not: it
-    could not be stored with the recording that is made with it.
+    Finite numbers, text, true, false and lists of these are plain. A YAML date or ``.nan`` is not, because it could not
+    be stored with the recording that it leads to.
     """
     for end in config_range_extremes(value, where=where):
         for one in end if isinstance(end, list) else [end]:
             if not (is_number(one) or isinstance(one, str | bool)):
                 forms = ", ".join(f"{{{kind}: [...]}}" for kind in RANGE_FORMS)
                 near = closest(next(iter(one)), RANGE_FORMS) if isinstance(one, dict) and one else ""
-                raise BadInput(f"{what} is {_describe(one)}", where=where, allowed=f"{PLAIN}; or {forms}", nearest=near)
+                raise BadInput(
+                    f"{what} is {_describe(one)}", where=where, allowed=f"{PLAIN_VALUES}; or {forms}", nearest=near
+                )
 
 
 def config_range_extremes(value: Any, *, where: str = "") -> list[Any]:
-    """Return both ends of a range, or all values of a choice, to check them before anything is drawn.
+    """Return both ends of a range, or all values of a choice, so that they can be checked before anything is drawn.
 
-    Raises BadInput for a range that cannot be drawn from.
+    For a fixed value the list holds only this value. Raises BadInput for a range from which nothing can be drawn.
     """
     return _form_and_values(value, where)[1] if is_config_range(value) else [value]
 
 
 def draw_config_range(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
-    """Return one value of a range; a fixed value is returned as it is."""
+    """Return a value drawn from a range; a fixed value is returned unchanged."""
     if not is_config_range(value):
         return value
     kind, among = _form_and_values(value, where)
@@ -77,7 +79,7 @@ def draw_config_range(value: Any, random: np.random.Generator, *, where: str = "
     low, high = among
     fraction = random.random()
     drawn = low + (high - low) * fraction if kind == "uniform" else low * (high / low) ** fraction
-    return float(f"{drawn:.12g}")  # the last digits of a power differ between machines, and would move digests
+    return float(f"{drawn:.12g}")  # the last digits of a power differ between machines, and would change digests
 
 
 def _describe(value: Any) -> str:

@@ -1,12 +1,13 @@
-"""Finds plug-ins by name: light schedules, lens motions, focus measures, searches.
+"""The registry, which finds plug-ins by name: light schedules, lens motions, focus measures, searches.
 
-A plug-in is a frozen dataclass: one in a file of its own, ``saf_gen/plugins/<plug-in kind>/<name>.py``, one that a
-package offers under the entry point ``saf_gen.<plug-in kind>``, or one named as ``package.module:NAME`` or
-``file.py:NAME``. A plain function or a plain class becomes one (:mod:`saf_gen.core.config.plain_plugins`). Its fields
+A plug-in is a frozen dataclass. It has its own file ``saf_gen/plugins/<plug-in kind>/<name>.py``, or a package offers
+it under the entry point ``saf_gen.<plug-in kind>``, or it is named as ``package.module:NAME`` or ``file.py:NAME``. A
+plain function or class is converted to a plug-in (:mod:`saf_gen.core.config.plain_plugins`). The fields of a plug-in
 are the keys that a recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
-Listing names imports nothing, so a plug-in that cannot be imported does not break the others. Names that come out of
-files are resolved by :func:`refuse_code_named_in_file`: only what is registered, or named on the command line too, is
-run.
+
+Listing names imports nothing, so a plug-in that cannot be imported does not break the others. Names from files are
+resolved under :func:`refuse_code_named_in_file`, so that only code that is registered, or that the command line names
+too, is run.
 """
 
 import hashlib
@@ -31,15 +32,15 @@ from saf_gen.errors import BadInput, SafGenError, unknown
 
 PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
 
-_added: dict[str, dict[str, type]] = {plugin_kind: {} for plugin_kind in PLUGIN_KINDS}  # by this process
+_registered_here: dict[str, dict[str, type]] = {plugin_kind: {} for plugin_kind in PLUGIN_KINDS}  # by this process
 _CODE_REFUSED_IN: ContextVar[str] = ContextVar("code refused in", default="")
 
 
 @contextmanager
 def refuse_code_named_in_file(where: str) -> Iterator[None]:
-    """Refuse to load ``package.module:Class`` and ``file.py:Class`` where names come from the file ``where``.
+    """Refuse to load ``package.module:Class`` and ``file.py:Class`` while names come from the file ``where``.
 
-    A stranger may have written it. What this process has loaded before, since its command line named it, is taken.
+    The file may be untrusted. Code that this process has loaded before, because its command line named it, is accepted.
     """
     token = _CODE_REFUSED_IN.set(where)
     try:
@@ -49,53 +50,53 @@ def refuse_code_named_in_file(where: str) -> Iterator[None]:
 
 
 @cache
-def _own(plugin_kind: str) -> frozenset[str]:
+def _builtin_names(plugin_kind: str) -> frozenset[str]:
     folder = Path(__file__).parents[2] / "plugins" / plugin_kind
     return frozenset(m.name for m in pkgutil.iter_modules([str(folder)]) if not m.name.startswith("_"))
 
 
 @cache
-def _offered(plugin_kind: str) -> dict[str, EntryPoint]:
+def _entry_points(plugin_kind: str) -> dict[str, EntryPoint]:
     return {e.name: e for e in entry_points(group=f"saf_gen.{plugin_kind}")}
 
 
 def names(plugin_kind: str) -> list[str]:
-    """Return every registered name of a kind, sorted; nothing is imported."""
-    return sorted({*_own(plugin_kind), *_offered(plugin_kind), *_added[plugin_kind]})
+    """Return every registered name of a kind, sorted, without importing anything."""
+    return sorted({*_builtin_names(plugin_kind), *_entry_points(plugin_kind), *_registered_here[plugin_kind]})
 
 
-def is_own_registered_name(plugin_kind: str, name: str) -> bool:
-    """Return whether saf_gen itself holds a plug-in of this name."""
-    return name in _own(plugin_kind)
+def is_builtin_name(plugin_kind: str, name: str) -> bool:
+    """Return whether a plug-in of this name is part of saf_gen itself."""
+    return name in _builtin_names(plugin_kind)
 
 
 def add_plugin(plugin_kind: str, plain: object, *, name: str) -> None:
-    """Register a function or class of this process under a name, in place of an earlier one that was added so.
+    """Register a function or class of this process under a name, replacing one that was added under it before.
 
-    Raises BadInput for a name that cannot be part of a method's, for one of saf_gen or of a package, and for what is no
-    plug-in.
+    Raises BadInput if the name cannot be part of a method's name or already belongs to saf_gen or a package, or if
+    ``plain`` cannot be a plug-in.
     """
     if not name.isidentifier():
-        raise BadInput(f"a {PLUGIN_KINDS[plugin_kind]} cannot be called {name!r}", allowed="a name of Python")
-    if name in _own(plugin_kind) or name in _offered(plugin_kind):
+        raise BadInput(f"a {PLUGIN_KINDS[plugin_kind]} cannot be called {name!r}", allowed="a Python identifier")
+    if name in _builtin_names(plugin_kind) or name in _entry_points(plugin_kind):
         raise BadInput(f"there is a {PLUGIN_KINDS[plugin_kind]} {name!r} already", hint="choose another name")
     plugin = wrap_plain_code(plain, plugin_kind)
     if plugin is None:
         raise _no_plugin_error(f"{PLUGIN_KINDS[plugin_kind]} {name!r}")
-    _added[plugin_kind][name] = plugin
+    _registered_here[plugin_kind][name] = plugin
 
 
 def plugin_class(plugin_kind: str, name: str) -> type:
-    """Return the dataclass behind a name.
+    """Return the dataclass of the plug-in with this name.
 
-    Raises BadInput for an unknown name, and for a file or entry point that does not hold a plug-in.
+    Raises BadInput if the name is unknown, or if the file or entry point does not hold a plug-in.
     """
-    return _added[plugin_kind].get(name) or _find_plugin_class(plugin_kind, name)
+    return _registered_here[plugin_kind].get(name) or _find_plugin_class(plugin_kind, name)
 
 
 @cache
 def _find_plugin_class(plugin_kind: str, name: str) -> type:
-    if name in _own(plugin_kind):
+    if name in _builtin_names(plugin_kind):
         module = import_module(f"saf_gen.plugins.{plugin_kind}.{name}")
         classes = [v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__]
         plugins = [cls for cls in classes if is_dataclass(cls)]
@@ -105,8 +106,8 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
                 allowed="one plug-in per file, a frozen dataclass",
             )
         return plugins[0]
-    if name in _offered(plugin_kind):
-        source = _offered(plugin_kind)[name]
+    if name in _entry_points(plugin_kind):
+        source = _entry_points(plugin_kind)[name]
         what = f"{PLUGIN_KINDS[plugin_kind]} {name!r} of the entry point {source.value!r}"
         return _load_plugin(
             source.load, what, plugin_kind=plugin_kind, hint="repair or remove the package that offers it"
@@ -115,8 +116,8 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
         if where := _CODE_REFUSED_IN.get():
             raise BadInput(
                 f"{where} names the code {name!r}",
-                allowed="registered names in files; code is run only where the command line names it",
-                hint="read it, and if you trust it name it first, by --method of its own",
+                allowed="registered names in files; code is run only if the command line names it",
+                hint="read the code; if you trust it, name it in a --method of its own before that of the file",
             )
         path, _, member = name.rpartition(":")
 
@@ -124,7 +125,7 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
             return getattr(_import_file(Path(path)) if path.endswith(".py") else import_module(path), member)
 
         what = f"{PLUGIN_KINDS[plugin_kind]} {name!r}"
-        allowed = "package.module:NAME that Python finds, or file.py:NAME, of a class or function"
+        allowed = "package.module:NAME that Python can import, or file.py:NAME, of a class or function"
         return _load_plugin(load, what, plugin_kind=plugin_kind, allowed=allowed)
     raise unknown(PLUGIN_KINDS[plugin_kind], name, allowed=names(plugin_kind))
 
@@ -132,7 +133,7 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
 def _load_plugin(load: Callable[[], Any], what: str, *, plugin_kind: str, **advice: str) -> type:
     try:
         found = load()
-    except Exception as error:  # the module is anybody's code, and may raise anything
+    except Exception as error:  # the module is user code and may raise anything
         raise BadInput(f"{what} cannot be loaded: {type(error).__name__}: {error}", **advice) from error
     plugin = wrap_plain_code(found, plugin_kind)
     if plugin is None:
@@ -145,7 +146,7 @@ def _no_plugin_error(what: str) -> BadInput:
 
 
 def _import_file(path: Path) -> ModuleType:
-    """Return the module of a file, under a name that no installed module has; raises what the file raises."""
+    """Return the module in a file, under a name that no installed module has; raises whatever the file raises."""
     name = f"saf_gen_of_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}"
     if name in sys.modules:
         return sys.modules[name]
@@ -153,7 +154,7 @@ def _import_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
     module = module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look up their module while it runs
+    sys.modules[name] = module  # dataclasses look up their module while it is executed
     try:
         spec.loader.exec_module(module)
     except BaseException:
@@ -163,7 +164,7 @@ def _import_file(path: Path) -> ModuleType:
 
 
 def registered_option_fields(plugin_kind: str, name: str) -> dict[str, str]:
-    """Return the keys that a plug-in takes, each with the dataclass field that holds it."""
+    """Return the keys that a plug-in takes, each with the name of its dataclass field."""
     return {f.name.rstrip("_"): f.name for f in fields(plugin_class(plugin_kind, name)) if f.init}
 
 
@@ -184,28 +185,29 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
         raise BadInput(
             f"{PLUGIN_KINDS[plugin_kind]} {name!r}: {error}", allowed=", ".join(known) or "no keys"
         ) from error
-    except Exception as error:  # the plug-in is anybody's code, and may refuse a value by any exception
+    except Exception as error:  # the plug-in is user code and may refuse a value with any exception
         written = ", ".join(f"{key}={value!r}" for key, value in options.items()) or "no options"
         raise BadInput(
             f"{PLUGIN_KINDS[plugin_kind]} {name!r} with {written}: {type(error).__name__}: {error}",
-            hint="give values that it takes, or repair it",
+            hint="give values that it accepts, or repair it",
         ) from error
 
 
 def sample_registered_function(
     plugin: object, method: Callable[[np.ndarray, float], Any], *, seconds: np.ndarray, duration_s: float
 ) -> np.ndarray:
-    """Return what a method of a light schedule or a motion gives at these times, float64 of their shape.
+    """Return the values of a method of a light schedule or a motion at these times, as float64 of the same shape.
 
-    Raises BadInput where it raises an exception of its own, or gives anything but one number per time.
+    Raises BadInput if the method raises anything but SafGenError or MemoryError, or does not return one number per
+    time.
     """
     try:
         values = np.asarray(method(seconds, duration_s), dtype=np.float64)
     except (SafGenError, MemoryError):
         raise
-    except Exception as error:  # the plug-in is anybody's code, and may raise anything
+    except Exception as error:  # the plug-in is user code and may raise anything
         raise BadInput(f"{plugin!r} fails: {type(error).__name__}: {error}", hint="repair it") from error
     if values.shape != seconds.shape:
-        problem = f"{plugin!r} gives an array of shape {values.shape} for {seconds.size} times"
+        problem = f"{plugin!r} returns an array of shape {values.shape} for {seconds.size} times"
         raise BadInput(problem, allowed="one number per time")
     return values

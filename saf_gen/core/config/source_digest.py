@@ -1,8 +1,8 @@
-"""Digests of the source of a plug-in class, which change only when its code changes.
+"""Digests of the source of a plug-in class, which change only if its code changes.
 
-The source is the file of the class and the private modules (``_name.py``) of the same folder that it imports, directly
-or indirectly. Comments, docstrings, formatting and the folder's location do not change a digest; nor did the move of
-our own plug-ins into ``saf_gen.plugins``, so records from before and after it mix.
+The source is the file of the class and the private modules (``_name.py``) in the same folder that it imports, directly
+or indirectly. Comments, docstrings, formatting and the location of the folder do not change a digest. Neither did the
+move of the plug-ins of saf_gen into ``saf_gen.plugins``, so records from before and after it can be mixed.
 """
 
 import ast
@@ -14,9 +14,9 @@ from pathlib import Path
 
 
 def class_source_digests(classes: Iterable[type]) -> list[list[str]]:
-    """Return the files behind these classes, each as [file name, sha256 of its code], sorted.
+    """Return the source files of these classes, each as [file name, SHA-256 of its code], sorted.
 
-    A class without a file, such as one of an interpreter's prompt, gives [name of its module, ""].
+    A class without a file, such as one defined at an interactive prompt, gives [name of its module, ""].
     """
     digests: dict[Path, list[str]] = {}
     without_file = []
@@ -28,7 +28,7 @@ def class_source_digests(classes: Iterable[type]) -> list[list[str]]:
 
 
 def class_source_files(cls: type) -> list[Path]:
-    """Return the file of a class, and then the private modules beside it that this imports; [] where it has none."""
+    """Return the file of a class, then the private modules in its folder that it imports; [] if it has no file."""
     return list(_digest_files(cls))
 
 
@@ -49,10 +49,10 @@ def _digest_files(cls: type) -> dict[Path, str]:
 
 @lru_cache(maxsize=256)
 def _digest(source: bytes, package: str) -> tuple[str, tuple[str, ...]]:
-    """Return the digest of a source, and the private modules of ``package`` that it imports anywhere."""
+    """Return the digest of a source and the private modules of ``package`` that it imports anywhere."""
     try:
         tree = ast.parse(source)
-    except (SyntaxError, ValueError):  # a helper that is imported late need not be Python of this version
+    except (SyntaxError, ValueError):  # a helper that is imported late may need another version of Python
         return hashlib.sha256(source).hexdigest(), ()
     helpers = tuple(sorted(_private_imports(tree, f"{package}." if package else "")))
     return hashlib.sha256(ast.unparse(_DigestedCode().visit(tree)).encode()).hexdigest(), helpers
@@ -65,7 +65,7 @@ class _DigestedCode(ast.NodeTransformer):
 
     def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.ImportFrom:
         if node.module and node.module.startswith("saf_gen.plugins."):
-            node.module = node.module.replace(".plugins", "", 1)  # their folder when records were first published
+            node.module = node.module.replace(".plugins", "", 1)  # the folder when records were first published
         return node
 
 

@@ -1,4 +1,4 @@
-"""YAML files read strictly: recipes, scene cards, sensor and actuator files."""
+"""Strict reading of YAML files: recipes, scene cards, sensor and actuator files."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -6,23 +6,24 @@ from typing import Any
 
 import yaml
 
-from saf_gen.core.config.document import Document, Key, check_letters_whole, read_text
+from saf_gen.core.config.document import Document, Key, check_valid_unicode, read_text
 from saf_gen.errors import BadInput
 
 TOO_DEEP = "this is nested too deep, or in a circle"
-MAX_BYTES, MAX_VALUES = 1 << 22, 100_000
-"""Of what people write. A value that is named and repeated counts each time: a few lines can hold millions."""
-_YAML_SLIPS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
-"""What Python raises through PyYAML for values and escapes of the right form that have no meaning."""
+MAX_YAML_BYTES, MAX_VALUES = 1 << 22, 100_000
+"""Limits of a file that people write. A value that is repeated by its name counts each time: a few lines can hold
+millions."""
+_YAML_ERRORS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
+"""Exceptions that Python raises through PyYAML for values and escapes of the right form that have no meaning."""
 
 
 def read_yaml(path: str | Path) -> Document:
     """Read a YAML file.
 
-    Raises BadInput for a missing or unreadable file, broken YAML, a value that is not what it looks like (the
-    13th month), or a key given twice.
+    Raises BadInput for a missing or unreadable file, broken YAML, a value that is not what it looks like (such as a
+    date in the 13th month), or a key given twice.
     """
-    return parse_yaml(read_text(Path(path), most=MAX_BYTES), path)
+    return parse_yaml(read_text(Path(path), max_bytes=MAX_YAML_BYTES), path)
 
 
 def parse_yaml(text: str, path: str | Path) -> Document:
@@ -45,13 +46,13 @@ def parse_yaml(text: str, path: str | Path) -> Document:
 
 @lru_cache(maxsize=256)
 def _compose(text: str, path: Path) -> yaml.Node | None:
-    """Return the nodes of the text; a command reads some files, such as the cards of scenes, many times."""
+    """Return the nodes of the text, cached because a command reads some files, such as scene cards, many times."""
     loader = yaml.SafeLoader(text)
     try:
         return loader.get_single_node()
     except RecursionError:
         raise BadInput(TOO_DEEP, where=f"{path}:{loader.get_mark().line + 1}") from None
-    except _YAML_SLIPS as error:
+    except _YAML_ERRORS as error:
         where = f"{path}:{loader.get_mark().line + 1}"
         raise BadInput(f"this is not YAML: {error}", where=where) from error
     finally:
@@ -61,7 +62,7 @@ def _compose(text: str, path: Path) -> yaml.Node | None:
 def _to_plain(
     node: yaml.Node, at: tuple[Key, ...], *, lines: dict[tuple[Key, ...], int], path: Path, loader: yaml.SafeLoader
 ) -> Any:
-    """Return the plain data of a node and add its lines; YAML itself would let a second key silently win."""
+    """Return the plain data of a node and add its lines; PyYAML would silently keep the second of two equal keys."""
     lines[at] = node.start_mark.line + 1
     if len(lines) > MAX_VALUES:
         raise BadInput("this holds too many values", where=f"{path}:{lines[at]}", allowed=f"at most {MAX_VALUES:,}")
@@ -72,20 +73,20 @@ def _to_plain(
             here = f"{path}:{key_node.start_mark.line + 1}"
             if not isinstance(key_node, yaml.ScalarNode):
                 raise BadInput("a key must be a name", where=here)
-            check_letters_whole(key, where=here)
+            check_valid_unicode(key, where=here)
             if key in out:
-                raise BadInput(f"the key {key!r} stands twice", where=here, hint="keep one of the two")
+                raise BadInput(f"the key {key!r} is given twice", where=here, hint="keep one of the two")
             out[key] = _to_plain(value_node, (*at, key), lines=lines, path=path, loader=loader)
             lines[(*at, key)] = key_node.start_mark.line + 1
         return out
     if isinstance(node, yaml.SequenceNode):
         return [_to_plain(item, (*at, i), lines=lines, path=path, loader=loader) for i, item in enumerate(node.value)]
-    check_letters_whole(str(node.value), where=f"{path}:{lines[at]}")
+    check_valid_unicode(str(node.value), where=f"{path}:{lines[at]}")
     try:
         return loader.construct_object(node)
-    except _YAML_SLIPS as error:
+    except _YAML_ERRORS as error:
         kind = node.tag.removeprefix("tag:yaml.org,2002:")
-        # Other exceptions describe PyYAML's inside and not the value.
+        # Other exceptions describe the internals of PyYAML and not the value.
         why = f": {error}" if isinstance(error, ValueError | OverflowError) else ""
         raise BadInput(
             f"{node.value!r:.60} is not a valid {kind}{why}",

@@ -1,4 +1,4 @@
-"""Jobs and where they run: on the cores of this machine, or on a Dask cluster."""
+"""Jobs and where they run: on the cores of this machine or on a Dask cluster."""
 
 from saf_gen.core.execution.dask_cluster import Cluster, SchedulerLost
 from saf_gen.core.execution.executor import run_jobs

@@ -1,9 +1,9 @@
-"""Jobs on a Dask cluster: many machines that see one folder.
+"""Jobs on a Dask cluster: many machines that share one folder.
 
-What differs between machines makes wrong data in silence: each worker must have the versions of the machine that hands
-out the jobs, and see its folder. That is checked on all workers before the first job, and before every job, since
-workers may join later. A worker that dies costs nothing but time: the scheduler gives its jobs to others, which is
-told. Where the scheduler itself is lost, what was done is kept, and :class:`SchedulerLost` says so.
+Differences between machines could silently make wrong data, so each worker must have the same versions as the machine
+that hands out the jobs, and see its folder. This is checked on all workers before the first job, and again before every
+job, because workers may join later. A worker that dies costs only time: the scheduler gives its jobs to others, and a
+line of text reports it. If the scheduler itself is lost, finished work is kept, and :class:`SchedulerLost` is raised.
 """
 
 import hashlib
@@ -27,19 +27,25 @@ from saf_gen.errors import BadInput, SafGenError
 CONNECT_S = "10s"
 LOOK_FOR_WORKERS_S = 5.0
 SCHEDULER_PACKAGES = ("dask", "distributed", "msgpack")
-_one_job = threading.Lock()
+_JOB_LOCK = threading.Lock()
 
 
 class SchedulerLost(SafGenError):
-    """The scheduler of a cluster does not answer any more; what the jobs have finished is on disk."""
+    """Error for a cluster whose scheduler no longer answers; the results of finished jobs are on disk."""
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """A Dask cluster that is to run jobs.
+    """A Dask cluster that runs jobs.
 
-    ``address`` is that of its scheduler, such as ``tcp://host:8786`` or ``tls://host:8786``; ``folder`` is what jobs
-    read or, with ``writes``, write, and must be the same on every machine.
+    Parameters
+    ----------
+    address : str
+        Address of its scheduler, such as ``tcp://host:8786`` or ``tls://host:8786``.
+    folder : Path
+        Folder that the jobs read or write; it must be the same on every machine.
+    writes : bool, default False
+        Whether jobs write to the folder.
     """
 
     address: str
@@ -49,7 +55,7 @@ class Cluster:
 
 @dataclass(frozen=True)
 class _Conditions:
-    """What a worker must have in common with the machine that hands out the jobs."""
+    """The conditions that a worker must share with the machine that hands out the jobs."""
 
     versions: dict[str, str]
     witness: Path
@@ -57,24 +63,26 @@ class _Conditions:
     writes: bool
 
     def find_problem(self) -> str:
-        """Return in words what this machine has not in common; '' where all is well."""
+        """Return a description of the first condition that this machine does not meet, or '' if it meets all."""
         here = installed_versions()
-        other = [f"{name} {here[name]}, not {mine}" for name, mine in self.versions.items() if here[name] != mine]
+        other = [
+            f"{name} {here[name]}, not {expected}" for name, expected in self.versions.items() if here[name] != expected
+        ]
         if other:
             return f"has {'; '.join(other)} (install what constraints.txt lists on all machines)"
         if _digest_file(self.witness) != self.digest:
-            return f"does not see {self.witness.parent} (it must be one folder, on all machines under this path)"
+            return f"does not see {self.witness.parent} (it must be the same folder, under this path, on all machines)"
         return ""
 
     def find_problem_at_start(self) -> str:
-        """Return what :meth:`find_problem` does, or what is wrong with the file system that files are written to."""
+        """Return what :meth:`find_problem` returns, or what is wrong with the file system that jobs write to."""
         try:
             problem = self.find_problem()
             if self.writes and not problem:
                 check_file_system(self.witness.parent)
                 remove_leftover_files(
-                    self.witness.parent, below=True
-                )  # of jobs whose process was killed on this machine
+                    self.witness.parent, recursive=True
+                )  # files of jobs whose process was killed on this machine
             return problem
         except BadInput as error:
             return f"cannot use the folder: {error}"
@@ -89,7 +97,11 @@ def _digest_file(path: Path) -> str:
 
 @contextmanager
 def _agree_on_conditions(cluster: Cluster) -> Iterator[_Conditions]:
-    """Put a file with random content into the folder for as long as jobs run; a folder only read has its manifest."""
+    """Yield the conditions that all workers must meet: the same packages, and the same folder.
+
+    A worker recognises the folder by a file with random content, which is removed at the end, or by the manifest if
+    jobs only read.
+    """
     with ExitStack() as undo:
         folder = cluster.folder.resolve()
         witness = folder / "manifest.json" if folder.is_dir() else folder
@@ -102,45 +114,48 @@ def _agree_on_conditions(cluster: Cluster) -> Iterator[_Conditions]:
 
 
 def _run_on_worker(job: Job, conditions: _Conditions) -> tuple[Any, SafGenError | None]:
-    """Return result and error of a job, which has the cores of its process for itself."""
+    """Return the result and the error of a job, which runs alone in its process."""
     if problem := conditions.find_problem():
         return None, SafGenError(f"a worker that joined later {problem}")
-    with _one_job:  # Dr.Jit and numba's threads belong to one job at a time
+    with _JOB_LOCK:  # Dr.Jit and numba's threads belong to one job at a time
         try:
-            return job.run(lambda name, done: None), None  # on a cluster only whole jobs report
+            return job.run(lambda name, done: None), None  # a cluster reports no progress within jobs
         except Exception as error:  # noqa: BLE001  (whatever a job raised is its result, as in a pool)
             return None, describe_job_error(error)
 
 
 def run_jobs_on_dask(
-    jobs: Sequence[Job], cluster: Cluster, *, report: ReportProgress, follow_up: FollowUp, tell: Callable[[str], None]
+    jobs: Sequence[Job], cluster: Cluster, *, report: ReportProgress, follow_up: FollowUp, notify: Callable[[str], None]
 ) -> Generator[JobResult]:
-    """Run jobs and those that follow from them on a cluster, and yield each as it ends.
+    """Run jobs, and the jobs that follow from them, on a cluster, and yield each when it ends.
 
-    A job whose worker ends is given to another by the scheduler, and ``tell`` is called with a line for it; one whose
-    worker has died more often than the scheduler allows (``distributed.scheduler.allowed-failures``, 3) is set aside. A
-    job that wants a GPU goes to a worker with the resource ``GPU``, where one offers it when the run begins.
+    If a worker ends, the scheduler gives its job to another one, and ``notify`` is called with a line of text about it.
+    A job has failed if its workers have died more often than the scheduler allows
+    (``distributed.scheduler.allowed-failures``, 3). A job that wants a GPU goes to a worker with the resource ``GPU``
+    if a worker offers it when the run begins.
 
     Raises
     ------
-    BadInput : for an address where no scheduler answers, another version of Dask there, and a worker with other
-        versions, without the folder, or with a file system that cannot hold a dataset.
-    SchedulerLost : when the scheduler ends or cannot be reached any more; jobs that had ended were yielded.
+    BadInput
+        If no scheduler answers at the address, if it has another version of Dask, or if a worker has other versions,
+        does not see the folder, or has a file system that cannot hold a dataset.
+    SchedulerLost
+        If the scheduler ends or cannot be reached any more; the jobs that had ended before were yielded.
     """
     require_extra("cluster", "distributed", of="--cluster")
     with _silence_dask(), _connect(cluster.address) as client, _agree_on_conditions(cluster) as conditions:
-        yield from _Dispatcher(client, cluster.address, conditions=conditions, tell=tell).run(
+        yield from _Dispatcher(client, cluster.address, conditions=conditions, notify=notify).run(
             jobs, report=report, follow_up=follow_up
         )
 
 
 @contextmanager
 def _silence_dask() -> Iterator[None]:
-    """Keep what Dask logs of a lost connection from the terminal: it is told in one line."""
+    """Keep Dask's log of a lost connection off the terminal, because a one-line error reports it."""
     import distributed
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", distributed.versions.VersionMismatchWarning)  # checked here, and in words
+        warnings.simplefilter("ignore", distributed.versions.VersionMismatchWarning)  # _connect checks versions
         quiet = [
             logger
             for name, logger in logging.root.manager.loggerDict.items()
@@ -158,7 +173,7 @@ def _silence_dask() -> Iterator[None]:
 
 @contextmanager
 def _connect(address: str) -> Iterator[Any]:
-    """Yield a client of the scheduler, whose versions of Dask and Python must fit those here."""
+    """Yield a client of the scheduler, after checking that its versions of Dask and Python match those here."""
     import distributed
 
     try:
@@ -172,10 +187,12 @@ def _connect(address: str) -> Iterator[Any]:
         ) from error
     try:
         found: Any = client.get_versions(packages=list(SCHEDULER_PACKAGES))
-        there, here = (found[side]["packages"] for side in ("scheduler", "client"))
-        other = [f"{name} {there[name]}, not {here[name]}" for name in SCHEDULER_PACKAGES if there[name] != here[name]]
-        if there["python"].split(".")[:2] != here["python"].split(".")[:2]:
-            other.append("another Python")
+        theirs, here = (found[side]["packages"] for side in ("scheduler", "client"))
+        other = [
+            f"{name} {theirs[name]}, not {here[name]}" for name in SCHEDULER_PACKAGES if theirs[name] != here[name]
+        ]
+        if theirs["python"].split(".")[:2] != here["python"].split(".")[:2]:
+            other.append("another version of Python")
         if other:
             raise BadInput(
                 f"the scheduler at {address} has {'; '.join(other)}",
@@ -187,23 +204,24 @@ def _connect(address: str) -> Iterator[Any]:
 
 
 class _Dispatcher:
-    """Hands jobs to a cluster, and hears of their ends, of workers that went, and of the loss of the scheduler."""
+    """Hands jobs to a cluster, and notices when they end, when workers leave, and when the scheduler is lost."""
 
-    def __init__(self, client: Any, address: str, *, conditions: _Conditions, tell: Callable[[str], None]) -> None:
-        self._client, self._address, self._conditions, self._tell = client, address, conditions, tell
+    def __init__(self, client: Any, address: str, *, conditions: _Conditions, notify: Callable[[str], None]) -> None:
+        self._client, self._address, self._conditions, self._notify = client, address, conditions, notify
         self._running: dict[str, tuple[Job, Any]] = {}
-        self._heard: SimpleQueue[tuple[str, Any]] = SimpleQueue()
+        self._messages: SimpleQueue[tuple[str, Any]] = SimpleQueue()
         self._waits_for_workers = False
 
     def run(self, jobs: Sequence[Job], *, report: ReportProgress, follow_up: FollowUp) -> Iterator[JobResult]:
         with self._notice_loss():
             self._check_workers()
-            self._client.subscribe_topic("all", lambda event: self._heard.put(("event", event[1])))
+            self._client.subscribe_topic("all", lambda event: self._messages.put(("event", event[1])))
             self._submit(jobs)
         try:
             yield from self._collect(report, follow_up)
         finally:
-            with suppress(CancelledError, OSError, RuntimeError):  # else the scheduler writes to a client that has gone
+            # Without this, the scheduler would go on writing to a client that has gone.
+            with suppress(CancelledError, OSError, RuntimeError):
                 self._client.unsubscribe_topic("all")
 
     def _collect(self, report: ReportProgress, follow_up: FollowUp) -> Generator[JobResult]:
@@ -221,7 +239,7 @@ class _Dispatcher:
 
     @contextmanager
     def _notice_loss(self) -> Iterator[None]:
-        """Raise SchedulerLost in place of what Dask raises once the connection has gone."""
+        """Raise SchedulerLost in place of the exceptions that Dask raises once the connection is lost."""
         try:
             yield
         except BadInput:
@@ -230,7 +248,7 @@ class _Dispatcher:
             raise SchedulerLost(f"the Dask scheduler at {self._address} does not answer any more") from error
 
     def _check_workers(self) -> None:
-        """Raise BadInput where a worker that is there cannot run jobs of this machine."""
+        """Raise BadInput if one of the workers present cannot run jobs of this machine."""
         problems = self._client.run(self._conditions.find_problem_at_start, on_error="return")
         found = {worker: problem for worker, problem in problems.items() if problem}
         for worker, problem in found.items():
@@ -251,41 +269,41 @@ class _Dispatcher:
                 resources={"GPU": 1} if job.wants_gpu and self._has_gpus else None,
             )
             self._running[future.key] = job, future
-            future.add_done_callback(lambda future: self._heard.put(("ended", future.key)))
+            future.add_done_callback(lambda future: self._messages.put(("ended", future.key)))
 
     def _next_ended(self) -> tuple[Job, tuple[Any, SafGenError | None]] | None:
-        """Return a job that has ended and what came of it; None where something else was heard, or nothing."""
+        """Return a job that has ended and its outcome; None after another message, or after a while without any."""
         try:
-            kind, heard = self._heard.get(timeout=LOOK_FOR_WORKERS_S)
+            kind, message = self._messages.get(timeout=LOOK_FOR_WORKERS_S)
         except Empty:
             self._look_for_workers()
             return None
         if kind == "event":
-            self._tell_of_lost_worker(heard)
+            self._notify_of_lost_worker(message)
             return None
-        job, future = self._running.pop(heard)
-        if future.cancelled():  # nobody here cancels: Dask does, as the connection goes
+        job, future = self._running.pop(message)
+        if future.cancelled():  # Dask cancels futures when the connection is lost; nothing here does
             raise CancelledError
         if future.status == "error":
             return job, (None, _describe_dask_error(future.exception()))
         outcome = future.result()
-        future.release()  # where Dask runs a finished job again, the job finds its file
+        future.release()  # if Dask runs a finished job again, the job finds its file
         return job, outcome
 
-    def _tell_of_lost_worker(self, event: Any) -> None:
+    def _notify_of_lost_worker(self, event: Any) -> None:
         if event.get("action") != "remove-worker":
             return
         why = "ended" if event.get("expected") else "died: killed, or out of memory?"
         for key in event.get("processing-tasks", ()):
             if key in self._running:
-                self._tell(f"again: {self._running[key][0].name} (its worker {event['worker']} {why})")
+                self._notify(f"again: {self._running[key][0].name} (its worker {event['worker']} {why})")
 
     def _look_for_workers(self) -> None:
-        """Tell when no worker is there, once each time; a batch system may take hours to start one."""
-        there = bool(self._client.nthreads())
-        if not there and not self._waits_for_workers:
-            self._tell(f"waiting: the scheduler at {self._address} has no workers; {len(self._running)} jobs wait")
-        self._waits_for_workers = not there
+        """Report once, until a worker appears, that there are none; a batch system may take hours to start one."""
+        has_workers = bool(self._client.nthreads())
+        if not has_workers and not self._waits_for_workers:
+            self._notify(f"waiting: the scheduler at {self._address} has no workers; {len(self._running)} jobs wait")
+        self._waits_for_workers = not has_workers
 
 
 def _describe_dask_error(error: BaseException) -> SafGenError:
@@ -293,5 +311,5 @@ def _describe_dask_error(error: BaseException) -> SafGenError:
 
     if isinstance(error, KilledWorker):
         times = error.allowed_failures + 1
-        return SafGenError(f"{times} workers died that had it (killed, or out of memory?); run the same command again")
+        return SafGenError(f"{times} workers died running it (killed, or out of memory?); run the same command again")
     return describe_job_error(error)

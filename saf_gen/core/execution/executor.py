@@ -16,33 +16,52 @@ def run_jobs(
     report: ReportProgress,
     follow_up: FollowUp = lambda job, result: (),
     cluster: Cluster | None = None,
-    tell: Callable[[str], None] = lambda line: None,
+    notify: Callable[[str], None] = lambda line: None,
 ) -> Generator[JobResult]:
-    """Run jobs and those that follow from them, and yield each as it ends.
+    """Run jobs, and the jobs that follow from them, and yield each when it ends.
 
-    On this machine ``workers`` jobs run at a time, and beside them one of those that take all cores, so that
-    cores that are idle (a file is being written, a scene loaded) are used. Where a job fails, its error is
-    yielded, nothing follows from it, and the others go on. A job whose process dies is run once more, alone; one that
-    dies twice is set aside. ``tell`` is called with a line for people for each job that is run again, and why. With
-    ``cluster`` a Dask cluster runs the jobs; :func:`saf_gen.core.execution.dask_cluster.run_jobs_on_dask` says how.
+    On this machine ``workers`` jobs run at a time, together with one of the jobs that take all cores, so that cores do
+    not idle while a file is written or a scene loaded. If a job fails, its error is yielded, nothing follows from it,
+    and the other jobs continue. A job whose process dies is run once more, alone; if its process dies again, the job
+    has failed.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+        Jobs that can start at once.
+    workers : int
+        Number of jobs at a time on this machine.
+    report : callable
+        Called with the name of a piece of work and the fraction of it that is done, 0 to 1.
+    follow_up : callable, optional
+        Called with a job that succeeded and its result; returns the jobs that may start then.
+    cluster : Cluster, optional
+        Dask cluster that runs the jobs instead, as :func:`saf_gen.core.execution.dask_cluster.run_jobs_on_dask` says.
+    notify : callable, optional
+        Called with a line of text for each job that is run again, with the reason.
+
+    Yields
+    ------
+    JobResult
+        Job, result and error of each job.
     """
     if not jobs:
         nothing: tuple[JobResult, ...] = ()
         return (ended for ended in nothing)
     if cluster is not None:
-        return run_jobs_on_dask(jobs, cluster, report=report, follow_up=follow_up, tell=tell)
-    return _run_on_cores(jobs, workers, report=report, follow_up=follow_up, tell=tell)
+        return run_jobs_on_dask(jobs, cluster, report=report, follow_up=follow_up, notify=notify)
+    return _run_on_cores(jobs, workers, report=report, follow_up=follow_up, notify=notify)
 
 
 def _run_on_cores(
-    jobs: Sequence[Job], workers: int, *, report: ReportProgress, follow_up: FollowUp, tell: Callable[[str], None]
+    jobs: Sequence[Job], workers: int, *, report: ReportProgress, follow_up: FollowUp, notify: Callable[[str], None]
 ) -> Generator[JobResult]:
     others = set(multiprocessing.active_children())  # these belong to the program that calls this function
-    pools = alone, side_by_side = tuple(WorkerPool(count, tell=tell) for count in (1, workers))
+    pools = exclusive_pool, shared_pool = tuple(WorkerPool(count, notify=notify) for count in (1, workers))
 
     def add(jobs: Iterable[Job]) -> None:
         for job in jobs:
-            (alone if job.takes_all_cores else side_by_side).add([job])
+            (exclusive_pool if job.takes_all_cores else shared_pool).add([job])
 
     try:
         add(jobs)
@@ -57,7 +76,7 @@ def _run_on_cores(
                     add(follow_up(job, future.result()))
                     yield job, future.result(), None
     except BaseException:
-        # A job may be ended in the middle, and waiting for a render to finish could take minutes.
+        # Jobs may be terminated at any point, and waiting for a render to finish could take minutes.
         for process in set(multiprocessing.active_children()) - others:
             process.terminate()
         for pool in pools:

@@ -1,7 +1,7 @@
-"""What a job is, and what comes of it.
+"""Jobs, and what they return.
 
-A job is a picklable value with ``run(report)``. It is idempotent and leaves its result on disk, so a job that
-runs twice, or a worker that dies, does no harm. What it returns is small.
+A job is a picklable value with a method ``run(report)``. It is idempotent and leaves its result on disk, so a job that
+runs twice, or a worker that dies, does no harm. Its return value is small.
 """
 
 from collections.abc import Callable, Iterable
@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from saf_gen.errors import SafGenError
 
 ReportProgress = Callable[[str, float], None]
-"""Called with the name of a piece of work and the fraction of it that is done, 0...1."""
+"""Called with the name of a piece of work and the fraction of it that is done, 0 to 1."""
 
 
 class Job(Protocol):
@@ -22,26 +22,26 @@ class Job(Protocol):
 
     @property
     def takes_all_cores(self) -> bool:
-        """Whether the job uses every core, so that two of them on one machine only slow each other down."""
+        """Return True if the job uses every core, so that two of them on one machine only slow each other down."""
         ...
 
     @property
     def wants_gpu(self) -> bool:
-        """Whether the job goes to a worker of a cluster that offers a GPU, where there is one."""
+        """Return True if the job should go to a worker of a cluster that offers a GPU, if there is one."""
         ...
 
     def run(self, report: ReportProgress) -> Any: ...
 
 
 JobResult = tuple[Any, Any, SafGenError | None]
-"""(job, result, error): the error is None where the job succeeded, the result is None where it failed."""
+"""(job, result, error): the error is None if the job succeeded, and the result is None if it failed."""
 
 FollowUp = Callable[[Any, Any], Iterable[Job]]
 """Called with a job that succeeded and its result; returns the jobs that may start then."""
 
 
 def describe_job_error(error: BaseException) -> SafGenError:
-    """Return the error of a job as a user sees it, whatever exception the job raised."""
+    """Return the error of a job as users see it, whatever exception the job raised."""
     if isinstance(error, SafGenError):
         return error
     if isinstance(error, BrokenProcessPool):

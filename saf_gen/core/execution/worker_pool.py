@@ -1,7 +1,8 @@
-"""Processes that run jobs, and outlive the death of one of them.
+"""A pool of processes that runs jobs, and survives the death of one of its processes.
 
-Whoever kills a process (the kernel that needs its memory, a person) ends a whole ``ProcessPoolExecutor``. Here its jobs
-are put into a new one, each alone, so that a second death tells which job it was; the others are done.
+If one of its processes is killed, by a person or by the kernel for its memory, a ``ProcessPoolExecutor`` ends and loses
+all its jobs. Here these jobs are put into a new executor, each alone, so that a second death shows which job caused it;
+the others are done.
 """
 
 import multiprocessing
@@ -18,14 +19,14 @@ from typing import Any
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.execution.job import Job, ReportProgress
 
-MOST_DEATHS = 2
+MAX_DEATHS = 2
 
 
 _queue: Any = None
 
 
 def _start_worker(queue: Any) -> None:
-    """Set up a worker: it reports to the queue, and ends when its parent ends."""
+    """Set up a worker, which reports to the queue and ends when its parent ends."""
     global _queue
     _queue = queue
     parent = multiprocessing.parent_process()
@@ -34,7 +35,7 @@ def _start_worker(queue: Any) -> None:
 
 
 def _exit_after(sentinel: int) -> None:
-    # Without this a killed run leaves workers behind, which wait for ever and keep their memory.
+    # Without this, a killed run would leave workers behind that wait for ever and keep their memory.
     multiprocessing.connection.wait([sentinel])
     os._exit(1)
 
@@ -45,28 +46,28 @@ def _run(job: Job) -> Any:
 
 @dataclass(eq=False)
 class _Attempt:
-    """A job, and how many processes have died while they had it."""
+    """A job, and the number of processes that have died while they ran it."""
 
     job: Job
     deaths: int = 0
 
 
 class WorkerPool:
-    """At most ``size`` jobs at a time, each in a process of its own.
+    """A pool that runs at most ``size`` jobs at a time, each in its own process.
 
-    ``tell`` is called with a line for each job that is run again because a process died that had it.
+    ``notify`` is called with a line of text for each job that is run again because its process died.
     """
 
-    def __init__(self, size: int, *, tell: Callable[[str], None]) -> None:
-        self._size, self._tell = size, tell
+    def __init__(self, size: int, *, notify: Callable[[str], None]) -> None:
+        self._size, self._notify = size, notify
         self._waiting: deque[_Attempt] = deque()
         self._suspects: deque[_Attempt] = deque()  # one of them may have killed its process
         self._running: dict[Future[Any], _Attempt] = {}
         self._open()
 
     def _open(self) -> None:
-        # Spawned, never forked: Mitsuba's and numba's threads do not survive a fork. A process may have died with the
-        # queue's lock in its hand, so that each pool has a queue of its own.
+        # Processes are spawned, because Mitsuba's and numba's threads do not survive a fork. Each executor has its own
+        # queue, because a process may have died while it held the lock of the old queue.
         context = multiprocessing.get_context("spawn")
         self._queue = context.SimpleQueue()
         self._pool = ProcessPoolExecutor(
@@ -75,11 +76,11 @@ class WorkerPool:
 
     @property
     def futures(self) -> list[Future[Any]]:
-        """One for each job that runs."""
+        """One future for each running job."""
         return list(self._running)
 
     def add(self, jobs: Iterable[Job]) -> None:
-        """Take jobs, and start as many as there is room for."""
+        """Add jobs, and start as many as may run now."""
         self._waiting += map(_Attempt, jobs)
         self._start()
 
@@ -91,7 +92,7 @@ class WorkerPool:
                     return
                 try:
                     future = self._pool.submit(_run, queue[0].job)
-                except BrokenProcessPool:  # a process has died, and its jobs, if it had any, are still to be collected
+                except BrokenProcessPool:  # a process has died; jobs that were running are still to be collected
                     if self._running:
                         return
                     self._reopen()
@@ -103,13 +104,16 @@ class WorkerPool:
         self._open()
 
     def collect(self, report: ReportProgress) -> Iterator[tuple[Job, Future[Any]]]:
-        """Pass on what jobs have told, yield those that have ended, well or with two processes, and start others."""
+        """Pass on progress, yield the jobs that have ended, and start others.
+
+        A job has ended when it has returned, raised an exception, or lost two processes.
+        """
         ended = [future for future in self._running if future.done()]
         died = any(isinstance(future.exception(), BrokenProcessPool) for future in ended)
         if died:
-            wait(self._running)  # all of them have ended, well or with the pool
+            wait(self._running)  # every job ends now, by itself or with the executor
             ended = list(self._running)
-        while not self._queue.empty():  # after the look at what has ended: all that it told is in the queue
+        while not self._queue.empty():  # read only now, so that it holds all reports of the jobs that have ended
             report(*self._queue.get())
         if died:
             self._reopen()
@@ -117,13 +121,13 @@ class WorkerPool:
             attempt = self._running.pop(future)
             if isinstance(future.exception(), BrokenProcessPool):
                 attempt.deaths += 1
-                if attempt.deaths < MOST_DEATHS:
+                if attempt.deaths < MAX_DEATHS:
                     self._suspects.append(attempt)
-                    self._tell(f"again: {attempt.job.name} (its process died: killed, or out of memory?)")
+                    self._notify(f"again: {attempt.job.name} (its process died: killed, or out of memory?)")
                     continue
             yield attempt.job, future
         self._start()
 
     def close(self, *, cancel: bool = False) -> None:
-        """Wait until the processes have ended; with ``cancel`` jobs that have not begun are dropped."""
+        """Wait until the processes have ended; with ``cancel``, drop the jobs that have not begun."""
         self._pool.shutdown(wait=True, cancel_futures=cancel)

@@ -1,4 +1,4 @@
-"""Figures of an evaluation: focus curves, errors, success by condition, paths of searches and lens."""
+"""Figures of an evaluation: focus curves, errors, success by condition, and paths of searches and of the lens."""
 
 from matplotlib.figure import Figure
 
@@ -17,11 +17,11 @@ from saf_gen.leaderboard.figures.error_figure import plot_error_figure
 from saf_gen.leaderboard.figures.focus_curve_figure import (
     Cursor,
     locate_figure_cursor,
-    normalise_curve_of_figure,
+    normalise_figure_curve,
     plot_focus_curve_figure,
 )
-from saf_gen.leaderboard.figures.image_strip import ImageStrip, build_figure_image_strip, build_figure_spike_strip
 from saf_gen.leaderboard.figures.path_figures import plot_lens_path_figure, plot_search_step_figure
+from saf_gen.leaderboard.figures.sweep_strip import ImageStrip, build_figure_image_strip, build_figure_spike_strip
 
 __all__ = [
     "CONDITIONS",
@@ -40,7 +40,7 @@ __all__ = [
     "figure_to_pdf",
     "inline_svg",
     "locate_figure_cursor",
-    "normalise_curve_of_figure",
+    "normalise_figure_curve",
     "plot_condition_figure",
     "plot_depth_of_focus_figure",
     "plot_error_figure",

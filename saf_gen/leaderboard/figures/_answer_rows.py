@@ -1,4 +1,4 @@
-"""The rows above the curves: one per search, with a mark at the answer of each measure."""
+"""The rows above focus curves: one per search, with a mark at the answer of each measure."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,14 +11,14 @@ from saf_gen.core.figure_style import GREY, PAPER, PlotStyle, hide_plot_spines
 from saf_gen.leaderboard.figures._figure import PREDICTIONS_LABEL, shorten_figure_label, split_figure_label
 from saf_gen.leaderboard.figures._sweep_axis import frames_to_figure_axis
 
-LETTERS = 18
-"""Longest name of a row, in characters."""
+MAX_ROW_CHARACTERS = 18
+"""Largest length of the name of a row, in characters."""
 AnswersBySearch = Mapping[str, Mapping[str, float]]
-"""The frame of each answer, by search, then by measure."""
+"""Frame of each answer, by search, then by measure."""
 
 
-def group_answers_in_figure(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> dict[str, dict[str, float]]:
-    """Return the answers of the measures that have styles, in the order of ``records``."""
+def group_figure_answers(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> dict[str, dict[str, float]]:
+    """Return the frames of the answers of all measures in ``styles``, in the order of ``records``."""
     answers: dict[str, dict[str, float]] = {}
     for record in records:
         measure, search = split_figure_label(record.method)
@@ -27,10 +27,10 @@ def group_answers_in_figure(records: Sequence[Record], styles: Mapping[str, Plot
     return answers
 
 
-def draw_answer_rows_in_figure(
+def draw_figure_answer_rows(
     axes: Axes, answers: AnswersBySearch, *, shown: Sequence[str], styles: Mapping[str, PlotStyle], sweep: SweepSummary
 ) -> None:
-    """Draw a row per search; the measures of ``shown`` come first, in their order."""
+    """Draw one row per search; in each row the measures of ``shown`` come first, in their order."""
     to_axis = frames_to_figure_axis(sweep)
     for row, by_measure in enumerate(answers.values()):
         axes.axhline(row + 0.5, color=GREY, lw=0.6, zorder=0.1)
@@ -40,7 +40,9 @@ def draw_answer_rows_in_figure(
             style = styles[measure]
             x = to_axis(np.array([by_measure[measure]]))
             axes.plot(x, height, style.marker, c=style.colour, ms=4.5, mec=PAPER, mew=0.5, clip_on=False)
-    axes.set_yticks(range(len(answers)), [shorten_figure_label(s or PREDICTIONS_LABEL, LETTERS) for s in answers])
+    axes.set_yticks(
+        range(len(answers)), [shorten_figure_label(s or PREDICTIONS_LABEL, MAX_ROW_CHARACTERS) for s in answers]
+    )
     axes.set_ylim(max(len(answers), 1) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0, labelsize=7.5)
     axes.tick_params(axis="x", bottom=False, labelbottom=False)

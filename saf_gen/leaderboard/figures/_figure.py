@@ -1,4 +1,4 @@
-"""What the figures of a leaderboard share: an empty figure with its title, labels, and output as PDF."""
+"""Common parts of the figures of a leaderboard: an empty figure with a title, labels, and output as PDF."""
 
 import io
 import textwrap
@@ -11,12 +11,14 @@ from saf_gen.core.figure_style import COLUMN, PAPER, STYLE, WIDTH, use_plot_styl
 
 PDF_CREATOR = "saf-gen"
 PREDICTIONS_LABEL = "predictions"
-"""Label in place of the search, for a method that has none."""
-TITLE, TITLE_LINE = 52, 0.16  # characters in a line of the title; height of each further line, inches
+"""Label that replaces the search of methods that have no search."""
+MAX_LABEL_CHARACTERS = 34
+"""Largest length of the name of a method that labels a row, in characters."""
+TITLE, TITLE_LINE = 52, 0.16  # characters per line of the title; height of each further line, in inches
 
 
 def create_leaderboard_figure(inches: float, *, title: str) -> Figure:
-    """Return an empty figure of this height and WIDTH, with its title on the left."""
+    """Return an empty figure, WIDTH wide and ``inches`` high, with its title on the left; a long title adds height."""
     lines = textwrap.wrap(title, TITLE) or [""]
     figure = Figure(figsize=(WIDTH, inches + TITLE_LINE * (len(lines) - 1)), dpi=72, layout="constrained")
     FigureCanvasSVG(figure)
@@ -25,13 +27,13 @@ def create_leaderboard_figure(inches: float, *, title: str) -> Figure:
 
 
 def describe_figure_omissions(*counts: tuple[int, int, str]) -> str:
-    """Return which items a figure shows, from (drawn, all, noun) of each kind; '' where it shows everything."""
+    """Return a sentence on how many items a figure shows, from (drawn, all, noun) of each kind; '' if it shows all."""
     parts = [f"{drawn} of {total} {noun}" for drawn, total, noun in counts if drawn < total]
     return f"Drawn: the first {', the first '.join(parts)}" if parts else ""
 
 
 def shorten_figure_label(name: str, limit: int) -> str:
-    """Return the name, with its middle left out if it is longer than ``limit`` characters."""
+    """Return the name; if it is longer than ``limit`` characters, its middle is replaced by an ellipsis."""
     if len(name) <= limit:
         return name
     end = (limit - 1) // 2
@@ -39,13 +41,13 @@ def shorten_figure_label(name: str, limit: int) -> str:
 
 
 def split_figure_label(method: str) -> tuple[str, str]:
-    """Return the measure and the search of a method, with their options; the name and '' for predictions."""
+    """Return the measure and the search of a method with their options, or the name and '' for predictions."""
     measure, _, search = method.partition("+")
     return measure, search
 
 
 def figure_to_pdf(figure: Figure) -> bytes:
-    """Return the figure as PDF, scaled as a whole to a column of a paper (3.5 inches), its fonts embedded."""
+    """Return the figure as PDF with embedded fonts, with all its parts scaled to a column of a paper (3.5 inches)."""
     width, height = (72 * side for side in figure.get_size_inches())
     scale, buffer = 72 * COLUMN / width, io.BytesIO()
     with use_plot_style({**STYLE, "pdf.fonttype": 42}):
@@ -53,7 +55,7 @@ def figure_to_pdf(figure: Figure) -> bytes:
         try:
             figure.set_dpi(72)
             file.newPage(scale * width / 72, scale * height / 72)
-            file.width, file.height = width / 72, height / 72  # lines are cut off at the page as it was before scaling
+            file.width, file.height = width / 72, height / 72  # lines are clipped to the page before scaling
             file.output(scale, 0, 0, scale, 0, 0, Op.concat_matrix)  # matplotlib itself cannot scale text and lines
             renderer = RendererPdf(file, 72, height / 72, width / 72)
             figure.draw(renderer)
@@ -65,6 +67,6 @@ def figure_to_pdf(figure: Figure) -> bytes:
 
 
 def add_paper_to_figure(svg: str) -> str:
-    """Return the SVG on a white background, for viewers with a dark one."""
+    """Return the SVG with a white background, for viewers whose background is dark."""
     end = svg.index(">", svg.index("<svg")) + 1
     return f'{svg[:end]}\n <rect width="100%" height="100%" fill="{PAPER}"/>{svg[end:]}'

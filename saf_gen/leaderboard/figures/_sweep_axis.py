@@ -1,4 +1,4 @@
-"""Common parts of figures over a sweep: the horizontal axis, and the truth on it."""
+"""Common parts of figures of a sweep: the horizontal axis, and the truth on it."""
 
 import math
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from saf_gen.benchmark.judgement import position_of_method_answer
+from saf_gen.benchmark.judgement import judged_lens_position
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.core.figure_style import BAND, GREY, INK, SOFT
 from saf_gen.optics.focus_crossings import find_focus_crossings
@@ -17,7 +17,7 @@ LENS_LINE: dict[str, Any] = {"color": SOFT, "lw": 0.9, "ls": (0, (7, 2))}
 
 
 def find_figure_position_axis(sweep: SweepSummary) -> np.ndarray | None:
-    """Return the focus position (T,) if it can be an axis: if the lens never comes back and never rests."""
+    """Return the focus position (T,) if it can be the axis: if the lens neither comes back nor rests; else None."""
     lens = sweep.focus_position
     if lens is None or len(lens) < 2:
         return None
@@ -28,15 +28,19 @@ def find_figure_position_axis(sweep: SweepSummary) -> np.ndarray | None:
 
 
 def frames_to_figure_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the map from frames to the axis: to the focus position if it can be one, else to the frame."""
+    """Return the function that maps frames to the axis: the focus position if it can be the axis, else the frame."""
     lens = find_figure_position_axis(sweep)
     if lens is None:
         return lambda frames: frames
     return lambda frames: np.interp(frames, np.arange(len(lens)), lens)
 
 
-def plot_truth_in_figure(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
-    """Draw the truth as a line in the band of its depth of focus; over frames, one at every crossing."""
+def plot_figure_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
+    """Draw the truth as a line in a band, its depth of focus; on an axis of frames, at every crossing.
+
+    With ``note``, the position of the lens is drawn too on an axis of frames; on an axis of positions, a text states
+    the truth if it is outside the axis.
+    """
     over_frames = find_figure_position_axis(sweep) is None
     if over_frames and sweep.focus_position is not None:
         _draw_truth_over_frames(axes, sweep, lens=sweep.focus_position, draw_lens=note)
@@ -56,15 +60,15 @@ def plot_truth_in_figure(axes: Axes, sweep: SweepSummary, *, note: bool = True) 
         axes.text(x, 0.9, text, transform=axes.get_yaxis_transform(), ha=side)
 
 
-def is_within_depth_in_figure(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
-    """Return where the lens is within the depth of focus, bool (T,); False where that is unknown."""
+def find_figure_frames_in_focus(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
+    """Return whether the lens is within the depth of focus in each frame, bool (T,); False if that is unknown."""
     offset = _focus_offset(sweep, lens)
     near, far = sorted(sweep.depth_of_focus)
     return np.asarray((offset >= near - sweep.truth) & (offset <= far - sweep.truth))
 
 
-def find_runs_in_figure(where: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first index and the stop index of each run of True in ``where``, bool (T,)."""
+def find_figure_runs(where: np.ndarray) -> list[tuple[int, int]]:
+    """Return the first and the stop index of each run of True in ``where``, bool (T,)."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], where.astype(int), [0]))))
     return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
 
@@ -75,12 +79,15 @@ def find_figure_truth_crossings(sweep: SweepSummary, lens: np.ndarray) -> np.nda
 
 
 def _focus_offset(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
-    """Return lens minus truth over time, float64 (T,)."""
+    """Return lens minus truth in each frame, float64 (T,), as a fraction of the travel."""
     return np.asarray(np.asarray(lens, dtype=np.float64) - (sweep.truth if sweep.track is None else sweep.track))
 
 
 def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray, draw_lens: bool) -> None:
-    """Draw the crossings of the truth, when the lens is in focus, and the lens itself with a moving truth."""
+    """Draw each crossing of the truth and the frames in which the lens is in focus.
+
+    With ``draw_lens``, draw the position of the lens too, and that of a truth that moves.
+    """
     all_frames, height = np.arange(len(lens)), axes.get_xaxis_transform()
     frames = np.linspace(0, len(lens) - 1, min(len(lens), 400))
     if draw_lens:
@@ -88,13 +95,13 @@ def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray
         if sweep.track is not None:
             moving = np.interp(frames, all_frames, sweep.track)
             axes.plot(frames, moving, color=INK, lw=0.9, ls=":", zorder=0.7)
-    for first, stop in find_runs_in_figure(is_within_depth_in_figure(sweep, lens)):
+    for first, stop in find_figure_runs(find_figure_frames_in_focus(sweep, lens)):
         axes.axvspan(first, stop, color=BAND, alpha=0.45, lw=0, zorder=0.5)
     axes.vlines(find_figure_truth_crossings(sweep, lens), 0, 1, color=INK, lw=1.1, zorder=0.6, transform=height)
 
 
-def add_frame_axis_to_figure(axes: Axes, sweep: SweepSummary, *, label: Axes) -> None:
-    """Set the limits and label of the horizontal axis; of a position axis, frames stand along the top."""
+def add_figure_frame_axis(axes: Axes, sweep: SweepSummary, *, label: Axes) -> None:
+    """Set the limits and label of the horizontal axis; an axis of positions gets frames along the top."""
     lens = find_figure_position_axis(sweep)
     if lens is None:
         label.set_xlim(0, sweep.frames[-1] + sweep.frames[0])
@@ -104,7 +111,7 @@ def add_frame_axis_to_figure(axes: Axes, sweep: SweepSummary, *, label: Axes) ->
     label.set_xlabel("focus position, fraction of travel")
     ticks = [t for t in MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(0, len(lens) - 1) if 0 <= t <= len(lens)]
     upper = axes.secondary_xaxis("top")
-    upper.set_xticks([position_of_method_answer(t, lens) for t in ticks], [f"{t:,.0f}" for t in ticks])
+    upper.set_xticks([judged_lens_position(t, lens) for t in ticks], [f"{t:,.0f}" for t in ticks])
     upper.tick_params(colors=SOFT, labelcolor=SOFT, labelsize=7.5, pad=1, length=2.5)
     upper.spines["top"].set_color(GREY)
     upper.set_xlabel("frame", fontsize=7.5, color=SOFT, labelpad=4)

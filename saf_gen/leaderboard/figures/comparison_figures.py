@@ -1,4 +1,4 @@
-"""Performance profiles of the first methods, and how each compares with its neighbour in rank."""
+"""Figures that compare methods: performance profiles, and pairs of neighbours in rank."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,6 +15,7 @@ from saf_gen.core.figure_style import (
     use_plot_style,
 )
 from saf_gen.leaderboard.figures._figure import (
+    MAX_LABEL_CHARACTERS,
     create_leaderboard_figure,
     describe_figure_omissions,
     shorten_figure_label,
@@ -23,11 +24,9 @@ from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend
 from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
 
 BANDS = 3
-"""Methods that have a band, the first ones; more would hide each other."""
+"""Number of methods, from the first, that have a band; more bands would hide each other."""
 MAX_PAIRS = 30
-"""Most pairs of neighbours in a figure, the first ones."""
-LETTERS = 34
-"""Longest name of a method, in characters."""
+"""Largest number of pairs of neighbours in a figure; the first pairs are drawn."""
 AXIS_LABELS: Mapping[str, str] = {
     "error_dof": "|answer − truth| at most, depths of focus",
     "time_s": "in focus within, seconds",
@@ -35,9 +34,10 @@ AXIS_LABELS: Mapping[str, str] = {
 
 
 def plot_profile_figure(profiles: Sequence[Profile], *, title: str) -> Figure:
-    """Return the profiles of one quantity: the fraction within each limit over the limit, the first BANDS with bands.
+    """Return the figure of the profiles of one quantity: the fraction of answers within each limit.
 
-    The first MAX_MEASURES methods are drawn, and the figure says so.
+    The first MAX_MEASURES methods are drawn, the first BANDS of them with a band for the interval. If methods are left
+    out, the figure says so.
     """
     shown = list(profiles[:MAX_MEASURES])
     note = describe_figure_omissions((len(shown), len(profiles), "methods"))
@@ -70,7 +70,7 @@ def plot_profile_figure(profiles: Sequence[Profile], *, title: str) -> Figure:
 
 
 def plot_neighbour_figure(neighbours: Sequence[NeighbourComparison], *, title: str) -> Figure:
-    """Return a row per pair of neighbours: the probability of improvement with its interval, beside one half."""
+    """Return the figure of the probability of improvement, with its interval, of each pair of neighbours."""
     shown = list(neighbours[:MAX_PAIRS])
     note = describe_figure_omissions((len(shown), len(neighbours), "pairs"))
     with use_plot_style():
@@ -81,7 +81,10 @@ def plot_neighbour_figure(neighbours: Sequence[NeighbourComparison], *, title: s
             if pair.improvement_low is not None and pair.improvement_high is not None:
                 axes.plot([pair.improvement_low, pair.improvement_high], [row, row], color=SOFT, lw=1.3)
             axes.plot(pair.improvement, row, "o", color=INK, ms=4)
-        labels = [f"{shorten_figure_label(p.first, LETTERS)}\n{shorten_figure_label(p.second, LETTERS)}" for p in shown]
+        labels = [
+            "\n".join(shorten_figure_label(name, MAX_LABEL_CHARACTERS) for name in (pair.first, pair.second))
+            for pair in shown
+        ]
         axes.set_yticks(range(len(shown)), labels, fontsize=7.5)
         axes.set_ylim(len(shown) - 0.5, -0.5)
         axes.set_xlim(0, 1)

@@ -18,19 +18,19 @@ from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend
 
 BINS = 6
 POINTS = 240
-"""Most single errors in a figure; with more only their medians are drawn."""
+"""Largest number of single errors in a figure; if there are more, only medians are drawn."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A property of recordings that is a number above 0, or None where it is unknown."""
+    """A property of recordings; its ``value`` is a number above 0, or None if it is unknown."""
 
     name: str
     title: str
     axis_label: str
     value: Callable[[Record], float | None]
     min_ratio: float
-    """Smallest ratio of largest to smallest value for a figure."""
+    """Smallest ratio of the largest to the smallest value for which a figure is drawn."""
 
 
 CONDITIONS = (
@@ -52,10 +52,11 @@ CONDITIONS = (
 
 
 def bin_sequences_for_figure(records: Sequence[Record], condition: Condition) -> list[tuple[float, frozenset[str]]]:
-    """Return groups of sequences with similar condition, in rising order: (geometric mean, their names).
+    """Return groups of sequences with similar values of a condition, in ascending order.
 
-    Where there are few values, each is a group; many are divided into BINS groups of about equal size. There is no
-    group for fewer than three values, or for values that differ by less than ``condition.min_ratio``.
+    Each group is the geometric mean of its values and the names of its sequences. If there are at most BINS distinct
+    values, each is a group; more are divided into BINS groups of about equal size. The list is empty if there are fewer
+    than three values or if the ratio of the largest to the smallest is below ``condition.min_ratio``.
     """
     values = {r.sequence: value for r in records if (value := condition.value(r)) is not None}
     distinct = sorted(set(values.values()))
@@ -76,10 +77,10 @@ def bin_sequences_for_figure(records: Sequence[Record], condition: Condition) ->
 def plot_condition_figure(
     records: Sequence[Record], condition: Condition, *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure | None:
-    """Return the figure of one search: success within 1 DoF above, median error below, a line per measure.
+    """Return the figure of one search: success within 1 DoF above, median error below, with one line per measure.
 
-    ``styles`` gives the measures in their order; the first MAX_MEASURES are drawn, and the figure says so.
-    None where bin_sequences_for_figure has no group or no error is known.
+    ``styles`` gives the order of the measures, of which the first MAX_MEASURES are drawn; if others are left out, the
+    figure says so. The result is None if bin_sequences_for_figure returns no group or no error is known.
     """
     groups = bin_sequences_for_figure(records, condition)
     present = {split_figure_label(r.method)[0] for r in records}
@@ -100,7 +101,7 @@ def plot_condition_figure(
         above.set_ylim(-0.06, 1.06)
         above.set_yticks([0, 0.5, 1], ["0 %", "50 %", "100 %"])
         above.set_ylabel("within 1 DoF")
-        _set_error_axis(below, [abs(r.error_dof) for r in records if r.error_dof is not None])
+        _set_absolute_error_axis(below, [abs(r.error_dof) for r in records if r.error_dof is not None])
         below.set_xscale("log")
         low, high = groups[0][0], groups[-1][0]
         below.set_xticks([g[0] for g in _spread(groups)], [_short(g[0]) for g in _spread(groups)])
@@ -154,8 +155,8 @@ def _scatter(axes: Axes, records: Sequence[Record], *, condition: Condition, sty
         axes.plot(*np.array(points).T, ".", color=style.colour, ms=4, alpha=0.5, mew=0, zorder=1)
 
 
-def _set_error_axis(axes: Axes, errors: Sequence[float]) -> None:
-    """Make the error axis linear up to one depth of focus and logarithmic beyond."""
+def _set_absolute_error_axis(axes: Axes, errors: Sequence[float]) -> None:
+    """Make the error axis linear up to one depth of focus and logarithmic beyond it."""
     reach = max([3.0, *errors]) * 1.2
     axes.set_yscale("symlog", linthresh=1, linscale=0.6)
     axes.set_ylim(0, reach)
@@ -166,7 +167,7 @@ def _set_error_axis(axes: Axes, errors: Sequence[float]) -> None:
 
 
 def _spread(groups: Sequence[tuple[float, frozenset[str]]]) -> list[tuple[float, frozenset[str]]]:
-    """Return groups whose values, as text, do not overlap."""
+    """Return the groups whose values can be labelled without overlap."""
     total = math.log(groups[-1][0] / groups[0][0])
     kept = [groups[0]]
     for group in groups[1:]:

@@ -1,4 +1,4 @@
-"""What a depth of focus is: the target as the camera sees it at some distances from the focus, and the blur there."""
+"""Figure that explains the depth of focus: the target at some distances from the focus, and the blur there."""
 
 import math
 from collections.abc import Sequence
@@ -12,23 +12,24 @@ from saf_gen.benchmark.results import SweepSummary
 from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
 from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, hide_plot_spines, use_plot_style
 from saf_gen.leaderboard.figures._figure import create_leaderboard_figure
-from saf_gen.leaderboard.figures.image_strip import WHITE_QUANTILE
+from saf_gen.leaderboard.figures.sweep_strip import WHITE_QUANTILE
 
 OFFSETS_DOF = (-4.0, -1.0, 0.0, 1.0, 4.0)
-"""Distances from the true focus at which a picture is looked for, in depths of focus."""
+"""Wanted distances of the pictures from the true focus, in depths of focus."""
 REACH_DOF = 5.0
 """Half the width of the plot of blur, in depths of focus."""
 DETAIL_PX = 56
-"""Side of the square detail that the pictures show, in pixels."""
+"""Side length of the square detail that the pictures show, in pixels."""
 PICTURES, PLOT = 1.05, 1.5  # inches: the row of pictures; the plot with its title and labels
 
 
 def plot_depth_of_focus_figure(sweeps: Sequence[SweepSummary]) -> Figure:
-    """Return the figure that explains a depth of focus.
+    """Return the figure that explains the depth of focus.
 
-    Below, the blur of the target over its distance from the focus: within the depth of focus it is at most 1 pixel
-    wide, one depth of focus away 2. Above, what the camera saw there, where one of ``sweeps`` has pictures and a
-    known, resting focus: the one under the steadiest light.
+    The lower part plots the blur of the target against the distance from the focus: within the depth of focus the blur
+    is at most 1 pixel wide, and one depth of focus away from the focus it is 2 pixels wide. The upper part shows what
+    the camera saw at some distances, in the sweep under the steadiest light of those that have pictures and a known
+    focus that does not move. If there is no such sweep, the upper part is left out.
     """
     found = _choose_pictures(sweeps)
     with use_plot_style():
@@ -65,7 +66,7 @@ def _draw_blur(axes: Axes) -> None:
 
 
 def _choose_pictures(sweeps: Sequence[SweepSummary]) -> list[tuple[float, np.ndarray]]:
-    """Return the distances in depths of focus, and the pictures, of what measures see in the steadiest sweep."""
+    """Return offset from the focus (DoF) and picture of a detail at a few moments of the sweep in steadiest light."""
     known = [sweep for sweep in sweeps if sweep.thumbnails is not None and _offsets_in_dof(sweep) is not None]
     if not known:
         return []
@@ -83,7 +84,7 @@ def _choose_pictures(sweeps: Sequence[SweepSummary]) -> list[tuple[float, np.nda
 
 
 def _find_detail(image: np.ndarray, *, box: tuple[float, float, float, float]) -> tuple[slice, slice]:
-    """Return the square of the image (row, col), in the box where measures look, whose values differ most."""
+    """Return the square (row, col) with the largest variance in the box where measures look."""
     rows, columns = image.shape
     top, left = math.floor(box[0] * rows), math.floor(box[1] * columns)
     bottom, right = max(math.ceil(box[2] * rows), top + 1), max(math.ceil(box[3] * columns), left + 1)
@@ -98,7 +99,7 @@ def _find_detail(image: np.ndarray, *, box: tuple[float, float, float, float]) -
 
 
 def _offsets_in_dof(sweep: SweepSummary) -> np.ndarray | None:
-    """Return the lens minus the true focus at each picture, in depths of focus; None where unknown or moving."""
+    """Return lens minus true focus at each picture, in depths of focus; None if the focus is unknown or moves."""
     depth = judged_depth_of_focus(sweep.depth_of_focus)
     pictures, lens = sweep.thumbnails, sweep.focus_position
     if pictures is None or lens is None or sweep.track is not None or not depth or not math.isfinite(sweep.truth):

@@ -1,4 +1,4 @@
-"""Errors of each method's answers in one scene."""
+"""Figure of the errors of each method in one scene."""
 
 import math
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter
 from saf_gen.benchmark.records import Record
 from saf_gen.core.figure_style import BAND, GREY, INK, PAPER, SOFT, assign_plot_styles, hide_plot_spines, use_plot_style
 from saf_gen.leaderboard.figures._figure import (
+    MAX_LABEL_CHARACTERS,
     create_leaderboard_figure,
     describe_figure_omissions,
     shorten_figure_label,
@@ -22,19 +23,18 @@ from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend
 
 NO_LIGHT = "recording"
 MANY_ROWS, MAX_ROWS = 30, 80
-"""Numbers of methods above which rows are closer, and above which the rest is left out."""
+"""Numbers of methods above which rows are closer together, and above which the rest is left out."""
 ROW, CLOSE_ROW = 0.2, 0.14  # inches
 MAX_MARKS = 600
-"""Most answers of a scene that have a mark each."""
-LETTERS = 34
-"""Longest name of a method, in characters."""
+"""Largest number of answers in a scene for which every answer has its own mark."""
 
 
 def plot_error_figure(records: Sequence[Record], *, title: str) -> Figure:
-    """Return the errors of one scene: a row per method in the order given, a mark per answer and light schedule.
+    """Return the figure of the errors in one scene: one row per method, in the order of ``records``.
 
-    Of more than MAX_MARKS answers a mark is the median of those of a method under one light, and a line holds the
-    middle 90 %. At most MAX_ROWS methods are drawn, the first ones. The figure says so.
+    Each answer has a mark in the style of its light schedule. If there are more than MAX_MARKS answers, a mark is the
+    median of the answers of a method under one light, and a line covers the middle 90 %. At most the first
+    MAX_ROWS methods are drawn. A note in the figure states if either limit applies.
     """
     all_methods = list(dict.fromkeys(r.method for r in records))
     methods = all_methods[:MAX_ROWS]
@@ -60,10 +60,10 @@ def plot_error_figure(records: Sequence[Record], *, title: str) -> Figure:
         for row in range(len(methods)):
             axes.axhline(row, color=GREY, lw=0.6, zorder=0)
         for number, (light, style) in enumerate(lights.items()):
-            own = [r for r in records if (r.light or NO_LIGHT) == light]
+            group = [r for r in records if (r.light or NO_LIGHT) == light]
             offset = (number - (len(lights) - 1) / 2) * 0.66 / max(len(lights), 3)
-            answered = [(r.error_dof, methods.index(r.method) + offset) for r in own if r.error_dof is not None]
-            silent = [(reach, methods.index(r.method) + offset) for r in own if r.status != "answered"]
+            answered = [(r.error_dof, methods.index(r.method) + offset) for r in group if r.error_dof is not None]
+            silent = [(reach, methods.index(r.method) + offset) for r in group if r.status != "answered"]
             if many:
                 silent = sorted(set(silent))
                 answered = _draw_spread(axes, answered, colour=style.colour)
@@ -72,8 +72,8 @@ def plot_error_figure(records: Sequence[Record], *, title: str) -> Figure:
                     xy = np.array(points, dtype=np.float64).T
                     options: dict[str, Any] = {"ms": size, "mew": 0.5, "ls": "", "clip_on": False, **more}
                     axes.plot(*xy, marker=marker, color=style.colour, **options)
-        _set_error_axis(axes, reach)
-        axes.set_yticks(range(len(methods)), [shorten_figure_label(m, LETTERS) for m in methods])
+        _set_signed_error_axis(axes, reach)
+        axes.set_yticks(range(len(methods)), [shorten_figure_label(m, MAX_LABEL_CHARACTERS) for m in methods])
         axes.set_ylim(len(methods) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0, labelsize=7.5)
         hide_plot_spines(axes, "left", "right", "top")
@@ -82,7 +82,7 @@ def plot_error_figure(records: Sequence[Record], *, title: str) -> Figure:
 
 
 def _draw_spread(axes: Axes, points: Sequence[tuple[float, float]], *, colour: str) -> list[tuple[float, float]]:
-    """Draw a line over the middle 90 % of the errors at each height, and return their medians."""
+    """Draw a line over the middle 90 % of the errors at each height, and return the medians at these heights."""
     by_height: dict[float, list[float]] = {}
     for error, height in points:
         by_height.setdefault(height, []).append(error)
@@ -94,7 +94,7 @@ def _draw_spread(axes: Axes, points: Sequence[tuple[float, float]], *, colour: s
     return medians
 
 
-def _set_error_axis(axes: Axes, reach: float) -> None:
+def _set_signed_error_axis(axes: Axes, reach: float) -> None:
     axes.set_xscale("symlog", linthresh=1, linscale=0.8)
     axes.set_xlim(-reach, reach)
     powers = 10.0 ** np.arange(0, int(math.log10(reach)) + 1)

@@ -1,4 +1,4 @@
-"""Focus curves of one recording, in the style of the paper's Figures 4 to 7, with every search's answer."""
+"""Figure of the focus curves of one recording, with all answers, like Figures 4 to 7 of Su et al. (CVPR 2024)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,32 +14,28 @@ from matplotlib.ticker import MaxNLocator
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, hide_plot_spines, use_plot_style
-from saf_gen.leaderboard.figures._answer_rows import (
-    AnswersBySearch,
-    draw_answer_rows_in_figure,
-    group_answers_in_figure,
-)
+from saf_gen.leaderboard.figures._answer_rows import AnswersBySearch, draw_figure_answer_rows, group_figure_answers
 from saf_gen.leaderboard.figures._figure import create_leaderboard_figure, describe_figure_omissions
 from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend_height
 from saf_gen.leaderboard.figures._sweep_axis import (
     LENS_LINE,
-    add_frame_axis_to_figure,
+    add_figure_frame_axis,
     find_figure_position_axis,
     frames_to_figure_axis,
-    plot_truth_in_figure,
+    plot_figure_truth,
 )
 
 MAX_SEARCHES = 6
-"""Most rows of answers in a figure."""
+"""Largest number of rows of answers in a figure."""
 MAX_NAMES = 3
-"""Most names of measures on one line of the legend; more are counted."""
+"""Largest number of measures named on one line of the legend; the number of others is given."""
 ROW, PLOT, REST = 0.22, 1.75, 0.95  # inches: a row of answers, the curves, margins
 CURVES = "curves"
 
 
 @dataclass(frozen=True)
 class Cursor:
-    """Where frames are in the image of a curves figure, as fractions of its width and height."""
+    """Positions of frames in the image of a figure of focus curves, as fractions of its width and height."""
 
     across: tuple[float, ...]
     """Position of each frame, from the left."""
@@ -49,8 +45,8 @@ class Cursor:
     """Lower edge of the curves, from the top."""
 
 
-def normalise_curve_of_figure(scores: np.ndarray) -> np.ndarray:
-    """Return scores (B,) scaled to 0–1, as in the paper's Fig. 4; constant scores become 0, NaN stays."""
+def normalise_figure_curve(scores: np.ndarray) -> np.ndarray:
+    """Return scores (B,) scaled to the range 0 to 1; constant scores become 0, and NaN stays NaN."""
     values = np.asarray(scores, dtype=np.float64)
     finite = values[np.isfinite(values)]
     if finite.size == 0 or finite.max() == finite.min():
@@ -61,28 +57,28 @@ def normalise_curve_of_figure(scores: np.ndarray) -> np.ndarray:
 def plot_focus_curve_figure(
     sweep: SweepSummary, records: Sequence[Record], *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure:
-    """Return the curves of ``sweep`` and, above them, a row per search with the answers in ``records``.
+    """Return the figure of the focus curves of ``sweep`` with, above them, the answers in ``records``.
 
-    Curves run over the focus position, or over frames with the position as a line where the lens comes back
-    or rests. Each is normalised by its own range. The light (mean counts) is a grey area below them, the
-    truth a line in a band, its depth of focus. Measures whose curves coincide have one line. A sweep without
-    curves has light, lens, truth and answers.
+    There is one row of answers per search. Curves are drawn over the focus position or, if the lens comes back or
+    rests, over frames, with the position as a line. Each curve is scaled to its range. The light (mean counts) is a
+    grey area behind the curves, and the truth is a line in a band, its depth of focus. Measures whose curves coincide
+    share a line. For a sweep without curves the figure shows light, lens, truth and answers.
 
-    At most MAX_MEASURES measures of ``styles`` are drawn, in its order, those with curves before those with
-    only an answer; and the first MAX_SEARCHES searches.
+    At most MAX_MEASURES lines and measures without a curve are drawn, in the order of ``styles``, those with curves
+    first, and answers of the first MAX_SEARCHES searches.
     """
-    answers = group_answers_in_figure(records, styles)
+    answers = group_figure_answers(records, styles)
     curved = {curve.measure for curve in sweep.curves}
     answered = {measure for by_measure in answers.values() for measure in by_measure}
     groups = _group_coincident(sweep, styles)[:MAX_MEASURES]
-    alone = [m for m in styles if m in answered and m not in curved][: MAX_MEASURES - len(groups)]
-    shown = [measure for group in groups for measure in group] + alone
+    uncurved = [m for m in styles if m in answered and m not in curved][: MAX_MEASURES - len(groups)]
+    shown = [measure for group in groups for measure in group] + uncurved
     drawn = _choose_answers(answers, shown)
     note = describe_figure_omissions(
         (len(drawn), len(answers), "searches"),
         (len(shown), sum(m in curved or m in answered for m in styles), "measures"),
     )
-    handles, names = _list_legend(groups, alone=alone, styles=styles, sweep=sweep)
+    handles, names = _list_legend(groups, uncurved=uncurved, styles=styles, sweep=sweep)
     below = figure_legend_height(names, note=note)
     with use_plot_style():
         figure = create_leaderboard_figure(REST + ROW * len(drawn) + PLOT + below, title=title)
@@ -95,21 +91,21 @@ def plot_focus_curve_figure(
         for group in groups:
             curve, style = by_name[group[0]], styles[group[0]]
             axes.plot(
-                to_axis(curve.frames), normalise_curve_of_figure(curve.scores), c=style.colour, ls=style.dashes, lw=1.3
+                to_axis(curve.frames), normalise_figure_curve(curve.scores), c=style.colour, ls=style.dashes, lw=1.3
             )
         _set_height(axes, sweep, has_curves=bool(groups))
-        draw_answer_rows_in_figure(
-            strip, drawn, shown=[*(group[0] for group in groups), *alone], styles=styles, sweep=sweep
+        draw_figure_answer_rows(
+            strip, drawn, shown=[*(group[0] for group in groups), *uncurved], styles=styles, sweep=sweep
         )
-        add_frame_axis_to_figure(strip, sweep, label=axes)
-        plot_truth_in_figure(axes, sweep)
-        plot_truth_in_figure(strip, sweep, note=False)
+        add_figure_frame_axis(strip, sweep, label=axes)
+        plot_figure_truth(axes, sweep)
+        plot_figure_truth(strip, sweep, note=False)
         add_figure_legend(figure, handles, names=names, note=note)
     return figure
 
 
 def locate_figure_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndarray) -> Cursor:
-    """Return where ``frames`` (n,) are in the image of the curves figure of ``sweep``."""
+    """Return the positions of ``frames`` (n,) in the image of the figure of focus curves of ``sweep``."""
     with use_plot_style():
         figure.draw_without_rendering()
     axes = next(a for a in figure.axes if a.get_label() == CURVES)
@@ -120,8 +116,8 @@ def locate_figure_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndar
 
 
 def _group_coincident(sweep: SweepSummary, styles: Mapping[str, PlotStyle]) -> list[list[str]]:
-    """Return the measures in the order of their styles, in groups whose curves are the same."""
-    drawn = {c.measure: normalise_curve_of_figure(c.scores) for c in sweep.curves}
+    """Return the measures, in the order of their styles, in groups with the same curve."""
+    drawn = {c.measure: normalise_figure_curve(c.scores) for c in sweep.curves}
     groups: list[list[str]] = []
     for measure in (name for name in styles if name in drawn):
         for group in groups:
@@ -135,13 +131,13 @@ def _group_coincident(sweep: SweepSummary, styles: Mapping[str, PlotStyle]) -> l
 
 
 def _choose_answers(answers: AnswersBySearch, shown: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Return the answers of the measures that are shown, for the first MAX_SEARCHES searches with any."""
+    """Return the answers of the measures in ``shown``, of the first MAX_SEARCHES searches that have any."""
     chosen = {s: {m: f for m, f in frames.items() if m in shown} for s, frames in answers.items()}
     return dict([(search, frames) for search, frames in chosen.items() if frames][:MAX_SEARCHES])
 
 
 def _set_height(axes: Axes, sweep: SweepSummary, *, has_curves: bool) -> None:
-    """Label the vertical axis: scores, else the lens where it is a line, else nothing."""
+    """Label the vertical axis as scores or, without curves, as a focus position drawn as a line; otherwise hide it."""
     axes.set_ylim(0, 1.03)
     over_frames = find_figure_position_axis(sweep) is None and sweep.focus_position is not None
     if has_curves or over_frames:
@@ -154,7 +150,7 @@ def _set_height(axes: Axes, sweep: SweepSummary, *, has_curves: bool) -> None:
 
 
 def _draw_light(axes: Axes, sweep: SweepSummary, *, x: np.ndarray) -> None:
-    """Draw the mean counts as an area behind the curves; the brightest light is as high as a score of 1."""
+    """Draw the mean counts as an area behind the curves, scaled so that the largest is as high as a score of 1."""
     light = axes.twinx()
     axes.set_zorder(light.get_zorder() + 1)
     axes.patch.set_visible(False)
@@ -168,14 +164,14 @@ def _draw_light(axes: Axes, sweep: SweepSummary, *, x: np.ndarray) -> None:
 
 
 def _list_legend(
-    groups: Sequence[Sequence[str]], *, alone: Sequence[str], styles: Mapping[str, PlotStyle], sweep: SweepSummary
+    groups: Sequence[Sequence[str]], *, uncurved: Sequence[str], styles: Mapping[str, PlotStyle], sweep: SweepSummary
 ) -> tuple[list[Any], list[str]]:
     """Return the samples and the names of the legend."""
     handles: list[Any] = [styles[group[0]].legend_handle() for group in groups]
     rest = [f" = {len(group) - MAX_NAMES} more" if len(group) > MAX_NAMES else "" for group in groups]
     names = [" = ".join(group[:MAX_NAMES]) + more for group, more in zip(groups, rest, strict=True)]
-    handles += [styles[measure].legend_handle(ls="") for measure in alone]
-    names += alone
+    handles += [styles[measure].legend_handle(ls="") for measure in uncurved]
+    names += uncurved
     handles += [Patch(color=GREY), (Patch(color=BAND, alpha=0.45), Line2D([], [], color=INK, lw=1.1))]
     names += ["light (mean counts)", "true focus, its depth of focus"]
     if find_figure_position_axis(sweep) is None and sweep.focus_position is not None:

@@ -1,4 +1,4 @@
-"""Paths of searches: their steps on a recording, and the path of the lens in the closed loop."""
+"""Figures of paths: the steps of searches on a recording, and the path of the lens in the closed loop."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,39 +23,40 @@ from saf_gen.leaderboard.figures._figure import (
 )
 from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend_height
 from saf_gen.leaderboard.figures._sweep_axis import (
+    find_figure_frames_in_focus,
     find_figure_position_axis,
+    find_figure_runs,
     find_figure_truth_crossings,
-    find_runs_in_figure,
     frames_to_figure_axis,
-    is_within_depth_in_figure,
 )
 
 T = TypeVar("T")
 MAX_COLUMNS, MAX_SEARCHES = 3, 9
-LETTERS = 19
-"""Longest name of a panel, in characters."""
+MAX_PANEL_CHARACTERS = 19
+"""Largest length of the name of a panel, in characters."""
 MIN_STEPS = 3
-"""Fewest steps of a trace: with fewer nothing was narrowed down."""
+"""Smallest number of steps of a trace that is drawn; a shorter one has narrowed nothing down."""
 
 
 def plot_search_step_figure(
     sweep: SweepSummary, records: Sequence[Record], *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure | None:
-    """Return the steps of every search on the recording ``sweep``: the position it examined, step by step.
+    """Return the figure of the positions that each search examined, step by step, on the recording ``sweep``.
 
-    There is a panel per search and a line per measure, with the truth across them. None where no search has steps.
+    There is one panel per search and one line per measure; the truth is drawn across each panel. The result is None if
+    no search has at least MIN_STEPS steps.
     """
     found, note = _by_search([(r.method, r) for r in records if len(r.trace) >= MIN_STEPS], styles)
     if not found:
         return None
     to_axis = frames_to_figure_axis(sweep)
     over_frames = find_figure_position_axis(sweep) is None
-    measures = list(dict.fromkeys(m for own in found.values() for m in own))
+    measures = list(dict.fromkeys(m for group in found.values() for m in group))
     with use_plot_style():
         figure, panels = _panels(list(found), measures, styles=styles, title=title, note=note)
-        for axes, own in zip(panels, found.values(), strict=False):
+        for axes, group in zip(panels, found.values(), strict=False):
             _draw_truth_across(axes, sweep)
-            for measure, record in own.items():
+            for measure, record in group.items():
                 style = styles[measure]
                 line = to_axis(_zero_based_trace(record))
                 steps = np.arange(len(line))
@@ -69,24 +70,24 @@ def plot_search_step_figure(
 
 
 def plot_lens_path_figure(paths: Sequence[LensPath], *, styles: Mapping[str, PlotStyle], title: str) -> Figure | None:
-    """Return where methods moved the lens in one sequence: a panel per search, a line per measure.
+    """Return the figure of the lens paths in one sequence, with one panel per search and one line per measure.
 
-    A line ends where the lens was judged. None where there is no path.
+    A line ends where the lens was judged. The result is None if there is no path.
     """
     found, note = _by_search([(p.method, p) for p in paths if len(p.seconds)], styles)
     if not found:
         return None
-    measures = list(dict.fromkeys(m for own in found.values() for m in own))
+    measures = list(dict.fromkeys(m for group in found.values() for m in group))
     with use_plot_style():
         figure, panels = _panels(list(found), measures, styles=styles, title=title, note=note)
-        for axes, own in zip(panels, found.values(), strict=False):
-            longest = max(own.values(), key=lambda p: p.seconds[-1])
+        for axes, group in zip(panels, found.values(), strict=False):
+            longest = max(group.values(), key=lambda p: p.seconds[-1])
             if longest.depth_of_focus is not None:
                 half = longest.depth_of_focus / 2
                 near, far = longest.truth - half, longest.truth + half
                 axes.fill_between(longest.seconds, near, far, color=BAND, alpha=0.45, lw=0)
             axes.plot(longest.seconds, longest.truth, color=INK, lw=1.0)
-            for measure, path in own.items():
+            for measure, path in group.items():
                 style = styles[measure]
                 axes.plot(path.seconds, path.position, color=style.colour, ls=style.dashes, lw=1.1)
                 mark = "x" if path.problem else style.marker
@@ -98,9 +99,9 @@ def plot_lens_path_figure(paths: Sequence[LensPath], *, styles: Mapping[str, Plo
 
 
 def _by_search(items: Sequence[tuple[str, T]], styles: Mapping[str, PlotStyle]) -> tuple[dict[str, dict[str, T]], str]:
-    """Return the items by search, then by measure; and what is left out, in words.
+    """Return the items by search, then by measure, and a sentence about those that are left out.
 
-    At most MAX_SEARCHES searches, in the order given, and MAX_MEASURES measures, in the order of their styles.
+    At most MAX_SEARCHES searches are kept, in the order given, and MAX_MEASURES measures, in the order of ``styles``.
     """
     present = {split_figure_label(method)[0] for method, _ in items}
     shown = [m for m in styles if m in present][:MAX_MEASURES]
@@ -110,7 +111,7 @@ def _by_search(items: Sequence[tuple[str, T]], styles: Mapping[str, PlotStyle]) 
         if measure in shown and (search in found or len(found) < MAX_SEARCHES):
             found.setdefault(search, {})[measure] = item
     searches = {split_figure_label(method)[1] for method, _ in items}
-    drawn = {measure for own in found.values() for measure in own}
+    drawn = {measure for group in found.values() for measure in group}
     return found, describe_figure_omissions(
         (len(found), len(searches), "searches"), (len(drawn), len(present), "measures")
     )
@@ -119,14 +120,14 @@ def _by_search(items: Sequence[tuple[str, T]], styles: Mapping[str, PlotStyle]) 
 def _panels(
     searches: Sequence[str], measures: Sequence[str], *, styles: Mapping[str, PlotStyle], title: str, note: str
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with an empty panel per search, and its panels."""
+    """Return a figure with one empty panel per search, and the panels."""
     columns = min(len(searches), MAX_COLUMNS)
     rows = math.ceil(len(searches) / columns)
     names = [*measures, "true focus"]
     figure = create_leaderboard_figure(0.95 + 1.35 * rows + figure_legend_height(names, note=note), title=title)
     panels = list(figure.subplots(rows, columns, squeeze=False, sharex=rows > 1, sharey=True).flat)
     for axes, search in zip(panels, searches, strict=False):
-        axes.set_title(shorten_figure_label(search or PREDICTIONS_LABEL, LETTERS), fontsize=8, loc="left")
+        axes.set_title(shorten_figure_label(search or PREDICTIONS_LABEL, MAX_PANEL_CHARACTERS), fontsize=8, loc="left")
         axes.grid(axis="y", color=GREY, lw=0.6)
         axes.set_axisbelow(True)
         hide_plot_spines(axes, "top", "right")
@@ -139,7 +140,7 @@ def _panels(
 
 
 def _label_axes(panels: Sequence[Axes], *, x: str, y: str) -> None:
-    """Label the axes: x below the lowest panel of each column, y beside the first of each row."""
+    """Label the x axis below the lowest panel of each column, and the y axis at the first panel of each row."""
     for number, axes in enumerate(panels):
         if number + MAX_COLUMNS >= len(panels):
             axes.set_xlabel(x)
@@ -151,14 +152,14 @@ def _label_axes(panels: Sequence[Axes], *, x: str, y: str) -> None:
 
 
 def _zero_based_trace(record: Record) -> np.ndarray:
-    """Return the trace in frames from 0; traces of the released code count from 1, answers never do."""
+    """Return the trace in frames counted from 0; traces of searches that follow released code count from 1."""
     trace = np.array(record.trace, dtype=np.float64)
     is_one_based = record.frame is not None and abs(trace[-1] - record.frame - 1) < 1e-6
     return trace - 1 if is_one_based else trace
 
 
 def _draw_truth_across(axes: Axes, sweep: SweepSummary) -> None:
-    """Draw the truth and its depth of focus along the steps; over frames, every crossing of it."""
+    """Draw the truth and its depth of focus as horizontal lines and bands; on an axis of frames, every crossing."""
     lens = sweep.focus_position
     if find_figure_position_axis(sweep) is not None:
         if all(map(math.isfinite, sweep.depth_of_focus)):
@@ -169,7 +170,7 @@ def _draw_truth_across(axes: Axes, sweep: SweepSummary) -> None:
         if math.isfinite(sweep.truth_frame):
             axes.axhline(sweep.truth_frame, color=INK, lw=1.0)
     else:
-        for first, stop in find_runs_in_figure(is_within_depth_in_figure(sweep, lens)):
+        for first, stop in find_figure_runs(find_figure_frames_in_focus(sweep, lens)):
             axes.axhspan(first, stop, color=BAND, alpha=0.45, lw=0)
         for frame in find_figure_truth_crossings(sweep, lens):
             axes.axhline(frame, color=INK, lw=1.0)

@@ -1,4 +1,4 @@
-"""The report of an evaluation: one HTML page, its figures as files, and the folder that holds everything."""
+"""The report of an evaluation: an HTML page, its figures as files, and the folder that holds all files."""
 
 from saf_gen.leaderboard.report.choose_figures import ReportFigure, plot_report_figures
 from saf_gen.leaderboard.report.evaluation_folder import WrittenEvaluation, write_evaluation_report, write_report

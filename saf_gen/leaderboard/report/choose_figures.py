@@ -1,4 +1,4 @@
-"""Chooses, draws and names the figures of an evaluation."""
+"""Choice, drawing and naming of the figures of an evaluation."""
 
 import re
 from collections import Counter
@@ -34,9 +34,9 @@ from saf_gen.leaderboard.report.sequence_viewer import SequenceViewer, build_rep
 
 MAX_SEQUENCES = DRAWN_SEQUENCES
 MAX_SCENES = 48
-"""Most scenes with a figure of errors: first those whose sweeps are drawn."""
+"""Largest number of scenes with a figure of errors; scenes whose sweeps are drawn come first."""
 MAX_SEARCHES = 4
-"""Most searches with figures against a condition."""
+"""Largest number of searches with figures against a condition."""
 
 
 OPENING = "depth-of-focus"
@@ -48,24 +48,27 @@ class ReportFigure:
     """A figure of the page."""
 
     name: str
-    """Name of its file and its id in the page, both unique."""
+    """Name of its file and id in the page, unique."""
     scene: str
-    """The scene, with its split, that the figure belongs to; '' for all scenes."""
+    """Scene, with its split, to which the figure belongs; '' for a figure of all scenes."""
     kind: str
     """A key of captions.FIGURE_CAPTIONS, or OPENING for the figure at the top of the page."""
     label: str
-    """What the figure shows, for readers who do not see it."""
+    """Description of the figure for readers who cannot see it."""
     svg: str
     figure: Figure = field(repr=False)
     viewer: SequenceViewer | None = None
     omission: str = ""
-    """A sentence on the figures of this kind and scene that are left out, else ''."""
+    """Sentence about the figures of this kind and scene that are left out; '' if there are none."""
 
 
 def plot_report_figures(
     evaluation: Evaluation, rows: Sequence[LeaderboardRow], *, comparison: MethodComparison = NO_COMPARISON
 ) -> list[ReportFigure]:
-    """Return all figures: the depth of focus, methods compared, conditions, then those of each scene, kind by kind."""
+    """Return all figures of an evaluation.
+
+    The order is: the depth of focus, comparisons of methods, conditions, then errors, sweeps and paths by scene.
+    """
     order = {row.method: number for number, row in enumerate(rows)}
     records = sorted(evaluation.records, key=lambda r: order.get(r.method, len(order)))
     paths = sorted(evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
@@ -84,7 +87,10 @@ def plot_report_figures(
 
 
 def _make_names_unique(figures: Sequence[ReportFigure]) -> list[ReportFigure]:
-    """Return the figures with numbers after repeated names: names allow fewer characters than subjects."""
+    """Return the figures with a number appended to each repeated name.
+
+    Different subjects can give the same name, because characters that a name may not contain become ``_``.
+    """
     names: set[str] = set()
     renamed = []
     for figure in figures:
@@ -97,22 +103,22 @@ def _make_names_unique(figures: Sequence[ReportFigure]) -> list[ReportFigure]:
 
 
 def _plot_opening(evaluation: Evaluation) -> list[ReportFigure]:
-    """Return the figure of the depth of focus, unless nothing is judged by it."""
+    """Return the figure that explains the depth of focus; [] if no answer has an error in depths of focus."""
     if all(record.error_dof is None for record in evaluation.records):
         return []
     figure = plot_depth_of_focus_figure(evaluation.sweeps)
-    label = "The width of the blur over the distance from the true focus, with what the camera saw at some distances"
+    label = "Width of the blur against the distance from the true focus, with what the camera saw at some distances"
     return [ReportFigure(OPENING, "", OPENING, label, plot_to_svg(figure, name=OPENING), figure)]
 
 
 def _plot_comparison(comparison: MethodComparison) -> list[ReportFigure]:
-    """Return the profiles of each quantity and the pairs of neighbours; nothing of a single method."""
+    """Return the figures of the profiles of each quantity and of the neighbours; [] for a single method."""
     if not comparison.neighbours:
         return []
     figures = []
     for quantity, title in (("error_dof", "Error profiles"), ("time_s", "Time profiles")):
-        if own := [profile for profile in comparison.profiles if profile.quantity == quantity]:
-            figure = plot_profile_figure(own, title=title)
+        if group := [profile for profile in comparison.profiles if profile.quantity == quantity]:
+            figure = plot_profile_figure(group, title=title)
             figures.append(_finish(figure, kind="profile", scene="", subject=quantity, label=title))
     title = "Probability of improvement, neighbours in rank"
     figure = plot_neighbour_figure(comparison.neighbours, title=title)
@@ -127,9 +133,9 @@ def _plot_conditions(records: Sequence[Record], styles: Mapping[str, PlotStyle])
     figures = []
     for condition in CONDITIONS:
         for search in searches[:MAX_SEARCHES]:
-            own = [r for r in records if split_figure_label(r.method)[1] == search]
+            group = [r for r in records if split_figure_label(r.method)[1] == search]
             title = f"{condition.title}: {search or PREDICTIONS_LABEL}"
-            if (figure := plot_condition_figure(own, condition, styles=styles, title=title)) is not None:
+            if (figure := plot_condition_figure(group, condition, styles=styles, title=title)) is not None:
                 subject = search or PREDICTIONS_LABEL
                 figures.append(
                     _finish(figure, kind=condition.name, scene="", subject=subject, label=title, omission=omission)
@@ -141,35 +147,35 @@ def _plot_errors_by_scene(records: Sequence[Record], *, first: Sequence[tuple[st
     by_scene: dict[str, list[Record]] = {_label_scene(*names): [] for names in first}
     for record in records:
         by_scene.setdefault(_label_scene(record.split, record.scene), []).append(record)
-    known = {scene: own for scene, own in by_scene.items() if any(r.error_dof is not None for r in own)}
+    known = {scene: group for scene, group in by_scene.items() if any(r.error_dof is not None for r in group)}
     omission = f"{MAX_SCENES} of {len(known):,} scenes have this figure." if len(known) > MAX_SCENES else ""
     return [
         _finish(
-            plot_error_figure(own, title=f"{scene}: errors"),
+            plot_error_figure(group, title=f"{scene}: errors"),
             kind="errors",
             scene=scene,
             subject=scene,
             label=f"Errors on {scene}",
             omission=omission,
         )
-        for scene, own in list(known.items())[:MAX_SCENES]
+        for scene, group in list(known.items())[:MAX_SCENES]
     ]
 
 
 def _plot_sweeps(
     sweeps: Sequence[SweepSummary], records: Sequence[Record], *, styles: Mapping[str, PlotStyle]
 ) -> list[ReportFigure]:
-    """Return for each chosen sweep its curves, or else its light and answers, and its searches' steps."""
+    """Return the figures of the chosen sweeps: curves (if any), light and answers; and the steps of the searches."""
     chosen = select_evaluated_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], MAX_SEQUENCES)
     omissions = _describe_omissions_by_scene(records, [(sweeps[n].split, sweeps[n].scene) for n in chosen])
     figures = []
     for sweep in (sweeps[number] for number in chosen):
-        own = [r for r in records if r.sequence == sweep.sequence]
+        group = [r for r in records if r.sequence == sweep.sequence]
         scene = _label_scene(sweep.split, sweep.scene)
         motion = ", dynamic" if sweep.scene_motion == "dynamic" else ""
         title = f"{scene}, {sweep.light or sweep.sequence}{motion}"
         truth = f"true focus at {sweep.truth:.3f} of the travel" if isfinite(sweep.truth) else "truth unknown"
-        figure = plot_focus_curve_figure(sweep, own, styles=styles, title=title)
+        figure = plot_focus_curve_figure(sweep, group, styles=styles, title=title)
         viewer = None
         if sweep.thumbnails is not None:
             viewer = build_report_viewer(sweep, locate_figure_cursor(figure, sweep, frames=sweep.thumbnails.frames))
@@ -183,7 +189,7 @@ def _plot_sweeps(
             omission=omissions[sweep.split, sweep.scene],
         )
         figures.append(replace(finished, viewer=viewer))
-        steps = plot_search_step_figure(sweep, own, styles=styles, title=f"{title}: steps of searches")
+        steps = plot_search_step_figure(sweep, group, styles=styles, title=f"{title}: steps of searches")
         if steps is not None:
             label = f"Steps of searches on {sweep.sequence}, {truth}"
             figures.append(_finish(steps, kind="steps", scene=scene, subject=sweep.sequence, label=label))
@@ -196,7 +202,7 @@ def _plot_paths(
     by_sequence: dict[str, list[LensPath]] = {}
     for path in paths:
         by_sequence.setdefault(path.sequence, []).append(path)
-    firsts = [own[0] for own in by_sequence.values()]
+    firsts = [group[0] for group in by_sequence.values()]
     chosen = select_evaluated_to_show([((p.split, p.scene), p.light) for p in firsts], MAX_SEQUENCES)
     omissions = _describe_omissions_by_scene(records, [(firsts[n].split, firsts[n].scene) for n in chosen])
     figures = []
@@ -218,7 +224,7 @@ def _plot_paths(
 
 
 def _describe_omissions_by_scene(records: Sequence[Record], drawn: Sequence[tuple[str | None, str]]) -> dict[Any, str]:
-    """Return by scene how many of its sequences are drawn, in a sentence; '' where all are."""
+    """Return, by scene, a sentence that gives how many of its sequences are drawn; '' if all are."""
     counts = Counter(scene for scene, _ in {((r.split, r.scene), r.sequence) for r in records})
     return {
         scene: f"Drawn: {number} of the scene's {counts[scene]} sequences." if number < counts[scene] else ""
@@ -231,6 +237,6 @@ def _label_scene(split: str | None, scene: str) -> str:
 
 
 def _finish(figure: Figure, *, kind: str, scene: str, subject: str, label: str, omission: str = "") -> ReportFigure:
-    """Return the figure as SVG, under a name that is made from its kind and subject."""
+    """Return the figure as SVG, with a name made from its kind and subject."""
     name = re.sub(r"[^\w.-]+", "_", f"{kind}-{subject}").strip("._")
     return ReportFigure(name, scene, kind, label, plot_to_svg(figure, name=name), figure, omission=omission)

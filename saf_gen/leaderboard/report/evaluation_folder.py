@@ -1,9 +1,9 @@
-"""Writes the folder of an evaluation: an earlier evaluation in it is replaced as a whole, other files stay.
+"""Output of an evaluation to a folder, which replaces an earlier evaluation there and leaves other files alone.
 
-All files of a new evaluation are written to a staging folder. Renaming that to ``.evaluation.ready`` is the moment at
-which the new evaluation takes the place of the earlier one: whoever is killed before leaves the earlier one whole, and
-from then on records are read from there, until all files have been moved, by the next run if this one is killed.
-The figures of an evaluation are those of its page.
+All files of a new evaluation are first written to a staging folder. Renaming it to ``.evaluation.ready`` is the moment
+at which the new evaluation replaces the earlier one. A run that is killed before this moment leaves the earlier
+evaluation intact. After it, records are read from the renamed folder until all files have been moved; if the run is
+killed, the next run moves the rest. The figures of an evaluation are those that its page lists.
 """
 
 import json
@@ -26,10 +26,12 @@ from saf_gen.core.files import (
     write_text_atomically,
 )
 from saf_gen.core.plain_text import escape_all_text
-from saf_gen.leaderboard import LeaderboardRow, compare_ranked_methods, write_leaderboard, write_leaderboard_curves
+from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
 from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_to_figure, figure_to_pdf
+from saf_gen.leaderboard.leaderboard_tables import LeaderboardTables, compute_leaderboard_tables
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
 from saf_gen.leaderboard.report.page import build_report_page
+from saf_gen.leaderboard.table_formats import format_leaderboard_count
 
 STAGING = "evaluation"
 STALE = "stale.txt"
@@ -37,13 +39,13 @@ PAGE, FIGURES = "index.html", "figures"
 CURVES = ("curves.csv", "measures.csv")
 CURVES_START = "measure,"
 PAGE_MARK = "data-of-records"
-_OWN_FIGURE = re.compile(rf"{FIGURES}/[\w.-]+\.(svg|pdf)")
+_FIGURE_FILE = re.compile(rf"{FIGURES}/[\w.-]+\.(svg|pdf)")
 _FIGURE = re.compile(r'<figure id="([\w.-]+)">')
 
 
 @dataclass(frozen=True)
 class WrittenEvaluation:
-    """The paths that were written, and a line about what they replaced, else ''."""
+    """Paths that were written, and a line about what they replaced; '' if they replaced nothing."""
 
     paths: tuple[Path, ...]
     replaced: str
@@ -52,20 +54,44 @@ class WrittenEvaluation:
 def write_evaluation_report(
     folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str, pdf: bool = False
 ) -> WrittenEvaluation:
-    """Write tables, curves, page and figures into ``folder``, in place of an earlier evaluation in it.
+    """Write the tables, curves, page and figures of an evaluation, replacing an earlier evaluation in the folder.
 
-    Everything is written to a staging folder first: if that fails or is stopped, the earlier evaluation
-    stays as it was. Files that no evaluation wrote stay.
+    Everything is first written to a staging folder: if this fails or is stopped, the earlier evaluation remains
+    unchanged. Files that no evaluation wrote are kept.
 
-    Raises BadInput where the disk is full or the folder cannot be written.
+    Parameters
+    ----------
+    folder : str or Path
+        Folder to write to.
+    evaluation : Evaluation
+        The evaluation.
+    rows : sequence of LeaderboardRow
+        Rows of its leaderboard, best first.
+    title : str
+        Heading of the page.
+    pdf : bool, default False
+        Whether to write each figure as PDF too.
+
+    Returns
+    -------
+    WrittenEvaluation
+        Paths that were written, and what they replaced.
+
+    Raises
+    ------
+    BadInput
+        If the disk is full or the folder cannot be written.
     """
     final = Path(folder)
     earlier = _describe_earlier(final)
+    tables = compute_leaderboard_tables(rows, evaluation.records)
     try:
         with temporary_folder(final / STAGING) as part:
-            staged = write_leaderboard(part, rows=rows, records=evaluation.records, failures=evaluation.failures)
+            staged = write_leaderboard(
+                part, rows=rows, records=evaluation.records, failures=evaluation.failures, tables=tables
+            )
             staged += write_leaderboard_curves(part, evaluation.curves)
-            staged += write_report(part, rows=rows, evaluation=evaluation, title=title, pdf=pdf)
+            staged += write_report(part, rows=rows, evaluation=evaluation, title=title, pdf=pdf, tables=tables)
             paths = tuple(final / path.relative_to(part) for path in staged)
             _publish(part, final)
     except OSError as error:
@@ -74,18 +100,47 @@ def write_evaluation_report(
 
 
 def write_report(
-    folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str, pdf: bool = False
+    folder: str | Path,
+    *,
+    evaluation: Evaluation,
+    rows: Sequence[LeaderboardRow],
+    title: str,
+    pdf: bool = False,
+    tables: LeaderboardTables | None = None,
 ) -> list[Path]:
-    """Draw the figures, and write index.html and each figure as figures/NAME.svg into ``folder``.
+    """Draw the figures of an evaluation, and write its page and figures. Each file is replaced atomically.
 
-    ``pdf`` writes each as figures/NAME.pdf too, a column of a paper wide. Each file is replaced at once. Returns the
-    path of the page, and of the folder of figures if there is one.
-    Raises BadInput where a file cannot be written.
+    Parameters
+    ----------
+    folder : str or Path
+        Folder in which index.html and figures/NAME.svg are written.
+    evaluation : Evaluation
+        The evaluation.
+    rows : sequence of LeaderboardRow
+        Rows of its leaderboard, best first.
+    title : str
+        Heading of the page.
+    pdf : bool, default False
+        Whether to write each figure as figures/NAME.pdf too, as wide as a column of a paper.
+    tables : LeaderboardTables, optional
+        Tables of the evaluation, if they have been computed already.
+
+    Returns
+    -------
+    list of Path
+        The page, and the folder of figures if there are any.
+
+    Raises
+    ------
+    BadInput
+        If a file cannot be written.
     """
     out = Path(folder)
+    original = evaluation
     evaluation, rows, title = (escape_all_text(item) for item in (evaluation, tuple(rows), title))
-    comparison = compare_ranked_methods(evaluation.records, [row.method for row in rows])
-    report_figures = plot_report_figures(evaluation, rows, comparison=comparison)
+    if tables is None or evaluation is not original:  # names that were escaped are escaped in the tables too
+        tables = compute_leaderboard_tables(rows, evaluation.records)
+    report_figures = plot_report_figures(evaluation, rows, comparison=tables.comparison)
     for figure in report_figures:
         write_text_atomically(out / FIGURES / f"{figure.name}.svg", add_paper_to_figure(figure.svg))
         if pdf:
@@ -99,14 +154,14 @@ def write_report(
         failures=evaluation.failures,
         report_figures=report_figures,
         plugins=evaluation.plugins,
-        comparison=comparison,
+        tables=tables,
     )
     write_text_atomically(out / PAGE, text)
     return [out / PAGE, *([out / FIGURES] if report_figures else [])]
 
 
 def _describe_earlier(folder: Path) -> str:
-    """Return a phrase about the evaluation in the folder; '' where there is none."""
+    """Return a phrase that describes the evaluation in the folder; '' if there is no evaluation."""
     try:
         moving = folder / READY / RECORDS_FILE
         with (moving if moving.is_file() else folder / RECORDS_FILE).open("rb") as lines:
@@ -115,31 +170,31 @@ def _describe_earlier(folder: Path) -> str:
         return ""
     except (OSError, ValueError, LookupError, TypeError):  # from another version, or damaged
         return "an earlier evaluation that cannot be read"
-    return f"the earlier evaluation of {len(methods)} method{'' if len(methods) == 1 else 's'}"
+    return f"the earlier evaluation of {format_leaderboard_count(len(methods), 'method')}"
 
 
 def _publish(part: Path, final: Path) -> None:
-    """Put the files in ``part`` in the place of the evaluation in ``final``; Ctrl-C and SIGTERM wait for that."""
+    """Replace the evaluation in ``final`` by the files in ``part``; Ctrl-C and SIGTERM are deferred meanwhile."""
     with defer_termination():
-        _finish_publishing(final)  # of a run that was killed
+        _finish_publishing(final)  # completes a run that was killed
         names = _list_staged(part)
         for folder in {name.parent for name in names}:
             (final / folder).mkdir(parents=True, exist_ok=True)
-        own = [path.relative_to(final) for path in _list_own_files(final)]
-        stale = [str(name) for name in own if name not in names]
+        existing = [path.relative_to(final) for path in _list_evaluation_files(final)]
+        stale = [str(name) for name in existing if name not in names]
         write_text_atomically(part / STALE, "\n".join(stale))
         rename_durably(part, final / READY)
         _finish_publishing(final)
 
 
 def _finish_publishing(final: Path) -> None:
-    """Move what is ready to its place: first the page, which lists the figures; last the records."""
+    """Move the ready files to their final names: first the page, which lists the figures; last the records."""
     ready = final / READY
     if not ready.is_dir():
         return
-    if (ready / STALE).is_file():  # it goes last: without it all is done but for an empty folder
+    if (ready / STALE).is_file():  # removed last: without it only an empty folder is left
         for name in _read_text(ready / STALE).splitlines():
-            if name in CURVES or _OWN_FIGURE.fullmatch(name):  # the folder may be a stranger's
+            if name in CURVES or _FIGURE_FILE.fullmatch(name):  # the folder may be untrusted
                 (final / name).unlink(missing_ok=True)
         staged_files = _list_staged(ready)
         for staged in staged_files:
@@ -148,30 +203,30 @@ def _finish_publishing(final: Path) -> None:
             sync_folder(folder)
         (ready / STALE).unlink()
     shutil.rmtree(ready)
-    with suppress(OSError):  # foreign figures are in it, or there is none
+    with suppress(OSError):  # it holds files of others, or does not exist
         (final / FIGURES).rmdir()
 
 
 def _list_staged(part: Path) -> list[Path]:
-    """Return the names of the files of an evaluation in the order in which they are moved."""
+    """Return the relative paths of the files of an evaluation in the order in which they are moved."""
     names = [path.relative_to(part) for path in part.rglob("*") if path.is_file() and path.name != STALE]
     return sorted(names, key=lambda name: (name.name == RECORDS_FILE, name.name != PAGE, name))
 
 
-def _list_own_files(folder: Path) -> list[Path]:
-    """Return the files that not every evaluation writes: tables of curves, and the figures of the page."""
+def _list_evaluation_files(folder: Path) -> list[Path]:
+    """Return the existing files that only some evaluations write: tables of curves, and the figures of the page."""
     curves = [folder / name for name in CURVES if _read_text(folder / name).startswith(CURVES_START)]
     text = _read_text(folder / PAGE)
     figures = _FIGURE.findall(text) if PAGE_MARK in text else []
     return [
         *curves,
         *(folder / FIGURES / f"{name}.svg" for name in figures),
-        *(path for name in figures if _is_own_pdf(path := folder / FIGURES / f"{name}.pdf")),
+        *(path for name in figures if _is_pdf_by_saf_gen(path := folder / FIGURES / f"{name}.pdf")),
     ]
 
 
-def _is_own_pdf(path: Path) -> bool:
-    """Return whether a PDF is one of ours: people may have made their own of our figures, under the same names."""
+def _is_pdf_by_saf_gen(path: Path) -> bool:
+    """Return whether saf_gen made a PDF; users may have saved PDFs of the figures under the same names."""
     try:
         return f"/Creator ({PDF_CREATOR})".encode() in path.read_bytes()
     except OSError:
@@ -179,7 +234,7 @@ def _is_own_pdf(path: Path) -> bool:
 
 
 def _read_text(path: Path) -> str:
-    """Return the text of a file; '' where there is none or it is no text."""
+    """Return the text of a file; '' if it does not exist or is not UTF-8 text."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):

@@ -1,4 +1,4 @@
-"""The page: one HTML file with its style, script and figures, which asks the network for nothing."""
+"""The page of an evaluation: one HTML file with its style, script and figures, which needs no network."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,16 +11,12 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.leaderboard import (
     Axis,
-    AxisTable,
     LeaderboardRow,
-    MethodComparison,
-    RankAgreement,
-    compare_rankings,
     compose_leaderboard_notes,
     keep_leaderboard_bins,
     list_shown_leaderboard_columns,
-    tabulate_leaderboard_by_axis,
 )
+from saf_gen.leaderboard.leaderboard_tables import LeaderboardTables, compute_leaderboard_tables
 from saf_gen.leaderboard.report import page_tables
 from saf_gen.leaderboard.report.captions import (
     AGREEMENT_CAPTION,
@@ -31,17 +27,17 @@ from saf_gen.leaderboard.report.captions import (
     OPENING_CAPTION,
     OPENING_PICTURES,
 )
-from saf_gen.leaderboard.report.choose_figures import NO_COMPARISON, OPENING, ReportFigure
+from saf_gen.leaderboard.report.choose_figures import OPENING, ReportFigure
 from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_report
 from saf_gen.leaderboard.report.page_tables import PageTable
 from saf_gen.leaderboard.report.page_templates import hash_report_script, load_report_templates, read_report_asset
 from saf_gen.leaderboard.report.selections import list_report_selections
-from saf_gen.leaderboard.table_formats import count_noun_in_leaderboard
+from saf_gen.leaderboard.table_formats import format_leaderboard_count
 
 SCRIPTS = ("tables.js", "board.js", "compare.js", "viewer.js")
 MAX_FAILURES = 100
 COMPARISONS = ("profile", "neighbours")
-"""Kinds of figures that compare methods over all sequences."""
+"""Kinds of figures that compare methods on all sequences."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +51,7 @@ class FigureGroup:
 
 @dataclass(frozen=True)
 class PageSection:
-    """A section between the leaderboard and the meanings of its columns; what is empty is not shown."""
+    """A section between the leaderboard and the meanings of its columns; empty parts are not shown."""
 
     id: str
     heading: str
@@ -74,13 +70,33 @@ def build_report_page(
     failures: Sequence[SequenceFailure] = (),
     report_figures: Sequence[ReportFigure] = (),
     plugins: Sequence[PluginDescription] = (),
-    comparison: MethodComparison = NO_COMPARISON,
+    tables: LeaderboardTables | None = None,
 ) -> str:
-    """Return the page as HTML, readable without its script.
+    """Return the page of an evaluation as HTML, which is readable without its script.
 
-    ``rows`` is the leaderboard of ``records``, best first; ``title`` is the heading, such as the name of the dataset.
-    The table of measures summarises ``curves``; ``failures`` are sequences that could not be read.
-    ``plugins`` are the measures and searches that the page describes, ``comparison`` that of methods beside each other.
+    Parameters
+    ----------
+    rows : sequence of LeaderboardRow
+        Leaderboard of ``records``, best first.
+    title : str
+        Heading, such as the name of the dataset.
+    records : sequence of Record
+        One record for each method and sequence.
+    curves : sequence of AssessedCurve, optional
+        Focus curves, which the table of measures summarises.
+    failures : sequence of SequenceFailure, optional
+        Sequences that could not be read.
+    report_figures : sequence of ReportFigure, optional
+        Figures of the page.
+    plugins : sequence of PluginDescription, optional
+        Measures and searches that the page describes.
+    tables : LeaderboardTables, optional
+        Tables of ``rows`` and ``records``, if they have been computed already.
+
+    Returns
+    -------
+    str
+        The page.
     """
     script = read_report_asset(*SCRIPTS)
     selections = list_report_selections(records)
@@ -109,9 +125,7 @@ def build_report_page(
             failures=failures[:MAX_FAILURES],
             more_failures=max(0, len(failures) - MAX_FAILURES),
             sections=_list_sections(
-                tabulate_leaderboard_by_axis(records, methods),
-                agreement=compare_rankings(records),
-                comparison=comparison,
+                tables or compute_leaderboard_tables(rows, records),
                 curves=curves,
                 records=records,
                 report_figures=report_figures,
@@ -157,7 +171,8 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
     tracks = {"recorded": "recorded sweeps", "closed_loop": "closed loop"}
     return ", ".join(
         [
-            f"{len(rows)} methods on {sequences} sequences of {count_noun_in_leaderboard(scenes, 'scene')}",
+            f"{format_leaderboard_count(len(rows), 'method')} on {format_leaderboard_count(sequences, 'sequence')} of "
+            f"{format_leaderboard_count(scenes, 'scene')}",
             *sorted({tracks[r.track] + (f" ({r.terms})" if r.terms else "") for r in records}),
             *(f"region {name}" for name in sorted({r.region for r in records})),
         ]
@@ -165,16 +180,16 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
 
 
 def _say_what_is_judged(records: Sequence[Record]) -> str:
-    """Return in a sentence what the methods see, what they may do and what they are to tell."""
+    """Return sentences that say what the methods see and do, and what is judged."""
     if {record.track for record in records} == {"closed_loop"}:
         return (
-            "Each method commands the lens of a running spike camera, sees nothing but its spikes, and brings the lens"
-            " to where the target is sharp. Judged is where the lens stands in the end."
+            "Each method commands the lens of a running spike camera, sees only its spikes, and moves the lens to where"
+            " the target is sharp. The final position of the lens is judged."
         )
     return (
         "While its lens sweeps through the focus, a spike camera records the light. Each method, a focus measure with a"
-        " search for its peak, says from the spikes alone where the lens stood when the target was sharp."
-        " Judged is how far that is from the true focus, which is known from the optics."
+        " search for its peak, estimates from the spikes alone where the lens was when the target was sharp."
+        " The distance of this answer from the true focus, which is known from the optics, is judged."
     )
 
 
@@ -184,43 +199,39 @@ def _group_plugins(plugins: Sequence[PluginDescription]) -> list[tuple[str, list
 
 
 def _list_code(plugins: Sequence[PluginDescription]) -> dict[tuple[str, str], str]:
-    """Return an id of the page for the name and text of each file, those of the measures first."""
+    """Return the id in the page of each file of code (name, text), files of the measures first."""
     files = dict.fromkeys(file for plugin in plugins for file in plugin.code)
     return {file: f"code-{number}" for number, file in enumerate(files, start=1)}
 
 
 def _list_sections(
-    axes: Sequence[AxisTable],
+    tables: LeaderboardTables,
     *,
-    agreement: Sequence[RankAgreement],
-    comparison: MethodComparison,
     curves: Sequence[AssessedCurve],
     records: Sequence[Record],
     report_figures: Sequence[ReportFigure],
 ) -> list[PageSection]:
-    """Return the sections that have something to show: a section per scene, conditions, measures, grain."""
+    """Return the sections that are not empty: comparison of methods, scenes, conditions, measures and grain."""
     by_scene: dict[str, list[ReportFigure]] = {"": []}
     for figure in report_figures:
         by_scene.setdefault(figure.scene, []).append(figure)
     general = by_scene.pop("")
     conditions = _group_figures([figure for figure in general if figure.kind not in COMPARISONS])
     compared = _group_figures([figure for figure in general if figure.kind in COMPARISONS])
-    shown = [keep_leaderboard_bins(table) for table in axes if len(table.bins) > 1]
-    tables = [(table.axis, page_tables.tabulate_axis_for_report(table)) for table in shown]
+    shown = [keep_leaderboard_bins(table) for table in tables.axes if len(table.bins) > 1]
+    by_axis = [(table.axis, page_tables.tabulate_axis_for_report(table)) for table in shown]
     sections = []
-    if neighbours := page_tables.tabulate_ranked_neighbours(comparison.neighbours):
+    if neighbours := page_tables.tabulate_ranked_neighbours(tables.comparison.neighbours):
         sections.append(
-            PageSection(
-                "neighbours", "Methods beside each other", compared, table=neighbours, caption=NEIGHBOUR_CAPTION
-            )
+            PageSection("neighbours", "Methods compared", compared, table=neighbours, caption=NEIGHBOUR_CAPTION)
         )
     sections += [
         PageSection(f"scene-{number}", scene, _group_figures(figures))
         for number, (scene, figures) in enumerate(by_scene.items(), start=1)
     ]
-    if tables or conditions:
-        agreed = page_tables.tabulate_rank_agreement(agreement)
-        sections.append(PageSection("conditions", "By condition", conditions, tables, agreed, AGREEMENT_CAPTION))
+    if by_axis or conditions:
+        agreed = page_tables.tabulate_rank_agreement(tables.agreement)
+        sections.append(PageSection("conditions", "By condition", conditions, by_axis, agreed, AGREEMENT_CAPTION))
     if measures := page_tables.tabulate_measures_for_report(curves):
         sections.append(PageSection("measures", "Curves of the measures", table=measures, caption=MEASURES_CAPTION))
     if grain := page_tables.tabulate_grain_for_report(records):

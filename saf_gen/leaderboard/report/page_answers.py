@@ -1,4 +1,4 @@
-"""The single answers that the page holds: all of a small evaluation, and of a large one as many as stay readable."""
+"""The single answers that the page holds: all those of a small evaluation, a readable selection of a large one."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -8,21 +8,26 @@ from math import inf
 from saf_gen.benchmark.records import Record
 
 MAX_ANSWERS = 100
-"""Most rows in the table of single answers, with and without the script."""
+"""Largest number of rows in the table of single answers, with and without the script."""
 MAX_HELD = 5000
-"""Most answers that the page holds for its script, so that it does not grow with the sequences."""
+"""Number of answers above which the page holds only a selection for its script, so that its size stays limited."""
 WORST_OF_METHOD = 20
 
 
 @dataclass(frozen=True)
 class HeldAnswers:
-    """The answers in the page, the worst first, and the sequences that they are of.
+    """The answers in the page, the worst first, and their sequences.
 
     Attributes
     ----------
-    lines : the number of each record in ``records.jsonl``, from 1, with the record.
-    sequences : names; the first ``compared`` of them have the answers of every method.
-    total : how many sequences there are.
+    lines : tuple of (int, Record)
+        Line of each record in ``records.jsonl``, counted from 1, and the record.
+    sequences : tuple of str
+        Names of the sequences. The first ``compared`` of them have the answers of every method.
+    compared : int
+        Number of sequences that have the answers of every method.
+    total : int
+        Number of all sequences of the evaluation.
     """
 
     lines: tuple[tuple[int, Record], ...]
@@ -36,19 +41,20 @@ class HeldAnswers:
         return self.compared == self.total
 
 
-def choose_answers_for_report(records: Sequence[Record], *, most: int = MAX_HELD) -> HeldAnswers:
-    """Return all answers, the worst first, or of more than ``most`` those of sequences spread evenly over them all.
+def choose_answers_for_report(records: Sequence[Record], *, max_answers: int = MAX_HELD) -> HeldAnswers:
+    """Return the answers that the page holds, the worst first.
 
-    Beside these are then the MAX_ANSWERS worst of all, and WORST_OF_METHOD of each method, or fewer where there are
-    many methods, so that with them twice ``most`` are held.
+    If there are at most ``max_answers`` answers, all are held. Otherwise the page holds the answers of every method on
+    sequences that are spread evenly over all, the MAX_ANSWERS worst answers of all, and the WORST_OF_METHOD worst of
+    each method, or fewer if there are many methods, so that at most about twice ``max_answers`` are held.
     """
     names = list(dict.fromkeys(record.sequence for record in records))
     methods = len({record.method for record in records})
     sizes = [inf if record.error_dof is None else abs(record.error_dof) for record in records]
     worst_first = sorted(range(len(records)), key=lambda at: -sizes[at])
     compared, worst = names, set(worst_first[:MAX_ANSWERS])
-    if len(records) > most:
-        count = max(1, most // methods)
+    if len(records) > max_answers:
+        count = max(1, max_answers // methods)
         compared = [names[i * len(names) // count] for i in range(count)]
         of_method: Counter[str] = Counter()
         for at in worst_first:

@@ -1,4 +1,4 @@
-"""The tables of the page as data: column headings and cells, which the templates turn into HTML."""
+"""The tables of the page as data: column headings and cells, from which the templates make HTML."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ from saf_gen.leaderboard.report.page_answers import HeldAnswers
 from saf_gen.leaderboard.table_formats import (
     AGREEMENT_HEADERS,
     NEIGHBOUR_HEADERS,
-    count_noun_in_leaderboard,
     format_leaderboard_bin,
+    format_leaderboard_count,
     format_rank_agreement,
     format_ranked_neighbours,
 )
@@ -32,26 +32,36 @@ from saf_gen.leaderboard.table_formats import (
 MAX_GRAIN_ROWS = 100
 _AGREEMENT_TITLES = [text for key, text in AGREEMENT_MEANINGS.items() if key not in ("shared", "high")]
 MAX_LIGHT_CHARACTERS = 60
-"""Longest names of light schedules, together, whose columns are shown at first; the tables by condition have all."""
+"""Largest total length of the names of light schedules at which their columns are shown at first.
+
+The tables by condition and the view of all columns always show them.
+"""
 
 
 @dataclass(frozen=True)
 class PageColumn:
-    """A column heading: its text, the tooltip, and a CSS class for the cells below it.
+    """A column heading.
 
-    The classes ``name``, ``note`` and ``text`` mark columns that sort as text; any other sorts as numbers. ``room``
-    says where the column is shown before all columns are asked for: ``any`` screen, a ``wide`` one, or ``none``.
+    Attributes
+    ----------
+    header, title : str
+        Text and tooltip.
+    kind : str
+        CSS class of the cells below. Columns of the classes ``name``, ``note`` and ``text`` are sorted as text, all
+        others as numbers.
+    shown_on : str
+        Screens that show the column before the reader asks for all columns: ``any``, ``wide`` or ``none``.
     """
 
     header: str
     title: str = ""
     kind: str = ""
-    room: str = "any"
+    shown_on: str = "any"
 
 
 @dataclass(frozen=True)
 class PageCell:
-    """A cell: its text, a fraction (0–1) drawn as a bar behind it, the interval of the fraction, and a link."""
+    """A cell: its text, a fraction (0 to 1) that is drawn as a bar behind it with its interval, and a link."""
 
     text: str
     fraction: float | None = None
@@ -69,9 +79,20 @@ class PageRow:
 
 @dataclass(frozen=True)
 class PageTable:
-    """A sortable table; of several ``bodies`` the page shows one at a time.
+    """A sortable table.
 
-    ``groups`` stand above the headings, each with the number of columns that it spans.
+    Attributes
+    ----------
+    caption : str
+        Caption of the table.
+    columns : sequence of PageColumn
+        Column headings.
+    bodies : sequence of sequence of PageRow
+        Alternative contents, of which the page shows one at a time.
+    groups : sequence of (str, int)
+        Headings above the column headings, each with the number of columns that it spans.
+    id : str
+        Id in the page, if any.
     """
 
     caption: str
@@ -82,16 +103,16 @@ class PageTable:
 
 
 def tabulate_leaderboard(ranked: Sequence[Sequence[LeaderboardRow]]) -> PageTable:
-    """Return the leaderboard with every column that people read.
+    """Return the leaderboard with every column that tables show to readers.
 
-    ``ranked`` holds the rows for all sequences, which decide the columns, and then those of each selection.
+    ``ranked`` holds the rows for all sequences, which determine the columns, followed by the rows of each selection.
     """
     shown = list_shown_leaderboard_columns(ranked[0])
     kinds = {"method": "name", "success_1dof": "main"}
-    rooms = _find_room(shown)
+    shown_on_by_key = _find_shown_on(shown)
     return PageTable(
         "Leaderboard",
-        [PageColumn(c.header, c.meaning, kinds.get(c.key, ""), rooms[c.key]) for c in shown],
+        [PageColumn(c.header, c.meaning, kinds.get(c.key, ""), shown_on_by_key[c.key]) for c in shown],
         [[_leaderboard_row(row, shown) for row in rows] for rows in ranked],
         groups=[(group, len(list(columns))) for group, columns in groupby(shown, key=lambda c: c.group)],
         id="board",
@@ -99,14 +120,14 @@ def tabulate_leaderboard(ranked: Sequence[Sequence[LeaderboardRow]]) -> PageTabl
 
 
 def tabulate_axis_for_report(table: AxisTable) -> PageTable:
-    """Return the methods by the bins of one axis: success within 1 DoF and the median error in DoF."""
+    """Return the table of success within 1 DoF and median error in DoF, by method and by bin of one axis."""
     counts = zip(table.bins, table.scenes, table.sequences, strict=True)
     return PageTable(
         f"{table.axis.title}: success within 1 DoF, median error in DoF",
         [
             PageColumn("method", kind="name"),
             *(
-                PageColumn(b, f"{count_noun_in_leaderboard(n, 'scene')}, {count_noun_in_leaderboard(m, 'sequence')}")
+                PageColumn(b, f"{format_leaderboard_count(n, 'scene')}, {format_leaderboard_count(m, 'sequence')}")
                 for b, n, m in counts
             ),
         ],
@@ -120,7 +141,7 @@ def tabulate_axis_for_report(table: AxisTable) -> PageTable:
 
 
 def tabulate_ranked_neighbours(neighbours: Sequence[NeighbourComparison]) -> PageTable | None:
-    """Return the comparison of each method with the next in rank; None for a single method."""
+    """Return the table that compares each method with the next in rank; None for a single method."""
     if not neighbours:
         return None
     return PageTable(
@@ -131,7 +152,7 @@ def tabulate_ranked_neighbours(neighbours: Sequence[NeighbourComparison]) -> Pag
 
 
 def tabulate_rank_agreement(found: Sequence[RankAgreement]) -> PageTable | None:
-    """Return how the rankings under two bins of a condition agree; None where nothing can be compared."""
+    """Return the table of the agreement of rankings under two bins of a condition; None if there is no pair of bins."""
     if not found:
         return None
     texts = (0, 1, 2, len(AGREEMENT_HEADERS) - 1)
@@ -144,11 +165,11 @@ def tabulate_rank_agreement(found: Sequence[RankAgreement]) -> PageTable | None:
 
 
 def tabulate_measures_for_report(curves: Sequence[AssessedCurve]) -> PageTable | None:
-    """Return the quality of each measure's focus curves; None where there is no curve."""
+    """Return the table of the quality of each measure's focus curves; None if there are no curves."""
     rows = rank_measures_by_curves(curves)
     if not rows:
         return None
-    counted = "Sequences with a curve; in brackets those whose lens comes back, rests, or is not recorded."
+    counted = "Curves with a known quality; in brackets, curves that are constant or whose lens came back or rested."
     return PageTable(
         "Focus curves of each measure: medians over sequences",
         [
@@ -175,7 +196,10 @@ def tabulate_measures_for_report(curves: Sequence[AssessedCurve]) -> PageTable |
 
 
 def tabulate_grain_for_report(records: Sequence[Record]) -> PageTable | None:
-    """Return the grain of each scene, at rest and moving, of many the worst; None where no recording states it."""
+    """Return the table of the grain of each scene, at rest and moving; None if no recording states it.
+
+    If there are more than MAX_GRAIN_ROWS rows, those with the most grain are kept.
+    """
     tables = tabulate_leaderboard_grain(records)
     if not tables:
         return None
@@ -187,9 +211,9 @@ def tabulate_grain_for_report(records: Sequence[Record]) -> PageTable | None:
         [
             PageColumn("scene", kind="name"),
             PageColumn("motion", kind="text"),
-            PageColumn("sequences", "Sequences that state their grain, of all."),
+            PageColumn("sequences", "Sequences that state their grain, out of all sequences."),
             PageColumn("rms", "Root mean square of the noise over the mean at best focus: median over sequences."),
-            PageColumn("worst", "The largest of them."),
+            PageColumn("worst", "The largest such value of a sequence."),
             *(PageColumn(measure, "Largest energy of the noise over the range of the curve.") for measure in measures),
         ],
         [
@@ -211,7 +235,7 @@ def tabulate_grain_for_report(records: Sequence[Record]) -> PageTable | None:
 
 
 def tabulate_names_for_report(values: Mapping[str, str], *, name: str, value: str) -> PageTable:
-    """Return a table of names with a text for each; ``name`` and ``value`` are its headings."""
+    """Return a table of names and a text for each; ``name`` and ``value`` are the headings."""
     return PageTable(
         f"{value} of each {name}",
         [PageColumn(name, kind="name"), PageColumn(value, kind="name")],
@@ -220,7 +244,7 @@ def tabulate_names_for_report(values: Mapping[str, str], *, name: str, value: st
 
 
 def list_answers_for_report(held: HeldAnswers) -> list[list[str]]:
-    """Return the texts of each answer's row, the worst first: no answer before any error."""
+    """Return the texts of the row of each answer, the worst first; missing answers come before all errors."""
     return [
         [
             record.method,
@@ -238,7 +262,7 @@ def list_answers_for_report(held: HeldAnswers) -> list[list[str]]:
 
 
 def tabulate_answers_for_report(answers: Sequence[Sequence[str]]) -> PageTable:
-    """Return the table of these rows of list_answers_for_report; the line number links to the file of records."""
+    """Return the table of rows of list_answers_for_report; line numbers link to the file of records."""
     columns = [
         PageColumn("method", kind="name"),
         PageColumn("sequence", kind="name"),
@@ -257,14 +281,14 @@ def tabulate_answers_for_report(answers: Sequence[Sequence[str]]) -> PageTable:
     return PageTable("Single answers", columns, [rows])
 
 
-def _find_room(columns: Sequence[Column]) -> dict[str, str]:
-    """Return where each column is shown at first: lights only as far as their names fit beside the others."""
+def _find_shown_on(columns: Sequence[Column]) -> dict[str, str]:
+    """Return by key which screens show each column at first; columns of lights are hidden if their names are long."""
     characters = sum(len(column.header) + 3 for column in columns if column.light)
-    rooms = {}
+    shown_on_by_key = {}
     for column in columns:
         is_main = column.detail <= USUAL and not (column.light and characters > MAX_LIGHT_CHARACTERS)
-        rooms[column.key] = "any" if column.detail == ESSENTIAL else "wide" if is_main else "none"
-    return rooms
+        shown_on_by_key[column.key] = "any" if column.detail == ESSENTIAL else "wide" if is_main else "none"
+    return shown_on_by_key
 
 
 def _leaderboard_row(row: LeaderboardRow, shown: Sequence[Column]) -> PageRow:

@@ -1,4 +1,4 @@
-"""The templates and files that pages are made of; a template escapes every text that is not marked as HTML."""
+"""The templates and files from which pages are made; templates escape every text that is not marked as HTML."""
 
 import base64
 import hashlib
@@ -16,7 +16,7 @@ from saf_gen.leaderboard.report.page_tables import PageTable
 
 @cache
 def load_report_templates() -> Environment:
-    """Return the templates of pages."""
+    """Return the templates of the pages, with their filters."""
     templates = Environment(
         loader=PackageLoader("saf_gen.leaderboard.report", "assets"),
         autoescape=True,
@@ -35,28 +35,28 @@ def load_report_templates() -> Environment:
 
 
 def read_report_asset(*names: str) -> Markup:
-    """Return the text of files of the pages, joined, for a style or script element."""
+    """Return the joined text of files in ``assets``, for a style or script element."""
     folder = files("saf_gen.leaderboard.report") / "assets"
     return Markup("\n".join((folder / name).read_text(encoding="utf-8") for name in names))
 
 
 def hash_report_script(script: str) -> str:
-    """Return the hash by which a page's policy knows its script."""
+    """Return the base64-encoded SHA-256 with which the content security policy of a page allows its script."""
     return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
 def _format_fold_rules(table: PageTable) -> Markup:
-    """Return the style rules that hide the columns of a table, while it is folded, for which there is no room."""
+    """Return the style rules that hide the columns of a folded table for which the screen has no space."""
     rules = []
-    for room, where in (("none", "all"), ("wide", "screen and (max-width: 40rem)")):
-        numbers = [number for number, column in enumerate(table.columns, start=1) if column.room == room]
+    for shown_on, where in (("none", "all"), ("wide", "screen and (max-width: 40rem)")):
+        numbers = [number for number, column in enumerate(table.columns, start=1) if column.shown_on == shown_on]
         cells = ", ".join(f"#{table.id}.folded tr:not(.groups) > :nth-child({number})" for number in numbers)
         rules += [f"@media {where} {{ {cells} {{ display: none; }} }}"] if numbers else []
     return Markup("\n".join(rules))
 
 
 def _link_sources(text: str) -> Markup:
-    """Return the text with a link for each DOI."""
+    """Return the text as HTML with a link for each DOI."""
     linked = re.sub(
         r"\bdoi:(10\.\S+?)(?=[.,;)]*(?:\s|$))", r'<a href="https://doi.org/\1">doi:\1</a>', str(escape(text))
     )

@@ -1,4 +1,4 @@
-"""The groups of sequences that a reader of the page can choose, with the leaderboard of each."""
+"""The groups of sequences that a reader of the page can choose, each with its leaderboard."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,16 +27,19 @@ class Selection:
 
 
 def list_report_selections(records: Sequence[Record]) -> list[Selection]:
-    """Return a selection for each bin, of many for the largest, of each axis along which sequences differ.
+    """Return one selection for each bin of each axis along which sequences differ.
 
-    Selections of the same sequences have the same rows.
+    If an axis has many bins, only the largest get a selection (see list_leaderboard_bins). Selections of the same
+    sequences have the same rows.
     """
     ranked: dict[tuple[str, ...], tuple[LeaderboardRow, ...]] = {}
     selections = []
     for axis in (SPLIT, *AXES):
         bins = group_by_leaderboard_bin(records, axis)
-        members = {name: tuple(dict.fromkeys(r.sequence for r in own)) for name, own in bins.items()}
-        for name in list_leaderboard_bins({name: len(own) for name, own in members.items()}) if len(bins) > 1 else ():
+        members = {name: tuple(dict.fromkeys(r.sequence for r in group)) for name, group in bins.items()}
+        for name in (
+            list_leaderboard_bins({name: len(group) for name, group in members.items()}) if len(bins) > 1 else ()
+        ):
             sequences = members[name]
             if sequences not in ranked:
                 ranked[sequences] = rank_methods(bins[name])

@@ -1,4 +1,4 @@
-"""The sequence viewer: the pictures of a sweep, one at a time, with a cursor on the focus curves below."""
+"""The sequence viewer: it shows one picture of a sweep at a time, with a cursor on the focus curves below."""
 
 import math
 from dataclasses import dataclass
@@ -11,26 +11,27 @@ from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.leaderboard.figures import Cursor, ImageStrip, build_figure_image_strip, build_figure_spike_strip
 
 MAX_TFP_BYTES, MAX_TFI_BYTES = 100_000, 80_000
-"""Largest image strips of a viewer; spikes, 1 bit a pixel, take about 55,000 bytes. Twelve viewers are then 4 MB."""
+"""Largest sizes of the image strips of a viewer. With spikes at 1 bit per pixel, about 55,000 bytes, twelve viewers
+take 4 MB."""
 
 
 @dataclass(frozen=True)
 class SequenceViewer:
-    """The pictures of a sweep, with the position of each on the curves and a description."""
+    """The pictures of a sweep, each with its position on the curves and a description."""
 
     sequence: str
     strips: tuple[tuple[str, str, ImageStrip], ...]
-    """Name, meaning and pictures of each way in which spikes are looked at, the same moments in all."""
+    """Name, meaning and pictures of each way to display spikes; all show the same moments."""
     cursor: Cursor
     descriptions: tuple[str, ...]
     start: int
-    """Number of the picture that is shown first: the one nearest to the focus."""
+    """Number of the picture that is shown first, which is the one nearest to the focus."""
     region_box: tuple[float, float, float, float]
-    """Top, left, bottom and right edge of the region that measures see, as fractions of the picture."""
+    """Top, left, bottom and right edges of the region where measures look, as fractions of the picture."""
 
 
 def build_report_viewer(sweep: SweepSummary, cursor: Cursor) -> SequenceViewer | None:
-    """Return the viewer of a sweep; None where it has no pictures."""
+    """Return the viewer of a sweep, or None if the sweep has no pictures."""
     pictures = sweep.thumbnails
     if pictures is None:
         return None
@@ -51,7 +52,7 @@ def build_report_viewer(sweep: SweepSummary, cursor: Cursor) -> SequenceViewer |
 
 
 def _focus_offsets(sweep: SweepSummary, pictures: Thumbnails) -> np.ndarray:
-    """Lens minus true focus at each picture, as a fraction of the travel; NaN where either is unknown."""
+    """Return lens minus true focus at each picture, as a fraction of the travel; NaN if either is unknown."""
     lens = sweep.focus_position
     if lens is None:
         return np.full(len(pictures.frames), math.nan)

@@ -1,4 +1,4 @@
-"""The page of all submissions, and the same as Markdown: who handed in what and when, and whose rows these are."""
+"""The page of all submissions, as HTML and Markdown: who submitted what and when, and whether it was verified."""
 
 import os
 from collections.abc import Sequence
@@ -16,38 +16,38 @@ from saf_gen.leaderboard.report.page_templates import hash_report_script, load_r
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.submission import ListedSubmission, SubmissionList, SubmissionTable
 from saf_gen.leaderboard.submission.card import CARD_FILE, SubmissionCard
-from saf_gen.leaderboard.table_formats import count_noun_in_leaderboard, format_ranking_grid
+from saf_gen.leaderboard.table_formats import format_leaderboard_count, format_ranking_grid
 
 PAGE, MARKDOWN = "index.html", "submissions.md"
 STATE_MEANINGS = {
-    "re-run here": "the method ran again on this machine, for this user, and gave every answer again",
-    "re-run elsewhere": "a verification that was made elsewhere says so",
-    "differs": "the method ran again, and an answer is another one",
-    "claimed": "nobody has run it again, or it cannot be: answers of another program, or answers changed since",
+    "re-run here": "this user ran the method again on this machine, and it gave every answer again",
+    "re-run elsewhere": "a verification from another machine or user says that the method gave every answer again",
+    "differs": "the method was run again, and at least one answer was different",
+    "claimed": "nobody has run the method again, another program made the answers, or they have changed since",
     "no answers": "there are no answers that can be read",
 }
 
 
 @dataclass(frozen=True)
 class SubmissionCardOnPage:
-    """What the page says of one submission."""
+    """The part of the page about one submission."""
 
     id: str
     name: str
     title: str
     facts: Sequence[tuple[str, str]]
     card: str
-    """Address of its card, from the page."""
+    """Address of its card, relative to the page."""
     url: str
-    """Address that it names; empty unless it is one of the web."""
+    """Web address that the card names; '' if there is none or it is not safe to follow."""
     state: str
     to_do: Sequence[str]
 
 
 def write_submissions_page(folder: Path, listed: SubmissionList, *, source: Path) -> list[Path]:
-    """Write ``index.html`` and ``submissions.md`` into ``folder``; return their paths.
+    """Write ``index.html`` and ``submissions.md`` into ``folder`` and return their paths.
 
-    ``source`` is the folder of the submissions, to whose cards the page links. Raises BadInput where a file cannot be
+    ``source`` is the folder of the submissions; the pages link to their cards. Raises BadInput if a file cannot be
     written.
     """
     addresses = {one.name: _link(folder, source / one.name / CARD_FILE) for one in listed.submissions}
@@ -61,7 +61,7 @@ def write_submissions_page(folder: Path, listed: SubmissionList, *, source: Path
 
 
 def _link(folder: Path, file: Path) -> str:
-    """Return the address of a file from a page in ``folder``."""
+    """Return the address of a file relative to a page in ``folder``."""
     path = Path(os.path.relpath(file.resolve(), folder.resolve()))
     return quote(path.as_posix(), errors="surrogateescape")
 
@@ -93,27 +93,27 @@ def _build_page(listed: SubmissionList, *, title: str, addresses: dict[str, str]
 
 
 def _summarise(listed: SubmissionList) -> str:
-    """Return how many submissions there are, and whose rows they hold."""
+    """Return the number of submissions, and of those in each state, as text."""
     states = [one.state for one in listed.submissions]
     counted = [f"{states.count(state)} {state}" for state in STATE_MEANINGS if state in states]
-    return f"{count_noun_in_leaderboard(len(states), 'submission')}: {', '.join(counted)}" if states else "none"
+    return f"{format_leaderboard_count(len(states), 'submission')}: {', '.join(counted)}" if states else "none"
 
 
 def _head(table: SubmissionTable) -> str:
     track = {"recorded": "recorded sweeps", "closed_loop": "closed loop"}[table.track]
-    sequences = count_noun_in_leaderboard(table.sequences, "sequence")
-    scenes = count_noun_in_leaderboard(table.scenes, "scene")
+    sequences = format_leaderboard_count(table.sequences, "sequence")
+    scenes = format_leaderboard_count(table.scenes, "scene")
     return escape_controls(f"{table.dataset}, {track}: {sequences} of {scenes}")
 
 
 def _list_columns(table: SubmissionTable) -> list[Column]:
-    """Return the columns of the leaderboard that a table of submissions has: rank, success, others."""
+    """Return the columns of the leaderboard that a table of submissions has: rank and success first, then others."""
     shown = list_shown_leaderboard_columns(table.rows)
     return [c for c in shown if (c.detail == ESSENTIAL and c.key != "method") or c.key == "time_to_focus_s"]
 
 
 def _tabulate(table: SubmissionTable, ids: dict[str, str]) -> PageTable:
-    """Return a table of submissions, whose names lead to what their cards say; what decides stands first."""
+    """Return a table of submissions, the most important columns first, with links from names to their cards."""
     rank, success, *others = _list_columns(table)
     return PageTable(
         _head(table),
@@ -121,8 +121,8 @@ def _tabulate(table: SubmissionTable, ids: dict[str, str]) -> PageTable:
             PageColumn(rank.header, rank.meaning),
             PageColumn("submission", kind="name"),
             PageColumn(success.header, success.meaning, "main"),
-            PageColumn("row", "Who found its answers again by running the method.", "text"),
-            PageColumn("date", "Of the submission, as its card says.", "text"),
+            PageColumn("row", "Whether running the method again gave its answers.", "text"),
+            PageColumn("date", "Date of the submission, as stated in its card.", "text"),
             *(PageColumn(column.header, column.meaning) for column in others),
             *(PageColumn(name, kind="note") for name in ("title", "authors", "licence", "constants")),
         ],
@@ -181,12 +181,12 @@ def _describe(submission: ListedSubmission, *, number: int, address: str) -> Sub
 
 def _count_answers(submission: ListedSubmission) -> str:
     answered = sum(record.status == "answered" for record in submission.records)
-    sequences = count_noun_in_leaderboard(len(submission.records), "sequence")
+    sequences = format_leaderboard_count(len(submission.records), "sequence")
     return f"to {answered} of {sequences}" if submission.records else "none that can be read"
 
 
 def _is_of_web(url: str) -> bool:
-    """Return whether an address of a stranger may be followed: one of the web, without control characters."""
+    """Return whether an untrusted address is safe to follow: http or https, without control characters."""
     try:
         parts = urlsplit(url)
     except ValueError:
@@ -223,7 +223,7 @@ def _format_table(table: SubmissionTable, addresses: dict[str, str]) -> str:
 
 
 def _format_facts(one: ListedSubmission, addresses: dict[str, str]) -> list[str]:
-    """Return what a card says, as cells of Markdown: from the name, with a link, to what is to be done."""
+    """Return the contents of a card as Markdown cells, from the name with a link to the number of errors."""
     card = one.card
     facts = (card.title, ", ".join(card.authors), card.date, card.licence, card.constants, one.state)
     to_do = str(len(one.to_do)) if one.to_do else ""

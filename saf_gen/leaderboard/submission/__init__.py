@@ -1,4 +1,4 @@
-"""A submission: a folder with a method or its answers, what was found with it, and what its author states."""
+"""Submissions: folders with a method or its answers, an evaluation of it, and the statements of its authors."""
 
 from saf_gen.leaderboard.submission.card import SubmissionCard, create_submission
 from saf_gen.leaderboard.submission.checks import SubmissionFinding, check_submission

@@ -1,4 +1,4 @@
-"""``submission.yaml``: who hands in what, and vouches for what."""
+"""The card of a submission, ``submission.yaml``: who submits what, and what the authors confirm."""
 
 import re
 from pathlib import Path
@@ -14,37 +14,37 @@ _TEMPLATE = Path(__file__).with_name("submission.yaml.in")
 
 
 class Statements(FrozenModel):
-    """What an author vouches for; nobody can check it from the folder alone."""
+    """Statements that the authors confirm, because they cannot be checked from the folder alone."""
 
     no_test_data_in_training: bool
     """Neither training nor tuning has seen the split ``test``."""
     test_was_run_once: bool
-    """Nothing was chosen by results on it."""
+    """Nothing was chosen by results on the split ``test``."""
     answers_use_no_truth: bool
-    """Neither truth nor provenance of a stream was read."""
+    """The method read neither the truth nor the provenance of a stream."""
 
 
 class SubmissionCard(FrozenModel):
-    """The card of a submission; text that is left empty is missing, which the checks say."""
+    """The card of a submission; a text left empty counts as missing, which the checks report."""
 
     name: str
-    """The method's name in the table."""
+    """Name of the method in the table."""
     title: str
-    """One line: what the method does."""
+    """Description of the method, in one line."""
     authors: tuple[str, ...]
     """Names of persons or groups."""
     licence: str
-    """Of the files in the folder, an SPDX name."""
+    """SPDX name of the licence of the files in the folder."""
     date: str
-    """Of the submission, YYYY-MM-DD."""
+    """Date of the submission, YYYY-MM-DD."""
     url: str = ""
-    """A paper or a repository."""
+    """Address of a paper or a repository."""
     dataset: str
-    """The recipe whose split ``test`` was judged."""
+    """Recipe of the dataset whose split ``test`` was evaluated."""
     track: Literal["recorded", "closed_loop"]
-    """Whether answers are to recordings, or the method moved the lens."""
+    """``recorded`` if the method answered on recordings, ``closed_loop`` if it moved the lens."""
     method: str = ""
-    """MEASURE+SEARCH, registered or as ``file.py:Class`` of a file in the folder; or empty."""
+    """Method as MEASURE+SEARCH, each registered or ``file.py:Class`` of a file in the folder; or empty."""
     predictions: str = ""
     """File of answers that another program computed; or empty."""
     constants: str = ""
@@ -53,22 +53,22 @@ class SubmissionCard(FrozenModel):
 
 
 def create_submission(folder: Path) -> Path:
-    """Write the card of a new submission, named like its folder, with a line for each key; return its path.
+    """Write a card for a new submission, with one line per key and the name of its folder, and return its path.
 
-    Raises BadInput for a folder that has one already, and for a name that no table could show.
+    Raises BadInput if the folder already has a card, or if its name cannot be the name of a submission.
     """
     name = folder.resolve().name
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}", name):
         raise BadInput(f"a submission cannot be called {name!r}", allowed="letters, digits, _ . -, at most 80")
     path = folder / CARD_FILE
     if path.exists():
-        raise BadInput(f"{path} is there already", hint="choose another folder, or edit it")
+        raise BadInput(f"{path} exists already", hint="edit it, or choose another folder")
     write_text_atomically(path, _TEMPLATE.read_text(encoding="utf-8").replace("NAME", name, 1))
     return path
 
 
 def read_submission(folder: Path) -> SubmissionCard:
-    """Read the card of a submission; raises BadInput, with the line, for what does not fit."""
+    """Return the card of a submission; raise BadInput, with the line, if it is missing or not valid."""
     if not (folder / CARD_FILE).is_file():
         raise BadInput(f"there is no {CARD_FILE} in {folder}", hint=f"write one: saf-gen submit new {folder}")
     return validate_document(SubmissionCard, read_yaml(folder / CARD_FILE))

@@ -1,4 +1,4 @@
-"""Checks of a submission: what is missing, and what does not fit together. No code of the folder is run."""
+"""Checks of a submission for missing or inconsistent parts. No code of the folder is run."""
 
 import ast
 import re
@@ -17,7 +17,7 @@ from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.config.registry import names
 from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard.submission.card import SubmissionCard, read_submission
-from saf_gen.leaderboard.verification import DIFFERS, HERE, read_leaderboard_row_states
+from saf_gen.leaderboard.verification import DIFFERS, RERUN_HERE, read_leaderboard_row_states
 from saf_gen.stream.manifest import read_manifest
 
 EVALUATION = "evaluation"
@@ -27,7 +27,7 @@ MAX_METHOD_BYTES = 1 << 22
 
 @dataclass(frozen=True)
 class SubmissionFinding:
-    """One line of one check: its level, and what was found or what to do."""
+    """One line of the result of a check: its level, and what was found or what to do."""
 
     check: str
     level: Literal["ok", "warning", "error"]
@@ -35,10 +35,24 @@ class SubmissionFinding:
 
 
 def check_submission(folder: Path, *, dataset: Path | None = None) -> Iterator[SubmissionFinding]:
-    """Yield what each check found; a submission is complete where none is an error.
+    """Check a submission and yield the findings; the submission is complete if none of them is an error.
 
-    With ``dataset`` the answers are held against its sequences. Raises BadInput for a card that cannot be read, and
-    where ``dataset`` holds no sequence of the split.
+    Parameters
+    ----------
+    folder : Path
+        Folder of the submission.
+    dataset : Path, optional
+        Dataset whose sequences the answers must cover; by default this is not checked.
+
+    Yields
+    ------
+    SubmissionFinding
+        One or more for each check.
+
+    Raises
+    ------
+    BadInput
+        If the card cannot be read, or ``dataset`` has no sequence of the split ``test``.
     """
     card = read_submission(folder)
     yield from _check_card(card)
@@ -49,9 +63,9 @@ def check_submission(folder: Path, *, dataset: Path | None = None) -> Iterator[S
     yield from _check_answers(card, folder, dataset=dataset)
     missing = [name.replace("_", " ") for name, stated in card.statements if not stated]
     if missing:
-        yield SubmissionFinding("statements", "error", f"not vouched for: {'; '.join(missing)}")
+        yield SubmissionFinding("statements", "error", f"not confirmed: {'; '.join(missing)}")
     else:
-        yield SubmissionFinding("statements", "ok", "all three are vouched for")
+        yield SubmissionFinding("statements", "ok", "all three are confirmed")
 
 
 def _check_card(card: SubmissionCard) -> Iterator[SubmissionFinding]:
@@ -63,15 +77,15 @@ def _check_card(card: SubmissionCard) -> Iterator[SubmissionFinding]:
             date.fromisoformat(card.date)
             yield SubmissionFinding("date", "ok", card.date)
         except ValueError:
-            yield SubmissionFinding("date", "error", f"{card.date!r} is no day; allowed: a day as 2026-11-22")
+            yield SubmissionFinding("date", "error", f"{card.date!r} is not a date; allowed: a date such as 2026-11-22")
     if card.licence and not re.fullmatch(r"[A-Za-z0-9.+-]+( (AND|OR|WITH) [A-Za-z0-9.+-]+)*", card.licence):
-        yield SubmissionFinding("licence", "error", f"{card.licence!r} is no SPDX name, such as Apache-2.0")
+        yield SubmissionFinding("licence", "error", f"{card.licence!r} is not an SPDX name such as Apache-2.0")
 
 
 def _check_dataset(card: SubmissionCard, dataset: Path) -> Iterator[SubmissionFinding]:
     name = read_manifest(dataset).name if dataset.is_dir() else dataset.stem
     if name != card.dataset:
-        yield SubmissionFinding("dataset", "error", f"the card names {card.dataset}, and {dataset} is {name}")
+        yield SubmissionFinding("dataset", "error", f"the card names {card.dataset}, but {dataset} is {name}")
 
 
 def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[SubmissionFinding]:
@@ -81,7 +95,7 @@ def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[Sub
     elif card.predictions:
         try:
             read_method_predictions(_file_of(folder, card.predictions))
-            yield SubmissionFinding("predictions", "ok", f"{card.predictions} is read; its row will be a claim")
+            yield SubmissionFinding("predictions", "ok", f"{card.predictions} can be read; its row will be a claim")
         except BadInput as error:
             yield SubmissionFinding("predictions", "error", str(error))
     else:
@@ -93,10 +107,10 @@ def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[Sub
 
 
 def _check_method(method: str, folder: Path) -> None:
-    """Raise BadInput unless both halves of a method are registered, or stand in a file of the folder."""
+    """Raise BadInput unless both parts of a method are registered or defined in a file of the folder."""
     halves = split_method_region(method)[0].split("+")
     if len(halves) != 2:
-        raise BadInput(f"method {method!r}", allowed="MEASURE+SEARCH, such as method.py:Mine+argmax")
+        raise BadInput(f"the method is {method!r}", allowed="MEASURE+SEARCH, such as method.py:Mine+argmax")
     for half, kind in zip(halves, ("measures", "searches"), strict=True):
         name = split_method_options(half)[0]
         file, _, member = name.rpartition(":")
@@ -104,17 +118,17 @@ def _check_method(method: str, folder: Path) -> None:
             if name not in names(kind):
                 raise unknown(kind.removesuffix("s"), name, allowed=names(kind))
         elif not file.endswith(".py"):
-            raise BadInput(f"{name!r} is code outside the folder", allowed="a file of the folder, as method.py:Mine")
+            raise BadInput(f"{name!r} is code outside the folder", allowed="a file in it, such as method.py:Mine")
         else:
             _check_member(_file_of(folder, file), member, has_forms=kind == "measures")
 
 
 def _check_member(file: Path, member: str, *, has_forms: bool) -> None:
-    """Raise BadInput unless a Python file defines this class or function; the file is read, not run.
+    """Raise BadInput unless a Python file defines this class or function; the file is parsed, not run.
 
-    A measure has forms beside its own name, with ``_n``, ``_tfi`` or both at the end.
+    If ``has_forms``, the name may end in ``_n``, ``_tfi`` or both, which are further forms of a measure.
     """
-    check_plain_file(file, most=MAX_METHOD_BYTES)
+    check_plain_file(file, max_bytes=MAX_METHOD_BYTES)
     try:
         body = ast.parse(file.read_bytes()).body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -126,10 +140,10 @@ def _check_member(file: Path, member: str, *, has_forms: bool) -> None:
 
 
 def _file_of(folder: Path, name: str) -> Path:
-    """Return a file of the folder; raise BadInput where there is none, or where it lies outside."""
+    """Return the path of a file in the folder; raise BadInput if it does not exist or is outside the folder."""
     file = (folder / name).resolve()
     if not file.is_relative_to(folder.resolve()):
-        raise BadInput(f"{name} lies outside of {folder}", hint="copy it into the folder")
+        raise BadInput(f"{name} is outside {folder}", hint="copy it into the folder")
     if not file.is_file():
         raise BadInput(f"{name} is not in {folder}", hint="copy it into the folder")
     return file
@@ -162,16 +176,16 @@ def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) 
     except BadInput as error:
         yield SubmissionFinding("answers", "error", str(error))
         return
-    own = select_records_of_submission(every, card)
-    if not own:
+    group = select_records_of_submission(every, card)
+    if not group:
         rows = ", ".join(sorted({record.method for record in every}))
-        yield SubmissionFinding("answers", "error", f"no row is of {card.method or card.name}, but of {rows}")
+        yield SubmissionFinding("answers", "error", f"there is no row of {card.method or card.name}, only of {rows}")
         return
-    yield from _check_records(own, card, tasks=tasks)
-    state = read_leaderboard_row_states(folder / EVALUATION, every).get(own[0].method)
+    yield from _check_records(group, card, tasks=tasks)
+    state = read_leaderboard_row_states(folder / EVALUATION, every).get(group[0].method)
     if state == DIFFERS:
-        yield SubmissionFinding("verified", "error", f"answers differ when they are run again: {again}")
-    elif state == HERE or card.predictions:
+        yield SubmissionFinding("verified", "error", f"answers differ when the method is run again: {again}")
+    elif state == RERUN_HERE or card.predictions:
         yield SubmissionFinding("verified", "ok", state or "answers of another program stay a claim")
     else:
         how = f"saf-gen leaderboard verify {folder / EVALUATION} --on {data}"
@@ -179,25 +193,28 @@ def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) 
         yield SubmissionFinding("verified", "warning", f"{state or 'nobody has run it again'}: {how}{named}")
 
 
-def _check_records(own: list[Record], card: SubmissionCard, *, tasks: set[str] | None) -> Iterator[SubmissionFinding]:
-    sequences = {record.sequence for record in own}
-    if any(record.track != card.track for record in own):
-        yield SubmissionFinding("answers", "error", f"they are of the track {own[0].track}, not {card.track}")
+def _check_records(group: list[Record], card: SubmissionCard, *, tasks: set[str] | None) -> Iterator[SubmissionFinding]:
+    sequences = {record.sequence for record in group}
+    if any(record.track != card.track for record in group):
+        yield SubmissionFinding("answers", "error", f"their track is {group[0].track}, not {card.track}")
     elif tasks is not None and sequences != tasks:
         odd = sorted(sequences ^ tasks)
         yield SubmissionFinding(
-            "answers", "error", f"{len(sequences)} sequences, and {len(tasks)} in the dataset: {odd[0]} is in one alone"
+            "answers", "error", f"{len(sequences)} sequences, but {len(tasks)} in the dataset: {odd[0]} is not in both"
         )
     else:
-        right = sum(record.success_1dof is True for record in own)
-        complete = "all of the split" if tasks is not None else "hold them against the dataset with --on"
+        right = sum(record.success_1dof is True for record in group)
+        complete = "all of the split" if tasks is not None else "compare them with the dataset: --on DATASET"
         yield SubmissionFinding(
             "answers", "ok", f"{len(sequences)} sequences ({complete}), {right} within 1 depth of focus"
         )
 
 
 def select_records_of_submission(records: Iterable[Record], card: SubmissionCard) -> list[Record]:
-    """Return the records of the submission's row: its file may have been named by a longer path."""
+    """Return the records of the submission's method.
+
+    If its name begins with the path of a file, that path may have more folders in the records than on the card.
+    """
     name = card.name if card.predictions else card.method
-    own = [record for record in records if record.method == name or record.method.endswith(f"/{name}")]
-    return [record for record in own if record.method == own[0].method]
+    group = [record for record in records if record.method == name or record.method.endswith(f"/{name}")]
+    return [record for record in group if record.method == group[0].method]

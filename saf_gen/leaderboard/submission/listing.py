@@ -1,6 +1,6 @@
-"""All submissions of a folder, ranked: those that answered the same sequences stand in one table.
+"""Ranking of all submissions in a folder; those that answered the same sequences share a table.
 
-Their files are read, and none of their code is run.
+Files of submissions are read, but none of their code is run.
 """
 
 from collections.abc import Sequence
@@ -25,10 +25,20 @@ NO_ANSWERS = "no answers"
 
 @dataclass(frozen=True)
 class ListedSubmission:
-    """A submission: its folder's name, its card, what the checks found, and whose row it is.
+    """A submission with its findings and answers.
 
-    ``state`` is ``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``, or ``no answers``, where there are
-    none that can be read. ``records`` are its answers, named by the folder.
+    Attributes
+    ----------
+    name : str
+        Name of its folder.
+    card : SubmissionCard
+        Its card.
+    findings : tuple of SubmissionFinding
+        Findings of the checks.
+    state : str
+        ``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``, or ``no answers`` if no answers can be read.
+    records : tuple of Record
+        Its answers, with the name of the folder as the method.
     """
 
     name: str
@@ -39,13 +49,13 @@ class ListedSubmission:
 
     @property
     def to_do(self) -> list[str]:
-        """What the checks want mended."""
+        """Errors that the checks found, each with the name of the check."""
         return [f"{finding.check}: {finding.text}" for finding in self.findings if finding.level == "error"]
 
 
 @dataclass(frozen=True)
 class SubmissionTable:
-    """Submissions that can be compared, best first; ``rows`` and ``submissions`` are in the same order."""
+    """Submissions that can be compared, best first; ``rows`` and ``submissions`` have the same order."""
 
     dataset: str
     track: str
@@ -57,7 +67,7 @@ class SubmissionTable:
 
 @dataclass(frozen=True)
 class SubmissionList:
-    """The tables, the submissions without answers, and by folder why a card could not be read."""
+    """The tables, the submissions without answers, and the folders whose card cannot be read, with the reason."""
 
     tables: tuple[SubmissionTable, ...]
     unanswered: tuple[ListedSubmission, ...]
@@ -70,9 +80,9 @@ class SubmissionList:
 
 
 def list_submissions(folder: Path) -> SubmissionList:
-    """Read and rank the submissions that lie in a folder, each in a folder of its own.
+    """Read and rank the submissions in the subfolders of a folder.
 
-    Raises BadInput for a folder without any.
+    Raises BadInput if no subfolder holds a submission.
     """
     found, problems = [], []
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
@@ -106,7 +116,7 @@ def _read(folder: Path) -> ListedSubmission:
             states = read_leaderboard_row_states(folder / EVALUATION, every)
             state = states.get(own[0].method, CLAIMED) if own else NO_ANSWERS
         except BadInput:
-            own, state = [], NO_ANSWERS  # the findings say why
+            own, state = [], NO_ANSWERS  # the findings name the reason
     records = tuple(replace(record, method=folder.name) for record in own)
     return ListedSubmission(folder.name, card, findings, state, records)
 

@@ -1,4 +1,4 @@
-"""A lens moved by its actuator, with its state from call to call."""
+"""A lens moved by its actuator, with a state that is kept from call to call."""
 
 from bisect import bisect_left
 from functools import lru_cache
@@ -25,15 +25,23 @@ BLOCK = 4096
 class ActuatedLens:
     """An actuator and its lens. Time advances by readouts of the camera, and only in :meth:`run`.
 
-    The same commands at the same frames give the same bits, however the readouts are divided into calls. Raises
-    BadInput for a start outside the travel, or a rate that is not a positive number.
+    The same commands at the same frames give the same bits, however the readouts are divided into calls.
 
     Parameters
     ----------
-    actuator : see :class:`Actuator`.
-    start : position at which the lens rests first, fraction of the travel; the motor is mid-backlash.
-    readout_hz : readouts of the camera per second.
-    seed : names the noise of the position sensor and the positioning errors.
+    actuator : Actuator
+        The actuator.
+    start : float
+        Position at which the lens rests first, as a fraction of the travel; the motor is in the middle of its backlash.
+    readout_hz : float
+        Readouts of the camera per second.
+    seed : int
+        Seed of the noise of the position sensor and of the positioning errors.
+
+    Raises
+    ------
+    BadInput
+        If the start is outside 0 to 1, or ``readout_hz`` is not a positive finite number.
     """
 
     def __init__(self, actuator: Actuator, *, start: float, readout_hz: float, seed: int) -> None:
@@ -42,25 +50,37 @@ class ActuatedLens:
             raise BadInput(f"readout_hz is {readout_hz!r}", allowed="readouts per second, above 0")
         self.actuator, self.readout_hz, self.seed = actuator, float(readout_hz), seed
         self.frames = 0
-        """Number of readouts so far."""
+        """Readouts so far."""
         self.target = float(start)
-        """The position commanded last."""
-        self._miss = 0.0  # how far from its target the motor is sent without knowing it
+        """The position commanded last, as a fraction of the travel."""
+        self._positioning_error = 0.0  # accumulated positioning error of the motor, unknown to its controller
         self._commands = 0
         begin = -0.5 / self.readout_hz
         self._motor: Trajectory = [(begin, float(start), 0.0, 0.0)]
         self._seat: Trajectory = self._motor[:]
-        self._swing = np.zeros(2)
+        self._oscillation = np.zeros(2)
         self._read = np.empty(BLOCK)
 
     def command(self, to: float) -> None:
-        """Send the lens to the position ``to``, after the actuator's latency; BadInput outside 0...1."""
-        self._miss, self._motor, self._seat = self._plan(to)
+        """Command the lens to the position ``to``, 0 to 1; the command takes effect after the actuator's latency.
+
+        Raises
+        ------
+        BadInput
+            If ``to`` is outside 0 to 1.
+        """
+        self._positioning_error, self._motor, self._seat = self._plan(to)
         self.target = float(to)
         self._commands += 1
 
     def run(self, frames: int) -> np.ndarray:
-        """Advance by some readouts and return the lens position in the middle of each, float64 (frames,)."""
+        """Advance by a number of readouts and return the lens position in the middle of each, float64 (frames,).
+
+        Raises
+        ------
+        BadInput
+            If ``frames`` is negative.
+        """
         if frames < 0:
             raise BadInput(f"the number of frames is {frames}", allowed="0 or more")
         positions = np.empty(frames)
@@ -69,7 +89,7 @@ class ActuatedLens:
             omega = 2 * pi * self.actuator.resonance_hz
             pieces = np.array(_until(self._seat, (stop - 0.5) / self.readout_hz))
             passed = integrate_lens_oscillator(
-                pieces, self._swing, first, self.readout_hz, omega, float(self.actuator.damping), positions
+                pieces, self._oscillation, first, self.readout_hz, omega, float(self.actuator.damping), positions
             )
             del self._seat[:passed]
             motor = self._motor_positions(first, stop)
@@ -82,7 +102,12 @@ class ActuatedLens:
     def read_sensor(self, first: int, stop: int) -> np.ndarray:
         """Return the readings of the position sensor at past frames ``first <= t < stop``, float64.
 
-        With noise they may lie slightly outside 0...1. Raises BadInput for frames that have not passed.
+        Noise may put them slightly outside 0 to 1.
+
+        Raises
+        ------
+        BadInput
+            If the window includes frames that have not passed.
         """
         window = validate_window(first, stop, total=self.frames)
         read = self._read[window.start : window.stop].copy()
@@ -94,43 +119,48 @@ class ActuatedLens:
         return read
 
     def resting_position(self, to: float | None = None) -> float:
-        """Return where the lens comes to rest without further commands, or if it were sent to ``to`` now.
+        """Return the position at which the lens will come to rest without further commands, or if sent to ``to`` now.
 
-        Backlash, steps and positioning errors are included. Raises BadInput for ``to`` outside 0...1.
+        Backlash, steps and positioning errors are included.
+
+        Raises
+        ------
+        BadInput
+            If ``to`` is outside 0 to 1.
         """
         seat = self._seat if to is None else self._plan(to)[2]
         return seat[-1][1]
 
     def is_settled(self, within: float) -> bool:
-        """Return whether the lens stays ``within`` its resting position if nothing is commanded."""
-        # With only the piece at rest left, the energy of the swing can only decrease.
-        return len(self._seat) == 1 and hypot(*self._swing) <= within
+        """Return whether the lens will stay closer than ``within`` to its resting position without further commands."""
+        # If only the piece at rest is left, the energy of the oscillation can only decrease.
+        return len(self._seat) == 1 and hypot(*self._oscillation) <= within
 
     def _plan(self, to: float) -> tuple[float, Trajectory, Trajectory]:
-        """Return the miss of the motor, and the trajectories of motor and seat, if sent to ``to`` now."""
+        """Return the positioning error of the motor and the trajectories of motor and seat for a command to ``to``."""
         _check_position("to", to)
         actuator = self.actuator
-        target, miss = self._round_to_steps(to), self._miss
+        target, error = self._round_to_steps(to), self._positioning_error
         if actuator.place_rms:
             block, number = divmod(self._commands, BLOCK)
-            error = float(_normals(self.seed, "place", block=block)[number])
-            miss += actuator.place_rms * abs(target - self._round_to_steps(self.target)) * error
-            miss = min(max(target + miss, 0.0), 1.0) - target
-        aim = min(max(target + miss, 0.0), 1.0)
+            relative_error = float(_normals(self.seed, "place", block=block)[number])
+            error += actuator.place_rms * abs(target - self._round_to_steps(self.target)) * relative_error
+            error = min(max(target + error, 0.0), 1.0) - target
+        aim = min(max(target + error, 0.0), 1.0)
         begin = self.frames / self.readout_hz + actuator.latency_s
         position, speed = actuator_trajectory_at(self._motor, begin)
         limits = {"max_speed": actuator.speed, "acceleration": actuator.acceleration}
         motor = move_actuator_fastest(aim, begin, position=position, speed=speed, **limits)
         seat = apply_actuator_backlash(motor, actuator_trajectory_at(self._seat, begin)[0], backlash=actuator.backlash)
-        return miss, _until(self._motor, begin) + motor, _until(self._seat, begin) + seat
+        return error, _until(self._motor, begin) + motor, _until(self._seat, begin) + seat
 
     def _round_to_steps(self, position: float) -> float:
-        """Return the position in whole steps of the motor, within the travel."""
+        """Return the nearest position within the travel that is a multiple of the motor's step."""
         step = self.actuator.step
         if not step:
             return float(position)
-        whole = floor(position / step + 0.5)
-        return whole * step if whole * step <= 1 else (whole - 1) * step
+        count = floor(position / step + 0.5)
+        return count * step if count * step <= 1 else (count - 1) * step
 
     def _motor_positions(self, first: int, stop: int) -> np.ndarray:
         times = (np.arange(first, stop) + 0.5) / self.readout_hz
@@ -142,7 +172,7 @@ class ActuatedLens:
 
 
 def _until(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """Return the pieces that begin before a time."""
+    """Return the pieces of a trajectory that begin before a time."""
     return trajectory[: bisect_left(trajectory, (seconds,))]
 
 
@@ -153,7 +183,7 @@ def _check_position(key: str, value: object) -> None:
 
 @lru_cache(maxsize=64)
 def _normals(seed: int, purpose: str, *, block: int) -> np.ndarray:
-    """Return block ``block`` of a stream of normal numbers, read-only (BLOCK,)."""
+    """Return one block of a sequence of normal random numbers, read-only (BLOCK,)."""
     normals = make_generator("actuator", seed, purpose, block).standard_normal(BLOCK)
     normals.flags.writeable = False
     return normals

@@ -1,4 +1,4 @@
-"""Actuators, which move a lens: frozen values read from ``presets/<name>.yaml`` or from a user's own file."""
+"""Actuators, which move a lens: immutable values read from ``presets/<name>.yaml`` or from a user's file."""
 
 import hashlib
 from dataclasses import asdict
@@ -13,34 +13,47 @@ from pydantic.dataclasses import dataclass
 from saf_gen.core.config.presets import Presets, Sources, Text, between
 
 
-# The ranges refuse a latency in milliseconds or a fraction in percent, and leave room for an ideal lens.
+# The ranges reject a latency in milliseconds or a fraction in percent, but allow an ideal lens.
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Actuator:
-    """What stands between a command and the position of the lens, in fractions of the travel and seconds.
+    """The mechanism between a command and the position of the lens, in fractions of the travel and seconds.
 
-    A command goes through five stages, in this order:
+    A command passes through these stages: latency, rounding to steps, positioning error, motion of the motor, backlash,
+    and oscillation of the lens. A stop at each end of the travel absorbs all speed. :func:`get_actuator` raises
+    BadInput for a value that is not allowed; the constructor and ``dataclasses.replace`` raise a ValueError.
 
-    latency_s : delay from a command to its effect; until then the previous command stays in force.
-    step : the commanded position is rounded to the nearest whole multiple; 0 for no steps.
-    place_rms : a move is too long or too short by a normal error of this rms, a fraction of its length. The
-        motor does not know it: the errors add up from move to move, up to an end of the travel.
-    speed, acceleration : the motor moves as fast as both allow and brakes to rest.
-    backlash : total play between motor and lens. The lens stays until half of it is taken up in the direction
-        of the move, then trails the motor by that half; so it comes to rest half the play short of the
-        position, on the side that it came from.
-    resonance_hz, damping : the lens x follows y, what pulls it, by x″ + 2ζω·x′ + ω²·x = ω²·y with
-        ω = 2π·resonance_hz. Below ζ = 1 it rings at resonance_hz·√(1 - ζ²).
+    Parameters
+    ----------
+    name : str
+        Name of the actuator.
+    speed, acceleration : float
+        Limits of the motor, which moves as fast as both allow and brakes to rest, travels per second (squared).
+    resonance_hz, damping : float
+        The lens at x follows its seat at y by x″ + 2ζω·x′ + ω²·x = ω²·y, with ω = 2π·resonance_hz and the damping ζ.
+        Below ζ = 1 it rings at resonance_hz·√(1 - ζ²).
+    backlash : float
+        Total play between motor and lens. The lens stays until half of the play is taken up in the direction of the
+        move, and then trails the motor by that half. It therefore comes to rest half the play short of the position, on
+        the side from which it came.
+    step : float
+        The commanded position is rounded to the nearest multiple of this step; 0 for no steps.
+    place_rms : float
+        Rms of the positioning error, as a fraction of the length of a move: each move is too long or too short by a
+        normal error. The controller does not know the errors, which add up from move to move, up to an end of the
+        travel.
+    reads : str
+        Part that the position sensor reads: the ``lens``, or the ``motor``, as with counted steps or a commanded
+        current, which shows neither play nor ringing.
+    position_noise_rms : float
+        Rms of the white noise of the position sensor, independent at each readout of the camera.
+    latency_s : float
+        Delay from a command to its effect; until then the previous command remains in force.
+    sources : tuple of str
+        Sources of the numbers.
 
-    A stop at each end of the travel takes all speed.
-
-    reads : what the position sensor reads: the ``lens``, or the ``motor``, which knows nothing of play and
-        ringing (counted steps, a commanded current).
-    position_noise_rms : white noise of the position sensor, drawn anew at each readout of the camera.
-
-    A value that is not allowed raises BadInput from :func:`get_actuator`, and a ValueError from the
-    constructor and from ``dataclasses.replace``.
-
-    Reference for the oscillator: K. Ogata, Modern Control Engineering, 5th edition, 2010, section 5-3.
+    References
+    ----------
+    K. Ogata, Modern Control Engineering, 5th edition, 2010, section 5-3 (the oscillator).
     """
 
     name: Text
@@ -58,17 +71,17 @@ class Actuator:
 
     @property
     def label(self) -> str:
-        """The name, if all numbers are those of the preset of that name; otherwise with a digest of them.
+        """The name if all numbers are those of the preset of that name; otherwise the name with a digest of them.
 
-        ``voice_coil``, or ``voice_coil (own, 1a2b3c4d5e6f)``: two actuators with one label move a lens alike,
-        whatever their sources say.
+        Examples are ``voice_coil`` and ``voice_coil (own, 1a2b3c4d5e6f)``. Two actuators with the same label move a
+        lens in the same way, whatever their sources say.
         """
         if self.name in actuator_names() and _preset(self.name)._numbers() == self._numbers():
             return self.name
         return f"{self.name} (own, {hashlib.sha256(self._numbers().encode()).hexdigest()[:12]})"
 
     def _numbers(self) -> str:
-        """Return all that moves the lens as text; 1 and 1.0 are the same number, and so are 0 and -0."""
+        """Return everything that affects the motion as text, in which 1 equals 1.0 and 0 equals -0."""
         return "\n".join(
             f"{key} {value if isinstance(value, str) else repr(float(value) + 0.0)}"
             for key, value in asdict(self).items()
@@ -76,46 +89,46 @@ class Actuator:
         )
 
     def move_s(self, distance: float) -> float:
-        """Return the seconds of a move of the motor from rest to rest, without latency and settling."""
+        """Return the seconds that the motor takes for a move from rest to rest, without latency and settling."""
         if distance * self.acceleration < self.speed**2:
             return 2 * sqrt(distance / self.acceleration)
         return distance / self.speed + self.speed / self.acceleration
 
     @property
     def end_to_end_s(self) -> float:
-        """Seconds of the shortest sweep: latency, the motor from end to end, and the lens behind it.
+        """Seconds of the shortest sweep: latency, motion of the motor from end to end, and settling of the lens.
 
-        Half a cycle of the resonance is added to what ``command_sweep_s`` leaves for the lens, because a fast
-        motor is a jump to it.
+        Half a cycle of the resonance is added to the settling time that ``command_sweep_s`` allows, because the lens
+        responds to a fast motor as to a jump.
         """
-        return self.latency_s + self.move_s(1) + 3 * self._behind_s + 1 / (2 * self.resonance_hz)
+        return self.latency_s + self.move_s(1) + 3 * self._trail_s + 1 / (2 * self.resonance_hz)
 
     def command_sweep_s(self, sweep_s: float) -> float:
-        """Return the seconds in which commands run evenly from end to end so that the lens takes ``sweep_s``.
+        """Return the seconds for which commands must run uniformly from end to end so that the lens takes ``sweep_s``.
 
-        The commands, at a speed v, reach the end before the lens does: by its latency, by the time v/a in
-        which the motor brakes, and by three times 2ζ/ω, in which the lens makes up what it trails. A sweep
-        shorter than ``end_to_end_s`` is commanded like that one.
+        Commands at a speed v reach the end before the lens does: by the latency, by the time v/a in which the motor
+        brakes, and by three times 2ζ/ω, in which the lens catches up with the motor. A sweep shorter than
+        ``end_to_end_s`` is replaced by one of that length.
         """
-        left = max(sweep_s, self.end_to_end_s) - self.latency_s - 3 * self._behind_s
+        left = max(sweep_s, self.end_to_end_s) - self.latency_s - 3 * self._trail_s
         return (left + sqrt(max(left * left - 4 / self.acceleration, 0.0))) / 2
 
     @property
     def sensor_lead_s(self) -> float:
-        """Seconds by which a steadily moving lens trails its sensor's reading; 0 for a sensor at the lens."""
-        return 0.0 if self.reads == "lens" else self._behind_s
+        """Seconds by which a uniformly moving lens trails the reading of its sensor; 0 if the sensor reads the lens."""
+        return 0.0 if self.reads == "lens" else self._trail_s
 
     @property
-    def _behind_s(self) -> float:
-        """Seconds by which the lens trails a steady motor: 2ζ/ω of the oscillator."""
+    def _trail_s(self) -> float:
+        """Seconds by which the lens trails a uniformly moving motor: 2ζ/ω of the oscillator."""
         return self.damping / (pi * self.resonance_hz)
 
     @property
     def lag_s(self) -> float:
-        """Seconds in which the distance between lens and motor, unseen by the sensor, falls to 1/e.
+        """Seconds in which the distance between lens and motor falls to 1/e; 0 if the sensor reads the lens.
 
-        0 for a sensor that reads the lens. It follows from the slower root of the oscillator's equation; play
-        is not included.
+        A sensor that reads the motor does not see this distance. The time follows from the slower root of the
+        oscillator's equation; play is not included.
         """
         if self.reads == "lens":
             return 0.0
@@ -132,11 +145,24 @@ def actuator_names() -> list[str]:
 
 
 def get_actuator(name: str | Path, **changes: Any) -> Actuator:
-    """Return an actuator by name, or from a YAML file of one's own, with some fields changed.
+    """Return an actuator by name or from a user's YAML file, with some fields changed.
 
-    ``get_actuator("voice_coil", damping=0.2)``
+    Parameters
+    ----------
+    name : str or Path
+        A name of :func:`actuator_names`, or the path of a .yaml file.
+    **changes : optional
+        Fields of :class:`Actuator` and their new values, as in ``get_actuator("voice_coil", damping=0.2)``.
 
-    Raises BadInput for an unknown name or field, and for a value that is not allowed.
+    Returns
+    -------
+    Actuator
+        The actuator.
+
+    Raises
+    ------
+    BadInput
+        If a name or field is unknown, or a value is not allowed.
     """
     return PRESETS.get(name, changes)
 

@@ -1,8 +1,8 @@
-"""Trajectories of constant acceleration per piece: of the motor, and of the lens seat behind its backlash.
+"""Trajectories with piecewise constant acceleration: of the motor, and of the lens seat behind its backlash.
 
-A piece is (begin, position, speed, acceleration), in seconds and travels. It lasts until the next one begins,
-the last one for ever. Within a piece the direction does not change. Only the four operations and square roots
-are used, which every machine rounds alike.
+A piece is (begin, position, speed, acceleration), in seconds and travels. It lasts until the next piece begins; the
+last piece does not end. The direction does not change within a piece. Only the four basic operations and square roots
+are used, which all machines round in the same way.
 """
 
 from bisect import bisect_right
@@ -13,7 +13,7 @@ Trajectory = list[TrajectoryPiece]
 
 
 def actuator_trajectory_at(trajectory: Trajectory, seconds: float) -> tuple[float, float]:
-    """Return position and speed at a time, which is not before the first piece."""
+    """Return position and speed at a time, which must not be before the first piece."""
     begin, position, speed, acceleration = trajectory[bisect_right(trajectory, (seconds, inf)) - 1]
     elapsed = seconds - begin
     return position + elapsed * (speed + acceleration * elapsed / 2), speed + acceleration * elapsed
@@ -22,12 +22,12 @@ def actuator_trajectory_at(trajectory: Trajectory, seconds: float) -> tuple[floa
 def move_actuator_fastest(
     target: float, begin: float, *, position: float, speed: float, max_speed: float, acceleration: float
 ) -> Trajectory:
-    """Return the fastest trajectory from a state to rest at ``target``.
+    """Return the fastest trajectory from a position and speed at the time ``begin`` to rest at ``target``.
 
-    Full acceleration, maximum speed if the distance is long enough, and full braking: the time-optimal
-    control of a double integrator.
+    It consists of full acceleration, maximum speed if the distance is long enough, and full braking, which is the
+    time-optimal control of a double integrator.
     """
-    stop = position + speed * abs(speed) / (2 * acceleration)  # where it comes to rest if it brakes now
+    stop = position + speed * abs(speed) / (2 * acceleration)  # position of rest if it brakes now
     direction = 1.0 if target >= stop else -1.0
     ahead = direction * speed
     if ahead < 0:  # it must reverse first
@@ -53,9 +53,9 @@ def move_actuator_fastest(
 
 
 def apply_actuator_backlash(motor: Trajectory, seat: float, *, backlash: float) -> Trajectory:
-    """Return the trajectory of a seat behind a motor, from ``seat`` when the motor's trajectory begins.
+    """Return the trajectory of a seat that a motor moves, where the seat starts at ``seat``.
 
-    The motor moves freely until it is half the backlash ahead of the seat, and takes it along from there.
+    The motor moves freely until it is half the backlash ahead of the seat; from there on it moves the seat along.
     """
     if backlash == 0:
         return motor
@@ -70,11 +70,11 @@ def apply_actuator_backlash(motor: Trajectory, seat: float, *, backlash: float) 
         if gap > 0:
             ahead, rate = direction * speed, direction * acceleration
             reached = ahead * ahead + 2 * rate * gap
-            takes = 2 * gap / (ahead + sqrt(reached)) if reached > 0 else inf
+            delay = 2 * gap / (ahead + sqrt(reached)) if reached > 0 else inf
             trajectory.append((begin, seat, 0.0, 0.0))
-            if begin + takes >= end:
+            if begin + delay >= end:
                 continue
-            trajectory.append((begin + takes, seat, speed + acceleration * takes, acceleration))
+            trajectory.append((begin + delay, seat, speed + acceleration * delay, acceleration))
         else:
             trajectory.append((begin, position - direction * half, speed, acceleration))
         seat = position_at_end - direction * half

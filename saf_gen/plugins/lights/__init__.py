@@ -1,6 +1,6 @@
 """Light schedules: how the gain of each light group of a scene changes over a recording.
 
-Each kind is one file of this folder, or a package's, offered under the entry point ``saf_gen.lights``.
+Each kind of schedule is a file of this folder, or comes from a package with the entry point ``saf_gen.lights``.
 """
 
 from saf_gen.plugins.lights._schedule import (

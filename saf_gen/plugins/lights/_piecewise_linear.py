@@ -1,12 +1,13 @@
-"""The exact integral of straight lines through points, for schedules that are made of them."""
+"""The exact integral of a gain that is interpolated linearly between points."""
 
 import numpy as np
 
 
 def integrate_piecewise_linear_gain(seconds: np.ndarray, *, times: np.ndarray, gains: np.ndarray) -> np.ndarray:
-    """Return the integral from 0 to each time of the line through (``times``, ``gains``).
+    """Return the exact integral, from 0 to each of ``seconds``, of a gain interpolated linearly between points.
 
-    ``times`` (N,) rise, with N at least 1; beyond both ends the line is level. The result is exact.
+    ``times`` (N,) and ``gains`` (N,) are the points; times increase, and N is at least 1. Before the first point and
+    after the last one, the gain is constant.
     """
     seconds = np.asarray(seconds, dtype=np.float64)
     return (
@@ -22,8 +23,8 @@ def _antiderivative(seconds: np.ndarray, *, times: np.ndarray, gains: np.ndarray
         return level
     steps = np.diff(times)
     slopes = np.diff(gains) / steps
-    whole = np.concatenate(([0.0], np.cumsum(steps * (gains[:-1] + gains[1:]) / 2)))
+    cumulative = np.concatenate(([0.0], np.cumsum(steps * (gains[:-1] + gains[1:]) / 2)))
     within = np.clip(seconds, first, last)
     i = np.clip(np.searchsorted(times, within, side="right") - 1, 0, len(steps) - 1)
-    since = within - times[i]
-    return level + whole[i] + since * (gains[i] + 0.5 * slopes[i] * since)
+    elapsed = within - times[i]
+    return level + cumulative[i] + elapsed * (gains[i] + 0.5 * slopes[i] * elapsed)

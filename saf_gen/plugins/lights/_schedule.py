@@ -1,14 +1,15 @@
-"""Light schedules from a recipe to the gain of every readout: read, drawn, built, integrated.
+"""Light schedules, from reading them in a recipe to the gain of every readout.
 
-A recipe writes one schedule for all light groups of a scene, or one for each by its name; a group without a
-schedule stays at gain 1::
+A recipe gives one schedule for all light groups of a scene, or a schedule for each group by its name. A group without a
+schedule keeps gain 1::
 
-    {kind: flicker, depth: 0.3, offset: 0.5} {lamp: {kind: flash, at_s: 0.1, peak: 20}, ...}
+    {kind: flicker, depth: 0.3, offset: 0.5}
+    {lamp: {kind: flash, at_s: 0.1, peak: 20}, ...}
 
-Every kind takes the keys of its class and those of ``COMMON_KEYS``. ``offset`` is constant light added to the
-schedule, such as daylight in a room whose lamp flickers. With ``unit: lux`` all gains of the schedule, the
-offset included, are illuminances of the target in lux. They are divided by ``lux_at_gain_1``, the target's
-illuminance as the scene is built, which the scene's card tells.
+Every kind takes the keys of its class and those of ``COMMON_KEYS``. ``offset`` is constant light added to the schedule,
+such as daylight in a room with a flickering lamp. With ``unit: lux``, all gains of the schedule and the offset are
+illuminances of the target in lux. They are divided by ``lux_at_gain_1``, the illuminance of the target at gain 1, which
+the scene card gives.
 """
 
 import re
@@ -27,27 +28,38 @@ from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Light
 
 COMMON_KEYS = {
-    "offset": "Gain, 0 or more (0): is added to the gain: light that stays, in the same group.",
-    "unit": "ratio or lux (ratio): with lux, gains and offset are the illuminance of the target in lux.",
-    "lux_at_gain_1": "Lux, above 0 (from the scene's card): with unit lux, the illuminance at gain 1.",
+    "offset": "Gain, 0 or more (0): constant light of the same group, which is added to the schedule.",
+    "unit": "ratio or lux (ratio): with lux, the gains and the offset are illuminances of the target in lux.",
+    "lux_at_gain_1": "Lux, above 0 (from the scene card): with unit lux, the illuminance of the target at gain 1.",
 }
-"""Keys that every kind of light schedule takes beside its own, and what each means."""
+"""Keys that every kind of light schedule takes in addition to the fields of its class, with their meaning."""
 
 UNITS = ("ratio", "lux")
 GROUP = re.compile(r"[a-z0-9][a-z0-9_-]*")
 
 RESERVED_GROUP_NAMES = frozenset({"geometry", "kind", *RANGE_FORMS})
-"""Names that a light group cannot have, because a file of a stack or a key of a schedule has them."""
+"""Names that a light group cannot have, because files of a stack or keys of a schedule use them."""
 
 GAIN_GRID = 2.0**-20
-"""Gains are rounded to it, so that the last digit of one machine's cosine cannot move a spike on another."""
+"""Gains are rounded to multiples of this step, so that a cosine whose last digit differs between machines does not
+change a spike."""
 
 
 def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) -> None:
-    """Check the light groups of a scene's card, each with the names of its emitters.
+    """Check the light groups of a scene card.
 
-    Raises BadInput for a name that cannot be the name of a file or that a schedule could not use, for a group
-    without emitters, and for an emitter in two groups.
+    Parameters
+    ----------
+    lights : mapping of str to sequence of str
+        Names of the emitters of each light group.
+    document : Document
+        The scene card, to locate errors.
+
+    Raises
+    ------
+    BadInput
+        If a name cannot name a file or cannot be used in a schedule, if a group has no emitters, or if an emitter is in
+        two groups.
     """
     for group, emitters in lights.items():
         where = document.locate("lights", group)
@@ -77,9 +89,26 @@ def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) 
 
 
 def read_light_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[str, ...]) -> dict[str, Any]:
-    """Return the schedule at these keys of a recipe, checked, and with the text of its files.
+    """Return the light schedule at these keys of a recipe, checked and with the text of its files.
 
-    Raises BadInput with file and line where something does not fit.
+    Parameters
+    ----------
+    schedule : dict
+        The schedule as written in the recipe, for all light groups or by light group.
+    document : Document
+        The recipe, to locate errors and files.
+    keys : tuple of str
+        Keys that lead to the schedule in the recipe.
+
+    Returns
+    -------
+    dict
+        The schedule in the same form.
+
+    Raises
+    ------
+    BadInput
+        If the schedule is not valid; the error names file and line.
     """
     by_group = split_schedule_by_light_group(schedule, where=document.locate(*keys))
     if "" in by_group:
@@ -94,14 +123,17 @@ def _read(component: Component, document: Document, *, keys: tuple[str, ...]) ->
 
 
 def _build_without_scene(kind: str, /, **options: Any) -> Light:
-    """Build a schedule before the scene is known that tells how many lux gain 1 is."""
+    """Build a schedule before the scene, and so its illuminance at gain 1, is known."""
     if options.get("unit") == "lux":
         options.setdefault("lux_at_gain_1", 1.0)
     return get_light(kind, **options)
 
 
 def split_schedule_by_light_group(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
-    """Return a light schedule as {light group: component}; the key '' stands for all groups at once."""
+    """Return a light schedule as {light group: component}; the key '' stands for all groups at once.
+
+    Raises BadInput, located at ``where``, if a light group has no kind.
+    """
     if "kind" in schedule or is_config_range(schedule):
         return {"": schedule}
     for group, component in schedule.items():
@@ -109,8 +141,8 @@ def split_schedule_by_light_group(schedule: dict[str, Any], *, where: str = "") 
             raise BadInput(
                 f"light group {group!r} has no kind",
                 where=where,
-                allowed="{kind: ..., ...}, or such a mapping for each light group",
-                hint=f"kinds: {', '.join(registry.names('lights'))}",
+                allowed="{kind: ..., ...}, or {GROUP: {kind: ..., ...}, ...}",
+                hint=f"choose one of the kinds {', '.join(registry.names('lights'))}",
             )
     return schedule
 
@@ -118,10 +150,21 @@ def split_schedule_by_light_group(schedule: dict[str, Any], *, where: str = "") 
 def draw_light_schedule(
     schedule: dict[str, Any], name: tuple[str | int, ...], *, illuminance_lux: Mapping[str, float]
 ) -> dict[str, Component]:
-    """Return the schedule of one recording by light group, with all open numbers drawn.
+    """Return the light schedule of one recording by light group, with all open numbers drawn.
 
-    ``name`` names the recording's random streams. ``illuminance_lux`` is the target's illuminance at gain 1
-    by light group, from the scene's card.
+    Parameters
+    ----------
+    schedule : dict
+        The schedule as :func:`read_light_schedule` returns it.
+    name : tuple of str or int
+        Name of the random streams of the recording.
+    illuminance_lux : mapping of str to float
+        Illuminance of the target at gain 1 by light group, in lux, from the scene card.
+
+    Returns
+    -------
+    dict
+        Component of each light group; the key '' stands for all groups at once.
     """
     drawn = {}
     for group, component in split_schedule_by_light_group(schedule).items():
@@ -135,20 +178,31 @@ def draw_light_schedule(
 def get_light(
     name: str, /, *, offset: float = 0.0, unit: str = "ratio", lux_at_gain_1: float | None = None, **options: Any
 ) -> Light:
-    """Return a light schedule; its gain is 1 where the light is as the scene has it.
+    """Return a light schedule by its name.
 
     Parameters
     ----------
-    name : the kind: a file of ``saf_gen/plugins/lights``, a kind that a package offers, ``package.module:Class`` or
-        ``file.py:Class``.
-    offset : constant light added to the schedule, in ``unit``, 0 or more.
-    unit : "ratio" (gains) or "lux" (illuminances of the target, divided by ``lux_at_gain_1``).
-    lux_at_gain_1 : illuminance of the target at gain 1 in lux, above 0; needed where ``unit`` is "lux".
-    **options : the fields of the kind's class.
+    name : str
+        Kind of schedule: a file of ``saf_gen/plugins/lights``, a kind that a package offers, ``package.module:Class``
+        or ``file.py:Class``.
+    offset : float, default 0
+        Constant light added to the schedule, in ``unit``, 0 or more.
+    unit : {"ratio", "lux"}, default "ratio"
+        Unit of the schedule: gains, or illuminances of the target, which are divided by ``lux_at_gain_1``.
+    lux_at_gain_1 : float, optional
+        Illuminance of the target at gain 1 in lux, above 0; required if ``unit`` is "lux".
+    **options
+        Fields of the class of that kind.
+
+    Returns
+    -------
+    Light
+        The schedule; gain 1 is the light as the scene defines it.
 
     Raises
     ------
-    BadInput : for an unknown name or key, and for a value that is not allowed.
+    BadInput
+        If the name or an option is unknown, or if a value is not allowed.
     """
     known = registry.registered_option_fields("lights", name)
     for key in options:
@@ -161,7 +215,7 @@ def get_light(
         raise BadInput(f"unit is {unit!r}", allowed=", ".join(UNITS), nearest=closest(unit, UNITS))
     if unit == "lux" and lux_at_gain_1 is None:
         raise BadInput(
-            "the schedule is in lux, and the illuminance at gain 1 is unknown",
+            "the schedule is in lux, but the illuminance at gain 1 is unknown",
             allowed="illuminance_lux on the scene's card, or lux_at_gain_1 in the schedule",
         )
     if unit == "ratio" and lux_at_gain_1 is not None:
@@ -181,35 +235,69 @@ class _ScaledLight:
     unit_gain: float
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Return the integral of the gain from 0 to each time, float64, gain seconds."""
+        """Return the integral of the gain from 0 to each time, in seconds."""
         steady = self.offset * np.asarray(seconds, dtype=np.float64)
         return (self.light.integral(seconds, duration_s) + steady) / self.unit_gain
 
 
 def light_gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.ndarray:
-    """Return the mean gain of each readout, float32 (frames,).
+    """Return the mean gain of each readout.
 
-    It is the mean over the readout, not a sample in it: a lamp that flickers at 100 Hz then gives the same
-    sum in every window of 200 readouts at 20 kHz, as it does on a sensor that integrates.
+    Gains are means over a readout instead of samples, as on a sensor that integrates: a lamp that flickers at 100 Hz
+    gives the same sum in every window of 200 readouts at 20 kHz.
 
-    Raises BadInput where the schedule goes below 0.
+    Parameters
+    ----------
+    light : Light
+        The schedule.
+    frames : int
+        Number of readouts.
+    readout_hz : float
+        Readouts per second.
+
+    Returns
+    -------
+    ndarray of float32, shape (frames,)
+        Gains, 0 or more, rounded to multiples of 2**-20.
+
+    Raises
+    ------
+    BadInput
+        If the gain falls below 0.
     """
     edges = np.arange(frames + 1) / readout_hz
     integral = registry.sample_registered_function(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
     gains = np.diff(integral) * readout_hz
     if not gains.min() >= -1e-9:
-        raise BadInput(f"the gain of {light!r} falls to {gains.min():.3g}", allowed="gains of 0 and more")
+        raise BadInput(f"the gain of {light!r} falls to {gains.min():.3g}", allowed="gains of 0 or more")
     return (np.round(np.maximum(gains, 0) / GAIN_GRID) * GAIN_GRID).astype(np.float32)
 
 
 def light_group_gains(
     schedule: Mapping[str, Mapping[str, Any]], groups: Sequence[str], *, frames: int, readout_hz: float
 ) -> np.ndarray:
-    """Return the mean gain of each readout for each light group, float32 (frame, light).
+    """Return the mean gain of each readout for each light group.
 
-    ``schedule`` is by light group, as :func:`draw_light_schedule` returns it; a group that is not in it has gain 1.
+    Parameters
+    ----------
+    schedule : mapping of str to mapping
+        Components by light group, as :func:`draw_light_schedule` returns them. A group that is missing has gain 1.
+    groups : sequence of str
+        Light groups of the scene, L in number.
+    frames : int
+        Number of readouts.
+    readout_hz : float
+        Readouts per second.
 
-    Raises BadInput for a group that the scene does not have, and for a gain that float32 cannot hold.
+    Returns
+    -------
+    ndarray of float32, shape (frames, L)
+        Gains, 0 or more.
+
+    Raises
+    ------
+    BadInput
+        If the scene does not have one of the groups, if a gain falls below 0, or if float32 cannot hold a gain.
     """
     for name in schedule:
         if name and name not in groups:
@@ -219,7 +307,7 @@ def light_group_gains(
         component = schedule.get("", schedule.get(group))
         if component is not None:
             light = get_light(component["kind"], **{k: v for k, v in component.items() if k != "kind"})
-            with np.errstate(over="ignore", invalid="ignore"):  # an overflow is an error of one line below
+            with np.errstate(over="ignore", invalid="ignore"):  # an overflow raises BadInput below
                 gains[:, g] = light_gains_at_readouts(light, frames, readout_hz=readout_hz)
             if not np.isfinite(gains[:, g]).all():
                 raise BadInput(

@@ -1,4 +1,4 @@
-"""A flash of a xenon tube: it rises in a fraction of a millisecond and then decays."""
+"""The flash of a xenon tube, which rises in a fraction of a millisecond and then decays."""
 
 from dataclasses import dataclass
 from math import exp, inf, log1p
@@ -10,23 +10,23 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Flash:
-    """The gain is ``base``, and from ``at_s`` on a flash is added, with ``peak`` as the highest gain.
+    """The gain is ``base``, plus a flash that begins at ``at_s`` and brings the gain up to ``peak``.
 
-    With t from ``at_s`` the flash is (1 - exp(-t/``rise_s``)) · exp(-t/``decay_s``), scaled to the peak: the
-    arc strikes, and then the capacitor empties through the tube. With q = decay_s/rise_s it is highest at
-    rise_s·ln(1 + q), where the unscaled shape is q/(1 + q)^(1 + 1/q).
+    With t counted from ``at_s``, the flash is (1 - exp(-t/``rise_s``)) · exp(-t/``decay_s``), scaled to the peak: the
+    arc strikes, and then the capacitor discharges through the tube. With q = decay_s/rise_s, the unscaled shape is
+    highest at t = rise_s·ln(1 + q), where it is q/(1 + q)^(1 + 1/q).
     """
 
     at_s: float
-    """Seconds, 0 or more: the moment at which the flash begins."""
+    """Seconds, 0 or more: the time at which the flash begins."""
     peak: float
-    """Gain, ``base`` or more: its height."""
+    """Gain, ``base`` or more: the highest gain."""
     base: float = 1.0
-    """Gain, 0 or more: the gain before and after."""
+    """Gain, 0 or more: the gain before and after the flash."""
     rise_s: float = 1e-4
-    """Seconds, 1e-7 to 10: it strikes as 1 − exp(−t/rise_s)."""
+    """Seconds, 1e-7 to 10: the time constant of the rise, 1 − exp(−t/rise_s)."""
     decay_s: float = 1e-3
-    """Seconds, 1e-7 to 10: it dies as exp(−t/decay_s)."""
+    """Seconds, 1e-7 to 10: the time constant of the decay, exp(−t/decay_s)."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.at_s < inf:
@@ -41,7 +41,7 @@ class Flash:
         """Return the integral of the gain from 0 to each time, in seconds."""
         seconds = np.asarray(seconds, dtype=np.float64)
         since = np.maximum(seconds - self.at_s, 0.0)
-        # The shape is the difference of two decays: that of decay_s, and that of decay_s and rise_s together.
+        # The shape is the difference of two decays: one at rate 1/decay_s, one at rate 1/decay_s + 1/rise_s.
         both_s = self.rise_s * self.decay_s / (self.rise_s + self.decay_s)
         area = both_s * np.expm1(-since / both_s) - self.decay_s * np.expm1(-since / self.decay_s)
         q = self.decay_s / self.rise_s

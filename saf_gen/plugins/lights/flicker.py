@@ -16,8 +16,8 @@ class Flicker:
     Std 1789-2015. The mean over whole periods is exactly ``level``.
 
     ``hz`` is 100 for mains of 50 Hz and 120 for 60 Hz. ``harmonics`` are the relative amplitudes of hz, 2·hz,
-    3·hz, ...; [1, -0.2, 0.0857] begins a rectified sine. ``phase`` is in radians; at 0 the recording begins
-    at a crest of the fundamental.
+    3·hz, ...; those of a rectified sine begin with [1, -0.2, 0.0857]. ``phase`` is in radians; at 0 the recording
+    begins at a crest of the fundamental.
     """
 
     depth: float
@@ -25,11 +25,11 @@ class Flicker:
     hz: float = 100.0
     """Hz, above 0: twice the mains frequency, 100 or 120."""
     harmonics: tuple[float, ...] = (1.0,)
-    """List, not all 0: amplitudes of hz, 2·hz, 3·hz, … to each other."""
+    """List, not all 0: the relative amplitudes of hz, 2·hz, 3·hz, …"""
     level: float = 1.0
-    """Gain, 0 or more: the mean over a period, exactly."""
+    """Gain, 0 or more: the exact mean over a period."""
     phase: float = 0.0
-    """Radians: 0 begins at a crest."""
+    """Radians: at 0 the recording begins at a crest."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.depth <= 1:
@@ -54,7 +54,7 @@ class Flicker:
         return self.level * (seconds + self._scale() * wave)
 
     def _scale(self) -> float:
-        """Return the factor s, for which 1 + s·low and 1 + s·high have the modulation depth."""
+        """Return the factor s with which 1 + s·low and 1 + s·high have the modulation depth ``depth``."""
         low, high = _extremes(np.asarray(self.harmonics, dtype=np.float64))
         return 2 * self.depth / ((high - low) - self.depth * (high + low))
 
@@ -62,8 +62,8 @@ class Flicker:
 def _extremes(amplitudes: np.ndarray) -> tuple[float, float]:
     """Return the lowest and highest value of Σ a_n cos(nθ).
 
-    The extremes are among the roots of its derivative, a polynomial in exp(iθ); a root off the unit circle
-    gives an ordinary angle, which does no harm.
+    The extremes are among the roots of the derivative, a polynomial in exp(iθ). A root off the unit circle only adds an
+    angle at which the sum is not extreme.
     """
     orders = np.arange(1, len(amplitudes) + 1)
     slopes = orders * amplitudes

@@ -1,4 +1,4 @@
-"""Light that was measured or drawn: gains in a CSV file."""
+"""A light schedule from a table of gains in a CSV file, for example measured light."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,15 +12,15 @@ from saf_gen.plugins.lights._piecewise_linear import integrate_piecewise_linear_
 
 @dataclass(frozen=True)
 class FromCsv:
-    """The gain follows straight lines through the points of a table, and is level before and after it.
+    """The gain is interpolated linearly between the points of a table, and is constant before and after them.
 
-    ``file`` is, in a recipe, the path of a CSV file in the recipe's folder or below it, with the columns
-    ``time_s`` (seconds from the beginning of the recording, rising) and ``gain`` (0 or more). The recipe
-    reads the file, so that this class gets ``{"path": ..., "text": ...}``.
+    In a recipe, ``file`` is the path of a CSV file in the recipe's folder or below it. Its columns are ``time_s``
+    (seconds from the beginning of the recording, increasing) and ``gain`` (0 or more). The file is read with the
+    recipe, and this class gets ``{"path": ..., "text": ...}``.
     """
 
     file: Mapping[str, str] = field(repr=False)
-    """Path of a CSV file with ``time_s``, ``gain``: straight lines through its points."""
+    """Path of a CSV file with ``time_s``, ``gain``: the gain is interpolated linearly between its points."""
 
     def __post_init__(self) -> None:
         times, gains = parse_csv_table(self.file, ("time_s", "gain"))

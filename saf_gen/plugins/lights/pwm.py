@@ -1,4 +1,4 @@
-"""Pulse-width modulation: light that is switched on and off fast, as dimmed LEDs are."""
+"""Pulse-width modulation: light that is switched on and off rapidly, as in dimmed LEDs."""
 
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -12,20 +12,20 @@ from saf_gen.errors import BadInput
 class Pwm:
     """The gain is ``high`` for the first ``duty`` of each period of 1/``hz`` seconds, ``low`` for the rest.
 
-    The mean over whole periods is low + duty·(high - low). ``phase``, in radians, shifts the pattern to the
-    left: at 0 the recording begins as the light is switched on.
+    The mean over whole periods is low + duty·(high - low). ``phase``, in radians, shifts the pattern to earlier times;
+    at 0 the recording begins when the light is switched on.
     """
 
     hz: float
     """Hz, above 0: periods per second."""
     duty: float
-    """Fraction of the period, 0 to 1: on for this fraction of it; the mean is low + duty·(high − low)."""
+    """Fraction of the period, 0 to 1: the time for which the light is on; the mean gain is low + duty·(high − low)."""
     low: float = 0.0
-    """Gain, 0 to ``high``: while it is off."""
+    """Gain, 0 to ``high``: the gain while the light is off."""
     high: float = 1.0
-    """Gain, ``low`` or more: while it is on."""
+    """Gain, ``low`` or more: the gain while the light is on."""
     phase: float = 0.0
-    """Radians: 0 begins with the light just on."""
+    """Radians: at 0 the recording begins when the light is switched on."""
 
     def __post_init__(self) -> None:
         if not 0 < self.hz < inf:
@@ -45,6 +45,6 @@ class Pwm:
         return self.low * seconds + (self.high - self.low) * on
 
     def _periods_on(self, periods: np.ndarray) -> np.ndarray:
-        """Return for how many periods the light has been on after so many periods."""
-        whole = np.floor(periods)
-        return whole * self.duty + np.minimum(periods - whole, self.duty)
+        """Return the time for which the light is on during the first ``periods`` periods, in periods."""
+        complete = np.floor(periods)
+        return complete * self.duty + np.minimum(periods - complete, self.duty)

@@ -1,4 +1,4 @@
-"""Light that rises or falls evenly: the continuous variation of the spike autofocus paper."""
+"""Light that rises or falls linearly, the continuous variation of the spike autofocus paper."""
 
 from dataclasses import dataclass
 from math import inf
@@ -10,17 +10,17 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Ramp:
-    """A straight line from gain ``from`` to gain ``to`` over ``over_s`` seconds, level afterwards.
+    """The gain changes linearly from ``from`` to ``to`` over ``over_s`` seconds, and is constant afterwards.
 
-    Without ``over_s`` the line takes the whole recording.
+    If ``over_s`` is not given, the change takes the entire recording.
     """
 
     from_: float
-    """Gain, 0 or more: where the line begins."""
+    """Gain, 0 or more: the gain at the beginning of the recording."""
     to: float
-    """Gain, 0 or more: where it ends."""
+    """Gain, 0 or more: the gain at the end of the change."""
     over_s: float | None = None
-    """Seconds, above 0, or the whole recording: how long it takes; after it the gain stays."""
+    """Seconds, above 0, or the entire recording: the duration of the change, after which the gain is constant."""
 
     def __post_init__(self) -> None:
         if not (0 <= self.from_ < inf and 0 <= self.to < inf):

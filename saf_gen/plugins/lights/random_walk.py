@@ -1,4 +1,4 @@
-"""Light that varies at random, as clouds before the sun or people who pass a lamp make it."""
+"""Light that varies at random, as when clouds pass the sun or people pass a lamp."""
 
 from dataclasses import dataclass
 from math import inf
@@ -9,19 +9,19 @@ from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.plugins.lights._piecewise_linear import integrate_piecewise_linear_gain
 
-STEP_S = 5e-4  # seconds between two points of the walk, which straight lines connect
+STEP_S = 5e-4  # seconds between two points of the walk; the gain is interpolated linearly between them
 
 
 @dataclass(frozen=True)
 class RandomWalk:
     """The gain is ``level`` · exp(y - var(y)/2), where y is a Gaussian random walk; its mean is ``level``.
 
-    With ``return_s`` y is an Ornstein-Uhlenbeck process, stationary with standard deviation ``sd`` and
-    correlation exp(-lag/return_s). Without it y is a Brownian motion, which begins at 0 and has the standard
-    deviation sd·√t after t seconds.
+    If ``return_s`` is given, y is an Ornstein-Uhlenbeck process, stationary with standard deviation ``sd`` and
+    correlation exp(-lag/return_s). Otherwise y is a Brownian motion, which begins at 0 and has the standard deviation
+    sd·√t after t seconds.
 
-    ``seed`` names the walk, which does not depend on the length of the recording. Where a recipe gives none,
-    each sequence has its own.
+    ``seed`` selects the walk, which does not depend on the length of the recording. If a recipe gives no seed, each
+    sequence and light group gets a different one.
 
     References
     ----------
@@ -30,14 +30,15 @@ class RandomWalk:
     """
 
     sd: float
-    """Of ln gain, 0 to 3: standard deviation after one second, or throughout with ``return_s``."""
+    """Logarithm of gain, 0 to 3: the standard deviation after one second, or at all times if ``return_s`` is given."""
     return_s: float | None = None
-    """Seconds, 0.005 or more, or never: it forgets, with correlation exp(−lag/return_s)."""
+    """Seconds, 0.005 or more, or never: the time in which the walk returns to its mean, with correlation
+    exp(−lag/return_s)."""
     level: float = 1.0
-    """Gain, 0 or more: the expected gain, at all times."""
+    """Gain, 0 or more: the expected gain at any time."""
     seed: int = 0
-    """Whole number, 0 or more: the same seed gives the same walk; in a recipe each sequence and light group has its
-    own."""
+    """Whole number, 0 or more: the same seed gives the same walk; if a recipe gives no seed, each sequence and light
+    group gets a different one."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.sd <= 3:
@@ -63,9 +64,9 @@ class RandomWalk:
 
 
 def _stationary_walk(draws: np.ndarray, kept: float) -> np.ndarray:
-    """Return a stationary walk of variance 1 that keeps this fraction of its value from point to point."""
-    fresh = (1 - kept * kept) ** 0.5
+    """Return a stationary walk of variance 1 that keeps the fraction ``kept`` of its value from point to point."""
+    innovation = (1 - kept * kept) ** 0.5
     walk = draws.tolist()
     for i in range(1, len(walk)):
-        walk[i] = kept * walk[i - 1] + fresh * walk[i]
+        walk[i] = kept * walk[i - 1] + innovation * walk[i]
     return np.array(walk)

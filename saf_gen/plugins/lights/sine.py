@@ -1,4 +1,4 @@
-"""Light that swings slowly, as a dimmer moved by hand makes it."""
+"""Light that varies slowly, as from a dimmer moved by hand."""
 
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -13,13 +13,13 @@ class Sine:
     """The gain is ``level`` · (1 + ``swing`` · sin(2π · ``hz`` · t + ``phase``)), phase in radians."""
 
     hz: float
-    """Hz, above 0: the gain is level·(1 + swing·sin(2π·hz·t + phase))."""
+    """Hz, above 0: the frequency of the gain, level·(1 + swing·sin(2π·hz·t + phase))."""
     swing: float = 0.5
-    """Fraction of the level, 0 to 1: how far it swings."""
+    """Fraction of the level, 0 to 1: the amplitude."""
     level: float = 1.0
-    """Gain, 0 or more: the mean."""
+    """Gain, 0 or more: the mean gain."""
     phase: float = 0.0
-    """Radians: 0 begins at the mean, rising."""
+    """Radians: at 0 the recording begins at the mean gain, rising."""
 
     def __post_init__(self) -> None:
         if not 0 < self.hz < inf:
@@ -29,7 +29,7 @@ class Sine:
         if not 0 <= self.level < inf:
             raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
         if not (isinstance(self.phase, int | float) and isfinite(self.phase)):
-            raise BadInput(f"phase is {self.phase!r}", allowed="a number of radians, as 1.57 or 1.0e-3")
+            raise BadInput(f"phase is {self.phase!r}", allowed="a number of radians, such as 1.57 or 1.0e-3")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds."""

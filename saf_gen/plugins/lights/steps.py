@@ -1,4 +1,4 @@
-"""Light that jumps between levels: the sudden change of the spike autofocus paper."""
+"""Light that jumps between levels, the sudden change of the spike autofocus paper."""
 
 from dataclasses import dataclass
 from math import inf
@@ -7,20 +7,20 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-SHORTEST_S = 1e-6  # a readout at 1 MHz: no camera sees more than the mean of shorter steps
+SHORTEST_S = 1e-6  # a readout at 1 MHz; cameras would record only the mean of shorter steps
 
 
 @dataclass(frozen=True)
 class Steps:
-    """A new gain every ``every_s`` seconds: the ``levels`` in turn, again and again.
+    """The gain changes every ``every_s`` seconds to the next of ``levels``, which repeat.
 
     ``every_s`` is at least 1 µs, so that all steps of a recording fit into memory.
     """
 
     every_s: float
-    """Seconds, 1e-6 or more: the time between two gains."""
+    """Seconds, 1e-6 or more: the time between two changes."""
     levels: tuple[float, ...]
-    """Gains, a list, each 0 or more: used in turn, again and again."""
+    """List of gains, each 0 or more: the gains in order; they repeat."""
 
     def __post_init__(self) -> None:
         if not SHORTEST_S <= self.every_s < inf:

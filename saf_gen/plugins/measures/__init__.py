@@ -1,11 +1,11 @@
-"""Focus measures by name: spike counts (row, col) in, one number out; larger is sharper.
+"""Focus measures by name: each gives spike counts (row, col) a score, one number that is larger for a sharper picture.
 
-Each measure is one file of this folder, or belongs to a package that offers it under the entry point
-``saf_gen.measures``. A measure with ``halves`` takes the counts of the two halves of a window, (2, row, col).
+Each measure is a file of this folder, or comes from a package with the entry point ``saf_gen.measures``. A measure with
+``halves`` takes the counts of the two halves of a window, (2, row, col).
 
-A score that grows with brightness follows the light, not the focus, wherever the light changes. Every measure
-of degree d > 0 therefore has a brightness-normalised form, ``NAME_n``, divided by mean count**d. Measures of
-whole windows, normalised or not, can also score the texture from intervals instead of counts, ``NAME_tfi``.
+If the light changes, a score that grows with brightness follows the light instead of the focus. Every measure of degree
+d > 0 therefore has a brightness-normalised form, ``NAME_n``, divided by mean count**d. Measures that do not compare
+half windows, normalised or not, can also score the texture from intervals instead of counts, ``NAME_tfi``.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from saf_gen.core.config.plain_plugins import declare_measure
 from saf_gen.core.config.registry import PLUGIN_KINDS, add_plugin, build_plugin, names, plugin_class
 from saf_gen.errors import BadInput, unknown
 
-from saf_gen.plugins.measures._counts import counts_as_integers  # isort: skip  (digests of `_n` count the order)
+from saf_gen.plugins.measures._counts import counts_as_integers  # isort: skip  (order is in digests of `_n`)
 from saf_gen.parts import Measure, cite_source, wants_halves, wants_intervals
 
 __all__ = ["BrightnessNormalised", "IntervalTexture", "get_measure", "measure", "measure_names"]
@@ -31,9 +31,9 @@ Function = TypeVar("Function", bound=Callable[..., float])
 
 @dataclass(frozen=True)
 class BrightnessNormalised:
-    """Any measure, divided by mean count**degree; 0.0 where no pixel counted a spike.
+    """A measure divided by mean count**degree; 0.0 if no pixel counted a spike.
 
-    Counts multiplied by a factor keep their score, as with spike dispersion.
+    The score does not change if counts are multiplied by a factor, as with spike dispersion.
     """
 
     measure: Measure
@@ -42,12 +42,12 @@ class BrightnessNormalised:
 
     @property
     def source(self) -> str:
-        """The source of the measure; the division is this project's."""
+        """The source of the measure, with a note on the division, which is this project's."""
         return f"{cite_source(self.measure)}; divided by mean count**{self.measure.degree}"
 
     @property
     def halves(self) -> bool:
-        """Whether the measure takes the counts of both halves of a window; the mean is then over both."""
+        """True if the measure takes the counts of both halves of a window; the mean is then over both halves."""
         return wants_halves(self.measure)
 
     @property
@@ -57,25 +57,29 @@ class BrightnessNormalised:
 
     @property
     def cost(self) -> float | None:
-        """The measure's cost plus one addition per pixel for the mean; None where the measure states none."""
+        """The cost of the measure plus one addition per pixel, two with ``halves``, for the mean; None if unknown."""
         cost = getattr(self.measure, "cost", None)
         return None if cost is None else cost + (2 if self.halves else 1)
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Return the score of counts as the measure takes them. Raise BadInput as the measure does."""
+        """Return the score of counts in the form that the measure takes.
+
+        Raises BadInput if the measure does.
+        """
         numbers, degree = counts_as_integers(counts, halves=self.halves), self.measure.degree
-        total = numbers.sum().item()  # an exact int for whole numbers, so that equal windows stay equal
+        total = numbers.sum().item()  # an exact int for whole numbers, so that equal windows get equal scores
         return self.measure(counts) * numbers.size**degree / total**degree if total else 0.0
 
 
 @dataclass(frozen=True)
 class IntervalTexture:
-    """Any measure, of the texture from intervals (TFI) instead of counts (TFP).
+    """A measure of the texture from intervals (TFI) instead of counts (TFP).
 
-    Each pixel holds what it would count in the window at the rate of the one interval between spikes around the
-    window's middle: a real number in the unit of counts, 0.0 without such an interval. The measure, its degree, its
-    cost and its range stay. However long the window, motion within it does not blur the texture, and the rest of the
-    window is not used. An interval is a whole number of readouts, so bright pixels have few levels.
+    A pixel of this texture holds the count that the window would have at the rate of a single interval between spikes,
+    the one around the middle of the window. It is a real number in the unit of counts, 0.0 if there is no such
+    interval. Degree, cost and range are those of the measure. Motion within the window does not blur the texture,
+    however long the window is, but the rest of the window is not used. An interval is a whole number of readouts, so
+    bright pixels have few levels.
 
     References
     ----------
@@ -88,54 +92,62 @@ class IntervalTexture:
 
     @property
     def degree(self) -> int:
-        """The degree of the measure: the texture is proportional to the light, as counts are."""
+        """The degree of the measure that is wrapped, because textures are proportional to the light, like counts."""
         return self.measure.degree
 
     @property
     def source(self) -> str:
-        """The source of the measure, and that of the texture."""
+        """The sources of the measure and of the texture."""
         return f"{cite_source(self.measure)}; texture from intervals: {cite_source(type(self))}"
 
     @property
     def score_range(self) -> str:
-        """The range of the measure."""
+        """The range of the measure that is wrapped; '' if it states no range."""
         return str(getattr(self.measure, "score_range", ""))
 
     @property
     def cost(self) -> float | None:
-        """The cost of the measure, None where it states none; making the texture is not included."""
+        """The cost of the measure, without that of making the texture; None if the measure states no cost."""
         return getattr(self.measure, "cost", None)
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Return the score of a texture (row, col), in counts. Raise BadInput as the measure does."""
+        """Return the score of a texture (row, col), whose values are in the unit of counts.
+
+        Raises BadInput if the measure does.
+        """
         return self.measure(counts)
 
 
 def measure(function: Function | None = None, /, **stated: Any) -> Any:
-    """Make a function a focus measure, under its own name in this process.
+    """Register a function as a focus measure of the same name, for this process.
 
-    ::
+    In this example, the measure becomes part of the method ``mean_step+argmax``::
 
         @saf_gen.measure
         def mean_step(counts, apart=1):
             return abs(np.diff(counts.astype(float), n=apart)).mean()
 
-    It is then ``mean_step+argmax`` in names of methods, and ``my_file.py:mean_step+argmax`` on the command line, which
-    needs no decorator. Parameters after the first are options.
+    The command line finds it without the decorator, as ``my_file.py:mean_step+argmax``. Parameters of the function
+    after the first are options of the measure.
 
     Parameters
     ----------
-    function : called with counts, uint32 (row, col), read-only; returns a number, larger where it is sharper.
-    **stated : ``degree``, ``cost``, ``source``, ``score_range``, ``halves``, ``intervals``, ``timed``, as
-        :class:`saf_gen.parts.Measure` explains them. A degree that is not stated is found by trying.
+    function : callable, optional
+        Called with counts, a read-only ndarray of uint32, shape (row, col); returns a number that is larger for a
+        sharper picture.
+    **stated
+        Any of ``degree``, ``cost``, ``source``, ``score_range``, ``halves``, ``intervals`` and ``timed``, which
+        :class:`saf_gen.parts.Measure` explains. If no degree is stated, it is determined by trying.
 
     Returns
     -------
-    The function, as it was; without a function, a decorator.
+    callable
+        The function itself, or a decorator if no function is given.
 
     Raises
     ------
-    BadInput : for an unknown statement, and for the name of another measure.
+    BadInput
+        If a keyword is unknown, or if another measure has this name.
     """
     for key in stated:
         if key not in STATEMENTS:
@@ -150,10 +162,15 @@ def measure(function: Function | None = None, /, **stated: Any) -> Any:
 
 
 def measure_names() -> list[str]:
-    """Return the names of all measures and their ``_n`` forms, sorted.
+    """Return the sorted names of all measures and of their ``_n`` forms.
 
-    get_measure also takes the ``_tfi`` form of each that scores whole windows. A measure of another package
-    that cannot be loaded is listed without its ``_n`` form; asking for it says why.
+    :func:`get_measure` also takes the ``_tfi`` forms of all measures but half-window measures. If a measure of another
+    package cannot be loaded, its ``_n`` form is missing from the list, and get_measure reports the reason.
+
+    Returns
+    -------
+    list of str
+        Names that :func:`get_measure` takes.
     """
     found = set(names(KIND))
     for name in names(KIND):
@@ -166,7 +183,7 @@ def measure_names() -> list[str]:
 
 
 def _grows_with_brightness(name: str) -> bool:
-    """Return whether a measure's degree is above 0, as its class states it or it does without options."""
+    """Return whether the degree of a measure, as its class or an instance without options states it, is above 0."""
     degree = getattr(plugin_class(KIND, name), "degree", 0)
     if isinstance(degree, property):
         degree = getattr(build_plugin(KIND, name), "degree", 0)
@@ -178,19 +195,23 @@ def get_measure(name: str, **options: Any) -> Measure:
 
     Parameters
     ----------
-    name : a name of :func:`measure_names`, ``file.py:Class`` or ``package.module:Class``, followed by ``_n``
-        (brightness-normalised), ``_tfi`` (texture from intervals), both (``_n_tfi``) or neither.
-    **options : the fields of the measure's dataclass. With a suffix they are those of the measure within.
+    name : str
+        One of :func:`measure_names`, ``file.py:Class`` or ``package.module:Class``, optionally followed by ``_n``
+        (brightness-normalised), ``_tfi`` (texture from intervals) or ``_n_tfi`` (both).
+    **options
+        Fields of the measure's dataclass; with a suffix, those of the measure that is wrapped.
 
     Returns
     -------
     Measure
-        Called with counts (row, col), or (2, row, col) if it states ``halves``, it returns a float.
+        A callable that takes counts (row, col), or (2, row, col) if it states ``halves``, and returns a float.
 
     Raises
     ------
-    BadInput : for an unknown name or option, for a value that the measure refuses, for ``_n`` where the score does not
-        grow with brightness, and for ``_tfi`` where the measure does not take counts of whole windows.
+    BadInput
+        If the name or an option is unknown, if the measure refuses a value, if ``_n`` follows a measure whose score
+        does not grow with brightness, or if ``_tfi`` follows a measure that does not take the counts of a complete
+        window.
     """
     if name in names(KIND) or (":" in name and not name.endswith((NORMALISED_SUFFIX, INTERVAL_SUFFIX))):
         return build_plugin(KIND, name, **options)

@@ -1,22 +1,22 @@
-"""The counts that measures compute with: any number type, brought to one whose sums are exact."""
+"""Counts of any number type, converted to one in which the sums of measures are exact, and dark counts."""
 
 import numpy as np
 
 from saf_gen.errors import BadInput
 
 MIN_LIGHT_OVER_DARK = 0.1
-"""Smallest ratio of mean light to mean dark counts at which light is told from night."""
+"""Ratio of mean light counts to mean dark counts up to which a half window counts as dark."""
 
 GROWTH = 512
-"""No measure of this package gives more than this many sums of squared counts (weight 20, squared)."""
+"""Largest factor by which a sum in a measure of this package exceeds Σc²; kernel weights reach 20, and 20² is 400."""
 
 
 def counts_as_integers(counts: np.ndarray, *, halves: bool = False) -> np.ndarray:
-    """Return counts as int64 where sums of their squares stay exact in it, else as float64.
+    """Return counts as int64 if sums of their squares are exact in it, otherwise as float64.
 
-    Rows lie one after the other in memory, so that sums of floats do not depend on the input's layout. ``counts`` is an
-    array of any number type, (row, col), or (2, row, col) with ``halves``, the two halves of a window. Raises BadInput
-    for other axes, for no pixel, and for values that are no finite numbers.
+    ``counts`` is an array of any number type, (row, col), or (2, row, col) with ``halves``, for the two halves of a
+    window. The result is in C order, so that sums of floats do not depend on the memory layout of the input. Raises
+    BadInput if the axes are others, if there is no pixel, or if values are not finite numbers.
     """
     given = np.asarray(counts)
     if halves and (given.ndim != 3 or len(given) != 2 or given.size == 0):
@@ -39,17 +39,21 @@ def counts_as_integers(counts: np.ndarray, *, halves: bool = False) -> np.ndarra
 
 
 def counts_as_floats(counts: np.ndarray) -> np.ndarray:
-    """Return counts (row, col) as float64, for sums that are not exact anyway. Raise as counts_as_integers does."""
+    """Return counts (row, col) as float64, for measures whose sums are not exact anyway.
+
+    Raises BadInput if counts_as_integers does.
+    """
     return counts_as_integers(counts).astype(np.float64)
 
 
 def subtract_dark_counts(
     means: tuple[float, float], rate: float, *, frames: int
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Split the mean counts of both halves of a window into light and dark, counts per pixel.
+    """Split the mean counts of both halves of a window into light and dark, in counts per pixel.
 
-    ``rate`` is that of dark spikes per pixel and readout, ``frames`` the length of both halves together.
-    Returns the light and the dark of each half, or None where a half holds hardly any light.
+    ``rate`` is the number of dark spikes per pixel and readout, and ``frames`` the length of both halves together.
+    Returns (light of both halves, dark of both halves), or None if the light of a half is at most MIN_LIGHT_OVER_DARK
+    times its dark.
     """
     dark = rate * (frames // 2), rate * (frames - frames // 2)
     light = means[0] - dark[0], means[1] - dark[1]

@@ -1,4 +1,4 @@
-"""Separable filters, applied where they lie wholly inside an image."""
+"""Separable filters, applied only where the kernel fits into the image."""
 
 import numpy as np
 from numba import njit
@@ -8,8 +8,8 @@ from numba import njit
 def correlate_separable(image: np.ndarray, down: np.ndarray, across: np.ndarray, stride: int) -> np.ndarray:
     """Return Σ down[k]·across[l]·image[i + k, j + l] at every ``stride``-th row i and column j.
 
-    All arrays are float64, and the image is at least as large as the filter. A compiled loop over rows,
-    because arrays for each step cost more than the arithmetic.
+    All arrays are float64, and the image is at least as large as the filter. The loop over rows is compiled because
+    temporary arrays for each step would cost more than the arithmetic.
     """
     rows = (image.shape[0] - down.size) // stride + 1
     cols = (image.shape[1] - across.size) // stride + 1

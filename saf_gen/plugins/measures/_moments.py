@@ -6,7 +6,7 @@ from saf_gen.plugins.measures._counts import counts_as_integers
 
 
 def sum_of_squares(numbers: np.ndarray) -> int | float:
-    """Return the sum of squares of an array of any shape: an exact int for int64, else a float."""
+    """Return the sum of squares of an array of any shape: an exact int for int64, otherwise a float."""
     return np.vdot(numbers, numbers).item()
 
 
@@ -18,8 +18,8 @@ def mean_square_of_counts(numbers: np.ndarray) -> float:
 def variance(numbers: np.ndarray) -> float:
     """Return the mean square of the deviations from the mean, 0.0 for an empty array.
 
-    ``numbers`` are the result of counts_as_integers or whole-number sums of it. Whole numbers go through
-    N·Σc² − (Σc)² in Python integers, as in squared_contrast.
+    ``numbers`` is a result of counts_as_integers, or whole-number sums of it. For whole numbers, N·Σc² − (Σc)² is
+    computed in Python integers, as in squared_contrast.
     """
     if not numbers.size:
         return 0.0
@@ -30,10 +30,10 @@ def variance(numbers: np.ndarray) -> float:
 
 
 def squared_contrast(counts: np.ndarray, *, pixels: bool = False) -> float:
-    """Return variance over squared mean of counts (row, col), times N with ``pixels``; 0.0 for a mean of 0.
+    """Return variance / squared mean of counts (row, col), multiplied by N if ``pixels``; 0.0 for a mean of 0.
 
-    Whole numbers go through N·Σc² − (Σc)² in Python integers: exact up to the one rounding of the quotient,
-    where deviations from a mean in floats would leave a constant image a little above 0.
+    For whole numbers, N·Σc² − (Σc)² is computed in Python integers, so that only the quotient is rounded. Deviations
+    from a mean in floats would leave the score of a constant image slightly above 0.
     """
     numbers = counts_as_integers(counts)
     size, total = numbers.size, numbers.sum().item()

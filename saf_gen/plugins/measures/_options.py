@@ -1,4 +1,4 @@
-"""Checks of the options that several measures take."""
+"""Checks of options that several measures have."""
 
 from math import isfinite
 
@@ -6,7 +6,7 @@ from saf_gen.errors import BadInput
 
 
 def check_measure_whole_number(key: str, value: object, *, highest: int | None = None, unit: str = "number") -> None:
-    """Raise BadInput unless ``value`` is a whole number from 1 to ``highest`` (None: without a bound)."""
+    """Raise BadInput unless ``value`` is a whole number from 1 to ``highest``, or from 1 up if that is None."""
     whole = isinstance(value, int) and not isinstance(value, bool)
     if not (whole and 1 <= value <= (highest or value)):  # type: ignore[operator]
         bounds = "1 or more" if highest is None else f"1 to {highest}"
@@ -21,6 +21,6 @@ def check_measure_range(key: str, value: object, *, lowest: float, highest: floa
 
 
 def check_measure_dark_options(dark: float, dark_rms: float) -> None:
-    """Raise BadInput unless a camera can have this dark rate and this relative rms of it over pixels."""
+    """Raise BadInput unless a camera can have this dark rate and this rms of it over pixels, relative to its mean."""
     check_measure_range("dark", dark, lowest=0, highest=0.5, unit=" spikes per pixel and readout")
     check_measure_range("dark_rms", dark_rms, lowest=0, highest=10, unit=" times the mean dark rate")

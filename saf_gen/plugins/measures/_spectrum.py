@@ -14,7 +14,7 @@ FFT_COST = 2.5 * log2(400 * 250)
 
 
 def check_band(lowest: float, highest: float) -> None:
-    """Raise BadInput unless 0 <= lowest < highest <= 0.75 cycles per pixel (a corner has 0.71)."""
+    """Raise BadInput unless 0 <= lowest < highest <= 0.75 cycles per pixel (the corner of the spectrum is at 0.71)."""
     for key, value in (("lowest", lowest), ("highest", highest)):
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise BadInput(f"{key} is {value!r}", allowed="a frequency in cycles per pixel")
@@ -29,10 +29,10 @@ def check_band(lowest: float, highest: float) -> None:
 def power_in_band(counts: np.ndarray, lowest: float, *, highest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the power |FFT(c − ū)|²/N² of counts (row, col), and the radius of each frequency.
 
-    Both are float64 (rows, columns), the radius in cycles per pixel. There is one column for each frequency
-    from 0 on that can lie in the band; columns that also stand for their mirror image count twice, and power
-    outside ``lowest`` <= radius <= ``highest`` is 0. Over all frequencies the power sums up to the variance.
-    The radius is shared between calls and read-only.
+    Both are float64 (rows, columns), the radius in cycles per pixel. The columns are the horizontal frequencies from 0
+    up to ``highest``; the power of a column that also represents its mirror image is doubled. Power outside
+    ``lowest`` <= radius <= ``highest`` is 0. Over all frequencies, the power sums to the variance. The array of radii
+    is shared between calls and read-only.
     """
     image = counts_as_floats(counts)
     weight, radius = _band(image.shape, lowest, highest=highest)

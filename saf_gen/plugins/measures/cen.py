@@ -9,23 +9,23 @@ from saf_gen.plugins.measures._counts import counts_as_floats
 from saf_gen.plugins.measures._spectrum import FFT_COST, check_band, power_in_band
 
 ROUNDING = 1e-20
-"""Fraction of the largest squared count below which power is only the transform's rounding."""
+"""Fraction of the largest squared count up to which power is only the rounding error of the transform."""
 
 
 @dataclass(frozen=True)
 class SpectralCentroid:
-    """Mean spatial frequency Σ r·P / Σ P over r up to ``highest``, P = |FFT(c − ū)|², r in cycles per pixel.
+    """Mean spatial frequency Σ r·P / Σ P for r up to ``highest``, with P = |FFT(c − ū)|² and r in cycles per pixel.
 
-    Shot noise is white and draws the centroid outwards; the bound keeps most of it out. 0.15 is the best of five on the
-    benchmark's train split (``benchmarks/tuned/cen.json``, 644e04f8e620). The border is not tapered, as published, so
-    its jump counts. The published method goes on to the centroid of the curve near its maximum,
-    ``cen+argmax:refine=centroid``, and chooses the bound anew for each recording, from the shapes of the curves of all
-    bounds, which is not done here: a search sees one measure.
-    The score is 0.0 where no power lies in the band, and never rises when a periodic
-    scene is blurred further by a Gaussian.
+    Shot noise is white and moves the centroid outwards; the bound ``highest`` excludes most of it. The default, 0.15,
+    is the best of five values on the benchmark's train split (``benchmarks/tuned/cen.json``, 644e04f8e620). As
+    published, the border is not tapered, so the jump there contributes. The published method then takes the centroid of
+    the focus curve near its maximum, as ``cen+argmax:refine=centroid`` does. It also chooses the bound for each
+    recording, from the shapes of the curves for all bounds; this is not done here, because a search uses a single
+    measure. The score is 0.0 if the band has no power, and never rises when a periodic scene is blurred further by a
+    Gaussian.
 
     Range 0 to ``highest``, in cycles per pixel; degree 0; cost 45 for 400 x 250 pixels: a real Fourier
-    transform, 2.5 log2 N operations per pixel, and three beside it.
+    transform, 2.5 log2 N operations per pixel, plus three operations per pixel.
 
     References
     ----------

@@ -14,13 +14,14 @@ from saf_gen.plugins.measures._counts import counts_as_integers
 class ChangeRate:
     """Fraction of pixels whose log counts differ by ``contrast`` or more between the halves of a window.
 
-    It stands for the event rate of an event camera, which sends an event where log intensity has changed by its
-    contrast threshold. ESVA takes it for the area that a change of blur lights up: largest somewhat before and after
-    the focus, with a valley at the focus, which ``change_rate+valley`` searches. A pixel that counts in one half alone
-    has changed. Counting changes pixels as well: half windows of few spikes send more noise than events. The
-    contrast of 0.2 is usual for event cameras, and tuned on nothing. The score is 0.0 where no pixel counted.
+    The score replaces the event rate of an event camera, whose pixels send an event when log intensity has changed by
+    the contrast threshold. ESVA treats this rate as the area that a change of blur affects: it is largest somewhat
+    before and after the focus and has a valley at the focus, which ``change_rate+valley`` searches for. A pixel with
+    spikes in only one half counts as changed. Counting noise changes pixels as well: in half windows with few spikes,
+    more changes are noise than events. The contrast of 0.2 is common for event cameras and was not tuned. The score is
+    0.0 if no pixel counted a spike.
 
-    Range 0 to 1; degree 0; cost 1: a multiplication per pixel, comparisons aside.
+    Range 0 to 1; degree 0; cost 1: a multiplication per pixel, not counting comparisons.
 
     References
     ----------

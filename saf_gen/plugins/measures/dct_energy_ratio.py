@@ -1,4 +1,4 @@
-"""Energy of a tile's cosine transform over that of its mean."""
+"""Energy of a tile's cosine transform, divided by that of its mean."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,15 +15,15 @@ MAX_ORDER = 2 * (SIDE - 1)
 
 @dataclass(frozen=True)
 class DctEnergyRatio:
-    """Mean over 8×8 tiles of Σ F(u,v)² / F(0,0)², F the cosine transform, u + v from 1 to ``highest_order``.
+    """Mean over 8×8 tiles of Σ F(u,v)² / F(0,0)², with F the cosine transform and u + v from 1 to ``highest_order``.
 
-    With all orders (14) it is the squared contrast of a tile, by Parseval's theorem. Order 2, the five lowest
-    frequencies, is the reduced energy ratio of Lee et al., which leaves out most noise. Each tile is divided
-    by its own brightness, so dark tiles with few spikes weigh most; a tile without a spike scores 0. Rows and
-    columns beyond the last whole tile are left out; 0.0 where no tile fits.
+    With all orders, up to 14, this is the mean squared contrast of the tiles, by Parseval's theorem. With orders up to
+    2, the five lowest frequencies, it is the reduced energy ratio of Lee et al., which leaves out most noise. Each tile
+    is divided by its brightness, so dark tiles with few spikes weigh most; a tile without a spike scores 0. Rows and
+    columns beyond the last complete tile are left out. The score is 0.0 if no tile fits into the image.
 
-    Range 0 to 63; degree 0; cost 130: two operations per pixel for each of 63 waves, and four (12 for order
-    2).
+    Range 0 to 63; degree 0; cost 130: two operations per pixel for each of 63 waves, plus four (12 in all for
+    order 2).
 
     References
     ----------

@@ -11,11 +11,11 @@ from saf_gen.plugins.measures._moments import mean_square_of_counts
 
 @dataclass(frozen=True)
 class EnergyOfLaplacian:
-    """Mean square of c * L, L = (−1 −4 −1; −4 20 −4; −1 −4 −1), where the kernel lies inside.
+    """Mean square of c * L with L = (−1 −4 −1; −4 20 −4; −1 −4 −1), over the pixels where the kernel fits.
 
-    L is −6 times the Laplacian: c = (ax² + by²)/2 scores 36(a + b)². Ramps score 0, white noise 468 times its variance:
-    the highest frequencies count most. The score is 0.0 for fewer than three rows or columns, and never rises when a
-    periodic scene is blurred further.
+    L is −6 times the Laplacian, so c = (ax² + by²)/2 scores 36(a + b)². Ramps score 0, and white noise scores 468 times
+    its variance: the highest frequencies weigh most. The score is 0.0 for fewer than three rows or columns, and never
+    rises when a periodic scene is blurred further.
 
     Range from 0, in squared counts; degree 2; cost 10: six additions and four multiplications per pixel.
 
@@ -35,6 +35,6 @@ class EnergyOfLaplacian:
         c = counts_as_integers(counts)
         if min(c.shape) < 3:
             return 0.0
-        # L is 36 at the centre less (1 4 1) along both axes.
+        # L is 36 at the centre minus the outer product of (1 4 1) with itself.
         down = c[:-2] + 4 * c[1:-1] + c[2:]
         return mean_square_of_counts(36 * c[1:-1, 1:-1] - (down[:, :-2] + 4 * down[:, 1:-1] + down[:, 2:]))

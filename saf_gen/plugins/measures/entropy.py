@@ -13,14 +13,15 @@ LARGEST_TABLE = 1 << 20
 
 @dataclass(frozen=True)
 class HistogramEntropy:
-    """−Σ p·log2 p over count levels, p the fraction of pixels at a level; counts are rounded first.
+    """Entropy −Σ p·log2 p of the rounded counts, where p is the fraction of pixels at each count level.
 
-    The score depends on how many levels there are, not on where they are: shuffled pixels score the same. Counts times
-    a whole number keep it (degree 0), yet more light fills more levels, about one bit per doubling, and no division by
-    brightness undoes that. Blur raises the score where a sharp image has few levels, such as the two of a test chart.
+    The score depends on how many pixels are at each level, not on where they are: shuffled pixels score the same.
+    Multiplying counts by a whole number does not change it (degree 0), but more light fills more levels, about one bit
+    per doubling, which no division by brightness undoes. Blur raises the score if the sharp image has few levels, such
+    as the two of a test chart.
 
     Range 0 to log2 of the smaller of N and n + 1 for N pixels and n frames, in bits; degree 0; cost 2: two
-    additions per pixel, beside a logarithm per level.
+    additions per pixel, not counting a logarithm per level.
 
     References
     ----------

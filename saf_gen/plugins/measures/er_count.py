@@ -10,9 +10,10 @@ from saf_gen.plugins.measures._counts import counts_as_integers
 
 @dataclass(frozen=True)
 class EventRateCount:
-    """Sum of counts, Σc: brightness and nothing else, the baseline that a focus measure has to beat.
+    """Sum of counts, Σc: a measure of brightness alone, and the baseline that a focus measure has to beat.
 
-    Divided by brightness it is N wherever there is a spike, so it cannot tell windows apart.
+    If the sum is divided by brightness (``er_count_n``), it is N for every window with a spike, so this form cannot
+    distinguish windows.
 
     Range 0 to N·n for N pixels and n frames; degree 1; cost 1: an addition per pixel.
 

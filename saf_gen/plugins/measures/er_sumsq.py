@@ -1,4 +1,4 @@
-"""Event rate, as the released code of spike dispersion applies it to spikes."""
+"""Event rate, as the released code of Su et al. applies it to spikes."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,6 +14,7 @@ class EventRateSquares:
     """Sum of squared counts, Σc²: it follows the light by construction (sd_code = er_sumsq/ū² − N).
 
     The score never rises when a periodic scene is blurred further.
+
     Range 0 to N·n² for N pixels and n frames; degree 2; cost 2: a multiplication and an addition per pixel.
 
     References

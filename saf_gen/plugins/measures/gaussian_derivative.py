@@ -14,11 +14,11 @@ from saf_gen.plugins.measures._options import check_measure_range
 
 @dataclass(frozen=True)
 class GaussianDerivative:
-    """Mean of (c * Gx)² + (c * Gy)², G a Gaussian of ``sigma_px`` cut off at 3 sigma, where it lies inside.
+    """Mean of (c * Gx)² + (c * Gy)² where the kernel fits, with G a Gaussian of ``sigma_px`` cut off at 3 sigma.
 
-    The smoothing suppresses noise: the source takes sigma = d/√12 for details of d pixels. A ramp of s counts per pixel
-    scores s² at any scale, white noise about its variance over 4π·sigma⁴. The score is 0.0 where the kernel of 2·⌈3
-    sigma⌉ + 1 pixels does not fit, and never rises when a periodic scene is blurred further.
+    The smoothing suppresses noise; the source uses sigma = d/√12 for details of d pixels. A ramp of s counts per pixel
+    scores s² at any scale, and white noise of variance v scores about v/(4π·sigma⁴). The score is 0.0 if the kernel of
+    2·⌈3 sigma⌉ + 1 pixels does not fit into the image, and never rises when a periodic scene is blurred further.
 
     Range from 0, in squared counts per squared pixel; degree 2; cost 8K + 4 for a kernel of K pixels, four
     passes along rows or columns (60 at sigma 1).
@@ -55,7 +55,7 @@ class GaussianDerivative:
 
 @lru_cache(maxsize=16)
 def _kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a smoothing kernel that keeps a constant, and a derivative that gives a ramp its slope."""
+    """Return a smoothing kernel that preserves constants, and a derivative kernel that gives the slope of a ramp."""
     reach = int(np.ceil(3 * sigma_px))
     x = np.arange(-reach, reach + 1, dtype=np.float64)
     bell = np.exp(-0.5 * (x / sigma_px) ** 2)

@@ -1,4 +1,4 @@
-"""Sum of Sobel gradient magnitudes, the baseline in the released code of spike dispersion."""
+"""Sum of Sobel gradient magnitudes, the baseline in the released code of Su et al."""
 
 import math
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from saf_gen.plugins.measures._counts import counts_as_integers
 
 @dataclass(frozen=True)
 class GradientMagnitude:
-    """Σ√(Gx² + Gy²) over all pixels, 3×3 Sobel, smoothing 1-2-1 not normalised, borders replicated.
+    """Σ√(Gx² + Gy²) over all pixels, with 3×3 Sobel kernels (smoothing 1-2-1 not normalised) and replicated borders.
 
-    Magnitudes of noise add up, so few counts score high. The score never rises when a periodic scene is blurred
-    further.
+    The magnitudes of noise add up, so pictures with few counts score high. The score never rises when a periodic scene
+    is blurred further.
 
     Range from 0, in counts; degree 1; cost 17: twelve additions, four multiplications and a root per pixel.
 
@@ -35,7 +35,10 @@ class GradientMagnitude:
 
 @njit(nogil=True, cache=True)
 def _magnitudes(c: np.ndarray) -> float:
-    """Return the sum over rows: compiled, because arrays for each step cost more than the arithmetic."""
+    """Return the score of float64 counts.
+
+    The loop is compiled because temporary arrays for each step would cost more than the arithmetic.
+    """
     rows, cols = c.shape
     total = 0.0
     for i in range(rows):

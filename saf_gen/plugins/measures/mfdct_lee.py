@@ -1,4 +1,4 @@
-"""Mid-frequency DCT of the whole image, as published."""
+"""Mid-frequency DCT of the entire image, as published."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,9 +10,9 @@ from saf_gen.plugins.measures._counts import counts_as_integers
 
 @dataclass(frozen=True)
 class MidFrequencyDct:
-    """Σ(O * c)² where the 4×4 kernel O = vvᵀ, v = (1, 1, −1, −1), lies wholly inside the image.
+    """Σ(O * c)² over the pixels where the 4×4 kernel O = vvᵀ, v = (1, 1, −1, −1), fits.
 
-    O is the middle frequency of a 4×4 cosine transform with its weights rounded to signs. It sums to 0, so constant
+    O is the middle frequency of a 4×4 cosine transform, with its weights rounded to signs. It sums to 0, so constant
     counts score 0. The score is 0.0 for fewer than four rows or columns, and never rises when a periodic scene is
     blurred further.
 

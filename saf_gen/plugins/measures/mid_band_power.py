@@ -10,15 +10,15 @@ from saf_gen.plugins.measures._spectrum import FFT_COST, check_band, power_in_ba
 
 @dataclass(frozen=True)
 class MidBandPower:
-    """Part of the variance at ``lowest`` to ``highest`` cycles per pixel: Σ |FFT(c − ū)|²/N² over the ring.
+    """Variance of the spatial frequencies from ``lowest`` to ``highest`` cycles per pixel, Σ |FFT(c − ū)|²/N².
 
-    Over all frequencies it is the variance. High frequencies hold mostly noise, and low ones change little with focus;
-    contrast reversals of a lens limit the ring from below. The default, periods from 4 to 8 pixels, is not tuned. Shot
-    noise adds 15 % of its own variance. The border is not tapered. The score never rises when a periodic scene is
-    blurred further.
+    Over all frequencies this is the variance. High frequencies are mostly noise, and low ones change little with focus;
+    contrast reversals of a lens limit the band from below. The default band, periods of 4 to 8 pixels, was not tuned;
+    in it, shot noise adds 15 % of its variance. The border is not tapered. The score never rises when a periodic scene
+    is blurred further.
 
     Range 0 to the variance, in squared counts; degree 2; cost 45 for 400 x 250 pixels: a real Fourier
-    transform, 2.5 log2 N operations per pixel, and three beside it.
+    transform, 2.5 log2 N operations per pixel, plus three operations per pixel.
 
     References
     ----------

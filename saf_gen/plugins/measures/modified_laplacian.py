@@ -11,11 +11,11 @@ from saf_gen.plugins.measures._options import check_measure_whole_number
 
 @dataclass(frozen=True)
 class ModifiedLaplacian:
-    """Mean of |2c − c(x−s) − c(x+s)| + |2c − c(y−s) − c(y+s)| for ``step`` s, without a threshold.
+    """Mean of |2c − c(x−s) − c(x+s)| + |2c − c(y−s) − c(y+s)| with s = ``step``, without a threshold.
 
     The magnitude is taken along each axis, because in the Laplacian the two second differences may cancel. Ramps score
-    0. Magnitudes of noise add up, so few counts score high. The score is 0.0 for fewer than 2s + 1 rows or columns, and
-    never rises when a periodic scene is blurred further.
+    0. The magnitudes of noise add up, so pictures with few counts score high. The score is 0.0 for fewer than 2s + 1
+    rows or columns, and never rises when a periodic scene is blurred further.
 
     Range from 0, in counts; degree 1; cost 7: six additions and a multiplication per pixel.
 

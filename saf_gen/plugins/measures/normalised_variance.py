@@ -1,4 +1,4 @@
-"""Variance over mean, the normalisation usual in microscopy."""
+"""Variance divided by the mean, the normalisation usual in microscopy."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,10 +11,10 @@ from saf_gen.plugins.measures._moments import variance
 
 @dataclass(frozen=True)
 class NormalisedVariance:
-    """Variance over mean, V/ū; 0.0 where there is no spike.
+    """Variance divided by the mean, V/ū; 0.0 if there is no spike.
 
-    Poisson counts of an even field score 1 at any brightness, which is what the division is for. The score of a texture
-    still grows with the light; V/ū² is ``sd``. The score never rises when a periodic scene is blurred further.
+    The purpose of the division is that Poisson counts of an even field score 1 at any brightness. The score of a
+    texture still grows with the light; V/ū² is ``sd``. The score never rises when a periodic scene is blurred further.
 
     Range 0 to (N − 1)ū for N pixels, in counts; degree 1; cost 4: three additions and a multiplication per pixel.
 

@@ -1,4 +1,4 @@
-"""Structure of the light between octaves of scale, free of everything that is white over pixels: no calibration."""
+"""Structure of the light between octaves of scale, unaffected by white noise and therefore without calibration."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,22 +11,26 @@ from saf_gen.plugins.measures._options import check_measure_whole_number
 
 @dataclass(frozen=True)
 class OctaveStructure:
-    """How much mean squared differences grow from one length to twice that length, over brightness:
+    """Growth of mean squared pixel differences from each distance to its double, divided by squared brightness.
+
+    The score is
 
         Σ_l (S(2l) − S(l))/l / ū²        l = 1, 2, 4, … ``longest``
         S(l) = mean over rows of (c(x + l) − c(x))², plus the same over columns
 
-    S is the structure function of second order. What is white over pixels, of whatever size, adds the same to S at
-    every length: the noise of counting, that of thresholds and resets, and the fixed pattern of the dark current. It
-    drops out of the difference, so that no calibration is needed and none can be wrong. In terms of the autocorrelation
-    R of the counts the difference is 2·(R(l) − R(2l)), which for l = 1 is Vollath's F4 over both axes; the octaves
-    above see blurred edges from farther away. The mean dark rate d is not taken off ū: it thins the score out by
-    (1 − d/ū)², for all positions of the lens alike as long as the light stays. Pairs of lengths that the image does not
-    have are left out; the score is 0.0 where no pixel counted a spike. Like F4 it need not fall with every blur:
-    stripes of two pixels differ from their neighbours and not from the next but one, and score below 0.
+    where c are the counts, ū is their mean, and S is the second-order structure function. Noise that is white over
+    pixels, however large, adds the same amount to S at every distance: counting noise, threshold and reset noise, and
+    the fixed pattern of the dark current. It cancels in the difference, so the measure needs no calibration that could
+    be wrong. In terms of the autocorrelation R of the counts, the difference is 2·(R(l) − R(2l)), which for l = 1 is
+    Vollath's F4 over both axes; the higher octaves respond to blurred edges farther from the focus. The mean dark rate
+    d is not subtracted from ū. It lowers the score by the factor (1 − d/ū)², which is the same for all positions of the
+    lens while the light is constant. Distances that do not fit into the image are left out, and the score is 0.0 if no
+    pixel counted a spike. Like F4, the score does not fall with every blur: stripes with a period of two pixels score
+    below 0, because neighbouring pixels differ and pixels two apart do not.
 
-    Range: 0 expected without texture, whatever the noise; else a few times the squared contrast; degree 0; cost 37 for
-    the lengths by default: per length and axis two differences, products and additions for each pixel, and the mean.
+    Range: expected value 0 without texture, whatever the noise, otherwise a few times the squared contrast; degree 0;
+    cost 37 with the default distances: the mean, and per distance and axis two differences, two products and two
+    additions per pixel.
 
     References
     ----------
@@ -40,7 +44,7 @@ class OctaveStructure:
 
     @property
     def cost(self) -> float:
-        """The mean, and for each length and axis two differences, products and additions per pixel."""
+        """Operations per pixel: the mean, and per distance and axis two differences, two products and two additions."""
         return 1.0 + 12.0 * self.longest.bit_length()
 
     def __post_init__(self) -> None:

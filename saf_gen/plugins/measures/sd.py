@@ -10,10 +10,10 @@ from saf_gen.plugins.measures._moments import squared_contrast
 
 @dataclass(frozen=True)
 class SpikeDispersion:
-    """Squared contrast of the counts: variance over squared mean, V/ū²; 0.0 where there is no spike.
+    """Squared contrast of the counts: variance divided by squared mean, V/ū²; 0.0 if there is no spike.
 
-    Equation 6 of the paper without its factor N, so that regions of different size compare. The score never rises when
-    a periodic scene is blurred further.
+    This is equation 6 of Su et al. without its factor N, so that scores of regions of different size can be compared.
+    The score never rises when a periodic scene is blurred further.
 
     Range 0 to N − 1 for N pixels; degree 0; cost 3: two additions and a multiplication per pixel.
 

@@ -1,4 +1,4 @@
-"""Spike dispersion of the light alone, without the bias of counting and of dark spikes."""
+"""Spike dispersion of the light alone, without the bias from counting noise and from dark spikes."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,20 +11,23 @@ from saf_gen.plugins.measures._options import check_measure_dark_options
 
 @dataclass(frozen=True)
 class SpikeDispersionCalibrated:
-    """Squared contrast of the light, from two half windows A and B of a and b frames:
+    """Squared contrast of the light, from the two halves A and B of a window.
+
+    The score is
 
         (cov(A, B) + 1/12 − dark_rms²·d_A·d_B) / ((ū_A − d_A)·(ū_B − d_B))          d = dark·frames
 
-    ``sd_debiased`` without the dark spikes. Their rate does not change with the light, so in ``sd`` they dilute the
-    contrast as light falls, and their fixed pattern looks like texture. ``dark`` is their mean rate, spikes per pixel
-    and readout, and ``dark_rms`` the rms of that rate over pixels, relative to its mean. Both come from one recording
-    with the lens cap on; the defaults are those of the sensor ``vidar_400x250``. The score does not move with the
-    light as long as each half counts a few spikes per pixel: see the search ``photon_aware``. Without the length of
-    the window it is ``sd_debiased``, whose 1/12 it shares: an average over the fractions of a count. The score is 0.0
-    where there is hardly any light, a tenth of the dark.
+    This is ``sd_debiased`` with the dark spikes subtracted. Their rate does not change with the light, so in ``sd``
+    they reduce the contrast as the light falls, and their fixed pattern looks like texture. ``dark`` is their mean
+    rate, in spikes per pixel and readout, so that d is the mean dark count of a half. ``dark_rms`` is the rms of that
+    rate over pixels, relative to its mean. Both follow from one recording with the lens cap on; the defaults are those
+    of the sensor ``vidar_400x250``. The score does not change with the light as long as each half counts a few spikes
+    per pixel; see the search ``photon_aware``. If the length of the window is not given, the score is that of
+    ``sd_debiased``, with the same 1/12, an average over the fractions of a count. The score is 0.0 if the light of a
+    half is at most a tenth of its dark counts.
 
-    Range: 0 expected without contrast, else about the squared contrast; degree 0 but for the 1/12; cost 4:
-    one multiplication and three additions per pixel.
+    Range: expected value 0 without contrast, otherwise about the squared contrast; degree 0 apart from the 1/12;
+    cost 4: one multiplication and three additions per pixel.
 
     References
     ----------
@@ -44,7 +47,7 @@ class SpikeDispersionCalibrated:
         check_measure_dark_options(self.dark, self.dark_rms)
 
     def __call__(self, counts: np.ndarray, frames: int | None = None) -> float:
-        """Return the score of counts (2, row, col) of any number type; ``frames`` counts both halves."""
+        """Return the score of counts (2, row, col) of any number type; ``frames`` is the length of both halves."""
         first, second = counts_as_integers(counts, halves=True)
         means = first.sum().item() / first.size, second.sum().item() / second.size
         split = subtract_dark_counts(means, self.dark, frames=frames or 0)

@@ -1,4 +1,4 @@
-"""Spike dispersion as printed in the paper and as its released code computes it."""
+"""Spike dispersion as printed by Su et al. (CVPR 2024) and as their released code computes it."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,11 +10,11 @@ from saf_gen.plugins.measures._moments import squared_contrast
 
 @dataclass(frozen=True)
 class SpikeDispersionCode:
-    """Sum of squared deviations over squared mean, Σ(c − ū)²/ū²; 0.0 where there is no spike.
+    """Sum of squared deviations divided by squared mean, Σ(c − ū)²/ū²; 0.0 if there is no spike.
 
-    N times ``sd``, and exactly er_sumsq/ū² − N. The score never rises when a periodic scene is blurred further.
+    It is N times ``sd``, and exactly er_sumsq/ū² − N. The score never rises when a periodic scene is blurred further.
 
-    Range 0 to N(N − 1) for N pixels; degree 0; cost 3, as ``sd``.
+    Range 0 to N(N − 1) for N pixels; degree 0; cost 3, the same as that of ``sd``.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Spike dispersion without the bias of counting, from the two halves of a window."""
+"""Spike dispersion without the bias from counting noise, from the two halves of a window."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -12,16 +12,16 @@ from saf_gen.plugins.measures._counts import counts_as_integers
 class SpikeDispersionDebiased:
     """Squared contrast from two half windows A and B: (cov(A, B) + 1/12)/(ū_A·ū_B) over pixels.
 
-    Counts are those of the first half of the frames and of the rest, (2, row, col). Noise that the halves do not
-    share drops out of a covariance. What they share is the charge left over at the end of the first, which adds −1/12
-    (the average of the exact law, docs/explanation/spike-camera.md) where fractions of a count are spread evenly over
-    the pixels, as they are where the counts of a half span one count or more. Over a narrower span it adds 0 to −1/4,
-    which 1/12 does not balance: the error may exceed that of ``sd``, and an even field may score below 0. Odd and
-    even frames cannot replace the halves: they divide one train of spikes, and their covariance lies far lower. The
-    score is 0.0 where a half holds no spike.
+    The counts, (2, row, col), are those of the first half of the frames and of the rest. Noise that the halves do not
+    share cancels in the covariance. They share the charge that is left over at the end of the first half. It adds −1/12
+    (the average of the exact law, docs/explanation/spike-camera.md) if fractions of a count are distributed evenly over
+    the pixels, which is so if the counts of a half span one count or more. Over a narrower span, it adds 0 to −1/4,
+    which 1/12 does not balance: the error may exceed that of ``sd``, and an even field may score below 0. Odd and even
+    frames cannot replace the halves: they divide one train of spikes, and their covariance is far lower. The score is
+    0.0 if a half has no spike.
 
-    Range above −1, to N − 1 + N²/12 (one spike per half, in the same pixel); degree 0 but for the 1/12, which
-    is in squared counts; cost 4: three additions and a multiplication per pixel.
+    Range above −1, to N − 1 + N²/12 (one spike per half, in the same pixel); degree 0 apart from the 1/12,
+    which is in squared counts; cost 4: three additions and a multiplication per pixel.
 
     References
     ----------
@@ -39,6 +39,6 @@ class SpikeDispersionDebiased:
         size, sums = first.size, (first.sum().item(), second.sum().item())
         if 0 in sums:
             return 0.0
-        # Times 12 N², so that whole numbers go through Python integers and are rounded once.
+        # Multiplied by 12 N², so that whole numbers stay Python integers and only the quotient is rounded.
         covariance = size * np.vdot(first, second).item() - sums[0] * sums[1]
         return (12 * covariance + size**2) / (12 * sums[0] * sums[1])

@@ -1,4 +1,4 @@
-"""Structure of the light at octaves of scale: a sharp peak that is still seen far from the focus."""
+"""Structure of the light at octaves of scale, whose focus curve has a sharp peak with a wide base."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,25 +11,27 @@ from saf_gen.plugins.measures._options import check_measure_dark_options, check_
 
 @dataclass(frozen=True)
 class StructureCalibrated:
-    """Mean squared differences of the light between pixels l apart, from two half windows A and B:
+    """Mean squared differences of the light over several distances, from the two halves A and B of a window.
+
+    The score, summed over distances l between pixels, is
 
         Σ_l S(l)/l / ((ū_A − d_A)·(ū_B − d_B))        l = 1, 2, 4, … ``longest``;  d = dark·frames
         S(l) = Σ over rows and columns of  mean(Δ_l A · Δ_l B) + 2/12 − 2·dark_rms²·d_A·d_B
 
-    S is the structure function of second order. The two halves count independently, so shot noise drops out, as in
-    ``sd_debiased``, except for the spike that they share where they meet: twice 1/12, an average over the fractions of
-    a count, as there. Dark spikes and their fixed pattern are subtracted as in ``sd_calibrated``, with the same
-    ``dark`` and ``dark_rms``.
+    S is the second-order structure function. The two halves count independently, so shot noise cancels as in
+    ``sd_debiased``, except for the spike that they share where they meet. It is corrected by twice 1/12, an average
+    over the fractions of a count, as in that measure. Dark spikes and their fixed pattern are subtracted as in
+    ``sd_calibrated``, with the same ``dark`` and ``dark_rms``.
 
-    The variance, as in ``sd``, is dominated by the longest scales, which a blur hardly touches: its focus curve is a
-    low hill on a pedestal, which moves by more than the hill's height as the light changes. The shortest length alone
-    is a normalised squared gradient: steep, and lost in noise where a scene has little detail so fine. An edge lies
-    between both pixels for l positions in a row, so sharp edges give S in proportion to l: with 1/l every octave weighs
-    the same, and a blur takes the short ones first. Lengths that the image does not have are left out. The score is 0.0
-    where there is hardly any light, a tenth of the dark.
+    The variance, as in ``sd``, is dominated by the longest scales, which blur barely changes: its focus curve is a low
+    hill on a pedestal, and the pedestal changes by more than the height of the hill as the light changes. The shortest
+    distance alone gives a normalised squared gradient, which is steep, but lost in noise if a scene has little detail
+    that fine. An edge is between the two pixels for l neighbouring pairs, so S of sharp edges is proportional to l: the
+    factor 1/l gives every octave the same weight, and blur reduces the short distances first. Distances that do not fit
+    into the image are left out. The score is 0.0 if the light of a half is at most a tenth of its dark counts.
 
-    Range: 0 expected without contrast, else a few times the squared contrast; degree 0 but for the 2/12; cost
-    34 for the four lengths by default.
+    Range: expected value 0 without contrast, otherwise a few times the squared contrast; degree 0 apart from the 2/12;
+    cost 34 with the four default distances.
 
     References
     ----------
@@ -47,7 +49,7 @@ class StructureCalibrated:
 
     @property
     def cost(self) -> float:
-        """Two sums, and for each length and axis two differences, a product and an addition per pixel."""
+        """Operations per pixel: two sums, and per distance and axis two differences, a product and an addition."""
         return 2.0 + 8.0 * self.longest.bit_length()
 
     def __post_init__(self) -> None:
@@ -55,7 +57,7 @@ class StructureCalibrated:
         check_measure_dark_options(self.dark, self.dark_rms)
 
     def __call__(self, counts: np.ndarray, frames: int | None = None) -> float:
-        """Return the score of counts (2, row, col) of any number type; ``frames`` counts both halves."""
+        """Return the score of counts (2, row, col) of any number type; ``frames`` is the length of both halves."""
         halves = counts_as_integers(counts, halves=True).astype(np.float64)  # whole numbers stay exact
         means = float(halves[0].sum()) / halves[0].size, float(halves[1].sum()) / halves[1].size
         split = subtract_dark_counts(means, self.dark, frames=frames or 0)
@@ -73,7 +75,7 @@ class StructureCalibrated:
 
 
 def _structure(halves: np.ndarray, apart: int, *, axis: int) -> float:
-    """Return the mean product of both halves' differences between pixels ``apart`` along an axis."""
+    """Return the mean product of the differences, in the two halves, between pixels ``apart`` from each other."""
     turned = halves if axis == 1 else halves.swapaxes(1, 2)
     first, second = turned[:, apart:] - turned[:, :-apart]
     return float(np.einsum("ij,ij->", first, second)) / first.size

@@ -11,7 +11,7 @@ from saf_gen.plugins.measures._moments import sum_of_squares
 
 @dataclass(frozen=True)
 class Tenengrad:
-    """Mean of Gx² + Gy² of the 3×3 Sobel gradient, where the kernel lies inside, without a threshold.
+    """Mean of Gx² + Gy² of the 3×3 Sobel gradient over the pixels where the kernel fits, without a threshold.
 
     The kernel's smoothing 1-2-1 is not normalised, so a ramp of s counts per pixel scores 64s². White noise adds 24
     times its variance. The score is 0.0 for fewer than three rows or columns, and never rises when a periodic scene is

@@ -11,9 +11,10 @@ from saf_gen.plugins.measures._moments import variance
 
 @dataclass(frozen=True)
 class Variance:
-    """Variance over pixels, V = mean of (c − ū)². Divided by brightness, ``variance_n``, it is ``sd``.
+    """Variance over pixels, V = mean of (c − ū)². Its brightness-normalised form, ``variance_n``, is ``sd``.
 
     The score never rises when a periodic scene is blurred further.
+
     Range from 0, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
 
     References

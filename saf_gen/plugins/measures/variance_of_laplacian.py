@@ -11,11 +11,11 @@ from saf_gen.plugins.measures._moments import variance
 
 @dataclass(frozen=True)
 class VarianceOfLaplacian:
-    """Variance of c * L, L = (0 −1 0; −1 4 −1; 0 −1 0)/6, where the kernel lies inside.
+    """Variance of c * L with L = (0 −1 0; −1 4 −1; 0 −1 0)/6, over the pixels where the kernel fits.
 
     The variance is that of the signed response, as in Pertuz et al. Ramps and surfaces of constant curvature score 0,
-    and white noise 20/36 of its variance. The score is 0.0 for fewer than three rows or columns, and never rises when a
-    periodic scene is blurred further.
+    and white noise scores 20/36 of its variance. The score is 0.0 for fewer than three rows or columns, and never rises
+    when a periodic scene is blurred further.
 
     Range from 0, in squared counts; degree 2; cost 8: six additions and two multiplications per pixel.
 

@@ -10,12 +10,12 @@ from saf_gen.plugins.measures._counts import counts_as_integers
 
 @dataclass(frozen=True)
 class VollathF4:
-    """Mean of c(x)·(c(x+1) − c(x+2)) along rows: the autocorrelation at one pixel less that at two.
+    """Mean of c(x)·(c(x+1) − c(x+2)) along rows: the autocorrelation at one pixel minus that at two pixels.
 
-    White noise is in neither and cancels, apart from chance. The published sums run over one column more for the nearer
-    neighbour, which adds c² per row of a constant image; here both run over the pixels that have both neighbours.
-    Stripes along the rows score 0. The score is 0.0 for fewer than three columns. Blur may raise the score where most
-    power lies beyond 1/3 cycle per pixel.
+    White noise contributes to neither, apart from chance. In the published formula, the sum for the nearer neighbour
+    has one column more, which adds c² per row of a constant image; here both sums are over the pixels that have both
+    neighbours. Stripes along the rows score 0. The score is 0.0 for fewer than three columns. Blur may raise the score
+    if most power is above 1/3 cycle per pixel.
 
     Range: any sign, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
 

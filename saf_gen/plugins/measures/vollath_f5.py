@@ -10,12 +10,12 @@ from saf_gen.plugins.measures._counts import counts_as_integers
 
 @dataclass(frozen=True)
 class VollathF5:
-    """Mean of c(x)·c(x+1) along rows, less the squared mean ū²: the covariance of neighbours.
+    """Mean of c(x)·c(x+1) along rows minus the squared mean ū²: the covariance of neighbours.
 
-    White noise adds nothing, apart from chance. The published sums run over one column less than the mean does, which
-    leaves −c² per row of a constant image; here each is a mean of its own, so a column more or less at the border
-    matters on small images. The score is 0.0 for a single column. Blur may raise the score where most power lies beyond
-    1/4 cycle per pixel.
+    White noise adds nothing, apart from chance. In the published formula, the sum of products has one column less than
+    the mean, which leaves −c² per row of a constant image. Here both are means over their own columns, so on small
+    images one column more or less at the border matters. The score is 0.0 for a single column. Blur may raise the score
+    if most power is above 1/4 cycle per pixel.
 
     Range: any sign, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
 
@@ -35,5 +35,5 @@ class VollathF5:
         if not pairs:
             return 0.0
         products = np.einsum("ij,ij->", c[:, :-1], c[:, 1:]).item()
-        # One denominator for both means, so that whole numbers go through Python integers and round once.
+        # Both means have one denominator, so that whole numbers stay Python integers and only the quotient is rounded.
         return (products * c.size**2 - c.sum().item() ** 2 * pairs) / (pairs * c.size**2)

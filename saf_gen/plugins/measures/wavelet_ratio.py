@@ -1,4 +1,4 @@
-"""Energy of wavelet details over that of the smooth remainder."""
+"""Energy of wavelet details, divided by that of the smooth remainder."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -15,19 +15,19 @@ A, B = sqrt(10), sqrt(5 + 2 * sqrt(10))
 LOW = np.array([1 + A + B, 5 + A + 3 * B, 10 - 2 * A + 2 * B, 10 - 2 * A - 2 * B, 5 + A - 3 * B, 1 + A - B])
 LOW /= 16 * sqrt(2)
 HIGH = LOW[::-1] * [1, -1, 1, -1, 1, -1]
-"""Daubechies' orthonormal wavelet of six taps, three vanishing moments."""
+"""Daubechies' orthonormal wavelet with six taps and three vanishing moments."""
 
 
 @dataclass(frozen=True)
 class WaveletRatio:
-    """Energy of details of ``levels`` octaves over that of the smooth remainder, by Daubechies' D6 wavelet.
+    """Energy of details of ``levels`` octaves divided by that of the smooth remainder, with Daubechies' D6 wavelet.
 
-    Energies are means per pixel over coefficients whose six taps lie inside; second-order surfaces have no details. The
-    remainder holds the brightness. One level covers the finest octave, mostly noise where counts are few. The score is
-    0.0 where the filter does not fit at each level, or the remainder is 0.
+    Energies are means per pixel over the coefficients whose six taps fit into the image. Second-order surfaces have no
+    details. The remainder contains the brightness. One level covers the finest octave, which is mostly noise if counts
+    are low. The score is 0.0 if the filter does not fit at every level, or if the remainder is 0.
 
     Range from 0; degree 0; cost 38: two passes of six taps for each of four bands, at a half and a quarter of
-    the pixels, and a third more for many levels.
+    the pixels; many levels cost up to a third more.
 
     References
     ----------
@@ -47,7 +47,7 @@ class WaveletRatio:
     @property
     def cost(self) -> float:
         """Additions and multiplications per pixel."""
-        octave = 4 * LOW.size * (1 + 1 / 2) + 3 / 2  # four bands, the columns' sums at every other row
+        octave = 4 * LOW.size * (1 + 1 / 2) + 3 / 2  # four bands, sums of columns at every other row
         left = 4.0**-self.levels
         return octave * (1 - left) * 4 / 3 + 2 * left
 

@@ -1,6 +1,6 @@
-"""Motions of the lens: where the drive is at each moment of a recording.
+"""Lens motions: the position of the lens at each time of a recording.
 
-Each kind is one file of this folder, or a package's, offered under the entry point ``saf_gen.motions``.
+Each kind of motion is a file of this folder, or comes from a package with the entry point ``saf_gen.motions``.
 """
 
 from collections.abc import Mapping
@@ -14,24 +14,32 @@ from saf_gen.parts import Motion
 
 __all__ = ["get_motion", "motion_positions_at_readouts"]
 
-BLOCK_FRAMES = 1 << 19  # positions worked out at a time, so that long recordings need little memory
+BLOCK_FRAMES = 1 << 19  # positions computed at a time, so that long recordings need little memory
 POSITION_GRID = 2.0**-24
-"""Positions are rounded to it, and float32 holds it exactly: a file has the positions that made its spikes,
-and the last digit of one machine's cosine cannot move one."""
+"""Positions are rounded to multiples of this step, which float32 holds exactly. A file therefore has the positions that
+made its spikes, and a cosine whose last digit differs between machines does not change them."""
 
 
 def get_motion(name: str, /, **options: Any) -> Motion:
-    """Return a motion of the lens.
+    """Return a lens motion by its name.
 
     Parameters
     ----------
-    name : the kind: a file of ``saf_gen/plugins/motions``, a kind that a package offers, ``package.module:Class`` or
+    name : str
+        Kind of motion: a file of ``saf_gen/plugins/motions``, a kind that a package offers, ``package.module:Class`` or
         ``file.py:Class``.
-    **options : the fields of the kind's class.
+    **options
+        Fields of the class of that kind.
+
+    Returns
+    -------
+    Motion
+        The motion with these options.
 
     Raises
     ------
-    BadInput : for an unknown name or key, and for a value that is not allowed.
+    BadInput
+        If the name or an option is unknown, or if a value is not allowed.
     """
     motion: Motion = registry.build_plugin("motions", name, **options)
     return motion
@@ -40,9 +48,24 @@ def get_motion(name: str, /, **options: Any) -> Motion:
 def motion_positions_at_readouts(motion: Motion | Mapping[str, Any], frames: int, *, readout_hz: float) -> np.ndarray:
     """Return the position of the lens at the middle of each readout.
 
-    ``motion`` is a motion, or one as a recipe writes it, ``{kind: ..., ...}``. The result is float64 (frames,), a
-    fraction of the travel, 0...1, on a grid of 2**-24. Raises BadInput for a motion that does not fit a recording of
-    this length, or that leaves the travel.
+    Parameters
+    ----------
+    motion : Motion or mapping
+        The motion, or its mapping in a recipe, ``{kind: ..., ...}``.
+    frames : int
+        Number of readouts.
+    readout_hz : float
+        Readouts per second.
+
+    Returns
+    -------
+    ndarray of float64, shape (frames,)
+        Fractions of the travel, 0 to 1, rounded to multiples of 2**-24.
+
+    Raises
+    ------
+    BadInput
+        If the motion does not fit a recording of this length, or if it leaves the travel.
     """
     if isinstance(motion, Mapping):
         motion = get_motion(motion["kind"], **{k: v for k, v in motion.items() if k != "kind"})
@@ -54,9 +77,9 @@ def motion_positions_at_readouts(motion: Motion | Mapping[str, Any], frames: int
             motion, motion.positions, seconds=seconds, duration_s=frames / readout_hz
         )
     slack = POSITION_GRID / 2
-    if not (position.min() >= -slack and position.max() <= 1 + slack):  # also false where a NaN is
+    if not (position.min() >= -slack and position.max() <= 1 + slack):  # also if a position is NaN
         raise BadInput(
-            f"{motion!r} brings the lens to {position.min():.4g} ... {position.max():.4g}",
+            f"{motion!r} moves the lens over {position.min():.4g} to {position.max():.4g}",
             allowed="0 to 1 of the travel",
         )
     return np.clip(np.round(position / POSITION_GRID) * POSITION_GRID, 0.0, 1.0)

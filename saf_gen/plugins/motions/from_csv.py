@@ -1,4 +1,4 @@
-"""A motion that was measured or drawn: lens positions in a CSV file."""
+"""A lens motion from a table of positions in a CSV file, for example a measured motion."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,22 +8,22 @@ import numpy as np
 from saf_gen.core.csv_table import parse_csv_table
 from saf_gen.errors import BadInput
 
-SLACK_S = 1e-9  # decimals in a file and quotients of readouts may differ in their last digits
+SLACK_S = 1e-9  # times in a file and times computed from the readout rate may differ in their last digits
 
 
 @dataclass(frozen=True)
 class FromCsv:
-    """The lens moves in straight lines through the points of a table.
+    """The lens position is interpolated linearly between the points of a table.
 
-    ``file`` is, in a recipe, the path of a CSV file in the recipe's folder or below it, with the columns
-    ``time_s`` (seconds from the beginning of the recording, rising) and ``position`` (0...1 of the travel).
-    It must reach from the middle of the first readout to the middle of the last. The recipe reads the file,
-    so that this class gets ``{"path": ..., "text": ...}``.
+    In a recipe, ``file`` is the path of a CSV file in the recipe's folder or below it. Its columns are ``time_s``
+    (seconds from the beginning of the recording, increasing) and ``position`` (fraction of the travel, 0 to 1). The
+    times must reach from the middle of the first readout to the middle of the last. The file is read with the recipe,
+    and this class gets ``{"path": ..., "text": ...}``.
     """
 
     file: Mapping[str, str] = field(repr=False)
-    """Path of a CSV file with ``time_s``, ``position``: straight lines through its points, from the middle of the
-    first readout to that of the last."""
+    """Path of a CSV file with ``time_s``, ``position``: the position is interpolated linearly between its points, which
+    must reach from the middle of the first readout to the middle of the last."""
 
     def __post_init__(self) -> None:
         times, positions = parse_csv_table(self.file, ("time_s", "position"))
@@ -36,14 +36,17 @@ class FromCsv:
             )
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Return the position at each time; raises BadInput for a time that the table does not reach."""
+        """Return the position at each time, a fraction of the travel.
+
+        Raises BadInput if a time is outside the table.
+        """
         times, positions = parse_csv_table(self.file, ("time_s", "position"))
         seconds = np.asarray(seconds, dtype=np.float64)
         outside = seconds[(seconds < times[0] - SLACK_S) | (seconds > times[-1] + SLACK_S)]
         if outside.size:
             raise BadInput(
-                f"time_s goes from {times[0]:g} to {times[-1]:g}, the recording of {duration_s:g} s needs "
-                f"the lens at {outside.flat[-1]:g} s",
+                f"time_s goes from {times[0]:g} to {times[-1]:g}, but the recording of {duration_s:g} s needs "
+                f"the position at {outside.flat[-1]:g} s",
                 where=self.file["path"],
                 allowed="a table that covers the recording",
                 hint="add rows, or record fewer frames",

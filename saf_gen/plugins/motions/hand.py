@@ -10,23 +10,23 @@ from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.plugins.motions._option_checks import check_motion_bounds, check_motion_endpoints
 
-POINTS_PER_PERIOD = 32  # of the fastest wave; straight lines connect the points
+POINTS_PER_PERIOD = 32  # per period of ``bandwidth_hz``; the speed is interpolated linearly between points
 
 
 @dataclass(frozen=True)
 class Hand:
-    """The lens moves from ``from`` to ``to`` in the recording, at a speed that varies by ``irregularity``.
+    """The lens moves from ``from`` to ``to`` during the recording, at a speed that varies by ``irregularity``.
 
-    The speed divided by its mean has the standard deviation σ = ``irregularity``. It is made of noise n of
-    mean 0 and variance 1, a random sum of sines with whole periods in the recording:
+    The speed divided by its mean has the standard deviation σ = ``irregularity``. It is computed from noise n of
+    mean 0 and variance 1, a random sum of sines that each have a whole number of periods in the recording:
 
-    - 1 + σ·n where ``reversals`` is true, with frequencies up to ``bandwidth_hz``: the lens moves back a
-      little in about Φ(-1/σ) of the time, as far as the stops at the ends of the travel allow;
-    - (1 + s·n)² over its mean where ``reversals`` is false, with frequencies up to half of that: the lens
-      never moves back. The standard deviation is σ for Gaussian n with s² = √(2/(2 - σ²)) - 1.
+    - If ``reversals`` is true, it is 1 + σ·n, with frequencies up to ``bandwidth_hz``. The lens moves back a little
+      in about Φ(-1/σ) of the time, as far as the stops at the ends of the travel allow.
+    - If ``reversals`` is false, it is (1 + s·n)² divided by its mean, with frequencies up to half of ``bandwidth_hz``.
+      The lens never moves back. The standard deviation is σ for Gaussian n if s² = √(2/(2 - σ²)) - 1.
 
-    The default bandwidth is below that of physiological tremor, 6 to 12 Hz [1]_. ``seed`` names the noise;
-    where a recipe gives none, each sequence has its own.
+    The default bandwidth is below that of physiological tremor, 6 to 12 Hz [1]_. ``seed`` selects the noise; if a
+    recipe gives no seed, each sequence gets a different one.
 
     References
     ----------
@@ -34,18 +34,19 @@ class Hand:
     """
 
     from_: float = 0.0
-    """Fraction of the travel, 0 to 1: where the ring is turned from."""
+    """Fraction of the travel, 0 to 1: the position at the beginning of the recording."""
     to: float = 1.0
-    """Fraction of the travel, 0 to 1: where it is at the end of the recording."""
+    """Fraction of the travel, 0 to 1: the position at the end of the recording."""
     irregularity: float = 0.5
     """Fraction of the mean speed, above 0, up to 1: standard deviation of the speed."""
     bandwidth_hz: float = 5.0
     """Hz, above 0, up to 1,000: the highest frequency of the speed; at least one period must fit into the
-    recording, or two without ``reversals``."""
+    recording, or two if ``reversals`` is false."""
     reversals: bool = False
-    """``true``, ``false``: whether the lens may go back a little."""
+    """``true``, ``false``: whether the lens may move back a little."""
     seed: int = 0
-    """Whole number, 0 or more: the same seed moves in the same way; in a recipe each sequence has its own."""
+    """Whole number, 0 or more: the same seed gives the same motion; if a recipe gives no seed, each sequence gets a
+    different one."""
 
     def __post_init__(self) -> None:
         check_motion_endpoints(self.from_, self.to)
@@ -57,22 +58,25 @@ class Hand:
             raise BadInput(f"seed is {self.seed!r}", allowed="a whole number, 0 or more")
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Return the position at each time; raises BadInput where no wave fits into the recording."""
+        """Return the position at each time, a fraction of the travel.
+
+        Raises BadInput if the recording is too short for ``bandwidth_hz``.
+        """
         times, speed = self._speed(duration_s)
         path = make_interp_spline(times, speed, k=1).antiderivative()
         fraction = path(np.asarray(seconds, dtype=np.float64)) / path(duration_s)
         return np.clip(self.from_ + (self.to - self.from_) * fraction, 0.0, 1.0)
 
     def _speed(self, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return times (s) and relative speeds over the recording, float64 (n,) each."""
+        """Return times in seconds and relative speeds over the recording, each float64 (n,)."""
         periods = self.bandwidth_hz * duration_s
         waves = floor(periods * (1 if self.reversals else 0.5) + 1e-9)
         if waves < 1:
-            least = (1 if self.reversals else 2) / duration_s
+            lowest = (1 if self.reversals else 2) / duration_s
             raise BadInput(
                 f"bandwidth_hz is {self.bandwidth_hz:g} in a recording of {duration_s:g} s",
-                allowed=f"at least {least:g}: one period must fit into it",
-                hint="raise it, or record more frames",
+                allowed=f"at least {lowest:g}, so that one period fits into the recording",
+                hint="raise bandwidth_hz, or record more frames",
             )
         points = POINTS_PER_PERIOD * max(floor(periods), 1)
         coefficients = make_generator("hand", self.seed).standard_normal((waves, 2))

@@ -1,4 +1,4 @@
-"""One pass through the travel, the motion of the spike autofocus paper."""
+"""One pass through the travel at constant speed, as in the spike autofocus paper."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,14 @@ from saf_gen.plugins.motions._option_checks import check_motion_endpoints
 class Sweep:
     """The lens moves from ``from`` to ``to``, fractions of the travel, at constant speed.
 
-    The sweep fills the recording, which begins and ends while the lens moves.
+    The sweep takes the entire recording: the lens is already moving at the beginning and still moving at the end.
     """
 
     from_: float = 0.0
-    """Fraction of the travel, 0 to 1: where the lens begins."""
+    """Fraction of the travel, 0 to 1: the position at the beginning."""
     to: float = 1.0
-    """Fraction of the travel, 0 to 1: where it ends; backwards, or over a part of the travel, as you like."""
+    """Fraction of the travel, 0 to 1: the position at the end; the sweep may go backwards, or cover a part of the
+    travel."""
 
     def __post_init__(self) -> None:
         check_motion_endpoints(self.from_, self.to)

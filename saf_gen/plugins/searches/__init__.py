@@ -1,8 +1,8 @@
-"""Searches by name: each looks at windows of a recording through a View and answers with a frame.
+"""Searches by name: each scores windows of a recording through a View and answers with a frame.
 
-A search with ``commands`` moves the lens of a running camera and answers with a lens position. Each search is
-one file of this folder, or belongs to a package that offers it under the entry point ``saf_gen.searches``.
-Files whose names begin with an underscore hold what searches share.
+A search with ``commands`` moves the lens of a running camera and answers with a lens position. Each search is a file of
+this folder, or comes from a package with the entry point ``saf_gen.searches``. Files whose names begin with an
+underscore contain code that several searches use.
 """
 
 from typing import Any
@@ -16,7 +16,13 @@ KIND = "searches"
 
 
 def search_names() -> list[str]:
-    """Return every name that get_search takes, sorted; nothing is imported."""
+    """Return the sorted names of all searches, without importing them.
+
+    Returns
+    -------
+    list of str
+        Names that :func:`get_search` takes.
+    """
     return names(KIND)
 
 
@@ -25,8 +31,10 @@ def get_search(name: str, **options: Any) -> Search:
 
     Parameters
     ----------
-    name : a name of :func:`search_names`, ``file.py:Class`` or ``package.module:Class``.
-    **options : the fields of the search's dataclass.
+    name : str
+        One of :func:`search_names`, ``file.py:Class`` or ``package.module:Class``.
+    **options
+        Fields of the search's dataclass.
 
     Returns
     -------
@@ -35,6 +43,7 @@ def get_search(name: str, **options: Any) -> Search:
 
     Raises
     ------
-    BadInput : for an unknown name or option, and for a value that the search refuses.
+    BadInput
+        If the name or an option is unknown, or if the search refuses a value.
     """
     return build_plugin(KIND, name, **options)

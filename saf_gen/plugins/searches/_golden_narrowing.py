@@ -1,8 +1,8 @@
-"""Golden search on a recording: as the released code of Su et al. runs it, and without its conventions.
+"""Golden search on a recording, with and without the conventions of the code that Su et al. released.
 
-``narrow_golden_interval_as_released`` follows the code: frames are 1-based and inclusive, and the ends of an
-interval may be fractional. ``narrow_golden_interval_to_centre`` is this project's: whole frames from 0, windows
-first <= t < stop, centres.
+``narrow_golden_interval_as_released`` follows the released code: frames count from 1, intervals include their last
+frame, and the ends of an interval may be fractional. ``narrow_golden_interval_to_centre`` is this project's version:
+frames are whole numbers from 0, windows are first <= t < stop, and results are centres.
 """
 
 import math
@@ -15,7 +15,7 @@ THRESHOLD = 10.0
 
 
 def check_golden_search_options(threshold: float, ratio: float) -> None:
-    """Raise BadInput for a threshold below one frame, and for a ratio with which windows leave a gap."""
+    """Raise BadInput if the threshold is below one frame, or if two windows of this ratio would leave a gap."""
     if not (math.isfinite(threshold) and threshold >= 1):
         raise BadInput(f"threshold is {threshold!r}", allowed="frames, a number of at least 1")
     if not 0.5 <= ratio < 1:
@@ -23,7 +23,7 @@ def check_golden_search_options(threshold: float, ratio: float) -> None:
 
 
 def check_search_recording_length(view: View, threshold: float, *, longest_refused: float) -> None:
-    """Raise BadInput for a recording in which no window would be scored: its middle would be the answer."""
+    """Raise BadInput if a recording is so short that no window would be scored and its middle would be the answer."""
     if view.frames <= longest_refused:
         raise BadInput(
             f"a recording of {view.frames} frames is too short for threshold {threshold:g}",
@@ -33,10 +33,10 @@ def check_search_recording_length(view: View, threshold: float, *, longest_refus
 
 
 def count_search_blocks(view: View, dt: int) -> tuple[int, int]:
-    """Return the block with which a golden fast search begins, from 1, and the number of blocks.
+    """Return the block with which a golden fast search begins, counted from 1, and the number of blocks.
 
-    Raises BadInput where the recording holds no block of ``dt`` frames, or too few frames in its first
-    quarter to divide them in two.
+    Raises BadInput if the recording has no block of ``dt`` frames, or if its first quarter has too few frames to be
+    divided in two.
     """
     blocks = view.frames // dt
     first = max(math.ceil(blocks / 4), 1)
@@ -50,9 +50,10 @@ def count_search_blocks(view: View, dt: int) -> tuple[int, int]:
 
 
 def golden_search_feedback(view: View, end: int) -> float:
-    """Return the score of the later half of the first ``end`` frames less that of the earlier half.
+    """Return the score of the later half of the first ``end`` frames minus that of the earlier half.
 
-    The windows are those of the released code, 1-based and inclusive: h−1 ... end and 1 ... h−1 with h = ⌊(end + 1)/2⌋.
+    The windows are those of the released code: frames h−1 to end and frames 1 to h−1, both inclusive and counted from
+    1, with h = ⌊(end + 1)/2⌋.
     """
     half = (end + 1) // 2
     return view.score(half - 2, end) - view.score(0, half - 1)
@@ -63,8 +64,9 @@ def narrow_golden_interval_as_released(
 ) -> tuple[int, ...]:
     """Narrow the interval ``left`` ... ``right`` until it is no wider than ``threshold``.
 
-    Each step scores two windows of ``ratio`` of the interval, at its two ends, and keeps the left one where
-    its score is larger, else the right one. Returns the midpoint before the first step and after each.
+    Each step scores two windows at the two ends of the interval, each ``ratio`` of its width. It keeps the left window
+    if its score is larger, otherwise the right one. Returns the midpoint before the first step and after each step,
+    rounded down.
     """
     trace = [math.floor((left + right) / 2)]
     while right - left > threshold:
@@ -83,9 +85,9 @@ def narrow_golden_interval_to_centre(
 ) -> tuple[float, ...]:
     """Narrow the frames ``first <= t < stop`` until no more than ``threshold`` are left.
 
-    Each step scores two windows of ``ratio`` of the interval, at its two ends, and keeps the better. Where
-    both score the same, as much is cut off at either end, so that a recording played backwards gives the
-    mirrored answer. Returns the centre before the first step and after each, frames from 0.
+    Each step scores two windows at the two ends of the interval, each ``ratio`` of its width, and keeps the better one.
+    If both score the same, the same number of frames is cut off at each end, so that a recording played backwards gives
+    the mirrored answer. Returns the centre before the first step and after each step, in frames from 0.
     """
     trace = [(first + stop - 1) / 2]
     while stop - first > threshold:
@@ -106,6 +108,6 @@ def narrow_golden_interval_to_centre(
 
 
 def _score_inclusive(view: View, first: float, *, last: float) -> float:
-    """Return the score of the 1-based frames round-half-up(first + j), j = 0 ... ⌊last − first⌋."""
+    """Return the score of the frames round-half-up(first + j), j = 0 ... ⌊last − first⌋, counted from 1."""
     start = math.floor(first + 0.5)
     return view.score(start - 1, start + math.floor(last - first))

@@ -1,4 +1,4 @@
-"""What searches that command the lens share: move, wait until the lens rests, score, and stop in time."""
+"""Common code of searches that command the lens: move, wait until the lens rests, score, and stop in time."""
 
 import math
 from collections import deque
@@ -13,38 +13,46 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 READING_S = 0.001
 """Seconds over which one reading of the lens position is averaged."""
 READINGS_AT_TARGET, READINGS_OFF_TARGET = 4, 50
-"""Readings that must agree for a lens at its target, and for one that came to rest beside it."""
+"""Number of readings that must agree if the lens is at its target, and if it came to rest elsewhere."""
 START_S = 0.3
-"""Longest time from a command to the first motion; a hand takes 0.2 s."""
+"""Longest time from a command to the first motion, in seconds; a hand takes 0.2 s."""
 
 
 class OutOfFramesError(Exception):
-    """No frames are left for another sample."""
+    """Too few frames are left for another sample."""
 
 
 @dataclass(frozen=True)
 class FocusSample:
-    """A lens position (fraction of the travel), and the score of a window there."""
+    """A lens position, as a fraction of the travel, and the score of a window there."""
 
     position: float
     score: float
 
 
 class FocusSampler:
-    """Moves the lens and scores a window of ``dt`` frames where it rests.
+    """Moves the lens and scores a window of ``dt`` frames where the lens comes to rest.
 
     Parameters
     ----------
-    view : a running camera.
-    dt : frames per score.
-    still : how far a resting lens may move, fraction of the travel.
-    lag_s : time in which motion that the position sensor does not see falls to 1/e; None: ``view.lag_s``.
-    timeout_s : seconds after which the lens is scored wherever it is; without a position sensor, always.
+    view : View
+        A running camera.
+    dt : int
+        Frames per score.
+    still : float
+        How far a resting lens may move, as a fraction of the travel.
+    lag_s : float or None
+        Seconds in which a motion that the position sensor does not see falls to 1/e; None stands for ``view.lag_s``.
+    timeout_s : float
+        Seconds after which the window is scored even if the lens is not at rest. Without a position sensor, the wait
+        always takes this time.
 
     Attributes
     ----------
-    trace : the positions of all samples.
-    samples : the samples since the last change of the measure.
+    trace : list of float
+        Positions of all samples.
+    samples : list of FocusSample
+        Samples since the last change of the measure.
     """
 
     def __init__(self, view: View, dt: int, *, still: float, lag_s: float | None, timeout_s: float) -> None:
@@ -58,9 +66,9 @@ class FocusSampler:
         self.trace: list[float] = []
 
     def switch_measure(self, measure: str | None, dt: int) -> None:
-        """Score windows of ``dt`` frames by ``measure`` (None: the method's own) from now on.
+        """Score windows of ``dt`` frames with ``measure``, or with the method's measure if it is None, from now on.
 
-        Samples so far have another unit: the best of them counts only until there is a new one.
+        Scores of different measures cannot be compared, so the best sample so far counts only until there is a new one.
         """
         self._best_before, self.samples = self.best(), []
         self._measure, self._dt = measure, dt
@@ -68,7 +76,7 @@ class FocusSampler:
     def __call__(self, to: float) -> float:
         """Move the lens to ``to``, clipped to the travel, and return the score where it comes to rest.
 
-        Raises OutOfFramesError where too few frames are left.
+        Raises OutOfFramesError if too few frames are left.
         """
         view, to = self._view, min(max(to, 0.0), 1.0)
         origin = self._read(max(view.now - self._reading, 0), view.now)[0] if view.now else math.nan
@@ -88,21 +96,24 @@ class FocusSampler:
         return score
 
     def read_start(self) -> float:
-        """Return where the lens stands before the first move; the middle where no sensor says so."""
+        """Return the lens position before the first move, or 0.5 if no sensor reads it."""
         if self._view.now == 0:
             self._wait(1)
         position = self._read(0, self._view.now)[0]
         return 0.5 if math.isnan(position) else min(max(position, 0.0), 1.0)
 
     def best(self) -> FocusSample | None:
-        """Return the sample with the highest score, the first of equal ones; None before any."""
+        """Return the sample with the highest score, the first of equal ones; None if there is no sample yet.
+
+        The best sample from before a change of the measure is returned only if there is no sample since.
+        """
         return max(self.samples, key=lambda sample: sample.score, default=self._best_before)
 
     def _wait_for_rest(self, to: float, origin: float) -> None:
-        """Wait until the sensor reads the lens at rest at ``to``, or beside it and no longer moving.
+        """Wait until the position sensor reads the lens at rest, at ``to`` or elsewhere, or until the timeout.
 
-        The lens set off from ``origin``, NaN where that is not known. Readings count as equal within
-        ``still`` and what the sensor's noise explains.
+        ``origin`` is the position before the move, NaN if it is unknown. Readings count as equal if they differ by no
+        more than ``still`` and the noise of the sensor.
         """
         begin = self._view.now
         readings: deque[float] = deque(maxlen=READINGS_OFF_TARGET)
@@ -118,7 +129,7 @@ class FocusSampler:
             elif abs(here - origin) > tolerance or self._view.now - begin > START_S * self._view.readout_hz:
                 needed = READINGS_OFF_TARGET
             else:
-                continue  # it has not set off yet
+                continue  # the lens has not started to move
             latest = list(readings)[-needed:]
             if len(latest) == needed and max(latest) - min(latest) <= tolerance:
                 return
@@ -130,7 +141,7 @@ class FocusSampler:
             self._view.wait(frames)
 
     def _read(self, first: int, stop: int) -> tuple[float, float]:
-        """Return the mean position over frames, and the rms noise of that mean, from neighbouring frames."""
+        """Return the mean position over frames, and the rms noise of that mean, estimated from neighbouring frames."""
         positions = [self._view.position(t) for t in range(first, stop)]
         jumps = [(b - a) ** 2 for a, b in pairwise(positions)]
         noise = math.sqrt(math.fsum(jumps) / (2 * len(jumps) * len(positions))) if jumps else 0.0
@@ -139,15 +150,23 @@ class FocusSampler:
 
 @dataclass(frozen=True)
 class LensCommandingSearch:
-    """A search that commands the lens: the options that all of them have, and how they end.
+    """Base class of searches that command the lens, with the options that all of them have.
 
-    ``dt`` frames are scored per sample, once the lens rests: within ``still`` of the travel for some
-    milliseconds as its sensor reads it, and after ringing that a sensor at the motor does not see, which
-    falls to 1/e in ``lag_s`` (None: as the drive's maker says). ``timeout_s`` bounds the wait.
+    A search that runs out of frames answers with the best position so far, and abstains if it has no sample. The answer
+    is the position that the sensor read during the sample, including backlash and missed steps as far as the sensor
+    sees them. The trace holds the positions of all samples.
 
-    A search that runs out of frames answers with the best position so far, and one without a sample abstains.
-    The position is what the sensor read during the sample, which includes what it sees of backlash and missed
-    steps. The trace holds the positions of all samples.
+    Parameters
+    ----------
+    dt : int, default 100
+        Frames that are scored per sample, once the lens rests.
+    still : float, default 0.002
+        How far a resting lens may move, as its sensor reads it over some milliseconds; a fraction of the travel.
+    lag_s : float, optional
+        Seconds, 0 to 1, in which ringing that a sensor at the motor does not see falls to 1/e. The search waits until
+        it has decayed. By default, the value that the maker of the drive states.
+    timeout_s : float, default 1.5
+        Longest time to wait for the lens, in seconds, above 0 and at most 60.
     """
 
     dt: int = 100
@@ -167,7 +186,10 @@ class LensCommandingSearch:
             raise BadInput(f"timeout_s is {self.timeout_s!r}", allowed="seconds, above 0, at most 60")
 
     def __call__(self, view: View) -> Answer:
-        """Search with the lens of ``view``. Raise BadInput on a recording, whose lens cannot be moved."""
+        """Return the answer of a search with the lens of ``view``.
+
+        Raises BadInput on a recording, whose lens cannot be moved.
+        """
         sample = FocusSampler(view, self.dt, still=self.still, lag_s=self.lag_s, timeout_s=self.timeout_s)
         try:
             note = self.seek_focus(sample)
@@ -179,7 +201,7 @@ class LensCommandingSearch:
         return Answer(None, trace, note, position=best.position)
 
     def seek_focus(self, sample: FocusSampler) -> str:
-        """Call ``sample`` at one or more lens positions, the best of which is the answer; return a note on it."""
+        """Call ``sample`` at one or more lens positions, the best of which is the answer, and return a note on it."""
         raise NotImplementedError
 
 
@@ -201,7 +223,7 @@ def check_search_fraction(key: str, value: float) -> None:
 
 
 def check_search_steps(coarse: float, fine: float) -> None:
-    """Raise BadInput unless both steps are fractions of the travel, the fine one no wider than the coarse."""
+    """Raise BadInput unless both steps are fractions of the travel and ``fine`` is at most ``coarse``."""
     check_search_fraction("coarse", coarse)
     check_search_fraction("fine", fine)
     if fine > coarse:
@@ -209,7 +231,7 @@ def check_search_steps(coarse: float, fine: float) -> None:
 
 
 def divide_search_interval(low: float, high: float, *, step: float) -> list[float]:
-    """Return positions from ``low`` to ``high``, both included, at equal distances of at most ``step``."""
+    """Return evenly spaced positions from ``low`` to ``high``, both included, at most ``step`` apart."""
     parts = math.ceil(round((high - low) / step, 6))
     return [low + (high - low) * k / parts for k in range(parts + 1)]
 

@@ -1,4 +1,4 @@
-"""Windows of equal light along a sweep: cut by spikes, and not by time."""
+"""Windows of equal light along a sweep, cut by spikes and not by time."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from saf_gen.parts import View
 
 
 class LightWindow(NamedTuple):
-    """Frames ``first <= t < stop`` with ``light`` spikes per pixel; ``steps`` steps of the recording long."""
+    """A window, ``first <= t < stop``, of ``light`` spikes per pixel, which spans ``steps`` steps of the recording."""
 
     first: int
     stop: int
@@ -17,11 +17,11 @@ class LightWindow(NamedTuple):
 
 
 def follow_windows_of_equal_light(view: View, light: float, *, steps: int, longest: float) -> Iterator[LightWindow]:
-    """Give a trailing window after each of so many steps of a recording, while it runs.
+    """Yield a trailing window after each of ``steps`` equal steps of a recording, while it runs.
 
-    It is the shortest that holds ``light`` spikes per pixel, and no longer than the fraction ``longest`` of the
-    recording. Nothing is given while there were too few, nor where the longest holds less than a quarter of them.
-    Raises BadInput where a step would have fewer than two frames.
+    The window is the shortest one with ``light`` spikes per pixel that ends there, and no longer than the fraction
+    ``longest`` of the recording. Nothing is yielded as long as the recording has fewer spikes than that, or if the
+    longest window has less than a quarter of them. Raises BadInput if a step would have fewer than two frames.
     """
     step = view.frames // steps
     if step < 2:

@@ -1,4 +1,4 @@
-"""Options of searches that are numbers of a range."""
+"""Check of search options that are numbers in a range."""
 
 from collections.abc import Mapping
 from math import isfinite
@@ -8,7 +8,7 @@ from saf_gen.errors import BadInput
 
 
 def check_search_numbers(search: Any, most: Mapping[str, float]) -> None:
-    """Raise BadInput where a field of a search is no finite number from 0 to the most that it may be."""
+    """Raise BadInput unless each field named in ``most`` is a finite number from 0 to the value given there."""
     for key, highest in most.items():
         value = getattr(search, key)
         if isinstance(value, bool) or not (isfinite(value) and 0 <= value <= highest):

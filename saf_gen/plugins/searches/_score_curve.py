@@ -1,10 +1,10 @@
-"""The scores of a sweep as they come in: smoothed, with their largest, and whether they have two sides."""
+"""The smoothed focus curve of a sweep that is running: its largest value, and whether it falls on both sides."""
 
 import numpy as np
 
 
 class ScoreCurve:
-    """Up to ``capacity`` scores at frames, as they come in, smoothed by a Gaussian of ``width`` frames."""
+    """Up to ``capacity`` scores at frames, added one by one and smoothed by a Gaussian of ``width`` frames."""
 
     def __init__(self, width: float, capacity: int) -> None:
         self._width, self._count = max(width, 1e-6), 0
@@ -34,19 +34,26 @@ class ScoreCurve:
         return float(self.frames[self.smoothed.argmax()])
 
     def has_fallen(self, of_range: float, of_largest: float) -> bool:
-        """Return whether the last score is below the largest by these fractions of the range and of it."""
+        """Return whether the last smoothed score is well below the largest.
+
+        The difference must exceed both the fraction ``of_range`` of the range of the scores and the fraction
+        ``of_largest`` of the largest score.
+        """
         y = self.smoothed
         return bool(y.max() - y[-1] > max(of_range * np.ptp(y), of_largest * abs(y.max())))
 
     def is_peak(self, of_range: float) -> bool:
-        """Return whether the curve falls by this fraction of its range on both sides of its largest value."""
+        """Return whether the curve falls by more than ``of_range`` of its range on both sides of its largest value."""
         y, order = self.smoothed, np.argsort(self.frames, kind="stable")
         y = y[order]
         k, least = int(y.argmax()), of_range * np.ptp(y)
         return bool(min(y[k] - y[: k + 1].min(), y[k] - y[k:].min()) > least > 0)
 
     def top(self) -> float:
-        """Return the top of the parabola through the scores around the largest, else the largest."""
+        """Return the frame of the top of the parabola through the scores around the largest.
+
+        If they have no such top, return the frame of the largest score.
+        """
         frames, y = self.frames, self.smoothed
         best = self.best()
         near = np.abs(frames - best) <= 2.5 * self._width

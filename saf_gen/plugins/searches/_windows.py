@@ -13,7 +13,7 @@ def check_search_frame_count(key: str, value: object) -> None:
 
 
 def check_search_windows_fit(view: View, key: str, *, frames: int) -> None:
-    """Raise BadInput where a recording is shorter than ``frames``, the value of the option ``key``."""
+    """Raise BadInput if a recording is shorter than ``frames``, the value of the option ``key``."""
     if view.frames < frames:
         raise BadInput(
             f"a recording of {view.frames} frames is shorter than {key}, {frames} frames",
@@ -23,6 +23,6 @@ def check_search_windows_fit(view: View, key: str, *, frames: int) -> None:
 
 
 def score_search_windows(view: View, frames: int, *, step: int) -> tuple[range, list[float]]:
-    """Return the first frames of all whole windows of a recording, ``step`` apart, and their scores."""
+    """Return the first frames of all complete windows of a recording, ``step`` apart, and their scores."""
     firsts = range(0, view.frames - frames + 1, step)
     return firsts, [view.score(first, first + frames) for first in firsts]

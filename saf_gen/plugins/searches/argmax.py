@@ -14,18 +14,18 @@ REFINE = ("no", "parabola", "centroid")
 class Argmax:
     """Scores consecutive blocks of ``window`` frames, and answers with the centre of the best.
 
-    A last, partial block is left out, and of equal blocks the first wins. One score per block.
-    ``refine`` says how the maximum is located between the blocks:
+    A last, incomplete block is left out, and the first of equal blocks wins. The search takes one score per block.
 
-    ``no``: not at all. ``parabola``: the vertex of the parabola through the best block and its neighbours, at
-    most half a block away. ``centroid``: the mean frame of the blocks around the best that score above
-    max − ``near``·(max − min) without a gap, each weighted by what it scores above that level. It averages
-    more of the curve, so noise moves it less; on a lopsided curve it leans to the flatter side.
+    ``refine`` selects how the maximum is located between blocks. With ``no``, it is the centre of the best block. With
+    ``parabola``, it is the vertex of the parabola through the best block and its neighbours, at most half a block away.
+    With ``centroid``, it is the mean frame of the contiguous blocks around the best that score above
+    max − ``near``·(max − min), each weighted by its score above that level. The centroid averages more of the curve, so
+    noise changes it less, but on an asymmetric curve it is shifted to the flatter side.
 
-    A best block at either end has one neighbour only and is not refined. Where the blocks of the centroid
-    reach an end of the recording, the level is raised to the score there, because the other side alone would
-    pull the answer inwards. ``near``, above 0 to 1, applies to the centroid alone; its default is not tuned.
-    The trace holds the centre of the best block, a 0-based frame, before refinement.
+    A best block at an end of the recording has only one neighbour and is not refined. If the blocks of the centroid
+    reach an end of the recording, the level is raised to the score there, because otherwise the other side would pull
+    the answer inwards. ``near``, above 0 and at most 1, applies to the centroid only; its default was not tuned. The
+    trace holds the centre of the best block before refinement, in frames from 0.
 
     References
     ----------
@@ -44,7 +44,7 @@ class Argmax:
     def __post_init__(self) -> None:
         check_search_frame_count("window", self.window)
         if self.refine not in REFINE:
-            renamed = {"True": "parabola", "False": "no"}  # refine was a switch once
+            renamed = {"True": "parabola", "False": "no"}  # refine used to be a switch
             nearest = renamed.get(str(self.refine)) or closest(self.refine, REFINE)
             raise BadInput(f"refine is {self.refine!r}", allowed=", ".join(REFINE), nearest=nearest)
         number = isinstance(self.near, int | float) and not isinstance(self.near, bool)
@@ -52,7 +52,7 @@ class Argmax:
             raise BadInput(f"near is {self.near!r}", allowed="a fraction of the curve's range, above 0, at most 1")
 
     def __call__(self, view: View) -> Answer:
-        """Search the whole recording. Raise BadInput where it is shorter than one block."""
+        """Return the answer for a recording; raise BadInput if it is shorter than one block."""
         check_search_windows_fit(view, "window", frames=self.window)
         firsts, scores = score_search_windows(view, self.window, step=self.window)
         best = scores.index(max(scores))
@@ -69,7 +69,7 @@ class Argmax:
 def _parabola_vertex(scores: list[float]) -> float:
     """Return the top of the parabola through three scores, in blocks from the middle one.
 
-    0.0 for fewer than three scores, and for a parabola without a top.
+    Returns 0.0 if there are fewer than three scores, or if the parabola has no top.
     """
     if len(scores) < 3:
         return 0.0
@@ -79,7 +79,7 @@ def _parabola_vertex(scores: list[float]) -> float:
 
 
 def _centroid(scores: list[float], best: int, *, near: float) -> float:
-    """Return the centroid of the scores near the largest, in blocks from the best; 0.0 for an even curve."""
+    """Return the centroid of the scores near the largest, in blocks from the best; 0.0 for a flat curve."""
     level = scores[best] - near * (scores[best] - min(scores))
     for end in {0, len(scores) - 1} & set(_blocks_above(scores, best, level=level)):
         level = max(level, scores[end])
@@ -89,7 +89,7 @@ def _centroid(scores: list[float], best: int, *, near: float) -> float:
 
 
 def _blocks_above(scores: list[float], best: int, *, level: float) -> range:
-    """Return the blocks around the best that score above a level without a gap."""
+    """Return the contiguous blocks around the best that score above ``level``."""
     first, stop = best, best
     while first > 0 and scores[first - 1] > level:
         first -= 1

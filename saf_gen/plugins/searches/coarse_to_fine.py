@@ -1,4 +1,4 @@
-"""Coarse to fine: a broad measure finds the neighbourhood, the method's own measure the focus."""
+"""Coarse to fine: a broad measure finds the neighbourhood of the focus, and the method's measure the focus itself."""
 
 import math
 from dataclasses import dataclass
@@ -15,13 +15,14 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 
 @dataclass(frozen=True)
 class CoarseToFine(LensCommandingSearch):
-    """Samples positions ``coarse`` apart over the whole travel, then ``fine`` apart around the best of them.
+    """Samples positions ``coarse`` apart over the entire travel, then ``fine`` apart around the best of them.
 
-    The first pass scores ``far_dt`` frames by the measure ``far``, whose curve should be broad: it must rise where the
-    image is far out of focus. The second scores ``dt`` frames by the method's own measure, from one coarse step before
-    the best position to one after; a gradient, narrow and steep, suits it. ``far: own`` takes the method's measure for
-    both. Each pass moves in one direction, so that backlash is the same for all its positions. At most 1/coarse +
-    2·coarse/fine + 2 samples, whatever the curve; only noise at the maximum misleads it.
+    The first pass scores ``far_dt`` frames with the measure ``far``. Its curve should be broad, so that it rises even
+    if the image is far out of focus. The second pass scores ``dt`` frames with the method's measure, from one coarse
+    step before the best position to one after it; a gradient measure, with a narrow and steep curve, suits this pass.
+    With ``far: own``, both passes use the method's measure. Each pass moves in one direction, so that backlash is the
+    same for all its positions. The search takes at most 1/coarse + 2·coarse/fine + 2 samples, whatever the curve. Only
+    noise at the maximum misleads it.
 
     References
     ----------
@@ -43,7 +44,7 @@ class CoarseToFine(LensCommandingSearch):
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """The measure of the first pass, unless it is the method's own."""
+        """The measure of the first pass, unless it is the method's measure."""
         return () if self.far == "own" else (self.far,)
 
     def seek_focus(self, sample: FocusSampler) -> str:

@@ -1,4 +1,4 @@
-"""Golden search on a recording, without the conventions of the released code."""
+"""Golden search on a recording, without the conventions of the code that Su et al. released (``egs_code``)."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -15,12 +15,13 @@ from saf_gen.plugins.searches._golden_narrowing import (
 
 @dataclass(frozen=True)
 class GoldenSearch:
-    """Event-based golden search on spikes: narrows a whole recording to ``threshold`` frames.
+    """Event-based golden search on spikes: narrows a recording to ``threshold`` frames.
 
-    This is ``egs_code`` without the conventions of that code: frames are whole and counted from 0, the answer is the
-    centre of the frames that are left, and equal scores keep the middle instead of the later window. Windows are
-    ``ratio`` of the interval, so the first steps average over the light of most of the sweep. Two scores per step, 16
-    steps for 20,000 frames. The trace holds the centre before the first step and after each, frames from 0.
+    This is ``egs_code`` without the conventions of that code: frames are whole numbers from 0, the answer is the centre
+    of the frames that are left, and if two scores are equal, the middle is kept instead of the later window. Windows
+    are ``ratio`` of the interval, so the first steps average over the light of most of the sweep. The search takes two
+    scores per step, and 16 steps for 20,000 frames. The trace holds the centre before the first step and after each
+    step, in frames from 0.
 
     References
     ----------
@@ -36,7 +37,7 @@ class GoldenSearch:
         check_golden_search_options(self.threshold, self.ratio)
 
     def __call__(self, view: View) -> Answer:
-        """Search the whole recording. Raise BadInput where it is no longer than the threshold."""
+        """Return the answer for a recording; raise BadInput if it is no longer than the threshold."""
         check_search_recording_length(view, self.threshold, longest_refused=self.threshold)
         trace = narrow_golden_interval_to_centre(view, 0, stop=view.frames, threshold=self.threshold, ratio=self.ratio)
         return Answer(trace[-1], trace)

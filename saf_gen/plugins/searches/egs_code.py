@@ -15,12 +15,12 @@ from saf_gen.plugins.searches._golden_narrowing import (
 
 @dataclass(frozen=True)
 class GoldenSearchCode:
-    """Event-based golden search, applied to spikes: narrows a whole recording.
+    """Event-based golden search on spikes, as released: narrows a recording to ``threshold`` frames.
 
-    Two overlapping windows, each ``ratio`` of the interval that is left, are scored, and the better one is
-    kept, until no more than ``threshold`` frames are left. The first steps average over the light of most of
-    the sweep. Two scores per step, 16 steps for 20,000 frames. The trace holds the middle of the interval,
-    1-based frames, before the first step and after each.
+    Each step scores two overlapping windows, each ``ratio`` of the interval that is left, and keeps the better one,
+    until no more than ``threshold`` frames are left. The first steps average over the light of most of the sweep. The
+    search takes two scores per step, and 16 steps for 20,000 frames. The trace holds the middle of the interval before
+    the first step and after each step, in frames from 1.
 
     References
     ----------
@@ -37,7 +37,7 @@ class GoldenSearchCode:
         check_golden_search_options(self.threshold, self.ratio)
 
     def __call__(self, view: View) -> Answer:
-        """Search the whole recording. Raise BadInput where its interval is no wider than the threshold."""
+        """Return the answer for a recording; raise BadInput if it has at most ``threshold`` + 1 frames."""
         check_search_recording_length(view, self.threshold, longest_refused=self.threshold + 1)
         trace = narrow_golden_interval_as_released(
             view, 1, right=view.frames, threshold=self.threshold, ratio=self.ratio

@@ -1,4 +1,4 @@
-"""Fibonacci search with the lens."""
+"""Fibonacci search, which moves the lens."""
 
 from dataclasses import dataclass
 
@@ -7,12 +7,12 @@ from saf_gen.plugins.searches._lens_commanding import BracketingSearch, FocusSam
 
 @dataclass(frozen=True)
 class Fibonacci(BracketingSearch):
-    """Fibonacci search: golden section on F equal parts of the travel, F a Fibonacci number.
+    """Fibonacci search: golden section on a travel divided into F equal parts, with F a Fibonacci number.
 
-    The positions are k/F, k = 1 ... F − 1; the answer is one of them, and a single peak lies between its two
-    neighbours: 2/F is no more than ``tolerance``. In the worst case no other search finds the best of so many
-    positions with so few samples: n samples take F = F(n + 2) (1, 1, 2, 3, 5 ...), 11 for a tolerance of
-    0.01. Noise misleads it as it does golden section. Of equal samples the later position is dropped.
+    The positions are k/F, k = 1 ... F − 1. The answer is one of them, and a single peak is between its two neighbours,
+    which are 2/F apart, at most ``tolerance``. In the worst case, no other search finds the best of that many positions
+    with fewer samples: n samples suffice for F = F(n + 2) (1, 1, 2, 3, 5 ...), so a tolerance of 0.01 takes 11 samples.
+    Noise misleads this search as it does golden section. If two samples are equal, the larger position is dropped.
 
     References
     ----------
@@ -25,7 +25,7 @@ class Fibonacci(BracketingSearch):
         while numbers[-1] * self.tolerance < 2:
             numbers.append(numbers[-1] + numbers[-2])
         parts, left = numbers[-1], 0
-        # The bracket is left ... left + numbers[k] parts; both positions are numbers[k − 2] from its ends.
+        # The bracket is left ... left + numbers[k] parts; the two positions are numbers[k − 2] parts from its ends.
         lower, upper = (sample(numbers[k] / parts) for k in (-3, -2))
         for k in range(len(numbers) - 2, 1, -1):
             if lower >= upper:

@@ -1,4 +1,4 @@
-"""Golden section search with the lens."""
+"""Golden section search, which moves the lens."""
 
 import math
 from dataclasses import dataclass
@@ -10,13 +10,14 @@ RATIO = (math.sqrt(5) - 1) / 2
 
 @dataclass(frozen=True)
 class GoldenSection(BracketingSearch):
-    """Golden section: samples two positions of the bracket, and drops the end beside the worse one.
+    """Golden section: samples two positions in a bracket, and drops the end of the bracket next to the worse one.
 
     Each step leaves 0.618 of the bracket and takes one new sample, until the bracket is no wider than ``tolerance`` of
-    the travel: n = ⌈log(tolerance)/log(0.618)⌉ steps, and one sample more to begin with. A curve with one peak is
-    answered within 0.618 of the last bracket; the answer lies inside the bracket, so a focus at the end of the travel
-    is missed by up to that much. Noise, where the curve is flat, or a second peak send a step to the wrong side for
-    good. The lens moves back and forth. Of equal samples the later position is dropped.
+    the travel. This takes n = ⌈log(tolerance)/log(0.618)⌉ steps, and one more sample at the beginning. For a curve with
+    a single peak, the error is at most 0.618 of the last bracket. The answer is inside the bracket, so a focus at the
+    end of the travel is missed by up to that much. A step to the wrong side, because of noise on a flat part of the
+    curve or of a second peak, is never undone. The lens moves back and forth. If two samples are equal, the larger
+    position is dropped.
 
     References
     ----------

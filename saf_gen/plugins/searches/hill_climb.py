@@ -1,4 +1,4 @@
-"""Hill climbing with the lens, coarse to fine."""
+"""Hill climbing from coarse to fine steps, which moves the lens."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,14 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 
 @dataclass(frozen=True)
 class HillClimb(LensCommandingSearch):
-    """Climbs from the initial lens position in steps of ``coarse``; at the top halves them, down to ``fine``.
+    """Climbs from the initial lens position in steps of ``coarse``, and at the top halves the steps down to ``fine``.
 
-    It sets off towards the longer part of the travel, goes on while the score rises, and ends a climb after ``falls``
-    consecutive samples that are not better; if it found nothing better it tries the other direction. Finer climbs start
-    from the best position, end with the first worse sample, and try both sides. It is the only search here that need
-    not cross the travel: near the focus it is quick. Where the curve is flat and noisy it stays at a chance maximum, up
-    to ``falls``·``coarse`` from where it began. Up to 1/coarse + 3·log2(coarse/fine) samples.
+    The first climb goes towards the longer part of the travel, continues while the score rises, and ends after
+    ``falls`` consecutive samples that are not better. If it finds nothing better, the other direction is tried. Finer
+    climbs start from the best position, try both sides, and end with the first sample that is not better. This is the
+    only search here that need not cross the travel, so it is quick near the focus. On a flat and noisy curve it stays
+    at a chance maximum, up to ``falls``·``coarse`` from where it began. It takes up to 1/coarse + 3·log2(coarse/fine)
+    samples.
 
     References
     ----------
@@ -40,7 +41,7 @@ class HillClimb(LensCommandingSearch):
             if top == here:
                 top, best = _climb(sample, here, score=score, step=-direction * step, falls=falls)
             else:
-                direction = -direction  # the maximum lies behind, if anywhere
+                direction = -direction  # a still better position can only be behind
             here, score = top, best
             if step <= self.fine:
                 return ""
@@ -48,7 +49,7 @@ class HillClimb(LensCommandingSearch):
 
 
 def _climb(sample: FocusSampler, start: float, *, score: float, step: float, falls: int) -> tuple[float, float]:
-    """Return the best position from ``start`` on and its score, ended by ``falls`` samples no better."""
+    """Return the best position from ``start`` on and its score; ``falls`` samples that are not better end the climb."""
     top, best, worse, position = start, score, 0, start
     while worse < falls:
         ahead = min(max(position + step, 0.0), 1.0)

@@ -11,10 +11,10 @@ from saf_gen.plugins.searches._windows import check_search_frame_count, check_se
 class Naive:
     """Scores a window of ``dt`` frames every ``step`` frames, and answers with the centre of the best.
 
-    The first of the paper's three searches: the score at time t is that of t − Δt/2 ... t + Δt/2, and the
-    focus is where it is largest. Windows overlap where ``step`` is less than ``dt``; consecutive blocks are
-    ``argmax``. Only whole windows are scored, so it cannot answer within dt/2 of either end. Of equal windows
-    the first wins. It takes (frames − dt)/step + 1 scores. The trace holds the answer.
+    This is the first of the three searches of Su et al.: the score at time t is that of t − Δt/2 ... t + Δt/2, and the
+    focus is where it is largest. Windows overlap if ``step`` is less than ``dt``; the search on consecutive blocks is
+    ``argmax``. Only complete windows are scored, so the answer cannot be within dt/2 of either end. The first of equal
+    windows wins. The search takes (frames − dt)/step + 1 scores. The trace holds the answer.
 
     References
     ----------
@@ -32,7 +32,7 @@ class Naive:
         check_search_frame_count("step", self.step)
 
     def __call__(self, view: View) -> Answer:
-        """Search the whole recording. Raise BadInput where it is shorter than one window."""
+        """Return the answer for a recording; raise BadInput if it is shorter than one window."""
         check_search_windows_fit(view, "dt", frames=self.dt)
         firsts, scores = score_search_windows(view, self.dt, step=self.step)
         centre = firsts[scores.index(max(scores))] + (self.dt - 1) / 2

@@ -1,4 +1,4 @@
-"""Peak fit: the bell of the focus curve, fitted while the lens passes, tells the focus, passed or just outside."""
+"""Peak fit: a bell fitted to the focus curve while the lens moves gives the focus, passed or just outside the sweep."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -15,13 +15,14 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 
 BROAD, FINEST = "sd_calibrated", "vollath_f4_n"
 LEAST_SCORES = 8
-"""A bell needs as many scores: noise alone hardly ever puts so many neighbours on one."""
+"""Least number of scores of a bell: noise alone very rarely puts that many neighbouring scores on a bell."""
 SMOOTH, UNTIL, LEAST, FALL = 2.0, 0.5, 0.2, 0.03
-"""What photon_aware asks of a curve that is no bell: its options ``smooth``, ``until``, ``least`` and ``fall``."""
+"""Options ``smooth``, ``until``, ``least`` and ``fall`` of photon_aware, used for a curve that is not a bell."""
 FINEST_WITHIN = 1.5
-"""Half widths of a bell within which the finest differences are asked."""
+"""Distance from the focus, in half widths of the bell, within which the finest differences are scored."""
 BLOCKS, LIGHT_RATIO, MOST_DARK = 4, 1.3, 0.9
-"""Blocks of a picture across and down, how much light must change to tell the dark, and what it may be of the least."""
+"""Blocks of a picture along each axis; least ratio of light from which a dark rate is estimated; largest dark rate as a
+fraction of the lowest rate."""
 
 
 class Bell(NamedTuple):
@@ -30,47 +31,49 @@ class Bell(NamedTuple):
     focus: float
     width: float
     misfit: float
-    """Root mean square of the relative residuals, per degree of freedom; those near the top weigh more."""
+    """Root mean square of the relative residuals, per degree of freedom; residuals near the top weigh more."""
 
 
 @dataclass(frozen=True)
 class PeakFit:
-    """Fits the bell of the focus curve while the lens passes it, and stops as soon as its top lies behind the lens.
+    """Fits a bell to the focus curve while the lens moves, and stops as soon as the lens has passed its top.
 
     The blur of a flat target is linear in the position x of the lens, and the energy of the gradients of a texture with
-    the spectrum of natural scenes (1/f²) falls with the square of a large blur. So the curve is a bell near the focus,
-    y = a/(1 + ((x − x₀)/w)²), and 1/y is a parabola: linear least squares find the focus x₀ and the half width w, from
-    one side of the bell too.
+    the spectrum of natural scenes (1/f²) falls with the square of a large blur. Near the focus, the curve is therefore
+    a bell, y = a/(1 + ((x − x₀)/w)²), and 1/y is a parabola. Linear least squares give the focus x₀ and the half width
+    w, even from one side of the bell.
 
-    Windows are cut by light: after each of the ``steps`` of a recording, the window that ends there is the shortest
-    with ``counts`` spikes per pixel, no longer than ``longest`` of the recording. Its score belongs to the mean
-    position of the lens in it. The fit takes the scores round the largest, in order of position, as far as they stay
-    above ``above`` of it. Its weights are those of scores with equal errors, more where a window holds more spikes.
+    Windows have equal light: after each of ``steps`` steps of a recording, the window that ends there is the shortest
+    one with ``counts`` spikes per pixel, and no longer than ``longest`` of the recording. Its score belongs to the mean
+    position of the lens during the window. The fit uses the scores around the largest, in order of position, as far as
+    they stay above ``above`` times the largest. Its weights are those of scores with equal errors, and are larger for
+    windows with more spikes.
 
-    Spikes of the dark thin contrast out, the more the less light there is: where light changes, the curve does, and not
-    for the focus. So the dark rate d is estimated while the search runs, from the contrast of coarse blocks of the
-    picture, which the focus hardly changes and which the dark lowers to c·(1 − d/rate). What is fitted is the score
-    over (1 − d/rate)²; with ``dark`` false, the score itself: for a measure that is calibrated.
+    Dark spikes reduce contrast, and more so if there is less light, so a change of the light changes the curve even if
+    the focus stays the same. Therefore, the search estimates the dark rate d from the contrast of coarse blocks of the
+    picture, which changes little with focus and which dark spikes lower to c·(1 − d/rate). The fit uses the score
+    divided by (1 − d/rate)². If ``dark`` is false, it uses the score itself, for a measure that is calibrated.
 
-    A bell is believed if its misfit, the relative residual, is below ``rough``. The search stops when for three windows
-    the lens has been behind the top by (``beyond`` + ``doubt``·misfit)·w, and was before it by as much; in a sweep that
-    began nearer than that, if the misfit is below a quarter of ``rough``. Some score must lie below ``low`` of the
-    largest. While no bell is believed it stops where ``photon_aware`` would, for a curve need not be a bell.
+    A bell is accepted if its misfit, the relative residual, is below ``rough``. The search stops if three windows in a
+    row are past the top by more than the margin (``beyond`` + ``doubt``·misfit)·w, and some score is below ``low``
+    times the largest. In addition, the lens must have been in front of the top by more than the margin, or, if the
+    sweep began within the margin, the misfit must be below a quarter of ``rough``. While no bell is accepted, the
+    search stops where ``photon_aware`` would, because a curve need not be a bell.
 
-    Then the top is fitted once more, by the measure of the finest differences, ``vollath_f4_n``, which other depths of
-    the target reach less: its scores within 1.5·w of x₀, as far as they stay above ``near`` of their largest. Where
-    that is a bell with a top within w of x₀, and within what the lens passed, its x₀ counts. With ``near`` 0 it is not
-    asked.
+    Then the top is fitted once more with ``vollath_f4_n``, a measure of the finest differences, which other depths of
+    the target affect less. This fit uses its scores within 1.5·w of x₀ that stay above ``near`` times the largest. If
+    they form a bell with a top within w of x₀ and within the positions that the lens passed, its x₀ replaces the first
+    one. If ``near`` is 0, this fit is left out.
 
-    The answer is the frame at which the lens was nearest to x₀. It may lie up to ``reach``·w outside of what the lens
-    passed: on most scenes w is 1.2 to 2.2 depths of focus for ``structure_calibrated`` and 1.9 to 3.8 for
-    ``octave_structure``, so that the end of the sweep is about in focus. Without a bell the answer is that of
-    ``photon_aware``, which abstains from a curve without two sides. Where positions of the lens are not recorded,
-    frames stand for them.
+    The answer is the frame at which the lens was nearest to x₀. The focus x₀ may be up to ``reach``·w outside the
+    positions that the lens passed: on most scenes w is 1.2 to 2.2 depths of focus for ``structure_calibrated`` and 1.9
+    to 3.8 for ``octave_structure``, so that the end of the sweep is about in focus. Without a bell, the answer is that
+    of ``photon_aware``, which abstains if the curve does not fall on both sides. If lens positions are not recorded,
+    frames are used in their place.
 
-    Choose a measure without a floor of noise: ``octave_structure`` needs no calibration either. Three scores per step,
-    one of them by the method's own measure, a look at the counts, and some scores of the finest differences at the end.
-    The trace holds the frame of the focus so far, whenever it moves.
+    Choose a measure that has no floor of noise; ``octave_structure`` needs no calibration either. Each step takes three
+    scores, one of them with the method's measure, and reads the counts of a window; some scores of the finest
+    differences follow at the end. The trace holds the frame of the focus found so far, whenever it changes.
 
     References
     ----------
@@ -102,11 +105,11 @@ class PeakFit:
             raise BadInput(f"dark is {self.dark!r}", allowed="true, false")
 
     def __call__(self, view: View) -> Answer:
-        """Search the sweep. Raise BadInput where it has fewer than two frames per step."""
+        """Return the answer for a sweep; raise BadInput if it has fewer than two frames per step."""
         step = view.frames // self.steps
-        lens: list[float] = []  # in the middle of each step so far
+        lens: list[float] = []  # lens position in the middle of each step so far
         windows: list[tuple[int, int]] = []
-        rows: list[tuple[float, ...]] = []  # of each window: lens position, score, spikes per pixel, contrast of blocks
+        rows: list[tuple[float, ...]] = []  # per window: lens position, score, spikes per pixel, contrast of blocks
         curve, broad = (ScoreCurve(SMOOTH * step, self.steps) for _ in range(2))
         trace: list[float] = []
         bell, passed, fallen = None, 0, 0
@@ -156,7 +159,7 @@ class PeakFit:
         undimmed: np.ndarray,
         light: np.ndarray,
     ) -> Bell | None:
-        """Return the bell of the finest differences near the top of another, or None where they tell nothing."""
+        """Return the bell fitted to the scores of ``FINEST`` near the top of ``bell``, or None if they form no bell."""
         if not self.near:
             return None
         inside = np.flatnonzero(np.abs(x - bell.focus) < FINEST_WITHIN * bell.width)
@@ -169,7 +172,7 @@ class PeakFit:
         return found if x.min() < found.focus < x.max() else None
 
     def _is_behind(self, bell: Bell, lens: list[float], *, x: np.ndarray, y: np.ndarray) -> bool:
-        """Return whether the lens has passed the top of a bell, and had come from its other side."""
+        """Return whether the lens has clearly passed the top of a bell, coming from the other side."""
         margin = (self.beyond + self.doubt * bell.misfit) * bell.width
         way = np.sign(lens[-1] - bell.focus)
         before = max(way * (bell.focus - position) for position in lens)
@@ -180,18 +183,19 @@ class PeakFit:
 
 
 def contrast_of_blocks(counts: np.ndarray) -> float:
-    """Return the standard deviation of the mean counts of BLOCKS × BLOCKS parts of a picture over their mean, or 0."""
+    """Return the rms deviation of the means of BLOCKS × BLOCKS parts of a picture, divided by the mean; 0 if dark."""
     rows, columns = (np.array_split(np.arange(size), min(BLOCKS, size)) for size in counts.shape)
     means = np.array([[counts[r[0] : r[-1] + 1, c[0] : c[-1] + 1].mean() for c in columns] for r in rows])
     return float(means.std() / means.mean()) if means.any() else 0.0
 
 
 def estimate_dark_rate(rate: np.ndarray, contrast: np.ndarray) -> float:
-    """Return how many spikes of the dark there are in ``rate`` (n,), spikes per pixel and frame of n windows.
+    """Return the rate of dark spikes in n windows, in spikes per pixel and frame.
 
-    ``contrast`` (n,) is that of the same windows, which the dark lowers to c·(1 − dark/rate): a line over 1/rate,
-    fitted by least squares. 0 where light changes by less than LIGHT_RATIO, or contrast does not fall with it; at most
-    MOST_DARK of the least rate.
+    ``rate`` (n,) holds the spikes per pixel and frame of the windows, and ``contrast`` (n,) their contrast. Dark spikes
+    lower the contrast to c·(1 − dark/rate), a line over 1/rate, which is fitted by least squares. The result is 0 if
+    the light changes by less than the factor LIGHT_RATIO, or if contrast does not fall with the light. It is at most
+    MOST_DARK of the lowest rate.
     """
     if rate.max() < LIGHT_RATIO * rate.min():
         return 0.0
@@ -200,10 +204,10 @@ def estimate_dark_rate(rate: np.ndarray, contrast: np.ndarray) -> float:
 
 
 def fit_bell(x: np.ndarray, y: np.ndarray, *, light: np.ndarray, above: float) -> Bell | None:
-    """Return the bell through scores y at lens positions x, or None where they make none.
+    """Return the bell through scores y at lens positions x, or None if they do not form one.
 
-    All are (n,); ``light`` holds the spikes per pixel of their windows. The bell is that of the scores round the
-    largest, in order of position, as far as they stay above this fraction of it.
+    ``x``, ``y`` and ``light``, the spikes per pixel of the windows, are (n,). The fit uses the scores around the
+    largest, in order of position, as far as they stay above the fraction ``above`` of it.
     """
     order = np.argsort(x, kind="stable")
     x, y, light = x[order], y[order], light[order]
@@ -217,17 +221,20 @@ def fit_bell(x: np.ndarray, y: np.ndarray, *, light: np.ndarray, above: float) -
         return None
     centre, scale = x.mean(), np.ptp(x)
     powers = np.vander((x - centre) / scale, 3)
-    weights = y * y * np.sqrt(light / light.max())  # the error of 1/y is that of y over y²
+    weights = y * y * np.sqrt(light / light.max())  # the error of 1/y is the error of y over y²
     (bend, slope, level), _, rank, _ = np.linalg.lstsq(powers * weights[:, None], weights / y, rcond=1e-6)
     if rank < 3 or bend <= 0 or (least := level - slope * slope / (4 * bend)) <= 0:
-        return None  # the lens rested, or 1/y is no parabola that opens upwards from above zero
+        return None  # the lens rested, or 1/y is not a parabola with a minimum above zero
     residuals = powers @ (bend, slope, level) * y - 1
     misfit = np.sqrt(np.average(residuals**2, weights=weights) * len(x) / (len(x) - 3))
     return Bell(float(centre - scale * slope / (2 * bend)), float(scale * np.sqrt(least / bend)), float(misfit))
 
 
 def frame_nearest(position: float, lens: list[float], *, step: int) -> float:
-    """Return the frame at which the lens, known in the middle of each step, was nearest to a position."""
+    """Return the frame at which the lens was nearest to ``position``.
+
+    ``lens`` holds the lens position in the middle of each step of ``step`` frames.
+    """
     x = np.asarray(lens)
     k = int(np.abs(x - position).argmin())
     middle = k * step + (step - 1) / 2
@@ -238,6 +245,6 @@ def frame_nearest(position: float, lens: list[float], *, step: int) -> float:
 
 
 def _lens_position(view: View, frame: int) -> float:
-    """Return the lens position at a frame; where it is unknown the frame itself, as a fraction of all."""
+    """Return the lens position at a frame, or the frame as a fraction of all frames if the position is unknown."""
     position = view.position(frame)
     return position if isfinite(position) else frame / view.frames

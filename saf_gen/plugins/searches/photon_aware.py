@@ -15,22 +15,22 @@ BROAD = "sd_calibrated"
 
 @dataclass(frozen=True)
 class PhotonAware:
-    """Follows the sweep with trailing windows of equal light, and stops where the focus has been passed.
+    """Follows the sweep with trailing windows of equal light, and stops once the focus has been passed.
 
-    The score of a window is uncertain, and biased, by how few spikes it holds, so windows are cut by spikes
-    and not by time: after each of the ``steps`` of a recording, the window that ends there is the shortest
-    with twice ``counts`` spikes per pixel, about ``counts`` in each half, and no longer than ``longest`` of
-    the recording. Its score belongs to its centre. Scores are smoothed by a Gaussian of ``smooth`` steps, and
-    the answer is the top of the parabola through those around the largest.
+    Scores from few spikes are uncertain and biased. Windows are therefore cut by spikes and not by time: after each of
+    ``steps`` steps of a recording, the window that ends there is the shortest one with twice ``counts`` spikes per
+    pixel, about ``counts`` in each half, and no longer than ``longest`` of the recording. Its score belongs to its
+    centre. Scores are smoothed by a Gaussian of ``smooth`` steps, and the answer is the top of the parabola through the
+    scores around the largest.
 
-    The sweep stops once the curve has stayed, for longer than a window, below its largest value by ``until`` of its
-    range and ``least`` of that value, and has both risen and fallen by ``until``/2 of its range. With ``far`` the curve
-    of ``sd_calibrated`` over the same windows must have done so too: a steep measure has small local maxima far from
+    The sweep stops once the curve has been below its largest value, by ``until`` of its range and by ``least`` of that
+    value, for longer than a window, and has both risen and fallen by ``until``/2 of its range. With ``far``, the curve
+    of ``sd_calibrated`` over the same windows must have done so, too: a steep measure has small local maxima far from
     the focus, where contrast is still a broad hill. If the curve does not fall by ``fall`` of its range on both sides
-    of the largest value, the focus is not in the sweep, and the search abstains.
+    of its largest value, the focus is not in the sweep, and the search abstains.
 
-    Two to four scores per step, one of them by the method's own measure. The trace holds the frame (0-based) of the
-    largest value so far, whenever it moves.
+    Each step takes two to four scores, one of them with the method's measure. The trace holds the frame of the largest
+    value so far, whenever it changes, in frames from 0.
 
     References
     ----------
@@ -58,7 +58,7 @@ class PhotonAware:
             raise BadInput(f"far is {self.far!r}", allowed="true, false")
 
     def __call__(self, view: View) -> Answer:
-        """Search the sweep. Raise BadInput where it has fewer than two frames per step."""
+        """Return the answer for a sweep; raise BadInput if it has fewer than two frames per step."""
         width = self.smooth * (view.frames // self.steps)
         curves = [ScoreCurve(width, self.steps + 1) for _ in range(2 if self.far else 1)]
         curve = curves[0]
@@ -74,7 +74,7 @@ class PhotonAware:
                 trace.append(best)
             falling = falling + 1 if all(each.has_fallen(self.until, self.least) for each in curves) else 0
             if falling > max(2, steps) and all(each.is_peak(self.until / 2) for each in curves):
-                break  # for longer than a window, so that the first and the last share no spike
+                break  # it has fallen for longer than a window, so the first and the last share no spike
         note = f"stopped after {view.now} of {view.frames} frames"
         if not trace:
             return Answer(None, (), "too dark")

@@ -1,4 +1,4 @@
-"""Rule-based search: one pass through the travel, its steps chosen by how the score changes."""
+"""Rule-based search: one pass through the travel, in steps that depend on how the score changes."""
 
 import math
 from dataclasses import dataclass
@@ -15,17 +15,19 @@ from saf_gen.plugins.searches._lens_commanding import (
 
 @dataclass(frozen=True)
 class RuleBased(LensCommandingSearch):
-    """Passes through the travel from the nearer end, in steps chosen by rules; answers with the best.
+    """Passes through the travel from the nearer end, in steps chosen by rules, and answers with the best position.
 
-    After each sample the slope is the relative change of the score per fraction of the travel. Once a slope has reached
-    ``steep``, a score below the fraction ``drop`` of the range from the lowest to the highest so far ends the pass, and
-    fine steps stay fine. Otherwise a slope of at least ``steep`` selects the ``fine`` step, of at least ``gentle`` the
-    ``middle`` one, else ``coarse``. Where the samples beside the best are farther apart than a fine step, the gap is
-    filled with fine steps at the end.
+    After each sample, the slope is the relative change of the score divided by the change of position, a fraction of
+    the travel. A slope of at least ``steep`` selects the ``fine`` step, a slope of at least ``gentle`` the ``middle``
+    step, and any other slope the ``coarse`` step. After the first slope of at least ``steep``, the step is not
+    enlarged once it is ``fine``, and the pass ends at the first score below the fraction ``drop`` of the range from the
+    lowest to the highest score so far.
+    If the samples next to the best one are more than a fine step away from it, fine steps fill these gaps at the end.
 
-    The lens moves in one direction nearly all the time, so backlash costs little. Thresholds are relative: a score with
-    a large constant part (er_count) or a sign that changes misleads them. About 1/coarse + 4·width/fine samples for a
-    peak of half width ``width``. The rules are modelled on the reference, whose constants belong to another camera.
+    The lens moves in one direction nearly all the time, so backlash matters little. The thresholds are relative, so a
+    score that has a large constant part (er_count) or changes its sign misleads them. The search takes about 1/coarse +
+    4·w/fine samples for a peak of half width w. The rules are modelled on the reference, whose constants belong to
+    another camera.
 
     References
     ----------
@@ -56,7 +58,7 @@ class RuleBased(LensCommandingSearch):
     def seek_focus(self, sample: FocusSampler) -> str:
         begin = 0.0 if sample.read_start() <= 0.5 else 1.0
         direction = 1 - 2 * begin
-        seen = [(0.0, sample(begin))]  # distance from the beginning, and the score
+        seen = [(0.0, sample(begin))]  # distance from the beginning of the pass, and score
         step, climbed = self.coarse, False
         while seen[-1][0] < 1:
             distance, before = seen[-1]
@@ -78,7 +80,7 @@ class RuleBased(LensCommandingSearch):
         return "" if climbed else "no steep climb"
 
     def _gaps(self, seen: list[tuple[float, float]]) -> list[float]:
-        """Return the distances a fine step apart beside the best not sampled yet, the farthest first."""
+        """Return the distances, in fine steps, that fill the gaps next to the best sample, the farthest first."""
         best = max(range(len(seen)), key=lambda i: seen[i][1])
         beside = [distance for distance, _ in seen[max(best - 1, 0) : best + 2]]
         gaps = [divide_search_interval(near, far, step=self.fine)[1:-1] for near, far in pairwise(beside)]

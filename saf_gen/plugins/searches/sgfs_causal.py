@@ -1,4 +1,4 @@
-"""Golden fast search that stops while the sweep goes on."""
+"""Causal golden fast search, which decides during the sweep where to stop."""
 
 import math
 from dataclasses import dataclass
@@ -16,14 +16,15 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 
 @dataclass(frozen=True)
 class GoldenFastSearchCausal:
-    """Spike-based golden fast search that stops after ``falls`` consecutive blocks of falling s.
+    """Spike-based golden fast search that stops once the difference s of two scores has fallen for ``falls`` blocks.
 
-    The value s is the score of the later half of the frames so far less that of the earlier half. ``sgfs_code`` stops
-    at the largest s of the whole sweep; here the sweep ends once s has fallen for ``falls`` blocks in a row, or at its
-    own end. A golden search (``egs``) then runs on the last 0.618 of the frames so far. The first s is taken after a
-    quarter of the sweep, so the answer is never before 0.0955 + 0.382·falls/blocks of the sweep. Noise and steps of the
-    light can make s fall that often before the focus; more ``falls`` make that rarer. Two scores per block, two per
-    step. The trace is that of the golden search, centres, frames from 0.
+    The difference s is the score of the later half of the frames so far minus that of the earlier half. ``sgfs_code``
+    stops at the largest s of the complete sweep; here the sweep stops once s has fallen for ``falls`` blocks in a row,
+    or at its end. A golden search (``egs``) then runs on the last 0.618 of the frames so far. The first s is taken
+    after a quarter of the sweep, so the answer is never before the fraction 0.0955 + 0.382·falls/blocks of the sweep.
+    Noise and steps of the light can make s fall that often before the focus; larger ``falls`` make this rarer. The
+    search takes two scores per block and two per golden step. The trace is that of the golden search: centres, in
+    frames from 0.
 
     References
     ----------
@@ -40,16 +41,16 @@ class GoldenFastSearchCausal:
         check_search_frame_count("falls", self.falls)
 
     def __call__(self, view: View) -> Answer:
-        """Search until s falls. Raise BadInput where it is too short for blocks of ``dt`` frames."""
+        """Return the answer for a sweep; raise BadInput if it is too short for blocks of ``dt`` frames."""
         stop = self._find_stop(view)
         begin = math.floor((1 - RATIO) * stop)
         trace = narrow_golden_interval_to_centre(view, begin, stop=stop)
         return Answer(trace[-1], trace, f"stopped after {stop} of {view.frames} frames")
 
     def _find_stop(self, view: View) -> int:
-        """Return the number of frames after which s has fallen often enough, or no more blocks are left."""
+        """Return the number of frames after which s has fallen often enough or no blocks are left."""
         first, blocks = count_search_blocks(view, self.dt)
-        before, fallen = math.inf, -1  # the first s, which has none before it, is no fall
+        before, fallen = math.inf, -1  # the first s has no predecessor, so it is not a fall
         for k in range(first, blocks + 1):
             now = golden_search_feedback(view, k * self.dt)
             fallen = fallen + 1 if now < before else 0

@@ -18,15 +18,15 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 class GoldenFastSearchCode:
     """Spike-based golden fast search: finds where a sweep could have stopped, then searches back from there.
 
-    After each block of ``dt`` frames from a quarter of the sweep on, the score of the later half of the
-    frames so far is compared with that of the earlier half: s = score(h−1 ... E) − score(1 ... h−1). The
-    sweep stops at the largest s, which is known only at its end, so the search is not causal. The golden
-    search then runs on the last 0.618 of the frames before the stop. It cannot answer in the first 9.55 % of
-    a sweep. Two scores per block, two per step. The trace is that of the golden search, 1-based frames.
+    After each block of ``dt`` frames, from a quarter of the sweep on, the score of the later half of the E frames so
+    far is compared with that of the earlier half: s = score(h−1 ... E) − score(1 ... h−1), with h = ⌊(E + 1)/2⌋. The
+    sweep stops at the largest s, which is known only at its end, so the search is not causal. A golden search then runs
+    on the last 0.618 of the frames before the stop. The answer cannot be in the first 9.55 % of a sweep. The search
+    takes two scores per block and two per golden step. The trace is that of the golden search, in frames from 1.
 
     References
     ----------
-    Released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363; its printed Algorithm 1 differs.
+    Released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363. Algorithm 1 in the paper differs from it.
     """
 
     dt: int = 100
@@ -37,11 +37,11 @@ class GoldenFastSearchCode:
         check_search_frame_count("dt", self.dt)
 
     def __call__(self, view: View) -> Answer:
-        """Search the whole recording. Raise BadInput where it is too short for blocks of ``dt`` frames."""
+        """Return the answer for a recording; raise BadInput if it is too short for blocks of ``dt`` frames."""
         first, blocks = count_search_blocks(view, self.dt)
         differences = [golden_search_feedback(view, k * self.dt) if k >= first else 0.0 for k in range(1, blocks + 1)]
         earliest = max(blocks // 4, 1)
-        # Where blocks do not divide by four, the earliest stop has no s but the 0 that the code begins with.
+        # If blocks are not a multiple of four, the earliest stop has no s, only the initial 0 of the released code.
         stop = max(range(earliest, blocks + 1), key=lambda k: differences[k - 1])
         right = stop * self.dt
         left = math.floor(right - RATIO * (right - 1))

@@ -1,4 +1,4 @@
-"""Golden fast search as the paper prints it. Kept for the record: it does not find the focus."""
+"""Golden fast search as printed by Su et al. (CVPR 2024), kept for the record: it does not find the focus."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,14 +16,15 @@ from saf_gen.plugins.searches._windows import check_search_frame_count, check_se
 
 @dataclass(frozen=True)
 class GoldenFastSearchPrinted:
-    """Algorithm 1 to the letter, T growing by ``control_period`` frames per round. Expected to fail.
+    """Golden fast search exactly as Algorithm 1 of Su et al. prints it; it is expected to fail.
 
-    A round compares the windows of αT frames at the two ends of the T frames so far (α is ``ratio``), and stops where
-    the earlier scores less than the later. On a sweep towards the focus the later window scores more from the start, so
-    it stops in the first control period. With the sign ``turned`` it stops once the earlier window scores more, at T =
-    2p for a curve symmetric about the focus p; it then searches the last αT/2 frames, 1.38p ... 2p, which do not
-    contain the focus. It abstains where the sweep ends first. Two scores per round, two per step. The trace is that of
-    the golden search (``egs``), centres, frames from 0.
+    Each round adds ``control_period`` frames to the T frames so far and compares the windows of αT frames at their two
+    ends, with α = ``ratio``. The sweep stops if the earlier window scores less than the later one. On a sweep towards
+    the focus, the later window scores more from the beginning, so the sweep stops in the first control period. With
+    ``turned``, the sign is reversed: the sweep stops once the earlier window scores more, which is at T = 2p for a
+    curve symmetric about the focus p. A golden search (``egs``) then runs on the last αT/2 frames, 1.38p ... 2p, which
+    do not contain the focus. The search abstains if the sweep ends first. It takes two scores per round and two per
+    golden step. The trace is that of the golden search: centres, in frames from 0.
 
     References
     ----------
@@ -45,7 +46,7 @@ class GoldenFastSearchPrinted:
             raise BadInput(f"turned is {self.turned!r}", allowed="true, false")
 
     def __call__(self, view: View) -> Answer:
-        """Search until the algorithm stops. Raise BadInput where no control period fits the recording."""
+        """Return the answer for a sweep; raise BadInput if it is shorter than a control period."""
         check_search_windows_fit(view, "control_period", frames=self.control_period)
         for so_far in range(self.control_period, view.frames + 1, self.control_period):
             window = max(round(self.ratio * so_far), 1)

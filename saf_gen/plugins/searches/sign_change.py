@@ -1,4 +1,4 @@
-"""Stops a sweep where the growth of a score changes its sign from plus to minus."""
+"""Search that stops a sweep when the growth of a score changes its sign from plus to minus."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -12,28 +12,30 @@ from saf_gen.plugins.searches._numbers import check_search_numbers
 from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit
 
 FEWEST = 8
-"""Growths before a change of sign, of which the scatter can be told."""
+"""Growths that are needed before a change of sign, to estimate their scatter."""
 
 
 @dataclass(frozen=True)
 class SignChange:
-    """Follows a sweep block by block, and stops where the score has turned from growing to falling.
+    """Follows a sweep block by block, and stops once the score has turned from growing to falling.
 
-    With ``tenengrad`` this is ELP, −Σ ∇²I·E of an intensity image I and a frame of events E, which is above 0 towards
-    the focus and below it afterwards. Taken literally are product and sign. A spike camera has no events: E is the
-    counts of the later half of a block less those of the earlier, and I their sum. The product is then the growth of
-    the squared gradient from one half to the other, exactly, for the Laplacian −GᵀG of a gradient G; so the search
-    takes the growth of any score. Counting noise, which both halves have, cancels on average, and ``tenengrad_n``
-    stands a change of the light, too.
+    With ``tenengrad`` this is ELP, −Σ ∇²I·E of an intensity image I and a frame of events E, which is above 0 on the
+    way to the focus and below 0 after it. Product and sign are used as published. A spike camera has no events: E is
+    the counts of the later half of a block minus those of the earlier half, and I is their sum. For the Laplacian −GᵀG
+    of a gradient G, the product is then exactly the growth of the squared gradient from one half to the other.
+    Therefore, the search uses the growth of any score. Counting noise, which is in both halves, cancels on average, and
+    ``tenengrad_n`` also tolerates a change of the light.
 
     As published, small fluctuations are smoothed and jumps are kept: a growth that differs from the mean of the
-    ``past`` before it by less than ``near`` of the largest magnitude so far is replaced by the mean with it. The
-    published window, threshold and factor were not at hand; these are tuned on nothing. Far from the focus the sign is
-    noise, so a change counts only if the score had grown, since it last fell, by ``above`` times the median difference
-    of neighbouring growths, 8 blocks at least: this is ours, and stops 2 % of sweeps of 40 blocks of noise.
+    ``past`` growths before it by less than ``near`` of the largest magnitude so far is replaced by the mean that
+    includes it. The published window, threshold and factor were not available; the values here were not tuned. Far from
+    the focus the sign is noise. A change therefore counts only if, since it last fell, the score had grown by ``above``
+    times the median difference of neighbouring growths, and only after at least 8 blocks. This condition is this
+    project's; with it, 2 % of sweeps of 40 blocks of noise stop.
 
-    The answer lies where the line between the last growth above 0 and the first below it crosses 0. A sweep without
-    such a change is no answer. Two scores per block. The trace holds the centres of both blocks, frames from 0.
+    The answer is the frame where the line between the last growth above 0 and the first one below 0 crosses 0. The
+    search abstains if the sweep has no such change. It takes two scores per block. The trace holds the centres of both
+    blocks, in frames from 0.
 
     References
     ----------
@@ -55,7 +57,7 @@ class SignChange:
         check_search_numbers(self, {"near": 1, "above": 1e6})
 
     def __call__(self, view: View) -> Answer:
-        """Search until the sign changes. Raise BadInput where the recording is shorter than one block."""
+        """Return the answer for a sweep; raise BadInput if it is shorter than one block."""
         check_search_windows_fit(view, "window", frames=self.window)
         before: deque[float] = deque(maxlen=self.past)
         growths: list[float] = []
@@ -77,7 +79,7 @@ class SignChange:
         return Answer(None, (), "no change from growing to falling that stands out")
 
     def _smooth(self, raw: float, *, before: deque[float], growths: list[float]) -> float:
-        """Return a growth, smoothed where it is like those ``before`` it, which it joins."""
+        """Return a growth, smoothed if it is similar to those in ``before``, and append it to ``before``."""
         largest = max(map(abs, [raw, *growths]))
         is_like = before and abs(raw - float(np.mean(before))) < self.near * largest
         smooth = float(np.mean([*before, raw])) if is_like else raw

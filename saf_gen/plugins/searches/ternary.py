@@ -8,12 +8,12 @@ from saf_gen.plugins.searches._lens_commanding import BracketingSearch, FocusSam
 
 @dataclass(frozen=True)
 class Ternary(BracketingSearch):
-    """Ternary search: samples the bracket at its two thirds, and drops the third beside the worse one.
+    """Ternary search: samples a bracket at one and two thirds, and drops the outer third next to the worse sample.
 
-    Two new samples per step, ⌈log(tolerance)/log(2/3)⌉ steps until the bracket is no wider than ``tolerance``
-    of the travel: more than twice the samples of golden section. No sample is used again, which helps where
-    the light has changed since. A curve with one peak is answered within 2/3 of the last bracket. Of equal
-    samples the later position is dropped.
+    Each step takes two new samples, and ⌈log(tolerance)/log(2/3)⌉ steps make the bracket no wider than ``tolerance`` of
+    the travel. This is more than twice the samples of golden section. No sample is used again, which helps if the light
+    has changed since. For a curve with a single peak, the error is at most 2/3 of the last bracket. If two samples are
+    equal, the larger position is dropped.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""The valley between the two highest peaks of a curve."""
+"""Search for the valley between the two highest peaks of a curve."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,15 +16,18 @@ from saf_gen.plugins.searches._windows import check_search_frame_count, check_se
 class Valley:
     """Answers with the lowest block between the two highest peaks of the smoothed curve.
 
-    The search of ESVA, for a rate of events (``change_rate``) that is largest before and after the focus. As published:
-    a Gaussian of ``smooth`` samples; samples that jump by more than ``jump`` of the larger neighbour move by the
-    fraction ``weight`` to the mean of both; then the highest peak, and the highest other one that is far enough.
+    This is the search of ESVA, for a rate of events (``change_rate``) that is largest before and after the focus. As
+    published, the curve is smoothed by a Gaussian of ``smooth`` samples. Then samples that differ from the one before
+    by more than ``jump`` times the larger of their neighbours move by the fraction ``weight`` towards the mean of both
+    neighbours. The search finds the highest peak, and the highest other peak that is far enough from it.
 
-    Not stated, and set here: peaks are ``apart`` of the curve from each other and ``stand_out`` of its range high. That
-    the second peak must not be "too close in amplitude", without a number, is left out. The published samples are
-    1 ms; the ``window`` is that of the other searches, because half windows of 1 ms count hardly a spike.
+    The paper does not state two values that are set here: peaks are at least ``apart`` of the curve from each other,
+    and at least ``stand_out`` of its range high. It also demands, without a number, that the second peak not be "too
+    close in amplitude", which is left out. Published samples are 1 ms long; ``window`` is that of the other searches
+    instead, because half windows of 1 ms count very few spikes.
 
-    A curve without two peaks is no answer. One score per block. The trace holds the centres of the peaks.
+    The search abstains if the curve has fewer than two peaks. It takes one score per block. The trace holds the centres
+    of the peaks.
 
     References
     ----------
@@ -46,7 +49,7 @@ class Valley:
         check_search_numbers(self, {"smooth": 1e3, "jump": 1e6, "weight": 1, "apart": 1, "stand_out": 1})
 
     def __call__(self, view: View) -> Answer:
-        """Search the whole recording. Raise BadInput where it is shorter than one block."""
+        """Return the answer for a recording; raise BadInput if it is shorter than one block."""
         check_search_windows_fit(view, "window", frames=self.window)
         firsts, scores = score_search_windows(view, self.window, step=self.window)
         curve = self._regularise(np.array(scores))
@@ -60,7 +63,7 @@ class Valley:
         return Answer(lowest, (left, right))
 
     def _regularise(self, scores: np.ndarray) -> np.ndarray:
-        """Return the smoothed curve, its jumps drawn to their neighbours."""
+        """Return the smoothed curve, with samples that jump moved towards their neighbours."""
         smooth = gaussian_filter1d(scores, self.smooth, mode="nearest") if self.smooth > 0 else scores
         if len(smooth) < 3:
             return smooth

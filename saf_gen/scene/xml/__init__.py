@@ -1,10 +1,10 @@
-"""A scene as Mitsuba's XML, as exporters write it: parsed, confined to its folder, and normalised.
+"""Scenes in Mitsuba's XML format, as exporters write it: parsed, confined to their folder, and normalised.
 
-An XML scene is somebody else's data, so nothing in it may run code or reach out of its folder. The file is
-parsed by expat, which knows the line of every element. A DOCTYPE is refused, because entity bombs begin with
-one. The rest is written again as plain XML, with includes, parameters and aliases resolved and every file
-name absolute and checked. Only that text is given to Mitsuba's own parser, which knows types, transforms and
-older versions. Both parsers thus see the same scene, and nothing can hide from the checks between them.
+An XML scene is untrusted data, so nothing in it may run code or access files outside its folder. The file is parsed by
+expat, which reports the line of every element. A DOCTYPE is rejected, because entity bombs need one. The rest is
+written again as plain XML, with includes and parameters resolved and with absolute, checked file names. Only that text
+is given to Mitsuba's parser, which handles types, transforms and older versions. Both parsers therefore see the same
+scene, and nothing can pass unchecked because they read a file differently.
 """
 
 import re
@@ -29,10 +29,16 @@ PARAMETER_HINT = 'a parameter of an XML scene is one of its <default name="..." 
 class SceneXml:
     """An XML scene that passed all checks.
 
-    Elements keep the lines that they have in the file, unless it includes other files. ``text`` is its elements as
-    plain XML, every top-level one with an id, without sensors and integrators; ``cameras`` are its sensors, without
-    their films, as a scene of their own; ``files`` are all other files that it needs: the name from its folder, and the
-    file that this resolves to.
+    Elements keep the line numbers that they have in the file, unless the file includes others.
+
+    Attributes
+    ----------
+    text : str
+        The elements as plain XML, without sensors and integrators. Every object at the top level has an id.
+    cameras : str
+        The sensors, without their films, as the XML of a separate scene.
+    files : tuple of tuple
+        All other files that the scene needs: the name relative to its folder, and the path to which it resolves.
     """
 
     text: str
@@ -41,12 +47,23 @@ class SceneXml:
 
 
 def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
-    """Read an XML scene and check that it is harmless; ``params`` are values for its ``<default>`` parameters, by name.
+    """Read an XML scene and check that it is harmless.
 
-    The id of an element is its ``id``, else its ``name``, else its tag and number, such as ``shape_3`` for the third
-    shape. Raises BadInput, with file, line and element, for a file that is not such a scene, that names a file which is
-    missing or lies outside of its folder, or that needs a plug-in which is not known to be harmless; and for a
-    parameter that the file does not have.
+    The id of an element is its ``id``, or else its ``name``, or else its tag and number, such as ``shape_3`` for the
+    third shape.
+
+    Parameters
+    ----------
+    path : Path
+        The XML file.
+    params : mapping of str to object
+        Values of its ``<default>`` parameters, by name.
+
+    Raises
+    ------
+    BadInput
+        If the file is not a scene, does not have one of the parameters, names a file that is missing or outside its
+        folder, or needs a plug-in that is not known to be harmless. The message gives file, line and element.
     """
     root = parse_scene_xml_file(path)
     if "version" not in root.attributes:
@@ -73,10 +90,10 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
 
 
 class _Resolver:
-    """Fills in parameters, replaces includes by what they include, and drops ignored elements.
+    """Substitutes parameters, replaces includes by the elements that they include, and drops ignored elements.
 
-    ``values``, ``cameras`` and ``included`` are the parameters, sensors and included files met so far. As in
-    Mitsuba, a parameter counts from its ``<default>`` on.
+    ``values``, ``cameras`` and ``included`` are the parameters, sensors and included files found so far. As in Mitsuba,
+    a parameter is defined from its ``<default>`` element on.
     """
 
     def __init__(self, folder: Path, params: Mapping[str, Any]) -> None:
@@ -87,7 +104,7 @@ class _Resolver:
         self._count = 0
 
     def resolve(self, scene: Element, open_files: tuple[Path, ...]) -> Iterator[Element]:
-        """Yield the elements directly in a scene; ``open_files`` are those whose includes led here."""
+        """Yield the top-level elements of a scene; ``open_files`` is the chain of files that include it."""
         for element in scene.children:
             if element.tag in IGNORED - {"sensor"}:
                 continue
@@ -111,10 +128,10 @@ class _Resolver:
                 yield element
 
     def _fill(self, element: Element) -> None:
-        """Fill parameters into an element and all within it; as in Mitsuba the longest matching name wins."""
+        """Substitute parameters in an element and its descendants; the longest matching name wins, as in Mitsuba."""
         self._count += 1
         if self._count > MAX_ELEMENTS:
-            raise BadInput("the scene is too large", where=element.where, allowed=f"{MAX_ELEMENTS:,} elements")
+            raise BadInput("the scene is too large", where=element.where, allowed=f"at most {MAX_ELEMENTS:,} elements")
         for key, text in element.attributes.items():
             for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
                 text = text.replace(f"${name}", self.values[name])
@@ -128,7 +145,7 @@ class _Resolver:
 
 
 def _format_value(value: Any) -> str:
-    """Return a parameter's value as XML has it."""
+    """Return the value of a parameter as Mitsuba's XML writes it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list | tuple):
@@ -137,16 +154,16 @@ def _format_value(value: Any) -> str:
 
 
 def _assign_ids(elements: list[Element]) -> None:
-    """Give every object directly in the scene an id of its own."""
-    taken: dict[str, Element] = {}
+    """Give every object at the top level of the scene a unique id; raise BadInput if an id occurs twice."""
+    by_id: dict[str, Element] = {}
     counts: Counter[str] = Counter()
     for element in elements:
         if element.tag not in ALLOWED_PLUGINS:
             continue
         counts[element.tag] += 1
-        own = element.attributes.get("id") or element.attributes.get("name")
-        name = own or f"{element.tag}_{counts[element.tag]}"
-        if name in taken:
-            raise BadInput(f"the id stands twice, first at {taken[name].where}", where=element.where)
-        taken[name] = element
+        declared = element.attributes.get("id") or element.attributes.get("name")
+        name = declared or f"{element.tag}_{counts[element.tag]}"
+        if name in by_id:
+            raise BadInput(f"the id occurs twice, first at {by_id[name].where}", where=element.where)
+        by_id[name] = element
         element.attributes["id"] = name

@@ -1,4 +1,4 @@
-"""The elements, plug-ins and files that an XML scene may contain because they can do no harm."""
+"""The elements, plug-ins and files that an XML scene may contain because they are harmless."""
 
 import posixpath
 from pathlib import Path, PureWindowsPath
@@ -8,7 +8,7 @@ from saf_gen.scene.ply_file import is_scene_ply_file, validate_scene_ply_file
 from saf_gen.scene.xml._element_tree import Element, require_scene_xml_attribute
 
 SceneFile = tuple[str, Path]
-"""The name of a file as the scene writes it, from its folder, and the file that this resolves to."""
+"""Name of a file relative to the scene's folder, and the path to which it resolves."""
 
 ALLOWED_PLUGINS: dict[str, frozenset[str]] = {
     tag: frozenset(names.split())
@@ -25,8 +25,8 @@ ALLOWED_PLUGINS: dict[str, frozenset[str]] = {
         "phase": "blendphase hg isotropic rayleigh sggx tabphase",
     }.items()
 }
-"""Plug-ins that may be loaded, by element. A name is all that Mitsuba needs to load a shared library, so only
-known names pass. ``blender`` is missing because it reads memory at an address that the file gives."""
+"""Plug-ins that may be loaded, by element. Mitsuba loads a shared library by its name alone, so only known names are
+allowed. ``blender`` is not, because it reads memory at an address given in the file."""
 
 OTHER_ELEMENTS = frozenset(
     (
@@ -37,15 +37,15 @@ OTHER_ELEMENTS = frozenset(
 
 
 def vet_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
-    """Check an element and all within it, make their file names absolute, and return the files.
+    """Check an element and its descendants, make their file names absolute, and return the files.
 
-    ``folder`` is the scene's, resolved. Raises BadInput for an element that is unknown or could do harm.
+    ``folder`` is the resolved folder of the scene. Raises BadInput if an element is unknown or could do harm.
     """
     files: list[SceneFile] = []
     tag, attributes = element.tag, element.attributes
     if tag == "path":
         raise BadInput(
-            "a search path is refused", where=element.where, hint="name files relative to the scene's folder"
+            "a search path is not allowed", where=element.where, hint="name files relative to the scene's folder"
         )
     known = {*ALLOWED_PLUGINS, *OTHER_ELEMENTS}
     if tag not in known and tag not in ("alias", "sensor"):
@@ -56,8 +56,8 @@ def vet_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
             hint = "no other plug-in is loaded from an XML scene"
             if plugin == "blender":
                 hint = "it reads Blender's memory: export meshes as PLY"
-            if plugin == "serialized":  # a damaged one ends Mitsuba without a word
-                hint = "convert it to PLY: Mitsuba's Mesh.write_ply does"
+            if plugin == "serialized":  # a damaged file ends the process of Mitsuba without a message
+                hint = "convert it to PLY with Mitsuba's Mesh.write_ply"
             raise unknown("type", plugin, allowed=ALLOWED_PLUGINS[tag], where=element.where, hint=hint)
     if tag == "spectrum" and "filename" in attributes:
         files.append(resolve_scene_xml_file(element, "filename", folder=folder))
@@ -69,20 +69,20 @@ def vet_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
             if is_scene_ply_file(files[-1][1]):
                 validate_scene_ply_file(files[-1][1])
             attributes["value"] = str(files[-1][1])
-        elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
-            raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")
+        elif "/" in value or "\\" in value or ".." in value:  # Mitsuba turns some names of materials into file names
+            raise BadInput(f"the value is {value!r}", where=element.where, allowed="a value that is not a path")
     for inner in element.children:
         files += vet_scene_xml_element(inner, folder)
     return files
 
 
 def resolve_scene_xml_file(element: Element, key: str, *, folder: Path) -> SceneFile:
-    """Return the file that an element names, which lies in the scene's folder even after following links.
+    """Return the file that an element names.
 
-    Raises BadInput for one that does not, or that is missing.
+    Raises BadInput if the file is missing, or is not in the scene's folder after links are followed.
     """
     value = require_scene_xml_attribute(element, key)
-    if PureWindowsPath(value).anchor:  # an absolute path of any system
+    if PureWindowsPath(value).anchor:  # an absolute path on any system
         raise BadInput(
             f"the file {value!r} is named by an absolute path",
             where=element.where,
@@ -92,10 +92,10 @@ def resolve_scene_xml_file(element: Element, key: str, *, folder: Path) -> Scene
     try:
         file = (folder / value.replace("\\", "/")).resolve()
     except (OSError, RuntimeError) as error:  # a link in a circle
-        raise BadInput(f"the file {value!r} cannot be followed: {error}", where=element.where) from error
+        raise BadInput(f"the file {value!r} cannot be resolved: {error}", where=element.where) from error
     if not file.is_relative_to(folder) or name.startswith("../"):
         raise BadInput(
-            f"the file {value!r} lies outside of the scene's folder",
+            f"the file {value!r} is outside the scene's folder",
             where=element.where,
             hint=f"copy it into {folder} and name it from there",
         )

@@ -1,4 +1,4 @@
-"""The elements of an XML file with their line numbers, parsed by expat, and written again as plain text."""
+"""Elements of an XML file with their line numbers, parsed by expat and written again as plain text."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +15,7 @@ MAX_BYTES = 1 << 26
 
 @dataclass
 class Element:
-    """An element, its attributes and children, and the file and line (from 1) where it starts."""
+    """An XML element, its attributes and children, and the file and line (counted from 1) at which it starts."""
 
     tag: str
     attributes: dict[str, str]
@@ -25,13 +25,13 @@ class Element:
 
     @property
     def where(self) -> str:
-        """File, line and element, for messages."""
+        """File, line and element, for error messages."""
         name = self.attributes.get("id") or self.attributes.get("name")
         return f"{self.file}:{self.line}: <{self.tag}{f' {name}' if name else ''}>"
 
 
 def parse_scene_xml_file(path: Path) -> Element:
-    """Return the outermost element of a file, <scene>; raise BadInput for a file that is not a scene."""
+    """Return the outermost element of a file, <scene>; raise BadInput if the file is not a scene."""
     parser = expat.ParserCreate()
     parser.buffer_text = True
     root: list[Element] = []
@@ -40,22 +40,22 @@ def parse_scene_xml_file(path: Path) -> Element:
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, path, parser.CurrentLineNumber)
         if len(inside) >= MAX_DEPTH:
-            raise BadInput("elements are nested too deep", where=element.where, allowed=f"{MAX_DEPTH} levels")
+            raise BadInput("elements are nested too deep", where=element.where, allowed=f"at most {MAX_DEPTH} levels")
         (inside[-1].children if inside else root).append(element)
         inside.append(element)
 
     def refuse_doctype(*_: Any) -> None:
         raise BadInput(
-            "a DOCTYPE is refused: it can pull in files and blow up memory",
+            "a DOCTYPE is refused: it can include files and exhaust memory",
             where=f"{path}:{parser.CurrentLineNumber}",
-            hint="delete it; exporters write none",
+            hint="delete it; exporters do not write one",
         )
 
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda tag: inside.pop()
     parser.StartDoctypeDeclHandler = refuse_doctype
     try:
-        check_plain_file(path, most=MAX_BYTES)
+        check_plain_file(path, max_bytes=MAX_BYTES)
         parser.Parse(path.read_bytes(), True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
@@ -75,7 +75,7 @@ def parse_scene_xml_file(path: Path) -> Element:
 
 
 def require_scene_xml_attribute(element: Element, key: str) -> str:
-    """Return an attribute; raise BadInput where it is missing."""
+    """Return an attribute of an element; raise BadInput if it is missing."""
     if key not in element.attributes:
         raise BadInput(f"{key} is missing", where=element.where)
     return element.attributes[key]
@@ -94,7 +94,7 @@ def format_scene_xml(elements: list[Element], *, version: str, first: int, keep_
 
 
 def _put(lines: list[str], text: str, *, line: int) -> None:
-    """Append a text as the line of this number, or to that line if it exists; 0 starts a new line."""
+    """Append text as the line with this number, or to the last line if that line exists; 0 starts a new line."""
     lines += [""] * (line - 1 - len(lines))
     if line and len(lines) >= line:
         lines[-1] += text

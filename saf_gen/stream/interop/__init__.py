@@ -1,4 +1,4 @@
-"""Import and export of file layouts of other software."""
+"""Import and export of the file layouts of other software."""
 
 from saf_gen.stream.interop.array_files import ENDINGS as ARRAY_ENDINGS
 from saf_gen.stream.interop.lens_log import import_lens_log, import_light_log, import_truth_from_text

@@ -1,7 +1,7 @@
-"""Arrays in files of strangers: NumPy's .npy and .npz, and MATLAB's .mat, read a few slices at a time.
+"""Arrays in untrusted files, NumPy's .npy and .npz and MATLAB's .mat, read a few slices at a time.
 
-Nothing in such a file is run: pickled objects are refused. What a header says is held against the size of the file
-before memory is taken.
+Nothing in such a file is executed: pickled objects are refused. The size in a header is compared with that of the file
+before memory is allocated.
 """
 
 import os
@@ -17,22 +17,22 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from saf_gen.core.files import HDF5_SIGNATURE
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop.matlab_arrays import MatlabSlices, list_imported_arrays
 
 ENDINGS = (".npy", ".npz", ".mat")
 MAX_CHUNK_BYTES = 64 << 20
-"""Largest chunk of a MATLAB file of version 7.3, which HDF5 inflates as a whole."""
+"""Largest chunk of a MATLAB file of version 7.3; HDF5 always decompresses complete chunks."""
 DAMAGE = (
     *(OSError, ValueError, EOFError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError),
     *(SyntaxError, TokenError, NotImplementedError, zipfile.BadZipFile, zlib.error, struct.error),
 )
-"""What the libraries that read these files raise for damaged ones, by where the damage is."""
-HDF5_START = b"\x89HDF\r\n\x1a\n"
+"""Exceptions that the libraries raise for damaged files, depending on where the damage is."""
 
 
 class SlicedArray(Protocol):
-    """An array that gives slices along its first axis; reading it from the front to the end is cheapest."""
+    """An array that is read by slices along its first axis; reading it from front to end is cheapest."""
 
     @property
     def shape(self) -> tuple[int, ...]: ...
@@ -44,12 +44,13 @@ class SlicedArray(Protocol):
 
 
 def open_imported_array(path: str | os.PathLike[str], *, key: str | None = None) -> SlicedArray:
-    """Return an array of a .npy, .npz or .mat file; of a .mat its last axis comes first, as MATLAB keeps frames last.
+    """Return an array of a .npy, .npz or .mat file.
 
-    ``key`` names it where the file has several with three axes or more.
+    The axes of a .mat file are permuted to put the last first, because MATLAB stores frames along the last axis.
+    ``key`` names the array if the file has several with three axes or more.
 
-    Raises BadInput for another ending, a file that is missing, damaged or holds objects, and a key that is missing or
-    not known.
+    Raises BadInput if the file has another ending, is missing, is damaged or holds objects, or if the key is missing
+    or unknown.
     """
     where = Path(path)
     ending = where.suffix.lower()
@@ -58,7 +59,7 @@ def open_imported_array(path: str | os.PathLike[str], *, key: str | None = None)
     if not where.is_file():
         raise BadInput("there is no such file", where=str(path))
     if key is not None and ending == ".npy":
-        raise BadInput(f"--key {key} of a file with one array", where=str(path), hint="leave it out")
+        raise BadInput(f"--key {key} is given for a file with one array", where=str(path), hint="leave it out")
     with _report_damage(where):
         if ending == ".npy":
             loaded: np.ndarray = np.load(where, mmap_mode="r", allow_pickle=False)
@@ -66,7 +67,7 @@ def open_imported_array(path: str | os.PathLike[str], *, key: str | None = None)
         if ending == ".npz":
             return _ArchivedArray(where, key=key)
         with where.open("rb") as file:
-            is_hdf5 = _starts_hdf5(file.read(1024))
+            is_hdf5 = _is_hdf5(file.read(1024))
         return _HdfArray(where, key=key) if is_hdf5 else _OldMatlabArray(where, key=key)
 
 
@@ -75,15 +76,15 @@ def _report_damage(path: Path) -> Iterator[None]:
     try:
         yield
     except DAMAGE as error:
-        raise BadInput(f"cannot be read: {error}", where=str(path), allowed="whole arrays of numbers") from error
+        raise BadInput(f"cannot be read: {error}", where=str(path), allowed="complete arrays of numbers") from error
 
 
-def _starts_hdf5(head: bytes) -> bool:
-    return head.startswith(HDF5_START) or head[512:520] == HDF5_START  # MATLAB writes 512 bytes before it
+def _is_hdf5(head: bytes) -> bool:
+    return head.startswith(HDF5_SIGNATURE) or head[512:520] == HDF5_SIGNATURE  # MATLAB writes 512 bytes before it
 
 
 def _choose_array(found: Mapping[str, tuple[int, ...]], key: str | None, *, where: str) -> str:
-    """Return the name of the array that is meant among those found, by name and shape."""
+    """Return the name of the array to read; ``found`` holds the shapes of all arrays by name."""
     if key is not None:
         if key not in found:
             raise unknown("array", key, allowed=found, where=where)
@@ -92,14 +93,14 @@ def _choose_array(found: Mapping[str, tuple[int, ...]], key: str | None, *, wher
     if len(videos) != 1:
         listed = ", ".join(f"{name} {shape}" for name, shape in found.items()) or "none"
         raise BadInput(
-            f"has {len(videos) or 'no'} arrays of three axes", where=where, allowed=f"one of: {listed}",
-            hint="say which with --key" if videos else "frames have rows and columns",
+            f"has {len(videos) or 'no'} arrays of three axes (it holds: {listed})", where=where,
+            allowed="one array of (frames, rows, columns)", hint="name one with --key" if videos else "",
         )  # fmt: skip
     return videos[0]
 
 
 class _ArchivedArray:
-    """An array in a .npz, which is a zip of .npy files; it is inflated from the front to the end."""
+    """An array in a .npz, which is a zip of .npy files; it is decompressed from front to end."""
 
     def __init__(self, path: Path, *, key: str | None) -> None:
         self._path, self._archive = path, zipfile.ZipFile(path)
@@ -115,7 +116,9 @@ class _ArchivedArray:
             raise BadInput(f"{name} holds {problem}", where=str(path), allowed="numbers, in C order")
         self._slice_bytes = prod(self.shape[1:]) * self.dtype.itemsize
         if self._begin + self.shape[0] * self._slice_bytes != self._info.file_size:
-            raise BadInput(f"{name} has {self._info.file_size} bytes", where=str(path), allowed="as its header says")
+            raise BadInput(
+                f"{name} has {self._info.file_size} bytes", where=str(path), allowed="the size that its header states"
+            )
         self._file, self._at = self._archive.open(self._info), -1
 
     def __getitem__(self, span: slice) -> np.ndarray:
@@ -139,7 +142,7 @@ def _read_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype, int]:
 
 
 class _HdfArray:
-    """An array of a MATLAB file of version 7.3, which is HDF5; the axes lie there in reversed order."""
+    """An array of a MATLAB file of version 7.3, which is HDF5 with the axes in reverse order."""
 
     def __init__(self, path: Path, *, key: str | None) -> None:
         import h5py
@@ -148,9 +151,9 @@ class _HdfArray:
         found: dict[str, Any] = {}
         for name in self._file:
             link = self._file.get(name, getlink=True)
-            item: Any = self._file[name] if isinstance(link, h5py.HardLink) else None  # others lead to other files
+            item: Any = self._file[name] if isinstance(link, h5py.HardLink) else None  # other links lead to other files
             plain = isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external
-            if plain and item.dtype.kind in "buif" and _is_stored_plainly(item):
+            if plain and item.dtype.kind in "buif" and _is_safely_stored(item):
                 found[name] = item
         name = _choose_array({n: d.shape for n, d in found.items()}, key, where=str(path))
         self._data = found[name]
@@ -163,8 +166,11 @@ class _HdfArray:
         return np.asarray(block.transpose(0, *range(block.ndim - 1, 0, -1)))
 
 
-def _is_stored_plainly(item: Any) -> bool:
-    """Return whether an array is stored as MATLAB does: other filters run other code, huge chunks fill the memory."""
+def _is_safely_stored(item: Any) -> bool:
+    """Return whether an array has only filters that MATLAB uses, and chunks that fit into the memory.
+
+    Other filters could run other code.
+    """
     from h5py import h5z
 
     plist = item.id.get_create_plist()
@@ -174,7 +180,7 @@ def _is_stored_plainly(item: Any) -> bool:
 
 
 class _OldMatlabArray:
-    """An array of a MATLAB file of version 5 to 7.2, its last axis first."""
+    """An array of a MATLAB file of version 5 to 7.2, with its last axis first."""
 
     def __init__(self, path: Path, *, key: str | None) -> None:
         listed = list_imported_arrays(path)

@@ -1,4 +1,4 @@
-"""Pictures of other cameras become spikes: the light between two of them is a cross-fade of both."""
+"""Encoding of pictures of other cameras as spikes; the light changes linearly from one picture to the next."""
 
 import os
 from collections import deque
@@ -18,19 +18,33 @@ from saf_gen.stream.metadata import stream_metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
 BLOCK_FRAMES, BLOCK_KNOTS, BLOCK_BYTES = 2_000, 64, 256 << 20
-"""Readouts, pictures, and bytes of pictures, in memory at a time."""
-SLOW = 10
-"""So many readouts to a picture are a slow camera: what moves is faded, not moved."""
+"""Readouts, pictures, and bytes of pictures that are in memory at a time."""
+SLOW_READOUTS = 10
+"""Readouts per picture from which a camera counts as slow: motion then looks like a fade."""
 
 
 @dataclass(frozen=True)
 class PictureEncoding:
-    """How pictures become spikes; the pictures are read once to make this and once more to write.
+    """A plan for encoding pictures as spikes.
 
-    count : pictures.
-    rate_hz : pictures per second.
-    frames : readouts, from the first picture to the last; of a single picture as many as were asked for.
-    scale : electrons per readout for linear light 1.
+    The pictures are read once to make this object and once more to write the spikes.
+
+    Attributes
+    ----------
+    pictures : PictureFrames
+        The pictures as linear light.
+    sensor : Sensor
+        The sensor that records them.
+    count : int
+        Number of pictures.
+    rate_hz : float
+        Pictures per second.
+    frames : int
+        Number of readouts: those that were requested, or all from the first picture to the last.
+    scale : float
+        Electrons per readout for linear light 1.
+    mean_rate : float
+        Spikes per pixel and readout of the mean picture.
     """
 
     pictures: PictureFrames
@@ -59,16 +73,28 @@ def prepare_stream_of_pictures(
 
     Parameters
     ----------
-    pictures : linear light; the array of the sensor has their size.
-    sensor : its numbers, not its size.
-    rate_hz : pictures per second; by default as the source says.
-    mean_rate : spikes per pixel and readout of the mean picture. Light has no unit in pictures, so one factor for all
-        of them is chosen by it.
-    frames : readouts, at most up to the last picture; must be given for a single picture.
+    pictures : PictureFrames
+        The pictures as linear light; their size becomes that of the sensor array.
+    sensor : Sensor
+        The sensor, whose own size is ignored.
+    rate_hz : float, optional
+        Pictures per second; by default as the source states.
+    mean_rate : float, default 0.2
+        Spikes per pixel and readout of the mean picture. Light in pictures has no unit; this sets one factor for all
+        pictures.
+    frames : int, optional
+        Number of readouts, at most up to the last picture, which is the default; required for a single picture.
+
+    Returns
+    -------
+    PictureEncoding
+        The plan that :func:`encode_pictures_as_stream` carries out.
 
     Raises
     ------
-    BadInput : no rate where none is in the source, too many frames, and a mean rate out of reach.
+    BadInput
+        If neither the caller nor the source states a rate, if there are too many frames, if all pictures are black, or
+        if the sensor cannot reach the mean rate.
     """
     rate = pictures.rate_hz if rate_hz is None else rate_hz
     total, count = np.zeros(pictures.shape, np.float64), 0
@@ -78,20 +104,20 @@ def prepare_stream_of_pictures(
     where = str(pictures.path)
     if count == 1:
         if frames is None:
-            raise BadInput("is a single picture", where=where, hint="say for how many readouts: --frames 4000")
+            raise BadInput("is a single picture", where=where, hint="state the number of readouts with --frames N")
         rate = rate or sensor.readout_hz
     elif rate is None:
-        raise BadInput("does not say how many pictures it has per second", where=where, hint="--rate HZ")
+        raise BadInput("does not state how many pictures it has per second", where=where, hint="add --rate HZ")
     elif not 0 < rate < np.inf:
         raise BadInput(f"{rate:g} pictures per second", where=where, allowed="above 0")
     assert_rate: float = rate
-    most = floor((count - 1) / assert_rate * sensor.readout_hz) if count > 1 else None
-    if most is not None and (most < 1 or (frames is not None and frames > most)):
+    max_frames = floor((count - 1) / assert_rate * sensor.readout_hz) if count > 1 else None
+    if max_frames is not None and (max_frames < 1 or (frames is not None and frames > max_frames)):
         raise BadInput(
-            f"{frames or 1} readouts of {count} pictures at {assert_rate:g} Hz", where=where,
-            allowed=f"1 to {most}" if most else f"pictures that last a readout, 1/{sensor.readout_hz:g} s",
+            f"{frames or 1} readouts were requested of {count} pictures at {assert_rate:g} Hz", where=where,
+            allowed=f"1 to {max_frames}" if max_frames else f"pictures that last a readout, 1/{sensor.readout_hz:g} s",
         )  # fmt: skip
-    length = frames if frames is not None else most
+    length = frames if frames is not None else max_frames
     mean = total / count
     if not mean.max() > 0:
         raise BadInput("all pictures are black", where=where, allowed="pictures with light")
@@ -103,11 +129,13 @@ def prepare_stream_of_pictures(
 def encode_pictures_as_stream(
     plan: PictureEncoding, out: str | os.PathLike[str], *, seed: int = 0, **optional: Any
 ) -> str:
-    """Write the spikes of pictures as the stream file ``out`` and return its content_sha256.
+    """Write the spikes of pictures as the stream file ``out`` and return its ``content_sha256``.
 
-    Picture k is the light at the time k/rate_hz; between two pictures light changes linearly, and a readout collects
-    that of its middle. Memory does not grow with the number of pictures. ``optional`` are fields of
-    :class:`Metadata` beside the provenance. Raises BadInput where a picture does not fit.
+    Picture k is the light at the time k/rate_hz. Between two pictures the light changes linearly, and each readout
+    collects the light of its middle. The use of memory does not grow with the number of pictures. ``optional`` are
+    fields of :class:`Metadata` other than the provenance.
+
+    Raises BadInput if a picture differs in size from the first, has values that are not allowed, or is missing.
     """
     settings = {
         "pictures": file_name_as_text(plan.pictures.path.name), "count": plan.count, "rate_hz": plan.rate_hz,
@@ -126,7 +154,10 @@ def encode_pictures_as_stream(
 
 
 def _blocks(plan: PictureEncoding) -> Iterator[tuple[list[np.ndarray], np.ndarray, np.ndarray]]:
-    """Yield the pictures of each block of readouts, and of each readout the one before and how far it is past."""
+    """Yield the pictures for each block of readouts, and the position of each readout among them.
+
+    The position is the index of the picture before the readout and the fraction, 0 to 1, of the time to the next.
+    """
     knots = max(min(BLOCK_KNOTS, BLOCK_BYTES // (4 * prod(plan.pictures.shape))), 2)
     step = int(min(BLOCK_FRAMES, max(knots * plan.readouts_per_picture, 8))) // 8 * 8
     held: deque[tuple[int, np.ndarray]] = deque()

@@ -1,4 +1,4 @@
-"""What is known beside the spikes of a real camera: its light, where its lens was, and where it should have been."""
+"""Logs of a real camera that are stored with its spikes: light, position of the lens, and true focus."""
 
 from pathlib import Path
 
@@ -14,40 +14,45 @@ TIMES = ("frame", "seconds")
 
 
 def import_lens_log(path: str | Path, *, frames: int, readout_hz: float) -> np.ndarray:
-    """Return the position of the lens at each readout, float32 (frames,), fraction of its travel.
+    """Return the position of the lens at each readout, float32 (frames,), as a fraction of its travel.
 
-    The file is a CSV table with the heading ``frame,position`` or ``seconds,position``; its first column rises. A
-    frame stands for the middle of its readout. Between two rows the lens moves in a straight line, before the first and
-    after the last it rests.
+    The file is a CSV table with the heading ``frame,position`` or ``seconds,position``, in which the first column
+    rises. A frame number means the middle of that readout. Positions between two rows are interpolated linearly; the
+    lens rests before the first row and after the last.
 
-    Raises BadInput for another heading, a row that does not fit, a position outside 0 to 1, and a table that has no row
-    within the recording.
+    Raises BadInput if the heading differs, a row does not match it, a position is outside 0 to 1, or no part of the
+    log is within the recording.
     """
     (position,) = _read_log(Path(path), "position", frames=frames, readout_hz=readout_hz).values()
     outside = position[(position < 0) | (position > 1)]
     if outside.size:
         raise BadInput(
-            f"position {outside[0]:g}", where=str(path), allowed="fractions of the travel, 0 to 1", hint="scale the log"
+            f"a position is {outside[0]:g}",
+            where=str(path),
+            allowed="fractions of the travel, 0 to 1",
+            hint="scale the log",
         )
     return position
 
 
 def import_light_log(path: str | Path, *, frames: int, readout_hz: float) -> dict[str, np.ndarray]:
-    """Return the gain of each light at each readout, float32 (frames,), by its name; 1 is the light's usual strength.
+    """Return the gain of each light at each readout, float32 (frames,), by name; 1 is the light's usual strength.
 
-    The file is a CSV table as that of the lens, with a column for each light: ``seconds,lamp`` or
-    ``frame,lamp,window``. Raises BadInput as :func:`import_lens_log` does, for names that are empty or equal, and for a
-    gain below 0.
+    The file is a CSV table like that of :func:`import_lens_log`, with one column for each light: ``seconds,lamp`` or
+    ``frame,lamp,window``.
+
+    Raises BadInput if the heading differs, a row does not match it, names are empty or equal, a gain is below 0, or no
+    part of the log is within the recording.
     """
     gains = _read_log(Path(path), None, frames=frames, readout_hz=readout_hz)
     for name, gain in gains.items():
         if gain.min() < 0:
-            raise BadInput(f"gain {gain.min():g} of {name}", where=str(path), allowed="0 and above")
+            raise BadInput(f"a gain of {name} is {gain.min():g}", where=str(path), allowed="0 and above")
     return gains
 
 
 def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float) -> dict[str, np.ndarray]:
-    """Return the columns of a log beside its times, at each readout; ``column`` is the only one that may be there."""
+    """Return the columns after the times, at each readout, by name; if ``column`` is given, no other is allowed."""
     text = read_text(path)
     lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
     heading = tuple(cell.strip() for cell in next(lines, "").split(","))
@@ -63,7 +68,9 @@ def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float)
     at = when if heading[0] == "frame" else when * readout_hz - 0.5
     if at[-1] < -0.5 or at[0] > frames - 0.5:
         raise BadInput(
-            f"the log covers frames {at[0]:.0f} to {at[-1]:.0f}", where=str(path), allowed=f"a row in 0 to {frames - 1}"
+            f"the log covers frames {at[0]:.0f} to {at[-1]:.0f}",
+            where=str(path),
+            allowed=f"at least one row in frames 0 to {frames - 1}",
         )
     readouts = np.arange(frames)
     return {name: np.interp(readouts, at, value).astype(np.float32) for name, value in zip(kinds, values, strict=True)}
@@ -72,11 +79,13 @@ def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float)
 def import_truth_from_text(
     text: str, *, focus_position: np.ndarray | None, depth_of_focus: tuple[float, float] | None = None
 ) -> Truth:
-    """Return the true focus that a user names: a position such as "0.42", or a frame of the lens log, "frame:812".
+    """Return the true focus that a user states: a position such as "0.42", or a frame of the lens log, "frame:812".
 
-    ``depth_of_focus`` are the positions, near and far, between which the target is sharp: with them answers can be
-    counted as right, without them they have errors alone. Raises BadInput for a text that is neither, a value that is
-    not allowed, a frame without a log, and a depth of focus that does not hold the truth.
+    ``depth_of_focus`` holds the two positions between which the target is sharp. With it answers can be counted as
+    successes; without it they have only errors.
+
+    Raises BadInput if the text is neither a position nor a frame, a value is not allowed, a frame is stated without a
+    log, or the depth of focus does not contain the truth.
     """
     kind, _, number = text.rpartition(":")
     try:
@@ -85,7 +94,9 @@ def import_truth_from_text(
         value = np.nan
     lens = np.empty(0) if focus_position is None else focus_position
     if kind == "frame" and not lens.size:
-        raise BadInput(f"truth is {text!r} without a lens log", allowed="a position from 0 to 1", hint="add --focus")
+        raise BadInput(
+            f"truth is {text!r}, but there is no lens log", allowed="a position from 0 to 1", hint="add --focus"
+        )
     if kind not in ("", "frame") or not 0 <= value <= (lens.size - 1 if kind else 1):
         allowed = "a position from 0 to 1, or frame:N" + (f" with N from 0 to {lens.size - 1}" if lens.size else "")
         raise BadInput(f"truth is {text!r}", allowed=allowed)

@@ -1,9 +1,9 @@
 """Raw frames without a header, in the layouts `dense`, `416` and `sps1000` of other software.
 
 All three store a frame as bits, least significant first, and differ only in which bit of the frame belongs to
-which pixel. ``dense`` (SpikeCV, Spike-Zoo): bits run across rows, usually from the bottom row. ``416``
-(recordings of SAF, RSIR): each row has 50 bytes, and 2 that are ignored. ``sps1000`` (the 1000 x 1000
-camera): each row has two halves of 500 pixels and 12 service bits.
+which pixel. In ``dense`` (SpikeCV, Spike-Zoo), rows follow each other without gaps, usually from the bottom row. In
+``416`` (recordings of SAF and RSIR), each row has 50 bytes of pixels and 2 bytes that are ignored. In ``sps1000`` (the
+1000 × 1000 camera), each row has two halves of 500 pixels, each followed by 12 service bits.
 """
 
 import operator
@@ -28,9 +28,18 @@ _FRAMES = 2_000  # frames converted at a time: 250 bytes along time
 
 @dataclass(frozen=True)
 class RawLayout:
-    """A layout of raw frames; ``bit_index(y, x)`` is the bit of the frame that holds a pixel.
+    """A layout of raw frames.
 
-    ``flip`` tells that the bottom row comes first.
+    Attributes
+    ----------
+    rows, columns : int
+        Size of a frame in pixels.
+    frame_bytes : int
+        Size of a frame in bytes.
+    flip : bool
+        True if the bottom row usually comes first.
+    bit_index : callable
+        ``bit_index(y, x)`` returns the index of the bit that holds the pixel in row y of the file and column x.
     """
 
     rows: int
@@ -40,7 +49,7 @@ class RawLayout:
     bit_index: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
     def bit_indices(self, flip: bool) -> np.ndarray:
-        """Return the bit of every pixel, int (H W,), with row 0 at the top."""
+        """Return the index of the bit of each pixel, int (H·W,), with row 0 at the top."""
         y, x = np.divmod(np.arange(self.rows * self.columns), self.columns)
         return self.bit_index(self.rows - 1 - y if flip else y, x)
 
@@ -53,15 +62,15 @@ RAW_LAYOUTS = {
 
 
 READERS = {"saf": "416", "rsir": "416", "spikecv": "dense", "spike-zoo": "dense"}
-"""The layout that other software reads, by its name; as their readers turn frames over, so does the layout."""
+"""The layout that other software reads, by its name; a layout flips frames if these readers do."""
 
-_SNIFFED_FRAMES = 200  # frames that tell a layout
+_SNIFFED_FRAMES = 200  # frames that are examined to recognise a layout
 
 
 def sniff_imported_layout(source: str | os.PathLike[str]) -> str:
-    """Return the layout of a file of raw frames, by its size and by bytes that one layout leaves 0.
+    """Return the layout of a file of raw frames, found from its size and from bytes that one layout leaves 0.
 
-    Raises BadInput for a size that fits no layout, and where two layouts fit and nothing tells them apart.
+    Raises BadInput if the size fits no layout, or if two layouts fit and cannot be distinguished.
     """
     path = Path(source)
     size = _file_size(path)
@@ -80,7 +89,7 @@ def sniff_imported_layout(source: str | os.PathLike[str]) -> str:
 
 
 def _has_empty_gaps(path: Path) -> bool:
-    """Return whether the bytes that layout 416 ignores are 0 in the first frames, and not everything is."""
+    """Return whether all bytes that layout 416 ignores are 0 in the first frames, but not all bytes are."""
     of = RAW_LAYOUTS["416"]
     raw = np.fromfile(path, np.uint8, _SNIFFED_FRAMES * of.frame_bytes)
     rows = raw[: raw.size // of.frame_bytes * of.frame_bytes].reshape(-1, 52)
@@ -111,7 +120,11 @@ def _file_size(source: Path) -> int:
 
 
 def count_raw_frames(source: str | os.PathLike[str], layout: str, *, frames: int | None = None) -> int:
-    """Return how many frames a file holds, or ``frames`` where that is not more; BadInput as for the import."""
+    """Return how many frames a file holds or, if ``frames`` is given, that number.
+
+    Raises BadInput if the layout is unknown, if the file cannot be read or does not hold a whole number of frames, or
+    if it has fewer than ``frames`` frames.
+    """
     _layout(layout)
     return _frame_count(Path(source), layout, frames=frames)
 
@@ -148,13 +161,38 @@ def import_raw_frames(
     flip: bool | None = None,
     **optional: Any,
 ) -> str:
-    """Write the raw frames in ``source`` as the stream file ``out`` and return its content_sha256.
+    """Write the raw frames in ``source`` as the stream file ``out`` and return its ``content_sha256``.
 
-    ``frames`` limits the import to the first frames. ``readout_hz`` (1/s) is not in the file. ``flip`` tells
-    whether the bottom row comes first, by default as is usual for the layout. ``optional`` are fields of
-    :class:`Metadata` beside the provenance, such as ``focus_position`` and ``truth``. Memory does not grow with the
-    file. Raises BadInput for a size that is not a whole number of frames, naming layouts that would fit, for
-    fewer frames than requested, and for an ``out`` that is ``source``.
+    The use of memory does not grow with the file.
+
+    Parameters
+    ----------
+    source : str or Path
+        File of raw frames.
+    out : str or Path
+        Stream file to write.
+    layout : str, default "416"
+        A key of RAW_LAYOUTS.
+    frames : int, optional
+        Number of frames to import, from the first; by default all.
+    readout_hz : float, default 20000
+        Readouts per second, which the raw file does not state.
+    flip : bool, optional
+        Whether the bottom row comes first; by default as is usual for the layout.
+    **optional
+        Fields of :class:`Metadata`, such as ``focus_position`` and ``truth``. Texts in ``provenance`` are added to the
+        one that describes the import.
+
+    Returns
+    -------
+    str
+        The ``content_sha256`` of the stream.
+
+    Raises
+    ------
+    BadInput
+        If the size is not a whole number of frames, in which case the message names layouts that would fit; if the file
+        has fewer frames than requested; or if ``out`` is ``source``.
     """
     kind, path = _layout(layout), Path(source)
     total = _frame_count(path, layout, frames=frames)
@@ -179,10 +217,10 @@ def import_raw_frames(
 def export_raw_frames(
     source: str | os.PathLike[str], out: str | os.PathLike[str], *, layout: str = "416", flip: bool | None = None
 ) -> int:
-    """Write the stream file ``source`` as raw frames, ignored bits 0, and return the number of bytes.
+    """Write the stream file ``source`` as raw frames, in which ignored bits are 0, and return the number of bytes.
 
-    The inverse of :func:`import_raw_frames`; the layouts cannot hold focus, light and truth. Raises BadInput
-    for a stream of another image size and for an ``out`` that cannot be written.
+    This is the inverse of :func:`import_raw_frames`, but the layouts cannot hold focus, light and truth. Raises
+    BadInput if the frames of the stream have another size, or if ``out`` cannot be written or is ``source``.
     """
     kind = _layout(layout)
     bit = kind.bit_indices(kind.flip if flip is None else bool(flip))

@@ -1,4 +1,4 @@
-"""The folder of SAF's own recordings: ``config.xlsx`` lists them, and each is a file of raw frames."""
+"""Import of the recordings of SAF (Su et al., CVPR 2024): ``config.xlsx`` lists them; each is a file of raw frames."""
 
 import json
 import re
@@ -21,9 +21,20 @@ LAYOUT = "416"
 
 @dataclass(frozen=True)
 class SafRecording:
-    """A line of the list: a recording of ``frames`` frames, in focus at ``focal_frame``, counted from 0.
+    """A recording that the list contains.
 
-    ``block`` is its ``dt``, the frames per block in which SAF's programs score it; None where the list does not say.
+    Attributes
+    ----------
+    name : str
+        Name of the stream to write.
+    file : Path
+        File of raw frames.
+    frames : int
+        Number of frames.
+    focal_frame : int
+        The frame that is in focus, counted from 0.
+    block : int or None
+        Frames per block in which SAF's programs score the recording, its ``dt``; None if the list does not state it.
     """
 
     name: str
@@ -34,25 +45,25 @@ class SafRecording:
 
 
 def read_imported_saf_config(folder: str | Path) -> list[SafRecording]:
-    """Return the recordings that ``config.xlsx`` of a folder lists; its columns are COLUMNS, in this order.
+    """Return the recordings that ``config.xlsx`` in a folder lists; its columns are COLUMNS, in this order.
 
-    Paths are relative to the folder or to the one above it, in which SAF's programs run; where the folder has another
-    name than they expect, as ``./datasets/a.dat``, the first part of a path is left out. The focal frame counts from
-    1, as the frames that these programs print.
+    Paths are relative to the folder or to its parent, in which SAF's programs run. If the folder has another name than
+    these programs expect, the first part of a path such as ``./datasets/a.dat`` is ignored. The focal frame counts
+    from 1, like the frames that these programs print.
 
-    Raises BadInput for a table without rows, a row that does not fit, and a file that is missing, too short or outside
-    both folders; each with its row.
+    Raises BadInput, naming the row, if a number in a row is invalid, or if its file is missing, too short or outside
+    both folders; and if the table has no rows or names a recording twice.
     """
     root = Path(folder)
     if not (root / CONFIG).is_file():
         raise BadInput(
             f"this is a folder without {CONFIG}",
             where=str(folder),
-            allowed="a file of raw frames, an array, SAF's folder",
+            allowed="a file of raw frames, an array file, or SAF's folder of recordings",
         )
     table = read_imported_sheet(root / CONFIG)
     rows = [(number, row) for number, row in enumerate(table, start=1) if any(cell.strip() for cell in row)]
-    if rows and not _is_whole(rows[0][1][2] if len(rows[0][1]) > 2 else ""):
+    if rows and not _is_whole_number(rows[0][1][2] if len(rows[0][1]) > 2 else ""):
         rows = rows[1:]  # the heading
     if not rows:
         raise BadInput("lists no recording", where=str(root / CONFIG), allowed=", ".join(COLUMNS))
@@ -60,11 +71,13 @@ def read_imported_saf_config(folder: str | Path) -> list[SafRecording]:
     names = [recording.name for recording in found]
     for name in names:
         if names.count(name) > 1:
-            raise BadInput(f"lists {name!r} twice", where=str(root / CONFIG), allowed="an id of its own for each")
+            raise BadInput(
+                f"lists {name!r} twice", where=str(root / CONFIG), allowed="a different id for each recording"
+            )
     return found
 
 
-def _is_whole(text: str) -> bool:
+def _is_whole_number(text: str) -> bool:
     try:
         return float(text).is_integer() and float(text) >= 0
     except ValueError:
@@ -74,7 +87,7 @@ def _is_whole(text: str) -> bool:
 def _read_recording(row: list[str], *, root: Path, where: str) -> SafRecording:
     cells = dict(zip(COLUMNS, (cell.strip() for cell in [*row, *[""] * len(COLUMNS)]), strict=False))
     for column in ("frames", "focal frame"):
-        if not _is_whole(cells[column]) or float(cells[column]) < 1:
+        if not _is_whole_number(cells[column]) or float(cells[column]) < 1:
             raise BadInput(f"{column} is {cells[column]!r}", where=where, allowed="a whole number, at least 1")
     frames, focal = int(float(cells["frames"])), int(float(cells["focal frame"]))
     if focal > frames:
@@ -82,15 +95,15 @@ def _read_recording(row: list[str], *, root: Path, where: str) -> SafRecording:
     inside = Path(*PureWindowsPath(cells["path"]).parts)  # either kind of slash
     tried = [root / inside, root.parent / inside, root / Path(*inside.parts[1:])]
     bases = [root.resolve(), root.resolve().parent, root.resolve()]
-    there = [f for f, base in zip(tried, bases, strict=True) if f.is_file() and f.resolve().is_relative_to(base)]
-    if not there:
-        raise BadInput(f"path is {cells['path']!r}", where=where, allowed=f"a file in {root}, or beside it")
-    file = there[0]
-    number = f"{int(float(cells['id'])):02}" if _is_whole(cells["id"]) else cells["id"]
+    existing = [f for f, base in zip(tried, bases, strict=True) if f.is_file() and f.resolve().is_relative_to(base)]
+    if not existing:
+        raise BadInput(f"path is {cells['path']!r}", where=where, allowed=f"a file in {root}, or in its parent folder")
+    file = existing[0]
+    number = f"{int(float(cells['id'])):02}" if _is_whole_number(cells["id"]) else cells["id"]
     name = re.sub(r"[^\w.-]+", "_", f"{cells['scene name'] or file.stem}-recorded-{number}")
     count_raw_frames(file, LAYOUT, frames=frames)
     dt = cells["dt"]
-    block = int(float(dt)) if _is_whole(dt) and 1 <= float(dt) <= frames else None
+    block = int(float(dt)) if _is_whole_number(dt) and 1 <= float(dt) <= frames else None
     return SafRecording(name, file, frames, focal - 1, block)
 
 
@@ -99,11 +112,12 @@ def import_saf_folder(
 ) -> Iterator[Path]:
     """Write each recording of a folder as a stream below ``out``, and yield its path.
 
-    ``by_block`` writes it into a folder below, ``blocks-DT``: in a dataset, the split of the recordings of this DT.
+    With ``by_block`` streams are written to subfolders ``blocks-DT``, which become splits of a dataset: each contains
+    the recordings with this DT.
 
-    The list gives the frame in focus and no lens positions. The lens is taken to move evenly from 0 to 1, so that
-    answers can be judged; the true position follows, and the depth of focus is not known. A stream that is there
-    already, newer than the list and its raw file, stays as it is.
+    The list states the frame in focus but no positions of the lens. The lens is assumed to move evenly from 0 to 1, so
+    that answers can be judged; the true position follows from this, and the depth of focus is unknown. A stream that
+    exists already and is newer than the list and its raw file is kept.
     """
     for recording in read_imported_saf_config(folder):
         lens = ((np.arange(recording.frames) + 0.5) / recording.frames).astype(np.float32)
@@ -123,7 +137,7 @@ def import_saf_folder(
 
 
 def _is_imported(target: Path, recording: SafRecording, *, newer_than: Path, readout_hz: float) -> bool:
-    """Return whether a stream is that of a recording, made since the list and the raw file were."""
+    """Return whether a file is the stream of a recording and newer than the list and the raw file."""
     sources = (recording.file, newer_than)
     if not target.is_file() or target.stat().st_mtime <= max(source.stat().st_mtime for source in sources):
         return False

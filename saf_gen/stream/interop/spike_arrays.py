@@ -1,4 +1,4 @@
-"""Spikes in arrays: a 0 or 1 for each pixel and frame, or eight frames to a byte."""
+"""Spikes in array files: 0 or 1 for each pixel and frame, or eight frames per byte."""
 
 import os
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from saf_gen.core import bits
 from saf_gen.core.files import file_name_as_text
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop.array_files import SlicedArray, open_imported_array
-from saf_gen.stream.metadata import stream_metadata_from_options
+from saf_gen.stream.metadata import MAX_PIXELS, stream_metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
 ARRAY_LAYOUTS = ("frames", "packed")
-LOOKED_AT = 250
-"""Slices that tell the layout: a byte of packed frames is soon above 1."""
-MAX_PIXELS, BLOCK_BYTES = 1 << 22, 64 << 20
-"""Largest frame, and what is read at a time."""
+SNIFFED_SLICES = 250
+"""Slices that are examined to recognise the layout: packed frames soon have a byte above 1."""
+BLOCK_BYTES = 64 << 20
+"""Bytes that are read at a time."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class _PackedFrames:
 
 
 @dataclass(frozen=True)
-class _WholeFrames:
+class _UnpackedFrames:
     array: SlicedArray
     shape: tuple[int, int, int]
     where: str
@@ -49,18 +49,39 @@ class _WholeFrames:
         wrong = frames[(frames != 0) & (frames != 1)]
         if wrong.size:
             raise BadInput(
-                f"holds {wrong[0]} from frame {span.start} on", where=self.where, allowed="0 and 1, or bool",
-                hint="--layout packed if a byte holds eight frames",
+                f"holds {wrong[0]} in frame {span.start} or a later one", where=self.where, allowed="0 and 1, or bool",
+                hint="add --layout packed if a byte holds eight frames",
             )  # fmt: skip
         return frames.astype(np.uint8)
 
 
 class SpikeArray:
-    """The spikes in an array file, and how they are read: ``layout`` is ``frames`` or ``packed``.
+    """The spikes in an array file.
 
-    ``frames`` limits them to the first; ``shape`` is (T, H, W).
+    Parameters
+    ----------
+    path : str or Path
+        File .npy, .npz or .mat.
+    key : str, optional
+        Name of the array, if the file has several with three axes or more.
+    layout : str, optional
+        ``frames`` for one value per pixel and frame, ``packed`` for eight frames per byte; by default recognised from
+        the values.
+    frames : int, optional
+        Number of frames to read, from the first; by default all.
+    flip : bool, default False
+        Whether the bottom row comes first.
 
-    Raises BadInput for an array that is not (T, H, W) of numbers, an unknown layout, and frames that are not there.
+    Attributes
+    ----------
+    shape : tuple of int
+        (T, H, W).
+
+    Raises
+    ------
+    BadInput
+        If the array does not have three axes of numbers, its frames have too many pixels, the layout is unknown or does
+        not fit, or it has fewer frames than requested.
     """
 
     def __init__(
@@ -78,15 +99,15 @@ class SpikeArray:
         if len(array.shape) != 3 or 0 in array.shape or array.dtype.kind not in "buif":
             raise BadInput(
                 f"the array is {array.dtype} {array.shape}", where=str(path), allowed="numbers (frames, rows, columns)",
-                hint="pictures become spikes with saf-gen encode",
+                hint="use saf-gen encode for pictures",
             )  # fmt: skip
         if prod(array.shape[1:]) > MAX_PIXELS:
             raise BadInput(
-                f"frames of {array.shape[1:]} pixels", where=str(path), allowed=f"at most {MAX_PIXELS} pixels"
+                f"the frames have {array.shape[1:]} pixels", where=str(path), allowed=f"at most {MAX_PIXELS} pixels"
             )
-        looked_at = slice(0, max(min(LOOKED_AT, BLOCK_BYTES // prod(array.shape[1:])), 1))
-        seems = "packed" if array.dtype == np.uint8 and array[looked_at].max() > 1 else "frames"
-        self.path, self.layout, self.flip = Path(path), layout or seems, flip
+        sniffed = slice(0, max(min(SNIFFED_SLICES, BLOCK_BYTES // prod(array.shape[1:])), 1))
+        sniffed_layout = "packed" if array.dtype == np.uint8 and array[sniffed].max() > 1 else "frames"
+        self.path, self.layout, self.flip = Path(path), layout or sniffed_layout, flip
         if self.layout == "packed" and array.dtype != np.uint8:
             raise BadInput(f"the array is {array.dtype}", where=str(path), allowed="uint8 for layout packed")
         total = array.shape[0] * (8 if self.layout == "packed" else 1)
@@ -96,17 +117,20 @@ class SpikeArray:
         spikes = (
             _PackedFrames(array, self.shape)
             if self.layout == "packed"
-            else _WholeFrames(array, self.shape, where=str(path))
+            else _UnpackedFrames(array, self.shape, where=str(path))
         )
         self._spikes, self._frame_bytes = spikes, prod(self.shape[1:]) * max(array.dtype.itemsize, 1)
 
     def frames(self, first: int, stop: int) -> np.ndarray:
-        """Return frames ``first <= t < stop``, uint8 (frames, H, W); BadInput where they hold other than 0 and 1."""
+        """Return frames ``first <= t < stop``, uint8 (n, H, W); raise BadInput if a value is not 0 or 1."""
         frames = self._spikes[slice(first, stop)]
         return frames[:, ::-1] if self.flip else frames
 
     def write(self, out: str | os.PathLike[str], *, readout_hz: float, **optional: Any) -> str:
-        """Write the spikes as the stream file ``out`` and return its content_sha256; a part is in memory at a time."""
+        """Write the spikes as the stream file ``out`` and return its ``content_sha256``.
+
+        Only a part is in memory at a time. ``optional`` are fields of :class:`Metadata` other than the provenance.
+        """
         settings = {
             "file": file_name_as_text(self.path.name),
             "layout": self.layout,

@@ -1,6 +1,7 @@
-"""The first sheet of an .xlsx file as text: a zip of XML, of which a small table needs four kinds of element.
+"""The first sheet of an .xlsx file as text.
 
-Lines of our own rather than a library: the table is a few rows, and the file a stranger's. Sizes are bounded, and a
+Such a file is a zip of XML, and a small table needs only four kinds of element. We use our own parser instead of a
+library, because the table has only a few rows and the file comes from an untrusted source. Sizes are bounded, and a
 document type, with which XML can grow without bound, is refused.
 """
 
@@ -13,7 +14,7 @@ from xml.etree import ElementTree
 from saf_gen.errors import BadInput
 
 MAX_BYTES = 8 << 20
-"""Largest part of the file, inflated."""
+"""Largest size of a part of the file after decompression."""
 SHEET, TEXTS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
 _DAMAGE = (
     *(OSError, EOFError, KeyError, IndexError, ValueError, RuntimeError),  # NotImplementedError is a RuntimeError
@@ -25,7 +26,7 @@ _NAME = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 def read_imported_sheet(path: str | Path) -> list[list[str]]:
     """Return the rows of the first sheet, from its first column; an empty cell is "".
 
-    Raises BadInput for a file that is missing, too large, or no spreadsheet.
+    Raises BadInput if the file is missing, too large, or not a spreadsheet.
     """
     where = str(path)
     try:

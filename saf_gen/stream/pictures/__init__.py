@@ -1,4 +1,4 @@
-"""Pictures of a recording, for people to look at: a figure, a moving picture, or a page to scrub through."""
+"""Pictures of a recording for people to look at: a figure, a moving picture, or a page to scrub through."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from saf_gen.core.files import file_name_as_text, write_atomically
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.measure_input import choose_stream_region
-from saf_gen.stream.pictures.windows import KINDS, WindowPictures, choose_windows_of_stream
+from saf_gen.stream.pictures.window_pictures import KINDS, WindowPictures, choose_windows_of_stream
 from saf_gen.stream.readable import ReadableStream
 
 __all__ = ["FORMS", "KINDS", "ViewForm", "write_view"]
@@ -16,11 +16,11 @@ __all__ = ["FORMS", "KINDS", "ViewForm", "write_view"]
 
 @dataclass(frozen=True)
 class ViewForm:
-    """A kind of file: what it is, how many pictures it has unless told, and the most it may have."""
+    """A kind of file: what it is, how many pictures it has by default, and how many it may have at most."""
 
     words: str
     count: int
-    most: int
+    max_count: int
 
 
 FORMS = {
@@ -46,24 +46,41 @@ def write_view(
     region: str = "target",
     fps: float = 12.0,
 ) -> WindowPictures:
-    """Write pictures of a recording with its lens, light, truth and scores, and return which.
+    """Write pictures of a recording with plots of its lens, light, truth and scores.
 
     Parameters
     ----------
-    stream : the open recording; a window is read at a time, so memory does not grow with its length.
-    path : the file to write; its ending is a key of FORMS.
-    kind : a key of KINDS.
-    window : frames in a window, which measures score too; 100 unless told, or a tenth of a short view.
-    first, stop : the view, frames ``first <= t < stop``; the whole recording unless told.
-    every : frames from one picture to the next; unless told, so many that there are ``FORMS[...].count`` pictures.
-    measures : names of focus measures whose curves are drawn.
-    region : where measures look, drawn as a box: ``target`` where the stream has one, or ``frame``.
-    fps : pictures per second of what moves, above 0 and at most 100.
+    stream : ReadableStream
+        The open recording. It is read one window at a time, so that memory does not grow with its length.
+    path : str or Path
+        File to write; its ending is a key of FORMS.
+    kind : str, default "tfp"
+        A key of KINDS.
+    window : int, optional
+        Frames per window, both of pictures and of scores; by default 100, or a tenth of the view if it has fewer than
+        1,000 frames.
+    first, stop : int, optional
+        The view, frames ``first <= t < stop``; by default the whole recording.
+    every : int, optional
+        Frames from one picture to the next; by default chosen for ``FORMS[...].count`` pictures.
+    measures : sequence of str, default ()
+        Names of focus measures whose curves are drawn.
+    region : str, default "target"
+        Where measures look, drawn as a box: ``target``, which is the whole frame if the stream has no target, or
+        ``frame``.
+    fps : float, default 12
+        Pictures per second of a moving picture, above 0 and at most 100.
+
+    Returns
+    -------
+    WindowPictures
+        The pictures that were written.
 
     Raises
     ------
-    BadInput : another ending, an unknown kind, measure or region, frames that are not there, more pictures than the
-        file may have, and a file that cannot be written. Nothing is written then.
+    BadInput
+        If the ending, kind, measure or region is unknown, the view leaves the recording, the file may not have so many
+        pictures, or the file cannot be written. Nothing is written then.
     """
     target = Path(path)
     form = target.suffix.removeprefix(".").lower()
@@ -76,9 +93,9 @@ def write_view(
         raise BadInput(f"{fps:g} pictures per second", allowed="above 0, at most 100")
     of = FORMS[form]
     pictures = choose_windows_of_stream(
-        stream, kind=kind, window=window, first=first, stop=stop, every=every, count=of.count, most=of.most
+        stream, kind=kind, window=window, first=first, stop=stop, every=every, count=of.count, max_count=of.max_count
     )
-    # Imported late: matplotlib takes a second, and an error should not wait for it.
+    # Imported late, because matplotlib takes a second and an error should not wait for it.
     from saf_gen.stream.pictures import movie, player, still
     from saf_gen.stream.pictures.timeline import read_stream_timeline
 
@@ -97,11 +114,11 @@ def write_view(
                 pictures, timeline, region=box, path=part, title=file_name_as_text(stream.path.stem), fps=fps
             )
         elif form in ("gif", "mp4"):
-            screen = movie.Screen(pictures, timeline, region=box)
+            canvas = movie.MovieCanvas(pictures, timeline, region=box)
             if form == "gif":
-                movie.write_gif_of_stream(screen, part, fps=fps)
+                movie.write_gif_of_stream(canvas, part, fps=fps)
             else:
-                movie.write_mp4_of_stream(screen, part, size=screen.size, fps=fps)
+                movie.write_mp4_of_stream(canvas, part, size=canvas.size, fps=fps)
         else:
             still.draw_still_of_stream(pictures, timeline, region=box, path=part, form=form)
     return pictures

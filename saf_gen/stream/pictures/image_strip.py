@@ -1,4 +1,4 @@
-"""Pictures of a recording as one image, row by row, of which a page can show one at a time."""
+"""Pictures of a recording arranged in one image, of which a page can show one at a time."""
 
 import io
 import math
@@ -26,14 +26,14 @@ class ImageStrip:
 
 @dataclass(frozen=True)
 class PictureSheet:
-    """Pictures side by side, not yet a file."""
+    """Pictures side by side in one image that is not yet encoded as a file."""
 
     image: Image.Image
     size: tuple[int, int]
     count: int
 
     def encode(self, form: str, **options: object) -> ImageStrip:
-        """Return the pictures as a file of this format of Pillow, such as ``WEBP``."""
+        """Return the pictures encoded in one of Pillow's formats, such as ``PNG``."""
         buffer, across = io.BytesIO(), min(ACROSS, self.count)
         self.image.save(buffer, form, **options)
         rows = math.ceil(self.count / across)
@@ -41,7 +41,7 @@ class PictureSheet:
 
 
 def lay_out_stream_pictures(pictures: Iterable[np.ndarray], *, count: int, two_tone: bool = False) -> PictureSheet:
-    """Return ``count`` pictures, grey values uint8 (h, w), side by side; ``two_tone`` keeps one bit of each pixel."""
+    """Return ``count`` grey pictures, uint8 (h, w), side by side; ``two_tone`` keeps one bit per pixel."""
     across, mode = min(ACROSS, count), "1" if two_tone else "L"
     sheet, size = Image.new(mode, (1, 1)), (1, 1)
     for number, picture in enumerate(pictures):
@@ -54,7 +54,7 @@ def lay_out_stream_pictures(pictures: Iterable[np.ndarray], *, count: int, two_t
 
 
 def encode_stream_pictures_as_jpeg(sheet: PictureSheet, *, max_bytes: int) -> ImageStrip:
-    """Return pictures as JPEG of the best quality that makes it at most ``max_bytes``, or the lowest there is."""
+    """Return pictures as a JPEG of the best quality with at most ``max_bytes``, or else of the lowest quality."""
     for quality in JPEG_QUALITIES:
         strip = sheet.encode("JPEG", quality=quality, optimize=True)
         if len(strip.file) <= max_bytes:
@@ -63,7 +63,10 @@ def encode_stream_pictures_as_jpeg(sheet: PictureSheet, *, max_bytes: int) -> Im
 
 
 def shrink_stream_picture(light: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return linear light (h, w) averaged to ``size`` (width, height), float32: what adds is light, not grey values."""
+    """Return linear light (h, w) averaged to ``size`` (width, height), float32.
+
+    Do not pass grey values: their mean is not the grey value of the mean light.
+    """
     if size == light.shape[::-1]:
         return light.astype(np.float32)
     return np.asarray(Image.fromarray(light.astype(np.float32)).resize(size, Image.Resampling.BOX))

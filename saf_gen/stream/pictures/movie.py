@@ -1,4 +1,4 @@
-"""A recording as a moving picture, GIF or MP4: a picture with a cursor on the plots beside it."""
+"""A recording as a moving picture, GIF or MP4, with a cursor on plots next to the picture."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -16,18 +16,18 @@ from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
 from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
 from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment_of_stream
-from saf_gen.stream.pictures.windows import WindowPictures
+from saf_gen.stream.pictures.window_pictures import WindowPictures
 
 PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: width and height of plots, a line of text
-PICTURE, LARGEST = 400, 800  # pixels: a picture is about so wide at least, and at most so wide and high
+PICTURE, LARGEST = 400, 800  # pixels: approximate smallest width of a picture, and its largest width and height
 BOX, CURSOR, TEXT = (255, 216, 74), (0, 98, 163), (31, 35, 40)
-GREYS = 200  # of 256 colours of a GIF; the others are those of the plots
+GREYS = 200  # of the 256 colours of a GIF; the plots have the others
 
 
-class Screen:
-    """What stays while the picture changes, and where the picture and the cursors go.
+class MovieCanvas:
+    """The fixed background of a moving picture, on which the picture and the cursors are drawn.
 
-    ``size`` is (width, height) in pixels, both even, as video needs it.
+    ``size`` is (width, height) in pixels, both even, as video requires.
     """
 
     def __init__(self, pictures: WindowPictures, timeline: Timeline, *, region: Region | None) -> None:
@@ -54,7 +54,7 @@ class Screen:
         self._font = ImageFont.truetype(findfont(FontProperties(family="DejaVu Sans")), 12)
 
     def __iter__(self) -> Iterator[np.ndarray]:
-        """Yield the screen at each picture, uint8 (height, width, 3)."""
+        """Yield the canvas at each picture, uint8 (height, width, 3)."""
         stream, window = self._pictures.stream, self._pictures.window
         for number, grey in enumerate(self._pictures):
             first = int(self._pictures.starts[number])
@@ -81,16 +81,16 @@ class Screen:
         return np.asarray(canvas)
 
     def _fit(self, words: str) -> str:
-        """Return as many of the words, from the first, as fit below the picture."""
+        """Return as many parts of the text, from the first, as fit below the picture."""
         parts = words.split(SEPARATOR)
         while len(parts) > 1 and self._font.getlength(SEPARATOR.join(parts)) > self._shown[0] - 4:
             parts.pop()
         return SEPARATOR.join(parts)
 
 
-def write_gif_of_stream(screen: Screen, path: Path, *, fps: float) -> None:
-    """Write a screen as a GIF that repeats for ever; one palette serves all of it."""
-    frames = iter(screen)
+def write_gif_of_stream(canvas: MovieCanvas, path: Path, *, fps: float) -> None:
+    """Write a canvas as a GIF that repeats for ever; all its pictures share one palette."""
+    frames = iter(canvas)
     first = Image.fromarray(next(frames))
     colours = np.asarray(first.quantize(256 - GREYS).getpalette(), np.uint8).reshape(-1, 3)[: 256 - GREYS]
     greys = np.repeat(np.linspace(0, 255, GREYS).round().astype(np.uint8)[:, None], 3, axis=1)
@@ -105,16 +105,16 @@ def write_gif_of_stream(screen: Screen, path: Path, *, fps: float) -> None:
         format="GIF",
         save_all=True,
         append_images=(reduce(Image.fromarray(frame)) for frame in frames),
-        duration=max(round(1000 / fps), 20),  # browsers slow down what is faster than 50 a second
+        duration=max(round(1000 / fps), 20),  # browsers slow down GIFs of more than 50 pictures per second
         loop=0,
         optimize=False,
     )
 
 
 def write_mp4_of_stream(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
-    """Write frames uint8 (height, width, 3) as H.264 video; a frame is in memory at a time.
+    """Write frames, uint8 (height, width, 3), as H.264 video; only one frame is in memory at a time.
 
-    Raises BadInput where imageio-ffmpeg, which brings an encoder, is missing or fails.
+    Raises BadInput if imageio-ffmpeg, which contains an encoder, is missing or fails.
     """
     require_extra("video", "imageio_ffmpeg", of="MP4")
     import imageio_ffmpeg

@@ -1,20 +1,20 @@
-"""A stream as a notebook shows it: some pictures of it, and what is known."""
+"""A stream as a notebook shows it: some of its pictures and a table of facts."""
 
 from base64 import b64encode
 from html import escape
 
 from saf_gen.stream.description import describe_stream_content
 from saf_gen.stream.pictures.image_strip import encode_stream_pictures_as_jpeg, lay_out_stream_pictures
-from saf_gen.stream.pictures.windows import choose_windows_of_stream
+from saf_gen.stream.pictures.window_pictures import choose_windows_of_stream
 from saf_gen.stream.readable import ReadableStream
 
 PICTURES, MAX_BYTES = 5, 300_000
 
 
 def format_stream_as_html(stream: ReadableStream) -> str:
-    """Return pictures of a stream, evenly over its time, and a table of what is known, as HTML without scripts.
+    """Return pictures at even intervals of a stream, and a table of facts, as HTML without scripts.
 
-    Five windows are read, so that it takes as long for a long recording as for a short one.
+    Only five windows are read, so that a long recording takes no more time than a short one.
     """
     pictures = choose_windows_of_stream(stream, count=PICTURES)
     strip = encode_stream_pictures_as_jpeg(
@@ -26,7 +26,7 @@ def format_stream_as_html(stream: ReadableStream) -> str:
         for name, text in describe_stream_content(stream, with_rates=False).items()
     )
     centres = ", ".join(f"{centre:,.0f}" for centre in pictures.centres)
-    words = f"{pictures.window} frames each, round the frames {centres}"
+    words = f"{pictures.window} frames each, around the frames {centres}"
     return (
         f"<div><b>{escape(stream.path.name)}</b><br>"
         f'<img style="max-width:100%" src="{source}" alt="{strip.count} pictures: {words}"><br>'

@@ -1,4 +1,4 @@
-"""Lens, light and scores over the time of a view, one plot below the other: a plot for each that is known."""
+"""Plots of lens, light and scores over the time of a view, one below the other; unknown quantities have no plot."""
 
 from collections.abc import Callable, Iterable, Mapping
 from math import isfinite
@@ -26,7 +26,7 @@ Panel = Callable[[Axes, Timeline], None]
 
 
 def list_stream_panels(timeline: Timeline) -> list[Panel]:
-    """Return what there is to draw. Raises BadInput for more measures than can be told apart."""
+    """Return the plots to draw; raise BadInput if there are more measures than colours can distinguish."""
     if len(timeline.scores) > MAX_MEASURES:
         raise BadInput(f"{len(timeline.scores)} measures", allowed=f"at most {MAX_MEASURES} in one picture")
     return [
@@ -37,12 +37,12 @@ def list_stream_panels(timeline: Timeline) -> list[Panel]:
 
 
 def draw_stream_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
-    """Draw all that is known, aligned, over the same frames; returns the axes from the top."""
+    """Draw a plot of each known quantity over the same frames, and return their axes from the top."""
     panels = list_stream_panels(timeline)
     axes: list[Axes] = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0].tolist()
     for ax, draw in zip(axes, panels, strict=True):
         draw(ax, timeline)
-        ax.yaxis.set_label_coords(-0.13, 0.5)  # one line of labels, however wide the numbers are
+        ax.yaxis.set_label_coords(-0.13, 0.5)  # align the labels, however wide the numbers are
         ax.tick_params(length=2.5, pad=2)
     axes[-1].set_xlim(timeline.first - 0.5, timeline.stop - 0.5)
     axes[-1].set_xlabel("frame", labelpad=2)
@@ -94,7 +94,7 @@ def _draw_light(axes: Axes, timeline: Timeline) -> None:
 
 
 def _draw_scores(axes: Axes, timeline: Timeline) -> None:
-    """Draw scores, each over its own range; a score that is not finite leaves a gap."""
+    """Draw the scores of each measure scaled to their range; scores that are not finite leave gaps."""
     for (name, scores), style in zip(timeline.scores.items(), _styles(timeline.scores), strict=True):
         known = scores[np.isfinite(scores)]
         low, span = (known.min(), np.ptp(known)) if known.size else (0.0, 0.0)
@@ -108,13 +108,13 @@ def _draw_scores(axes: Axes, timeline: Timeline) -> None:
 
 
 def _draw_extremes(axes: Axes, values: Extremes, *, style: PlotStyle, label: str) -> None:
-    """Draw a quantity as a line, and as a band where it changes faster than the line can tell."""
+    """Draw a quantity as a line, with a band if it changes faster than the line can show."""
     axes.fill_between(values.frames, values.low, values.high, color=style.colour, alpha=0.3, lw=0)
     axes.plot(values.frames, (values.low + values.high) / 2, color=style.colour, ls=style.dashes, lw=1.1, label=label)
 
 
 def _group_alike(gains: Mapping[str, Extremes]) -> list[str]:
-    """Return the names of light groups, those whose gains are the same joined by commas."""
+    """Return the names of light groups; names of groups with equal gains are joined by commas."""
     alike: dict[bytes, list[str]] = {}
     for name, gain in gains.items():
         alike.setdefault(gain.low.tobytes() + gain.high.tobytes(), []).append(name)
@@ -122,9 +122,9 @@ def _group_alike(gains: Mapping[str, Extremes]) -> list[str]:
 
 
 def _styles(names: Iterable[str], *, after: int = 0) -> list[PlotStyle]:
-    given = [*map(str, range(after)), *names]
-    styles = assign_plot_styles(given)
-    return [styles[name] for name in given[after:]]
+    all_names = [*map(str, range(after)), *names]
+    styles = assign_plot_styles(all_names)
+    return [styles[name] for name in all_names[after:]]
 
 
 def _put_legend_above(*axes: Axes) -> None:

@@ -1,4 +1,4 @@
-"""A recording as a page that stands alone: pictures to scrub through, with a cursor on the plots below."""
+"""A recording as a self-contained page: pictures to scrub through, with a cursor on plots."""
 
 import json
 from base64 import b64encode
@@ -23,7 +23,7 @@ from saf_gen.stream.pictures.image_strip import (
 )
 from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
 from saf_gen.stream.pictures.timeline import Timeline, describe_moment_of_stream
-from saf_gen.stream.pictures.windows import KINDS, WindowPictures
+from saf_gen.stream.pictures.window_pictures import KINDS, WindowPictures
 
 PANEL, AXIS = 0.95, 0.45  # inches
 WIDEST, MAX_BYTES = 400, 4_000_000
@@ -32,7 +32,7 @@ WIDEST, MAX_BYTES = 400, 4_000_000
 def write_stream_player(
     pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, title: str, fps: float
 ) -> None:
-    """Write the page to ``path``; it needs no network, and all but the moving works without scripts."""
+    """Write the page to ``path``; it needs no network, and only its motion needs scripts."""
     stream, two_tone = pictures.stream, pictures.kind == "spikes"
     sheet = lay_out_stream_pictures(_small_pictures(pictures), count=len(pictures.starts), two_tone=two_tone)
     strip = (
@@ -49,7 +49,7 @@ def write_stream_player(
         svg = inline_svg(plot_to_svg(figure, name="view"), label="Lens, light and scores over the frames")
     frames, rows, columns = stream.shape
     words = [describe_moment_of_stream(stream, first=int(a), window=pictures.window) for a in pictures.starts]
-    size = f"{columns} × {rows} pixels, {frames:,} readouts at {stream.readout_hz:,.0f} a second"
+    size = f"{columns} × {rows} pixels, {frames:,} readouts at {stream.readout_hz:,.0f} per second"
     rest = "." if pictures.kind == "spikes" else f"; {pictures.window} readouts each."
     play = {"across": strip.columns, "down": strip.rows, "x": [round(f, 5) for f in x.tolist()], "words": words}
     page = Template(files(__package__).joinpath("player.html").read_text(encoding="utf-8")).substitute(

@@ -1,4 +1,4 @@
-"""A figure for a paper: pictures of a recording above what is known of it, one column wide."""
+"""A figure for a paper, one column wide: pictures of a recording above plots of lens, light and scores."""
 
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,10 @@ from saf_gen.core.figure_style import COLUMN, COLUMN_STYLE, SOFT, use_plot_style
 from saf_gen.core.region import Region
 from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
 from saf_gen.stream.pictures.timeline import Timeline
-from saf_gen.stream.pictures.windows import WindowPictures
+from saf_gen.stream.pictures.window_pictures import WindowPictures
 
-PANEL, AXIS, CAPTION, TALLEST = 0.72, 0.3, 0.15, 2.5  # inches: a plot, its axis, a line above a picture, a picture
+# Heights in inches of a plot, its axis, a caption, and the tallest picture.
+PANEL, AXIS, CAPTION, TALLEST = 0.72, 0.3, 0.15, 2.5
 DOTS_PER_INCH = 300
 BOX = "#ffd84a"
 
@@ -21,7 +22,10 @@ BOX = "#ffd84a"
 def draw_still_of_stream(
     pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, form: str
 ) -> None:
-    """Write pictures and plots to ``path`` as png, pdf or svg (``form``), 3.5 inches wide; same input, same bytes."""
+    """Write pictures and plots to ``path`` as png, pdf or svg (``form``), 3.5 inches wide.
+
+    The same input gives the same bytes.
+    """
     count = len(pictures.starts)
     across = min(count, 3 if count <= 9 else 4 if count <= 16 else 6)
     down = -(-count // across)

@@ -1,4 +1,4 @@
-"""What is known and measured over the time of a view: lens, light, truth, and scores of measures."""
+"""Quantities over the time of a view: lens, light, truth, and scores of measures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from saf_gen.stream.measure_input import stream_input_for_measure
 from saf_gen.stream.readable import ReadableStream
 
 SCORED = 200
-"""Most windows in which measures are scored; evenly over the view."""
+"""Largest number of windows in which measures are scored, spread evenly over the view."""
 BINS = 500
-"""Most points of a line; of more frames each point tells the extremes of its bin."""
+"""Largest number of points in a line; if there are more frames, each point shows the extremes of a bin."""
 SEPARATOR = " · "
 
 
 @dataclass(frozen=True, eq=False)
 class Extremes:
-    """A quantity over the frames, as its smallest and largest value in each of some bins; each float64 (n,)."""
+    """The smallest and largest value of a quantity in each of n bins of frames; all arrays are float64 (n,)."""
 
     frames: np.ndarray
     low: np.ndarray
@@ -31,16 +31,26 @@ class Extremes:
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """What is drawn beside pictures; what is not known is None or empty.
+    """The quantities that are plotted next to pictures; an unknown quantity is None, NaN or empty.
 
     Attributes
     ----------
-    first, stop : the frames of the view.
-    lens, truth : fractions of the travel; the truth is one position, or moves.
-    depth_of_focus : how far its ends are from the truth, near and far, fractions of the travel.
-    gains : light groups by name, 1 is nominal.
-    centres, rate : the windows that were counted, frames, and their spikes per pixel and readout, each float64 (n,).
-    scores : by measure, float64 (n,).
+    first, stop : int
+        The view, frames ``first <= t < stop``.
+    lens : Extremes or None
+        Position of the lens, as a fraction of the travel.
+    truth : Extremes or None
+        Position of true focus, as a fraction of the travel; it is constant unless the scene moves.
+    depth_of_focus : tuple of float
+        Distances of the lower and the upper end of the depth of focus from the truth, as fractions of the travel.
+    gains : mapping of str to Extremes
+        Gain of each light group by name; 1 is nominal.
+    centres : ndarray of float64, shape (n,)
+        Middle of each counted window, in frames.
+    rate : ndarray of float64, shape (n,)
+        Spikes per pixel and readout in each counted window.
+    scores : mapping of str to ndarray of float64, shape (n,)
+        Scores of each measure by name.
     """
 
     first: int
@@ -80,10 +90,10 @@ def read_stream_timeline(
     measures: Sequence[str] = (),
     region: Region | None = None,
 ) -> Timeline:
-    """Return what is known over frames ``first <= t < stop``, and scores of ``measures`` in windows of ``region``.
+    """Return the known quantities in frames ``first <= t < stop``, with scores of ``measures`` in ``region``.
 
-    At most SCORED windows are counted, side by side or evenly spaced. Raises BadInput for an unknown measure, and for a
-    window that a measure cannot score.
+    Windows follow each other directly or, if that would be more than SCORED windows, at even intervals. Raises BadInput
+    if a measure is unknown or cannot score a window.
     """
     scorers = {name: get_measure(name) for name in measures}
     count = min(max((stop - first) // window, 1), SCORED)
@@ -122,7 +132,7 @@ def _find_extremes(values: np.ndarray, *, first: int, stop: int) -> Extremes:
 
 
 def describe_moment_of_stream(stream: ReadableStream, *, first: int, window: int) -> str:
-    """Return what is known of a window, in a line: its frames, the lens, how far it is from the focus."""
+    """Return one line about a window: its frames, the lens, its distance from focus, and the time."""
     stop = first + window
     parts = [f"frames {first:,}–{stop - 1:,}" if window > 1 else f"frame {first:,}"]
     lens, truth = stream.focus_position, stream.truth

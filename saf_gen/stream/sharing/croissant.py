@@ -1,8 +1,9 @@
 """The card of a dataset for programs: ``croissant.json``, and the front matter that Hugging Face reads in README.md.
 
-Croissant 1.0 with the responsible-AI vocabulary 1.0 (https://docs.mlcommons.org/croissant/docs/croissant-spec.html;
-Akhtar et al., NeurIPS 2024, doi:10.48550/arXiv.2403.19546). The streams are files of HDF5; the records are the
-sequences of ``manifest.json``.
+The format is Croissant 1.0 with the responsible-AI vocabulary 1.0
+(https://docs.mlcommons.org/croissant/docs/croissant-spec.html; Akhtar et al., NeurIPS 2024,
+doi:10.48550/arXiv.2403.19546). The streams are described as HDF5 files, and the sequences of ``manifest.json`` as
+records.
 """
 
 import json
@@ -10,11 +11,10 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
-from hashlib import file_digest
 from pathlib import Path
 from typing import Any
 
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import sha256_of_file, write_text_atomically
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry
 
@@ -74,18 +74,25 @@ SYNTHETIC = {
     "rai:dataSocialImpact": "None is known beyond that of cameras that focus better.",
     "rai:dataReleaseMaintenancePlan": "The recipe makes the dataset again; another dataset has another fingerprint.",
 }
-"""What is true of all that is generated, in the words of the responsible-AI vocabulary."""
+"""Statements in the responsible-AI vocabulary that hold for every generated dataset."""
 
 
 @dataclass(frozen=True)
 class DatasetFacts:
-    """What a card says beside the manifest.
+    """Facts in a card that are not in the manifest.
 
-    description : what the dataset is, in sentences.
-    licences : SPDX names; none where nobody has stated them.
-    url, creator : where it is published, and who made it; '' where that is not known yet.
-    published : date, YYYY-MM-DD; '' is today.
-    responsible : statements in the responsible-AI vocabulary, by key such as "rai:dataBiases".
+    Parameters
+    ----------
+    description : str
+        Sentences that describe the dataset.
+    licences : sequence of str
+        SPDX names; empty if they have not been stated.
+    url, creator : str, optional
+        Where the dataset is published, and who made it; '' if that is not known yet.
+    published : str, optional
+        Date, YYYY-MM-DD; by default today.
+    responsible : mapping of str to str, optional
+        Statements in the responsible-AI vocabulary, by key such as "rai:dataBiases".
     """
 
     description: str
@@ -99,7 +106,7 @@ class DatasetFacts:
 def describe_dataset_as_croissant(manifest: Manifest, facts: DatasetFacts, *, digest: str) -> dict[str, Any]:
     """Return the Croissant description of a dataset folder, as JSON-LD; ``digest`` is the SHA-256 of its manifest file.
 
-    Raises BadInput for a licence that is no SPDX name.
+    Raises BadInput if a licence is not an SPDX name.
     """
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", manifest.name).strip("-") or "dataset"
     splits = manifest.splits
@@ -129,7 +136,7 @@ def describe_dataset_as_croissant(manifest: Manifest, facts: DatasetFacts, *, di
 
 
 def point_croissant_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -> dict[str, Any]:
-    """Return a description whose files lie in tar shards, given by name with their SHA-256."""
+    """Return a description whose files are in tar shards; ``shards`` maps their names to their SHA-256."""
     files = [one for one in card["distribution"] if one["@type"] == "cr:FileObject" and one["@id"] == MANIFEST_NAME]
     files += [_file(name, "application/x-tar", digest=digest) for name, digest in shards.items()]
     for one in card["distribution"]:
@@ -139,9 +146,9 @@ def point_croissant_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -
 
 
 def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) -> None:
-    """Write ``croissant.json`` into a dataset folder beside its manifest; the date of an earlier one is kept."""
+    """Write ``croissant.json`` into a dataset folder next to its manifest; the date of an earlier one is kept."""
     path = folder / CARD_NAME
-    digest = sha256_of_shared_file(folder / MANIFEST_NAME)
+    digest = sha256_of_file(folder / MANIFEST_NAME)
     card = describe_dataset_as_croissant(manifest, facts, digest=digest)
     if path.is_file():
         found = re.search(r'"datePublished": "(\d{4}-\d\d-\d\d)"', path.read_text(encoding="utf-8", errors="replace"))
@@ -150,9 +157,9 @@ def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) ->
 
 
 def front_matter_for_sharing(manifest: Manifest, licences: Sequence[str], *, pattern: str) -> str:
-    """Return the lines that begin README.md as the Hugging Face Hub reads them, with a configuration of all splits.
+    """Return the first lines of README.md, which the Hugging Face Hub reads, with a configuration of all splits.
 
-    ``pattern`` is the path of a split's files, with {split} in it.
+    ``pattern`` is the path of the files of a split, containing {split}.
     """
     count = len(manifest.sequences)
     sizes = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"))
@@ -172,7 +179,7 @@ def front_matter_for_sharing(manifest: Manifest, licences: Sequence[str], *, pat
 
 
 def read_licences_for_croissant(expressions: Iterable[str]) -> list[str]:
-    """Return the names in SPDX expressions such as "MIT AND CC-BY-4.0"; none where one is empty or prose."""
+    """Return the names in SPDX expressions such as "MIT AND CC-BY-4.0"; an empty list if one is empty or prose."""
     found: set[str] = set()
     for expression in expressions:
         words = [word.strip("()") for word in expression.split()]
@@ -186,20 +193,11 @@ def read_licences_for_croissant(expressions: Iterable[str]) -> list[str]:
 
 
 def licence_urls_for_croissant(licences: Iterable[str]) -> list[str]:
-    """Return the addresses of SPDX licences; raises BadInput for what cannot be such a name."""
+    """Return the addresses of SPDX licences; raise BadInput if a name cannot be an SPDX name."""
     for name in licences:
         if not LICENCE.fullmatch(name):
-            raise BadInput(f"licence {name!r} is no SPDX name", allowed="a name such as CC-BY-4.0 or Apache-2.0")
+            raise BadInput(f"licence {name!r} is not an SPDX name", allowed="a name such as CC-BY-4.0 or Apache-2.0")
     return [f"https://spdx.org/licenses/{name}" for name in licences]
-
-
-def sha256_of_shared_file(path: Path) -> str:
-    """Return the SHA-256 of a file; raises BadInput where it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise BadInput(f"cannot be read: {error.strerror}", where=str(path)) from error
 
 
 def _folders(manifest: Manifest) -> list[str]:

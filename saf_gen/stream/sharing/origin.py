@@ -1,4 +1,4 @@
-"""Where a packed dataset is fetched from: a folder, or a server; nothing else in this package opens a connection."""
+"""Folders and HTTP servers from which packed datasets are fetched; no other module contains an HTTP client."""
 
 import http.client
 import ssl
@@ -19,24 +19,28 @@ ATTEMPTS, TIMEOUT_S, WAIT_S = 5, 60.0, 1.0
 BLOCK = 1 << 20
 Report = Callable[[int], None]
 BROKEN = (URLError, http.client.HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
-"""What a connection that fails or breaks off raises."""
+"""Exceptions of a connection that fails or breaks off."""
 
 
 class Origin(Protocol):
-    """A packed dataset, wherever it lies."""
+    """A packed dataset in a folder or on a server."""
 
     def name(self, file: str) -> str:
-        """Return how a file of it is called in messages."""
+        """Return the name of a file for messages."""
 
     def read(self, file: str, *, limit: int) -> bytes:
-        """Return a small file; raises BadInput where it is not there, or larger than ``limit`` bytes."""
+        """Return the content of a small file; raise BadInput if it is missing or larger than ``limit`` bytes."""
 
     def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
-        """Return a path that holds as many bytes of a file as the index says, in ``parts`` or where it lies."""
+        """Return the path of a file with as many bytes as the index states, downloaded to ``parts`` if necessary.
+
+        ``report`` is called with the number of bytes that are there. Raises BadInput if the file cannot be fetched or
+        has another size.
+        """
 
 
 def find_origin_of_shards(source: str) -> Origin:
-    """Return the origin at an address or path, of the folder or of the index in it."""
+    """Return the origin at the address or path of a folder, or of the index in it."""
     if "://" not in source:
         folder = Path(source)
         return _Folder(folder.parent if folder.name == INDEX_NAME else folder)
@@ -56,18 +60,18 @@ class _Folder:
     def read(self, file: str, *, limit: int) -> bytes:
         path = self.folder / file
         try:
-            check_plain_file(path, most=limit)
+            check_plain_file(path, max_bytes=limit)
             return path.read_bytes()
         except OSError as error:
             raise BadInput(
-                f"{self.folder} holds no packed dataset: {file} cannot be read", hint="saf-gen pack makes one"
+                f"{self.folder} holds no packed dataset: {file} cannot be read", hint="make one with saf-gen pack"
             ) from error
 
     def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
         path = self.folder / one.file
         found = path.stat().st_size if path.is_file() else 0
         if found != one.bytes:
-            raise BadInput(f"has {found:,} bytes", where=str(path), allowed=f"{one.bytes:,}, as the index says")
+            raise BadInput(f"has {found:,} bytes", where=str(path), allowed=f"{one.bytes:,}, as the index states")
         return path
 
 
@@ -90,7 +94,7 @@ class _Server:
         return text
 
     def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
-        """Download to a file that a later run goes on with."""
+        """Download a file and return its path; a partial file that an earlier run left is continued."""
         part = parts / f"{one.file}.{one.sha256[:16]}.part"
         for attempt in range(ATTEMPTS):
             have = part.stat().st_size if part.exists() else 0
@@ -122,7 +126,7 @@ class _Server:
                     have += len(block)
                     if have > one.bytes:
                         raise BadInput(
-                            f"has more than {one.bytes:,} bytes, which the index says", where=self.name(one.file)
+                            f"has more than the {one.bytes:,} bytes that the index states", where=self.name(one.file)
                         )
                     file.write(block)
                     report(have)
@@ -131,5 +135,5 @@ class _Server:
 def _unreachable(where: str, error: Exception) -> BadInput:
     reason = getattr(error, "reason", None) or str(error) or type(error).__name__
     refused = isinstance(error, HTTPError) and error.code < 500
-    hint = "is the address right?" if refused else "the same command goes on where it stopped"
+    hint = "check the address" if refused else "run the same command again to continue where it stopped"
     return BadInput(f"cannot be fetched: {reason}", where=where, hint=hint)

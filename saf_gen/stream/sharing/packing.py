@@ -1,4 +1,4 @@
-"""Packs a dataset into tar shards with an index of digests, as one puts it on a server or the Hugging Face Hub."""
+"""Packing of a dataset into tar shards with an index of digests, for a server or the Hugging Face Hub."""
 
 import json
 import re
@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.core.config.json_document import read_json
-from saf_gen.core.files import check_folder_writable, write_atomically, write_folder_atomically, write_text_atomically
+from saf_gen.core.files import (
+    check_folder_writable,
+    sha256_of_file,
+    write_atomically,
+    write_folder_atomically,
+    write_text_atomically,
+)
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, verify_manifest_entry
 from saf_gen.stream.sharing.croissant import (
@@ -20,7 +26,6 @@ from saf_gen.stream.sharing.croissant import (
     front_matter_for_sharing,
     licence_urls_for_croissant,
     point_croissant_to_shards,
-    sha256_of_shared_file,
 )
 from saf_gen.stream.sharing.shard_index import (
     INDEX_NAME,
@@ -37,8 +42,8 @@ STACKS = "stacks"
 
 
 @dataclass(frozen=True)
-class Packed:
-    """What was packed: the index, the SHA-256 of its file, and what its card does not say yet."""
+class PackedDataset:
+    """A packed dataset: its index, the SHA-256 of the index file, and the keys that its card still lacks."""
 
     index: ShardIndex
     index_sha256: str
@@ -55,32 +60,47 @@ def pack_dataset(
     url: str = "",
     creator: str = "",
     report: Callable[[int, int], None] = lambda done, total: None,
-) -> Packed:
+) -> PackedDataset:
     """Write the shards of a dataset, its cards and its index into a folder.
 
-    A shard is a tar of whole streams of one split, which WebDataset reads too; the same dataset gives the same bytes.
-    Each stream is read and held against the manifest before it is packed. All is written into a hidden folder beside
-    ``out`` and gets its name in the end; after a stop the same command begins anew.
+    A shard is a tar file of complete streams of one split, which WebDataset can also read; the same dataset gives the
+    same bytes. Before anything is packed, each stream is read and compared with the manifest. Everything is written
+    into a hidden folder next to ``out``, which is renamed at the end; an interrupted command starts from the beginning
+    when it is run again.
 
     Parameters
     ----------
-    dataset, out : the dataset's folder, and a folder that is empty or to be made.
-    shard_bytes : streams are added to a shard while it stays below this size.
-    stacks : pack the focal stacks too, which the closed loop needs.
-    licences : SPDX names; needed where the dataset has no ``croissant.json`` that tells them.
-    url, creator : where it will be published, and who publishes it, for its card.
-    report : called with bytes packed and bytes in all.
+    dataset : str or Path
+        Dataset folder.
+    out : str or Path
+        Folder to write, which must be empty or missing.
+    shard_bytes : int, default 1000000000
+        Streams are added to a shard as long as their sizes add up to at most this number of bytes.
+    stacks : bool, default False
+        Whether to pack the focal stacks too, which the closed loop needs.
+    licences : sequence of str, optional
+        SPDX names; required if the dataset has no ``croissant.json`` that states them.
+    url, creator : str, optional
+        Where the dataset will be published, and who publishes it, for its card.
+    report : callable, optional
+        Called with the number of bytes packed and the total number.
+
+    Returns
+    -------
+    PackedDataset
+        The index, its SHA-256, and the keys that the card still lacks.
 
     Raises
     ------
-    BadInput : a dataset that is no dataset or is damaged, no licence, or a folder that is not empty.
+    BadInput
+        If the folder is not a dataset or is damaged, if no licence is stated, or if ``out`` is not empty.
     """
     source, target = Path(dataset), Path(out)
     manifest = read_manifest(source)
     if not manifest.sequences:
-        raise BadInput("has no sequence", where=str(source), hint="saf-gen generate")
+        raise BadInput("has no sequence", where=str(source), hint="make some with saf-gen generate")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        holds = "holds this dataset, packed whole" if _is_packed(source, target) else "is not empty"
+        holds = "already holds this dataset, completely packed" if _is_packed(source, target) else "is not empty"
         raise BadInput(f"{target} {holds}", hint="give another folder with --out, or remove it")
     card = _read_card(source, manifest, licences=licences, url=url, creator=creator)
     check_folder_writable(target)
@@ -92,21 +112,21 @@ def pack_dataset(
             source, part, groups=groups, manifest=manifest, card=card, report=report, shard_bytes=shard_bytes
         )
     missing = tuple(key for key in ("url", "creator") if key not in card)
-    return Packed(index, sha256_of_shared_file(target / INDEX_NAME), missing)
+    return PackedDataset(index, sha256_of_file(target / INDEX_NAME), missing)
 
 
 def _is_packed(source: Path, target: Path) -> bool:
-    """Return whether a folder holds the shards of this very dataset."""
+    """Return whether the folder ``target`` holds the shards of the dataset in ``source``."""
     try:
         index = parse_shard_index((target / INDEX_NAME).read_text(encoding="utf-8"), INDEX_NAME)
         listed = [file.sha256 for file in index.files if file.file == MANIFEST_NAME]
-        return listed == [sha256_of_shared_file(source / MANIFEST_NAME)]
+        return listed == [sha256_of_file(source / MANIFEST_NAME)]
     except (OSError, ValueError, BadInput):
         return False
 
 
 def _group_files(source: Path, manifest: Manifest, *, stacks: bool) -> dict[str, list[str]]:
-    """Return the files to pack by what their shards are called: the splits, and the focal stacks."""
+    """Return the files to pack by group: one group for each split and, if requested, one for the focal stacks."""
     groups = {split: [e.file for e in manifest.sequences if e.split == split] for split in manifest.splits}
     for split in groups:
         if "/" in split or not is_plain_path_in_shard(split):
@@ -130,7 +150,7 @@ def _write_all(
     report: Callable[[int, int], None],
     shard_bytes: int,
 ) -> ShardIndex:
-    """Write shards, cards and index into a folder; raises BadInput for names that nobody could fetch."""
+    """Write shards, cards and index into a folder; raise BadInput if a name could not be fetched."""
     total = sum((source / name).stat().st_size for names in groups.values() for name in names)
     shards: list[Shard] = []
     done = 0
@@ -147,21 +167,21 @@ def _write_all(
     }
     for name, text in texts.items():
         write_text_atomically(target / name, text)
-    files = tuple(
-        PackedFile(name, (target / name).stat().st_size, sha256_of_shared_file(target / name)) for name in texts
-    )
+    files = tuple(PackedFile(name, (target / name).stat().st_size, sha256_of_file(target / name)) for name in texts)
     write_shard_index(target, ShardIndex(manifest.name, tuple(shards), files))
     return parse_shard_index((target / INDEX_NAME).read_text(encoding="utf-8"), INDEX_NAME)
 
 
 def _read_card(source: Path, manifest: Manifest, *, licences: Sequence[str], url: str, creator: str) -> dict[str, Any]:
-    """Return the dataset's description, made of the manifest where it has none."""
+    """Return the Croissant description of a dataset, made from the manifest if the dataset has none."""
     path = source / CARD_NAME
-    digest = sha256_of_shared_file(source / MANIFEST_NAME)
+    digest = sha256_of_file(source / MANIFEST_NAME)
     if path.is_file():
-        card = read_json(path, hint="saf-gen generate writes it again").data
+        card = read_json(path, hint="write it again with saf-gen generate").data
         if not isinstance(card, dict) or "distribution" not in card:
-            raise BadInput("is no description of a dataset", where=str(path), hint="saf-gen generate writes it again")
+            raise BadInput(
+                "is not a description of a dataset", where=str(path), hint="write it again with saf-gen generate"
+            )
         card["distribution"] = describe_dataset_as_croissant(manifest, DatasetFacts("", ()), digest=digest)[
             "distribution"
         ]
@@ -170,7 +190,7 @@ def _read_card(source: Path, manifest: Manifest, *, licences: Sequence[str], url
         card = describe_dataset_as_croissant(manifest, DatasetFacts(described, licences), digest=digest)
     if not licences and not card.get("license"):
         raise BadInput(
-            f"nobody has said under which licence {source} may be used", hint="--licence NAME, such as CC-BY-4.0"
+            f"the licence of {source} is not stated", hint="state one with --licence NAME, such as CC-BY-4.0"
         )
     if licences:
         card["license"] = licence_urls_for_croissant(licences)
@@ -182,12 +202,12 @@ def _read_card(source: Path, manifest: Manifest, *, licences: Sequence[str], url
 
 
 def _licence_names(card: dict[str, Any]) -> list[str]:
-    given = card["license"] if isinstance(card["license"], list) else [card["license"]]
-    return [str(one).rpartition("/")[2] for one in given]
+    licences = card["license"] if isinstance(card["license"], list) else [card["license"]]
+    return [str(one).rpartition("/")[2] for one in licences]
 
 
 def _readme(source: Path, manifest: Manifest, *, licences: Sequence[str]) -> str:
-    """Return the dataset's page with front matter that leads to the shards."""
+    """Return the README of the dataset with front matter that refers to the shards."""
     path = source / README
     text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else f"# {manifest.name}\n"
     body = re.sub(r"\A---\n.*?^---\n", "", text, flags=re.DOTALL | re.MULTILINE)
@@ -208,7 +228,7 @@ def _batches(source: Path, names: Sequence[str], *, shard_bytes: int) -> Iterato
 
 
 def _write_shard(path: Path, source: Path, *, names: Sequence[str]) -> Shard:
-    """Write one tar, without times, owners or rights of this machine."""
+    """Write one tar file, without times, owners and permissions of this machine."""
     members = []
     with write_atomically(path) as part, tarfile.open(part, "w", format=tarfile.PAX_FORMAT) as tar:
         for name in names:
@@ -219,4 +239,4 @@ def _write_shard(path: Path, source: Path, *, names: Sequence[str]) -> Shard:
                 file.seek(0)
                 tar.addfile(info, file)
             members.append(PackedFile(name, info.size, digest))
-    return Shard(path.name, path.stat().st_size, sha256_of_shared_file(path), tuple(members))
+    return Shard(path.name, path.stat().st_size, sha256_of_file(path), tuple(members))

@@ -1,4 +1,4 @@
-"""``index.json`` of a packed dataset: its shards, what lies in them, and the SHA-256 of everything."""
+"""``index.json`` of a packed dataset: its shards, the files in them, and the size and SHA-256 of each."""
 
 import json
 import re
@@ -19,7 +19,7 @@ INDEX_NAME = "index.json"
 FORMAT = "saf-gen shards"
 LAYOUT = 1
 MAX_INDEX_BYTES = 1 << 26
-"""Some 300,000 streams; reading it takes a dozen times as much memory."""
+"""Enough for about 300,000 streams; reading the index takes a dozen times as much memory."""
 
 Bytes = Annotated[int, Field(strict=True, ge=0, le=1 << 60)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -27,7 +27,7 @@ Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 @dataclass(frozen=True)
 class PackedFile:
-    """A file: its path in the dataset folder, with '/', its size and its SHA-256."""
+    """A file of a packed dataset: its path in the dataset folder (parts joined by '/'), its size and its SHA-256."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -38,7 +38,7 @@ class PackedFile:
 
 @dataclass(frozen=True)
 class Shard:
-    """A tar of files; ``file`` lies beside the index."""
+    """A tar file that contains files of the dataset; it is in the folder of the index."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -50,7 +50,7 @@ class Shard:
 
 @dataclass(frozen=True)
 class ShardIndex:
-    """A packed dataset: its name, its shards, and the files that lie beside the index as they are."""
+    """A packed dataset: its name, its shards, and the unpacked files in the folder of the index."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -60,7 +60,7 @@ class ShardIndex:
 
     @property
     def total_bytes(self) -> int:
-        """Bytes of all shards and files."""
+        """Total number of bytes of all shards and files."""
         return sum(one.bytes for one in self.shards) + sum(one.bytes for one in self.files)
 
 
@@ -71,10 +71,10 @@ def write_shard_index(folder: Path, index: ShardIndex) -> None:
 
 
 def parse_shard_index(text: str, where: str) -> ShardIndex:
-    """Return the index that a text holds; ``where`` names it in errors.
+    """Return the index in a JSON text; ``where`` is its name in errors.
 
-    Raises BadInput for what is no index, has a newer layout, names a file twice or one outside the folder, or has no
-    manifest.
+    Raises BadInput if the text is not an index, has another layout version, lists a file twice or outside the folder,
+    or lacks the manifest.
     """
     document = parse_json(text, where)
     if not isinstance(document.data, dict) or document.data.pop("format", None) != FORMAT:
@@ -90,17 +90,19 @@ def _check_names(index: ShardIndex, document: Document) -> None:
     where = document.locate()
     if not re.fullmatch(r"\w[\w. -]{0,99}", index.name):
         raise BadInput(
-            f"the dataset's name is {index.name!r}", where=where, allowed="letters, digits, _, -, . and blanks"
+            f"the dataset's name is {index.name!r}", where=where, allowed="letters, digits, _, -, . and spaces"
         )
-    beside = [*(one.file for one in index.shards), *(one.file for one in index.files)]
-    inside = [member.file for shard in index.shards for member in shard.members]
-    for name in beside:
+    outer_names = [*(one.file for one in index.shards), *(one.file for one in index.files)]
+    member_names = [member.file for shard in index.shards for member in shard.members]
+    for name in outer_names:
         if not is_plain_path_in_shard(name) or "/" in name or name == INDEX_NAME:
-            raise BadInput(f"has the file {name!r}", where=where, allowed="the name of a file beside the index")
-    for name in inside:
+            raise BadInput(
+                f"has the file {name!r}", where=where, allowed="the name of a file in the folder of the index"
+            )
+    for name in member_names:
         if not is_plain_path_in_shard(name):
             raise BadInput(f"has the member {name!r}", where=where, allowed="a relative path with '/', without ..")
-    unpacked = Counter(name.casefold() for name in (*inside, *(one.file for one in index.files)))
+    unpacked = Counter(name.casefold() for name in (*member_names, *(one.file for one in index.files)))
     for name, count in (unpacked + Counter(one.file.casefold() for one in index.shards)).items():
         if count > 1:
             raise BadInput(f"names {name!r} {count} times", where=where, allowed="each file once")
@@ -109,7 +111,7 @@ def _check_names(index: ShardIndex, document: Document) -> None:
 
 
 def is_plain_path_in_shard(name: str) -> bool:
-    """Return whether a name is a relative path of visible files that means the same on every system."""
+    """Return whether a name is a relative path, without hidden parts, that means the same on every system."""
     parts = PurePosixPath(name).parts
     plain = all(re.fullmatch(r"[^\x00-\x1f\\:*?\"<>|/]{1,255}", part) and not part.startswith(".") for part in parts)
     return bool(parts) and plain and "/".join(parts) == name

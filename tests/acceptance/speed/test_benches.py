@@ -1,4 +1,4 @@
-"""The benches run and yield every figure that was promised; how fast they are is not tested."""
+"""The benches run and yield every documented figure; their speed is not tested."""
 
 import importlib
 import json
@@ -15,6 +15,7 @@ import pytest
 import yaml
 from capture_dataset import write_moving_plane
 from small_dataset import HERE
+from written_scenes import needs_llvm
 
 from saf_gen.acceptance import speed
 from saf_gen.acceptance.speed import (
@@ -22,7 +23,7 @@ from saf_gen.acceptance.speed import (
     BenchFigure,
     BenchResults,
     BenchSize,
-    SceneFound,
+    SceneResult,
     bench_encode,
     bench_grain,
     bench_rates,
@@ -55,7 +56,7 @@ SMALL = BenchSize(
     reads=500,
     jobs=20,
 )
-# Part of a figure's text, with its target.
+# For each bench, parts of the texts of its figures, with the target of each figure.
 PROMISED = {
     "stack": {
         "one pass, 5 positions, 64×40, 16 samples": None,
@@ -110,19 +111,16 @@ PROMISED = {
         "pieces of stacks rendered for them": 0.0,
     },
 }
-needs_llvm = pytest.mark.skipif(
-    not backend.probe_render_backends().llvm_usable, reason=backend.probe_render_backends().llvm_description
-)
 
 
 def measured(name, size=SMALL):
-    """Return what a bench yields, run in this process, and the stages that it reported."""
+    """Run a bench in this process; return what it yields and the stages that it reported."""
     stages = []
     bench = importlib.import_module(f"saf_gen.acceptance.speed.bench_{name}")
-    return list(bench.run_bench(size, lambda *told: stages.append(told))), stages
+    return list(bench.run_bench(size, lambda *reported: stages.append(reported))), stages
 
 
-def promises_kept(name, figures):
+def assert_promised(name, figures):
     for figure in figures:
         assert figure.bench == name
         assert math.isfinite(figure.value)
@@ -136,19 +134,19 @@ def promises_kept(name, figures):
 @pytest.mark.slow
 def test_a_bench_gives_every_figure_promised(name):
     found, stages = measured(name)
-    promises_kept(name, [f for f in found if isinstance(f, BenchFigure)])
+    assert_promised(name, [f for f in found if isinstance(f, BenchFigure)])
     assert [f for f in found if isinstance(f, str)] == []
     assert {done for _, done in stages} >= {0.0, 1.0}
 
 
 @pytest.mark.slow
 def test_a_plan_reads_the_rates_that_the_bench_measures(tmp_path, monkeypatch):
-    """So little is rendered here that its time may drown in that of others, which a remark then says."""
+    """Rendering is so short that the load of the machine may hide its rate; a remark then replaces the figures."""
     monkeypatch.setattr(bench_rates, "REPEATS", 5)
     found, stages = measured("rates")
     figures = [f for f in found if isinstance(f, BenchFigure)]
     assert {"recording", "rendering", "scheduler"} == {stage for stage, _ in stages}
-    promises_kept("rates", figures)
+    assert_promised("rates", figures)
     assert any(f.what == "20 of 20 jobs that do nothing, two workers" for f in figures)
     names = {f.what for f in figures}
     assert {"cores", "pixel_frames_per_s", "pixel_frames_per_core_s", "job_s", "sequence_s"} <= names
@@ -162,14 +160,15 @@ def test_a_plan_reads_the_rates_that_the_bench_measures(tmp_path, monkeypatch):
 @pytest.mark.slow
 @needs_llvm
 def test_the_grain_of_a_moving_scene_is_measured_at_rest_and_in_slices(tmp_path, monkeypatch):
-    """Slices of 16 samples have more grain than stills of 64, by a factor of 2 where noise is plain.
+    """Slices of 16 samples have more grain than stills of 64, by a factor of 2 for independent samples.
 
-    Shared shading has less than that: nine moments tell a slice's."""
+    With shared shading the factor is smaller, because the shading of a slice is estimated from paths of nine slices.
+    """
     write_moving_plane(tmp_path, monkeypatch)
     sensor = tmp_path / "smaller.yaml"
     sensor.write_text(Path(SMALL.sensor).read_text().replace("rows: 40\ncolumns: 64", "rows: 20\ncolumns: 32"))
     found, stages = measured("grain", replace(SMALL, sensor=str(sensor), positions=(9, 17), scenes=("plane",)))
-    promises_kept("grain", found)
+    assert_promised("grain", found)
     values = {f.what: f.value for f in found}
     for place in PLACES:
         ratio = values[f"plane, slice, {place}: rms over mean"] / values[f"plane, still, {place}: rms over mean"]
@@ -183,7 +182,7 @@ def test_the_grain_of_a_moving_scene_is_measured_at_rest_and_in_slices(tmp_path,
     rms = [f.value for f in found if "slice, " in f.what and f.what.endswith("rms over mean")]
     assert worst["worst slice: rms over mean"].value == max(rms)
     cells = [f.cell for f in found if f.cell is not None]
-    assert len(set(cells)) == len(cells) == 2 * 4 * 6, "at rest and moving, four places, six figures"
+    assert len(set(cells)) == len(cells) == 2 * 4 * 6, "still and slice, four places, six figures"
     assert all(f.low <= f.value <= f.high for f in found if f.low is not None)
     assert {stage for stage, _ in stages} == {"plane, at rest", "plane, time slices", "plane, later slices"}
 
@@ -205,7 +204,7 @@ def test_grain_is_measured_with_the_samples_of_the_projects_recipes():
 
 @pytest.fixture
 def three_scenes(tmp_path, monkeypatch):
-    """Scenes a, b and c, the last of which moves; gives the folder of their folders."""
+    """The folder of scenes a, b and c, of which c moves."""
     for name in "abc":
         shutil.copytree(HERE / "scenes/plane", tmp_path / "scenes" / name)
         card = tmp_path / "scenes" / name / "scene.yaml"
@@ -217,11 +216,15 @@ def three_scenes(tmp_path, monkeypatch):
     return tmp_path / "scenes"
 
 
-THREE = replace(SMALL, scenes=("a", "b", "c"))
+ONE, THREE = replace(SMALL, scenes=("a",)), replace(SMALL, scenes=("a", "b", "c"))
+
+
+def bench_scenes(size, measure, folder=None):
+    return list(grain_by_scene.bench_each_scene(size, measure=measure, folder=folder))
 
 
 def measure_with(log, *, fails=()):
-    """A bench of one scene that takes a second and remembers for which it was called."""
+    """Return a bench of one scene that logs the scene's name, and fails for scenes in ``fails``."""
 
     def measure(size):
         (name,) = size.scenes
@@ -234,21 +237,21 @@ def measure_with(log, *, fails=()):
 
 
 def test_a_stopped_bench_of_grain_goes_on_with_the_scenes_that_are_left(three_scenes, tmp_path):
-    """b has failed and is tried again; what was kept is the same, figure by figure."""
+    """Scene b has failed and is tried again; the figures of a and c are kept."""
     log, folder = [], tmp_path / "kept"
     stopped = grain_by_scene.bench_each_scene(THREE, measure=measure_with(log, fails="b"), folder=folder)
     first = [next(stopped), next(stopped)]  # killed here
     assert first[1].found == ("grain: b is left out: its process died",)
-    again = list(grain_by_scene.bench_each_scene(THREE, measure=measure_with(log), folder=folder))
+    again = bench_scenes(THREE, measure_with(log), folder)
     assert log == ["a", "b", "b", "c"]
     assert again[0].found == first[0].found
     assert [(scene.scene, scene.number, scene.count) for scene in again] == [("a", 1, 3), ("b", 2, 3), ("c", 3, 3)]
-    assert list(grain_by_scene.bench_each_scene(THREE, measure=measure_with(log), folder=folder))[2] == again[2]
+    assert bench_scenes(THREE, measure_with(log), folder)[2] == again[2]
     assert len(log) == 4
 
 
 def test_a_scene_that_was_left_out_is_not_kept(three_scenes, tmp_path):
-    """A machine without LLVM may have it the next time. The memory of the process was measured all the same."""
+    """LLVM may be installed by the next run. The peak memory of the process is measured nevertheless."""
     log = []
 
     def measure(size):
@@ -256,28 +259,27 @@ def test_a_scene_that_was_left_out_is_not_kept(three_scenes, tmp_path):
         return ["grain: a is left out: no LLVM", BenchFigure("grain", "peak memory of a process", 0.5, "GiB", 2.0)]
 
     for _ in range(2):
-        list(grain_by_scene.bench_each_scene(replace(SMALL, scenes=("a",)), measure=measure, folder=tmp_path / "kept"))
+        bench_scenes(ONE, measure, tmp_path / "kept")
     assert len(log) == 2
 
 
-def test_grain_is_that_of_the_code_with_which_it_began(three_scenes, tmp_path):
-    """The scene is edited while it is measured."""
-    log, size, folder = [], replace(SMALL, scenes=("a",)), tmp_path / "kept"
+def test_grain_of_a_scene_that_is_edited_during_the_bench_is_not_kept(three_scenes, tmp_path):
+    log, folder = [], tmp_path / "kept"
 
     def measure(size):
         script = three_scenes / "a/scene.py"
         script.write_text(script.read_text() + "# another\n")
         return measure_with(log)(size)
 
-    list(grain_by_scene.bench_each_scene(size, measure=measure, folder=folder))
-    list(grain_by_scene.bench_each_scene(size, measure=measure_with(log), folder=folder))
+    bench_scenes(ONE, measure, folder)
+    bench_scenes(ONE, measure_with(log), folder)
     assert log == ["a", "a"]
 
 
 @pytest.mark.parametrize("what", ["samples", "scene", "card", "code", "damaged"])
-def test_grain_of_another_workload_scene_or_code_is_measured_anew(three_scenes, tmp_path, monkeypatch, what):
-    log, size, folder = [], replace(SMALL, scenes=("a",)), tmp_path / "kept"
-    list(grain_by_scene.bench_each_scene(size, measure=measure_with(log), folder=folder))
+def test_grain_of_another_workload_scene_or_code_is_measured_again(three_scenes, tmp_path, monkeypatch, what):
+    log, size, folder = [], ONE, tmp_path / "kept"
+    bench_scenes(size, measure_with(log), folder)
     if what == "samples":
         size = replace(size, still_samples=128)
     elif what == "scene":
@@ -292,42 +294,40 @@ def test_grain_of_another_workload_scene_or_code_is_measured_anew(three_scenes, 
         monkeypatch.setattr(grain_by_scene.saf_gen, "__file__", str(tmp_path / "package/__init__.py"))
     else:
         (folder / "a.json").write_text('{"of"')
-    list(grain_by_scene.bench_each_scene(size, measure=measure_with(log), folder=folder))
+    bench_scenes(size, measure_with(log), folder)
     assert log == ["a", "a"]
 
 
-def test_the_time_left_is_told_from_the_time_taken(three_scenes, tmp_path, monkeypatch):
-    """A scene that moves is taken for four; what is kept takes no time."""
+def test_the_time_left_is_estimated_from_the_time_taken(three_scenes, tmp_path, monkeypatch):
+    """A moving scene counts as four still ones; scenes that were kept take no time."""
     clock = iter([0.0, 10.0, 20.0, 60.0])
     monkeypatch.setattr(grain_by_scene, "perf_counter", lambda: next(clock))
-    left = [s.seconds_left for s in grain_by_scene.bench_each_scene(THREE, measure=measure_with([]), folder=tmp_path)]
-    assert left == [50.0, 40.0, 0.0]
+    assert [s.seconds_left for s in bench_scenes(THREE, measure_with([]), tmp_path)] == [50.0, 40.0, 0.0]
     (tmp_path / "b.json").unlink()
     clock = iter([0.0, 10.0, 20.0])
-    left = [s.seconds_left for s in grain_by_scene.bench_each_scene(THREE, measure=measure_with([]), folder=tmp_path)]
-    assert left == [None, 0.0, 0.0]
+    assert [s.seconds_left for s in bench_scenes(THREE, measure_with([]), tmp_path)] == [None, 0.0, 0.0]
 
 
 def test_a_broken_scene_is_left_out_of_all_and_refused_by_name(three_scenes, monkeypatch):
     (three_scenes / "a/scene.yaml").write_text("id: a\n")
     monkeypatch.setattr(grain_by_scene, "scene_names", lambda: ["a", "b"])
     log = []
-    found = list(grain_by_scene.bench_each_scene(replace(THREE, scenes=()), measure=measure_with(log)))
+    found = bench_scenes(replace(THREE, scenes=()), measure_with(log))
     assert [scene.scene for scene in found] == log == ["a", "b"]
     with pytest.raises(BadInput, match="a/scene.yaml"):
-        next(grain_by_scene.bench_each_scene(THREE, measure=measure_with(log)))
+        bench_scenes(THREE, measure_with(log))
 
 
-def test_a_folder_that_cannot_be_written_is_told_before_grain_is_measured(three_scenes, tmp_path):
+def test_a_folder_that_cannot_be_written_is_refused_before_grain_is_measured(three_scenes, tmp_path):
     (tmp_path / "file").write_text("")
     log = []
     with pytest.raises(BadInput, match="file/kept cannot be written"):
-        next(grain_by_scene.bench_each_scene(THREE, measure=measure_with(log), folder=tmp_path / "file/kept"))
+        bench_scenes(THREE, measure_with(log), tmp_path / "file/kept")
     assert log == []
 
 
-def test_the_grain_of_a_scene_is_printed_when_it_is_there_in_eighty_columns(capsys, monkeypatch):
-    """As it is found, on stdout; the time left on stderr; the figures are not printed again in the end."""
+def test_the_grain_of_a_scene_is_printed_as_soon_as_it_is_measured_in_eighty_columns(capsys, monkeypatch):
+    """The table goes to stdout and the time left to stderr; the figures are not printed again at the end."""
     monkeypatch.setattr(out, "_force_terminal", True)
     monkeypatch.setattr(out, "_width", 80)
     rows, columns = (
@@ -347,23 +347,23 @@ def test_the_grain_of_a_scene_is_printed_when_it_is_there_in_eighty_columns(caps
     )
 
     def run_benches(names, size, *, show, **options):
-        show(SceneFound("fan", tuple(table), 1, 2, 600.0))
+        show(SceneResult("fan", tuple(table), 1, 2, 600.0))
         shown.append(capsys.readouterr())
-        show(SceneFound("odd", ("grain: odd is left out",), 2, 2, 0.0))
+        show(SceneResult("odd", ("grain: odd is left out",), 2, 2, 0.0))
         return BenchResults((*table, worst), ("grain: odd is left out",), {})
 
     shown = []
     monkeypatch.setattr(speed, "run_benches", run_benches)
     with pytest.raises(SystemExit):
         main(["bench", "grain"])
-    (told, err), (last, remarks) = shown[0], capsys.readouterr()
+    (first, err), (last, remarks) = shown[0], capsys.readouterr()
     assert "grain: fan is done, 1 of 2, about 10 min left" in err
-    assert max(map(len, (told + last).splitlines())) <= 80
+    assert max(map(len, (first + last).splitlines())) <= 80
     for figure in ("<0.01", "! 12.3", "11.1–12.3", "! 1234", "≥ 1100", ">1e5", "unknown", "12 (3 to 20) %"):
-        assert figure in told
-    assert "! is above its goal: 4 % in" in told
-    assert "<0.01–<0.01" not in told
-    assert "…" not in told + last
+        assert figure in first
+    assert "! marks figures above their target: 4 % in" in first
+    assert "<0.01–<0.01" not in first
+    assert "…" not in first + last
     assert "worst slice" in last
     assert "correlation" not in last
     assert "odd is left out" in remarks
@@ -383,15 +383,15 @@ def test_the_grain_of_an_unknown_scene_is_refused(call):
 
 
 @pytest.mark.slow
-def test_the_whole_job_renders_nothing_for_another_light(test_scenes, small_recipe):
+def test_the_bench_of_a_complete_job_renders_nothing_for_another_light(test_scenes, small_recipe):
     found, stages = measured("job", BenchSize(recipe=str(small_recipe)))
-    promises_kept("job", found)
+    assert_promised("job", found)
     assert [f.value for f in found if f.unit == "pieces"] == [0]
     assert any("record" in stage for stage, _ in stages)
 
 
 @pytest.mark.slow
-def test_benches_run_in_processes_of_their_own_and_one_that_fails_leaves_the_others():
+def test_benches_run_in_separate_processes_and_the_others_run_after_one_that_fails():
     held = np.ones(1 << 29, np.uint8)
     stages = []
     missing = BenchSize(**{**vars(SMALL), "recipe": "missing.yaml"})
@@ -399,14 +399,14 @@ def test_benches_run_in_processes_of_their_own_and_one_that_fails_leaves_the_oth
     peak = results.figures[-1]
     assert peak.what == "peak memory of a process"
     assert peak.target == 2.0
-    assert 0 < peak.value < held.nbytes / 2**30, "the child's memory is its own, not its parent's"
+    assert 0 < peak.value < held.nbytes / 2**30, "the memory of the child, not of its parent"
     assert fresh_process.peak_memory_of_bench_gib() > 0.5
     assert stages[0].startswith("stream: ")
     assert isinstance(results.failed["job"], BadInput)
     assert "missing.yaml does not exist" in str(results.failed["job"])
 
 
-def test_an_unknown_bench_is_told_with_the_nearest():
+def test_an_unknown_bench_is_refused_with_the_nearest_name():
     with pytest.raises(BadInput, match=r"unknown bench 'steam'; allowed: encode, .*; did you mean 'stream'\?"):
         run_benches(["encode", "steam"], SMALL)
 
@@ -424,7 +424,7 @@ def test_a_target_is_met_on_its_own_side():
     assert BenchFigure("b", "size", 0.4, "bit").met is None
 
 
-def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
+def test_a_figure_that_cannot_be_measured_is_replaced_by_a_remark(monkeypatch):
     monkeypatch.setattr(bench_encode.saf_gen, "__file__", "/nowhere/saf_gen/__init__.py")
     monkeypatch.setattr(bench_stream, "bytes_read_by_bench", lambda: None)
     assert bench_encode.load_encoders_to_bench() is None
@@ -433,7 +433,7 @@ def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
     assert all("the system does not count" in remark for remark in remarks)
     monkeypatch.setattr(bench_encode, "_bench_memory", lambda size, report: iter(()))
     remarks = [f for f in measured("encode")[0] if isinstance(f, str)]
-    assert remarks == ["encode: the public encoders are left out: benchmarks/ is not beside the package"]
+    assert remarks == ["encode: the public encoders are left out: benchmarks/ is not next to the package"]
 
 
 def test_without_llvm_the_stack_bench_says_what_to_install(monkeypatch):
@@ -469,7 +469,7 @@ def test_json_holds_one_object_a_figure(capsys, monkeypatch):
     assert "a thing is left out" in err
 
 
-def test_the_table_has_the_target_beside_the_figure(capsys, monkeypatch):
+def test_the_table_has_the_target_next_to_the_figure(capsys, monkeypatch):
     _, out, _ = command(capsys, monkeypatch, RESULTS)
     (line,) = [line for line in out.splitlines() if "size" in line]
     cells = re.split(r"\s{2,}", line.strip())
@@ -487,7 +487,7 @@ def test_a_failed_bench_is_named_after_the_figures_of_the_others(capsys, monkeyp
     assert code == 2
 
 
-# The public encoders are what their sources say: they have the rates of their own laws.
+# Public encoders.
 
 
 @pytest.fixture(scope="module")
@@ -504,7 +504,7 @@ def test_every_public_encoder_gives_a_spike_or_none_at_our_rate(public):
     many = np.broadcast_to(grey[:1], (500, 40, 50))
     for encoder in public.ENCODERS[:3]:
         rate = encoder.run(many, np.random.default_rng(2)).mean()
-        # 2,000 pixels of 500 readouts; SCSim's pixels differ by 8 % rms, 0.2 % on their mean.
+        # 2,000 pixels, 500 readouts; SCSim's pixels differ by 8 % rms, so their mean by 0.2 %.
         assert rate == pytest.approx(0.2, rel=0.05), encoder.name
 
 
@@ -522,22 +522,21 @@ def test_video_to_spikes_fires_at_grey_over_threshold_to_one_spike(public):
     assert np.abs(spikes.sum(axis=0) - collected).max() <= 1
 
 
-def test_the_simulator_in_pictures_is_the_one_pixel_by_pixel(public):
-    """Without noise bit for bit; with it in rate: 8,000 pixel·frames each, one seed, within 5 sd."""
+def test_the_vectorised_simulator_equals_the_one_pixel_by_pixel(public):
+    """Without noise bits agree; with noise rates agree within 5 sd, for 8,000 pixel·frames each and one seed."""
     video = np.random.default_rng(5).integers(20, 200, (40, 10, 20), dtype=np.uint8)
-
-    ways = (public.simulate, public.simulate_pixel_by_pixel)
-    pictures, pixels = (way(video, np.random.default_rng(6)) for way in ways)
-    # Counts of a pixel scatter by less than one; the two devices' means by 8 %/sqrt(200) each.
+    simulators = (public.simulate, public.simulate_pixel_by_pixel)
+    pictures, pixels = (simulate(video, np.random.default_rng(6)) for simulate in simulators)
+    # The counts of each pixel scatter by less than one; the mean of each device by 8 %/sqrt(200).
     sd = math.sqrt(2 * (0.08**2 * 200 * pixels.sum(axis=0).mean() ** 2 + 200)) / 200
     assert abs(pictures.sum(axis=0).mean() - pixels.sum(axis=0).mean()) < 5 * sd
-    pictures, pixels = (way(video, Quiet()) for way in ways)
+    pictures, pixels = (simulate(video, Quiet()) for simulate in simulators)
     assert np.array_equal(pictures, pixels)
     assert 0.1 < pictures.mean() < 0.9
 
 
 class Quiet:
-    """A generator without noise: every draw is its mean, phases rise over the pixels."""
+    """A generator without noise: each draw is its mean, and phases rise from pixel to pixel."""
 
     def random(self, shape):
         return np.linspace(0, 4, math.prod(shape)).reshape(shape)
@@ -549,12 +548,12 @@ class Quiet:
         return mean
 
 
-# The scripts of benchmarks/ run, small, and write what the README shows.
+# Scripts in benchmarks/, at small sizes.
 
 
 @pytest.fixture
 def script(monkeypatch):
-    """Imports a script of benchmarks/ as `python benchmarks/NAME.py` would."""
+    """A function that imports a script of benchmarks/ as `python benchmarks/NAME.py` would."""
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     yield lambda name: importlib.import_module(name)
     for name in ("growth", "error", "drawing", "chunks", "bias_maps", "noisy_sensor"):
@@ -568,8 +567,8 @@ def test_growth_is_drawn_and_written(script, tmp_path, test_scenes, small_recipe
     plan = growth.Plan(
         **{**vars(growth.SMALL), "sensor": SMALL.sensor, "recipe": str(small_recipe), "sequences": (1, 2)}
     )
-    told = lambda function, *given: function(*given, report=lambda stage, done: None)  # noqa: E731  (in this process)
-    growth.main(["--out", str(tmp_path)], plan=plan, call=told)
+    in_this_process = lambda function, *arguments: function(*arguments, report=lambda stage, done: None)  # noqa: E731
+    growth.main(["--out", str(tmp_path)], plan=plan, call=in_this_process)
     found = json.loads((tmp_path / "growth.json").read_text())["curves"]
     assert list(found) == list(growth.CURVES)
     for curve in found.values():
@@ -582,23 +581,24 @@ def test_growth_is_drawn_and_written(script, tmp_path, test_scenes, small_recipe
 @needs_llvm
 @pytest.mark.slow
 def test_the_thin_lens_error_falls_as_the_root_of_samples(script, tmp_path, test_scenes):
-    """Over 2,560 pixels at five positions, 4 to 16 samples, one seed: the exponent is -1/2 within 0.1."""
+    """The exponent is -1/2 within 0.1, for 2,560 pixels at five positions, 4 to 16 samples, and one seed."""
     error = script("error")
     plan = error.Plan(sensor=SMALL.sensor, positions=5, samples=(4, 8, 16), reference=128, batch=16)
     error.main(["--out", str(tmp_path), "--scene", "plane"], plan=plan)
     found = json.loads((tmp_path / "error.json").read_text())
     assert found["slope_of_error"]["thin_lens"] == pytest.approx(-0.5, abs=0.1)
-    for way in ("one_pass", "thin_lens"):
-        assert all(a > b > 0 for a, b in zip(found[way]["error"], found[way]["error"][1:], strict=False))
-        assert len(found[way]["psnr_db"]) == 3
+    for method in ("one_pass", "thin_lens"):
+        assert all(a > b > 0 for a, b in zip(found[method]["error"], found[method]["error"][1:], strict=False))
+        assert len(found[method]["psnr_db"]) == 3
     assert (tmp_path / "error.png").stat().st_size > 10_000
 
 
-def test_planted_bias_and_noise_are_told_apart(script):
-    """Noise of 10 % in plain and filtered renders of 40,000 pixels, under a bias of 2 %, and of 4 % in a tenth of them.
+def test_planted_bias_and_noise_are_separated(script):
+    """Plain and filtered renders of 40,000 pixels have noise of 10 %, and a bias of 2 %, or 4 % in a tenth of them.
 
-    A half has noise of 7 %, the product of two differences one of 0.1², that of the two products together 0.0087:
-    over N pixels the squared bias has a standard error of 0.0087/√N, and the mean one of 0.1/√(2N). Bounds are five.
+    The mean of half the renders has noise of 7 %, and a product of two differences 0.1²; the mean of both products
+    has 0.0087. Over N pixels the standard error of the squared bias is 0.0087/√N, and that of the mean 0.1/√(2N).
+    Bounds are five standard errors.
     """
     bias_maps = script("bias_maps")
     random, shape = np.random.default_rng(1), (200, 200)
@@ -621,8 +621,8 @@ def test_bias_maps_are_drawn_and_plain_renders_kept(script, tmp_path, test_scene
     bias_maps = script("bias_maps")
     monkeypatch.setattr(bias_maps, "CASES", (bias_maps.Case("plane", 0.25, (24, 32)),))
     plan = bias_maps.Plan(plain=2, batch=8, filtered=2, slice_samples=4, still_samples=4)
-    given = ["--out", str(tmp_path / "out"), "--references", str(tmp_path / "kept")]
-    bias_maps.main(given, plan=plan)
+    arguments = ["--out", str(tmp_path / "out"), "--references", str(tmp_path / "kept")]
+    bias_maps.main(arguments, plan=plan)
     first = json.loads((tmp_path / "out" / "bias.json").read_text())["plane-quarter"]
     assert abs(first["all"]["mean"]) < 0.05
     assert first["all"]["share"] == 1
@@ -630,7 +630,7 @@ def test_bias_maps_are_drawn_and_plain_renders_kept(script, tmp_path, test_scene
     kept = sorted((tmp_path / "kept").iterdir())
     assert [path.name for path in kept] == ["plane_quarter_0.npy", "plane_quarter_1.npy"]
     np.save(kept[0], 2 * np.load(kept[0]))
-    bias_maps.main(given, plan=plan)
+    bias_maps.main(arguments, plan=plan)
     again = json.loads((tmp_path / "out" / "bias.json").read_text())["plane-quarter"]
     assert again["all"]["mean"] == pytest.approx((1 + first["all"]["mean"]) / 1.5 - 1, abs=0.02)
 
@@ -662,15 +662,15 @@ def test_every_chunk_shape_counts_the_same_spikes(script, tmp_path):
 @needs_llvm
 @pytest.mark.slow
 def test_two_sensors_are_compared_on_the_same_stacks(script, tmp_path, test_scenes, small_recipe, capsys):
-    """Twenty times the threshold noise: every stream differs, no stack is rendered again, a rerun reads records."""
+    """With twenty times the threshold noise every stream differs; stacks are shared, and a second run reads records."""
     own = Path(__file__).parents[2] / "small_sensor.yaml"
     noisy = tmp_path / "noisy.yaml"
     noisy.write_text(own.read_text().replace("threshold_noise_rms: 0.0058", "threshold_noise_rms: 0.12"))
     (tmp_path / "methods.txt").write_text("sd+argmax\nbrenner+argmax\n")
-    given = ["--out", str(tmp_path / "out"), "--recipe", str(small_recipe), "--sensor", str(own), str(noisy)]
-    given += ["--methods", str(tmp_path / "methods.txt")]
+    arguments = ["--out", str(tmp_path / "out"), "--recipe", str(small_recipe), "--sensor", str(own), str(noisy)]
+    arguments += ["--methods", str(tmp_path / "methods.txt")]
     noisy_sensor = script("noisy_sensor")
-    noisy_sensor.main(given)
+    noisy_sensor.main(arguments)
     first = capsys.readouterr().out
     assert "| method | success, `small_sensor` | error | success, `noisy` | error |" in first
     assert "| `sd+argmax` | " in first
@@ -680,5 +680,5 @@ def test_two_sensors_are_compared_on_the_same_stacks(script, tmp_path, test_scen
     a, b = (read_records(folder / f"{name}.jsonl") for name in ("small_sensor", "noisy"))
     assert {r.data for r in a}.isdisjoint({r.data for r in b})
     shutil.rmtree(folder / "dataset")
-    noisy_sensor.main(given)
+    noisy_sensor.main(arguments)
     assert capsys.readouterr().out == first

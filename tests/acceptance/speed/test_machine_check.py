@@ -1,4 +1,4 @@
-"""What `saf-gen doctor` knows."""
+"""The description of the machine that `saf-gen doctor` prints."""
 
 import sys
 

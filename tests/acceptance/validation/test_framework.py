@@ -1,6 +1,6 @@
-"""The framework of `saf-gen validate`: what fails is said to fail, a stopped run goes on, bad input is one line.
+"""The framework of `saf-gen validate`: failures are reported, stopped runs resume, errors are one line.
 
-The checks here are made on the spot; tests/acceptance/validation/test_validation.py runs the real ones.
+The checks here are made up; tests/acceptance/validation/test_validation.py runs the real ones.
 """
 
 import json
@@ -15,7 +15,7 @@ from scipy import stats
 from saf_gen.acceptance import validation
 from saf_gen.acceptance.validation import all_validation_checks, choose_validation_checks, inference, runner
 from saf_gen.acceptance.validation.check import Check, CheckSkipped, Comparison, Curve, Finding, Plot, Verdict
-from saf_gen.acceptance.validation.page import (
+from saf_gen.acceptance.validation.validation_page import (
     format_validation_number,
     tolerance_used_in_validation,
     write_validation_page,
@@ -28,7 +28,7 @@ PLOT = Plot(
 
 
 def make_check(name, measured, *, calls=None, error=None):
-    """A check of the law that a figure is 1 within 0.1."""
+    """Return a check that a measured figure is 1 within 0.1."""
 
     def run(maker, quick):
         if calls is not None:
@@ -44,7 +44,7 @@ def make_check(name, measured, *, calls=None, error=None):
 
 @pytest.fixture
 def planted(monkeypatch):
-    """Puts checks in the place of the real ones."""
+    """A function that replaces the real checks."""
 
     def plant(*checks):
         monkeypatch.setattr(validation, "all_validation_checks", lambda: {check.name: check for check in checks})
@@ -55,12 +55,12 @@ def planted(monkeypatch):
 
 def test_a_check_that_must_fail_fails_and_the_page_says_so(call, planted, tmp_path):
     planted(make_check("noise_right", 1.04), make_check("noise_wrong", 1.2))
-    code, shown, told = call("validate", "--out", tmp_path)
+    code, shown, messages = call("validate", "--out", tmp_path)
     assert code == 1
     assert re.search(r"noise_right\s+passed\s+1 of 1\s+0\.40", shown)
     assert re.search(r"noise_wrong\s+failed\s+0 of 1\s+2\.00", shown)
     assert max(map(len, shown.splitlines()[:-1])) <= 80
-    assert told.splitlines()[-1] == "saf-gen: noise_wrong failed: the figure: 1.2"
+    assert messages.splitlines()[-1] == "saf-gen: noise_wrong failed: the figure: 1.2"
     page = (tmp_path / "validation.md").read_text()
     assert "1 of 2 checks passed; 1 of 2 checks failed" in page
     assert "| the figure | 1.20 m (1.15 to 1.25) | 1.00 | 0.90 to 1.10 | **fails** |" in page
@@ -84,7 +84,7 @@ def test_json_holds_every_figure(call, planted, tmp_path):
 
 
 def test_a_run_that_was_stopped_goes_on(tmp_path):
-    """What ended before the stop is not run again; other sizes and other code are."""
+    """Checks that ended before the stop are not run again, except at another size."""
     calls = []
     stop = [True]
 
@@ -112,17 +112,17 @@ def test_what_other_code_found_is_not_used(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "fingerprint_validated_source", lambda: "0" * 64)
     runner.run_validation_checks([check], tmp_path)
     assert len(calls) == 2
-    assert [p.name for p in (tmp_path / runner.KEPT).iterdir()] == ["000000000000-whole"]
+    assert [p.name for p in (tmp_path / runner.RESULTS).iterdir()] == ["000000000000-whole"]
 
 
 def test_a_check_that_cannot_run_is_neither_passed_nor_kept(call, planted, tmp_path):
     skipped = make_check("outside_referee", 1.0, error=CheckSkipped("the package emva1288 is not installed"))
     broken = make_check("noise_broken", 1.0, error=SafGenError("no light"))
     planted(skipped, broken, make_check("noise_right", 1.0))
-    code, _, told = call("validate", "--out", tmp_path)
+    code, _, messages = call("validate", "--out", tmp_path)
     assert code == 1
-    assert "noise_broken broken: no light" in told
-    assert "outside_referee was skipped: the package emva1288 is not installed" in told
+    assert "noise_broken broken: no light" in messages
+    assert "outside_referee was skipped: the package emva1288 is not installed" in messages
     page = (tmp_path / "validation.md").read_text()
     assert "**skipped**" in page
     assert "the package emva1288 is not installed" in page
@@ -145,12 +145,12 @@ def test_a_check_without_figures_does_not_pass(tmp_path):
 
 
 def test_an_unknown_check_is_one_line(call, tmp_path):
-    code, shown, told = call("validate", "--only", "noise_interval", "--out", tmp_path)
+    code, shown, messages = call("validate", "--only", "noise_interval", "--out", tmp_path)
     assert code == 2
     assert shown == ""
-    assert len(told.splitlines()) == 1
-    assert "unknown check 'noise_interval'" in told
-    assert "did you mean 'noise_intervals'?" in told
+    assert len(messages.splitlines()) == 1
+    assert "unknown check 'noise_interval'" in messages
+    assert "did you mean 'noise_intervals'?" in messages
     assert not list(tmp_path.iterdir())
     assert call("validate", "--only", "nonsense", "--out", tmp_path)[0] == 2
 
@@ -158,9 +158,9 @@ def test_an_unknown_check_is_one_line(call, tmp_path):
 def test_a_folder_that_cannot_be_written_is_one_line(call, planted, tmp_path):
     planted(make_check("noise_right", 1.0))
     (tmp_path / "file").write_text("")
-    code, _, told = call("validate", "--out", tmp_path / "file/below")
+    code, _, messages = call("validate", "--out", tmp_path / "file/below")
     assert code == 2
-    assert len(told.splitlines()) == 1
+    assert len(messages.splitlines()) == 1
 
 
 def test_a_subject_stands_for_its_checks():
@@ -172,7 +172,7 @@ def test_a_subject_stands_for_its_checks():
         choose_validation_checks(["noise", "no"])
 
 
-def test_every_check_says_what_it_needs_to():
+def test_every_check_has_law_formula_source_workload_and_tolerance():
     for check in all_validation_checks().values():
         words = (check.law, check.formula, check.source, check.workload, check.tolerance)
         assert all(len(text) > 10 and "  " not in text for text in words), check.name
@@ -197,7 +197,7 @@ def test_a_figure_passes_inside_its_range_alone(value):
 
 @pytest.mark.slow
 def test_right_samples_fail_as_rarely_as_promised_and_wrong_ones_are_found():
-    """Of 4,000 checks of ten means of 50, 0.4 fail on average (P(≥ 5) = 10⁻⁴); all off by 1.5 sd do. Seed 1."""
+    """Of 4,000 checks of ten means of 50, 0.4 fail on average (P(≥ 5) = 10⁻⁴); all off by 1.5 sd fail. Seed 1."""
     samples = np.random.default_rng(1).normal(size=(4000, 10, 50))
     failed = sum(
         not all(inference.compare_mean_with_law("m", one, expected=0.0, figures=10).passed for one in check)
@@ -210,7 +210,7 @@ def test_right_samples_fail_as_rarely_as_promised_and_wrong_ones_are_found():
 
 
 def test_the_interval_of_a_mean_holds_it_95_times_in_100():
-    """2,000 means of 8 numbers; seed 2; bounds at ±4 standard deviations of a binomial."""
+    """2,000 means of 8 numbers; seed 2; bounds are ±4 standard deviations of a binomial."""
     samples = np.random.default_rng(2).normal(3.0, 2.0, size=(2000, 8))
     found = [inference.compare_mean_with_law("m", one, expected=0.0, figures=1) for one in samples]
     held = np.mean([one.low <= 3.0 <= one.high for one in found])
@@ -224,13 +224,8 @@ def test_chi_squared_is_refused_at_both_ends():
 
 
 def test_numbers_of_the_page_have_as_many_digits_as_needed():
-    assert [format_validation_number(x) for x in (0.0, 12345.6, 1.23456, 0.000123, -0.5)] == [
-        "0",
-        "12,346",
-        "1.235",
-        "1.23e-04",
-        "-0.5",
-    ]
+    texts = [format_validation_number(x) for x in (0.0, 12345.6, 1.23456, 0.000123, -0.5)]
+    assert texts == ["0", "12,346", "1.235", "1.23e-04", "-0.5"]
     assert [format_validation_number(x, 1e-6) for x in (0.9999848, 12.0, 0.0)] == ["0.999985", "12.000000", "0"]
     assert format_validation_number(1.23e-9, 1e-11) == "1.23e-09"
     assert math.isnan(tolerance_used_in_validation(Verdict("a", "broken", 0.0)))

@@ -1,4 +1,4 @@
-"""The checks of `saf-gen validate`, at the small sizes, and whole."""
+"""The checks of `saf-gen validate`, at their small and full sizes."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from saf_gen.camera import encoder
 
 @pytest.mark.slow
 def test_every_check_passes_at_its_small_size(tmp_path):
-    """A tolerance follows from the statistics of its workload; seeds are fixed."""
+    """Tolerances follow from the statistics of the workloads; seeds are fixed."""
     verdicts = run_validation_checks(list(all_validation_checks().values()), tmp_path, quick=True)
     assert {v.name: v.reason or v.comparisons for v in verdicts if v.outcome not in ("passed", "skipped")} == {}
     assert {v.name for v in verdicts if v.outcome == "skipped"} <= {"referee_emva1288"}
@@ -32,6 +32,6 @@ def test_half_the_variance_of_thresholds_in_the_product_is_found_by_name(tmp_pat
 
 
 @pytest.mark.long
-def test_every_check_passes_whole(tmp_path, worker_processes):
+def test_every_check_passes_at_full_size(tmp_path, worker_processes):
     verdicts = run_validation_checks(choose_validation_checks([]), tmp_path)
     assert {v.name: v.reason or v.comparisons for v in verdicts if v.outcome not in ("passed", "skipped")} == {}

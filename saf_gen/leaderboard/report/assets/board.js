@@ -1,5 +1,5 @@
-// The form over the leaderboard chooses among rows that were computed before: a table body for each selection of
-// sequences, the methods whose names hold all words, and the worst answers of both. What is chosen stands in the
+// The form above the leaderboard chooses among rows that are already computed: one table body for each selection of
+// sequences, the methods whose names contain all words, and the worst answers of both. The choice is stored in the
 // address, after the #, so that a link leads to the same view.
 
 const board = document.getElementById("board");
@@ -16,11 +16,11 @@ if (board !== null) {
   const everySequence = { body: 0, sequences: data.sequences.map((_, number) => number), total: data.total };
   const methodAt = columnHeads(board).findIndex((head) => head.textContent === "method");
   const methodOf = (row) => row.cells[methodAt].textContent;
-  let answersOf = ""; // the method whose answers are listed alone
+  let answersOf = ""; // the only method whose answers are listed
 
   const showAnswers = (hasMethod, { sequences, total }, whose) => {
     const chosen = new Set(sequences);
-    const all = total * data.methods.filter(hasMethod).length; // of which a page of many sequences holds some
+    const all = total * data.methods.filter(hasMethod).length; // a page of many sequences holds only some of them
     const found = data.answers.filter(([method, sequence]) => hasMethod(data.methods[method]) && chosen.has(sequence));
     const rows = found.slice(0, maxAnswers).map(([method, sequence, ...texts]) => {
       const row = answerRow.cloneNode(true);
@@ -40,7 +40,7 @@ if (board !== null) {
           : `${all} answers${whose}, the worst first.`;
   };
 
-  // Columns without room are hidden by rules of the page; a heading over several spans those that are left.
+  // Style rules hide columns for which there is no space; a group heading spans the columns that remain.
   const fold = () => {
     board.classList.toggle("folded", !whole.checked);
     const isShown = columnHeads(board).map((head) => getComputedStyle(head).display !== "none");
@@ -120,7 +120,7 @@ if (board !== null) {
     writeAddress();
   };
 
-  for (const link of board.querySelectorAll("td.name a")) { // on a phone a name breaks before its search
+  for (const link of board.querySelectorAll("td.name a")) { // on a narrow screen a name breaks before its search
     const [measure, ...search] = link.textContent.split("+");
     if (search.length) link.replaceChildren(`${measure}+`, document.createElement("wbr"), search.join("+"));
   }
@@ -134,7 +134,7 @@ if (board !== null) {
   });
   board.addEventListener("sorted", writeAddress);
   form.addEventListener("input", update);
-  for (const select of [first, second]) select.addEventListener("input", update); // they stand outside the form
+  for (const select of [first, second]) select.addEventListener("input", update); // they are outside the form
   form.addEventListener("submit", (event) => event.preventDefault());
   form.addEventListener("reset", () => setTimeout(() => setView("")));
   window.addEventListener("hashchange", () => { if (location.hash.includes("=")) setView(location.hash.slice(1)); });
@@ -143,7 +143,7 @@ if (board !== null) {
   setView(location.hash.includes("=") ? location.hash.slice(1) : "");
 }
 
-// A link to what is folded opens it.
+// A link to a closed details element opens it.
 const openTarget = () => {
   const target = location.hash.length > 1 ? document.getElementById(location.hash.slice(1)) : null;
   if (target?.tagName === "DETAILS") target.open = true;

@@ -1,6 +1,6 @@
-// Two methods side by side: their rows of the leaderboard, and their answers sequence by sequence.
+// Comparison of two methods: their rows of the leaderboard, and their answers sequence by sequence.
 
-// Links to what the measure and the search of a method compute, as far as the page describes them.
+// Returns links to the descriptions of the measure and the search of a method, if the page has them.
 function linkPlugins(method) {
   const halves = method.replace(/@(target|frame)$/, "").split("+");
   const described = [...document.querySelectorAll(".plugin")];
@@ -13,7 +13,7 @@ function linkPlugins(method) {
   });
 }
 
-function makeTable(caption, heads, rows) { // as the page's own tables are
+function makeTable(caption, heads, rows) { // like the tables of the page
   const box = document.createElement("div");
   box.className = "wide";
   box.tabIndex = 0;
@@ -44,7 +44,7 @@ function compareMethods(board, data, { methods, sequences: held, total, methodAt
   const status = section.querySelector("[role=status]");
   const place = document.getElementById("compared");
   const [one, two] = methods;
-  const sequences = held.filter((sequence) => sequence < data.compared); // of the others not every answer is here
+  const sequences = held.filter((sequence) => sequence < data.compared); // the page does not hold every answer on the others
   place.replaceChildren();
   if (!one || !two || one === two) {
     status.textContent = one && one === two
@@ -58,7 +58,7 @@ function compareMethods(board, data, { methods, sequences: held, total, methodAt
     at ? row?.cells[column].textContent ?? DASH : name)).filter((_, column) => column !== methodAt);
   figures.push(["what they compute", ...methods.map((method) => linkPlugins(method))]);
 
-  const ERROR = 5; // in a row of data.answers, in depths of focus
+  const ERROR = 5; // its index in a row of data.answers; in depths of focus
   const errorsOf = (method) => new Map(data.answers
     .filter((answer) => data.methods[answer[0]] === method).map((answer) => [answer[1], answer[ERROR]]));
   const errors = methods.map(errorsOf);
@@ -71,10 +71,10 @@ function compareMethods(board, data, { methods, sequences: held, total, methodAt
     return [data.sequences[sequence], a, b, better];
   });
   status.textContent = `${one} is nearer on ${nearer[one]}, ${two} on ${nearer[two]}, both alike on ${nearer.alike} of `
-    + `${sequences.length} sequences${nearer[DASH] ? `; ${nearer[DASH]} have no error of both` : ""}.`
+    + `${sequences.length} sequences${nearer[DASH] ? `; on ${nearer[DASH]} at least one has no error` : ""}.`
     + (sequences.length < total ? ` They are spread evenly over ${total}; records.jsonl has all.` : "");
   for (const table of [
-    makeTable(`${one} beside ${two}`, ["figure", one, two], figures),
+    makeTable(`${one} compared with ${two}`, ["figure", one, two], figures),
     makeTable(`Errors of ${one} and ${two} in depths of focus`, ["sequence", one, two, "nearer"], lines),
   ]) {
     place.append(table);

@@ -1,10 +1,10 @@
 "use strict";
 // Every table sorts by any of its columns: text columns by text, others by the number that a cell begins with.
-// Cells without a number come last; equal cells keep their order. What a table shows can be had as CSV.
+// Cells without a number come last; equal cells keep their order. The visible cells of a table can be saved as CSV.
 
 const DASH = "–";
 const columnHeads = (table) => [...table.tHead.rows[table.tHead.rows.length - 1].cells];
-const writtenOrder = new WeakMap(); // of rows, for tables that are no longer to be sorted
+const writtenOrder = new WeakMap(); // position of each row, to restore the original order
 
 function unsortTable(table) {
   for (const body of table.tBodies) {
@@ -35,14 +35,14 @@ function sortTable(table, column, descending) {
   });
 }
 
-// The headings with those of their groups, so that each is there once.
+// The headings with those of their groups, which makes each unique.
 function columnNames(table) {
   const groups = [...(table.tHead.rows.length > 1 ? table.tHead.rows[0].cells : [])]
     .flatMap((cell) => Array(Number(cell.dataset.span)).fill(cell.textContent));
   return columnHeads(table).map((head, at) => [groups[at], head.textContent.trim()].filter(Boolean).join(": "));
 }
 
-// The columns and rows that are shown, as RFC 4180 has them. A text that a spreadsheet would run gets an apostrophe.
+// The visible columns and rows as CSV (RFC 4180). A text that a spreadsheet would run as a formula gets an apostrophe.
 function tableToCsv(table) {
   const heads = columnHeads(table);
   const shown = heads.map((head, column) => column).filter((column) => getComputedStyle(heads[column]).display !== "none");
@@ -79,7 +79,7 @@ function makeSortable(table) {
     if (head.title) button.title = head.title;
     head.append(button);
     button.addEventListener("click", () => {
-      // A column of fractions, which have bars, begins with the largest.
+      // The first click sorts a column of fractions, whose cells have bars, from the largest.
       const hasBars = table.tBodies[0].querySelector(`td:nth-child(${column + 1})[style]`) !== null;
       const order = head.getAttribute("aria-sort");
       sortTable(table, column, order === null ? hasBars : order === "ascending");

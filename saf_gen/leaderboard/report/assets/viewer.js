@@ -1,4 +1,4 @@
-// The sequence viewer: a slider, a pointer on the curves or the play button chooses the picture of the sweep.
+// The sequence viewer: the slider, a pointer on the curves or the play button chooses the picture of the sweep.
 
 const PICTURE_MS = 125;
 
@@ -20,7 +20,7 @@ document.querySelectorAll(".viewer").forEach((viewer) => {
       picture.hidden = !picture.classList.contains(kind.value);
       picture.style.transform = `translate(${-100 * column / across}%, ${-100 * row / Math.ceil(x.length / across)}%)`;
     }
-    box.hidden = kind.value === "spikes"; // they are of a smaller part than the box
+    box.hidden = kind.value === "spikes"; // these pictures show a smaller part than the box
     cursor.style.left = `${100 * x[at]}%`;
     description.value = words[at];
     slider.setAttribute("aria-valuetext", words[at]);

@@ -1,4 +1,4 @@
-"""The page that says what was checked, how, against what, and what came out; Markdown with pictures beside it."""
+"""The validation page, Markdown with pictures: what was checked, how and against what, and the results."""
 
 import math
 from collections.abc import Sequence
@@ -11,12 +11,15 @@ from saf_gen.acceptance.validation.plots import draw_validation_plot
 from saf_gen.core.files import write_text_atomically
 
 PAGE, PICTURES = "validation.md", "pictures"
-SHOWN = 8
-"""Figures of a check that are listed: the ones nearest to the end of what is allowed."""
+LISTED_FIGURES = 8
+"""Number of figures listed per check, those that use most of their tolerance; figures that fail are all listed."""
 
 
 def write_validation_page(checks: Sequence[Check], verdicts: Sequence[Verdict], *, folder: Path, quick: bool) -> Path:
-    """Write ``validation.md`` and the pictures beside it, and return its path; BadInput where that is impossible."""
+    """Write ``validation.md`` and its pictures to ``folder``, and return the path of the page.
+
+    Raises BadInput if a file cannot be written.
+    """
     by_name = {verdict.name: verdict for verdict in verdicts}
     shown = [(check, by_name[check.name]) for check in checks]
     for check, verdict in shown:
@@ -34,20 +37,21 @@ def _picture(check: Check) -> str:
 def _lines(shown: list[tuple[Check, Verdict]], *, quick: bool) -> list[str]:
     outcomes = [verdict.outcome for _, verdict in shown]
     counted = {outcome: outcomes.count(outcome) for outcome in dict.fromkeys(outcomes)}
-    size = "the small sizes of `--quick`" if quick else "the whole sizes"
+    size = "the small sizes of `--quick`" if quick else "full size"
     lines = [
         "# Validation",
         "",
-        f"Made by `saf-gen validate`, saf_gen {saf_gen.__version__}, {size}. "
+        f"Made by `saf-gen validate` of saf_gen {saf_gen.__version__}, at {size}. "
         f"{'; '.join(f'{count} of {len(shown)} checks {outcome}' for outcome, count in counted.items())}.",
         "",
-        "A check writes scenes, a sensor and a recipe to a folder, lets `generate` make the streams, reads them "
-        "back and compares",
-        "them with a law, with other code or with published figures. What may deviate follows from the workload's "
-        "own statistics: all",
-        f"figures of a check together fail a right product by chance once in {1 / FALSE_ALARM:,.0f} runs, and "
-        "seeds are fixed. What a law leaves out is",
-        "added, and said. *Used* is the part of the tolerance that the nearest figure takes: above 1 it fails.",
+        "A check writes scenes, a sensor and a recipe to a folder, lets `generate` make the streams, reads them back "
+        "and compares them",
+        "with a law, with other code or with published figures. Tolerances follow from the statistics of the "
+        "workload: all figures of a",
+        f"check together fail correct code by chance once in {1 / FALSE_ALARM:,.0f} runs, and seeds are fixed. Known "
+        "errors of a law are added to the",
+        "tolerance, and stated. *Used* is the largest fraction of its tolerance that a figure uses; above 1 the check "
+        "fails.",
         "",
         "| check | outcome | figures | used |",
         "|---|---|---|---|",
@@ -85,7 +89,7 @@ def _section(check: Check, verdict: Verdict) -> list[str]:
         *(f"- {remark}" for remark in verdict.remarks),
     ]
     if verdict.reason:
-        lines += ["", f"Not run to its end: {verdict.reason}"]
+        lines += ["", f"Not completed: {verdict.reason}"]
     if verdict.plot is not None:
         lines += ["", f"![{check.name}]({PICTURES}/{_picture(check)})"]
     if verdict.comparisons:
@@ -94,9 +98,9 @@ def _section(check: Check, verdict: Verdict) -> list[str]:
 
 
 def _figures(comparisons: tuple[Comparison, ...]) -> list[str]:
-    """Return the table of figures, those that fail or come nearest to it first, and what is left out."""
+    """Return the table of figures, failing ones first, then by the tolerance used, and a note on those left out."""
     ordered = sorted(comparisons, key=lambda one: (one.passed, -_rank(one)))
-    shown = ordered[: max(SHOWN, sum(not one.passed for one in ordered))]
+    shown = ordered[: max(LISTED_FIGURES, sum(not one.passed for one in ordered))]
     lines = ["| figure | measured (95 %) | law | allowed | |", "|---|---|---|---|---|"]
     for one in shown:
         step = (one.at_most - one.at_least) / 20
@@ -108,7 +112,7 @@ def _figures(comparisons: tuple[Comparison, ...]) -> list[str]:
         law = law if math.isfinite(one.expected) else "–"
         lines.append(f"| {one.what} | {measured}{unit}{interval} | {law} | {_allowed(one, step)} | {passed} |")
     if len(shown) < len(ordered):
-        lines += ["", f"The other {len(ordered) - len(shown)} figures lie nearer to the law."]
+        lines += ["", f"The other {len(ordered) - len(shown)} figures use less of their tolerance."]
     return lines
 
 
@@ -125,12 +129,15 @@ def _allowed(one: Comparison, step: float) -> str:
 
 
 def tolerance_used_in_validation(verdict: Verdict) -> float:
-    """Return the largest part of its tolerance that a figure of the check takes."""
+    """Return the largest fraction of its tolerance that a figure of the check uses; NaN without figures."""
     return max((_rank(one) for one in verdict.comparisons), default=math.nan)
 
 
 def format_validation_number(value: float, step: float = math.inf) -> str:
-    """Return a number for a table, with digits down to ``step``, what a reader tells apart; four digits without one."""
+    """Return a number as text for a table.
+
+    It has digits down to ``step``, the smallest difference that matters, or about four digits if ``step`` is infinite.
+    """
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else str(value)
     if 0 < step < math.inf:

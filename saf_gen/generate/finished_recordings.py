@@ -1,4 +1,4 @@
-"""Finished recordings on disk: whether a file is that of a fingerprint, and whole."""
+"""Finished recordings on disk: whether a file has a given fingerprint and is undamaged."""
 
 from pathlib import Path
 
@@ -7,12 +7,15 @@ from saf_gen.stream.stream_file import open_stream
 
 
 def has_generated_recording(path: Path, fingerprint: str) -> bool:
-    """Return whether ``path`` is a stream of this fingerprint; its spikes are not read."""
+    """Return whether ``path`` is a stream with this fingerprint; its spikes are not read."""
     return _stored_digest(path, fingerprint, verify=False) is not None
 
 
 def digest_generated_recording(path: Path, fingerprint: str) -> str | None:
-    """Return the content_sha256 of a stream of this fingerprint that was read and is whole, else None."""
+    """Return the content_sha256 of a stream, or None if it has another fingerprint or is missing or damaged.
+
+    All spikes are read.
+    """
     return _stored_digest(path, fingerprint, verify=True)
 
 

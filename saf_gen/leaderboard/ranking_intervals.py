@@ -1,8 +1,9 @@
-"""Confidence intervals of a ranking: of success, error, time, the difference to the best, and ranks.
+"""Confidence intervals of a ranking: of success, error, time, difference to the best method, and rank.
 
-The scene is the unit, because all sequences of a scene show the same content. Every interval but those of ranks holds
-for one method, or one pair of methods, alone. The interval of a rank counts the methods that are told apart from the
-row's among all its rivals at once, so that it does not grow falsely narrow with their number.
+The unit is the scene, because all sequences of a scene show the same content. Every interval except that of a rank
+holds for one method, or one pair of methods, alone. The interval of a rank counts the methods that are told apart from
+the row's method with a test that allows for all its rivals at once, so it does not become too narrow as their number
+grows.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,12 +27,12 @@ from saf_gen.leaderboard.scene_intervals import (
 )
 
 TIE_TOLERANCE = 1e-9
-"""Largest difference between equal successes: averages of averages may differ in the last bit."""
+"""Largest difference between success rates that count as equal; averages of averages may differ in the last bit."""
 
 
 @dataclass(frozen=True)
 class MethodIntervals:
-    """Intervals of one method among the others; None means unknown, and ``missing_reason`` says why."""
+    """Confidence intervals of one method of a ranking; None means unknown, and ``missing_reason`` says why."""
 
     success: Interval | None = None
     error: Interval | None = None
@@ -41,26 +42,27 @@ class MethodIntervals:
     rank: tuple[int, int] | None = None
     """Best and worst rank."""
     deficit_to_best: Interval | None = None
-    """Success of the best method minus the method's own; of several best ones, the nearest counts."""
+    """Interval of the best method's success minus that of this one; of several best methods, the nearest counts."""
     level_with_best: bool | None = None
-    """Whether no method is told apart from this one as a better one: its ``rank`` may be the first."""
+    """Whether no better method can be told apart from this one, so that its best possible rank is 1."""
     missing_reason: str = ""
 
 
 def find_intervals_of_ranking(by_method: Mapping[str, Sequence[Record]]) -> dict[str, MethodIntervals]:
     """Return the intervals of each method whose success is known.
 
-    The records are those that merge_leaderboard_records lets pass.
+    ``by_method`` holds records that merge_leaderboard_records has accepted. With fewer than MIN_SCENES scenes, every
+    interval is None.
     """
     outcomes = collect_outcomes_to_rank(by_method)
     if len(outcomes.scenes) < MIN_SCENES:
         reason = f"{len(outcomes.scenes)} of at least {MIN_SCENES} scenes"
         return {method: MethodIntervals(missing_reason=reason) for method in outcomes.methods}
-    shares = outcomes.average_by_scene(outcomes.success)
-    success = find_intervals_of_ranked_rate(shares, outcomes.counts)
+    fractions = outcomes.average_by_scene(outcomes.success)
+    success = find_intervals_of_ranked_rate(fractions, outcomes.counts)
     wins = outcomes.find_wins()
     ranks = find_rank_intervals(wins, outcomes.counts)
-    deficits = _find_deficits(shares, wins, counts=outcomes.counts)
+    deficits = _find_deficits(fractions, wins, counts=outcomes.counts)
     answered = ~np.isnan(outcomes.errors)
     times = {
         method: find_interval_of_ranked_mean(
@@ -82,18 +84,27 @@ def find_intervals_of_ranking(by_method: Mapping[str, Sequence[Record]]) -> dict
 
 
 def find_rank_intervals(wins: np.ndarray, counts: np.ndarray, *, confidence: float = CONFIDENCE) -> np.ndarray:
-    """Return the best and the worst rank that each method may have: int (M, 2).
+    """Return the best and the worst rank that each method may have.
 
-    A rival is told apart where its difference is too large for chance among all rivals of the row
-    (adjust_p_values_of_ranks) and the interval of the difference leaves out 0, which also holds where failures are rare
-    and come many in a scene.
-    The best rank comes after the better ones, the worst before the worse ones; confidence sets of this kind hold the
-    true rank however many methods tie, where resampled ranks do not [1]_.
+    A rival is told apart if its difference is too large for chance among all rivals of the row
+    (adjust_p_values_of_ranks) and the interval of the difference excludes 0. The second condition protects against
+    failures that are rare but clustered in a scene. The best rank follows the rivals told apart as better; the worst
+    precedes those told apart as worse. Confidence sets of this kind contain the true rank however many methods tie,
+    whereas resampled ranks do not [1]_.
 
     Parameters
     ----------
-    wins : float (M, M, S), the fraction of each scene's sequences that method j solves and method k does not.
-    counts : int (S,), sequences in each scene.
+    wins : ndarray of float, shape (M, M, S)
+        Fraction of the sequences of each scene that method j solves and method k does not.
+    counts : ndarray of int, shape (S,)
+        Number of sequences in each scene.
+    confidence : float, optional
+        Probability, 0 to 1, with which the ranks of a row should contain the true rank.
+
+    Returns
+    -------
+    ndarray of int, shape (M, 2)
+        Best and worst rank of each method, 1 to M.
 
     References
     ----------
@@ -102,7 +113,7 @@ def find_rank_intervals(wins: np.ndarray, counts: np.ndarray, *, confidence: flo
     """
     methods = len(wins)
     differences = wins - wins.transpose(1, 0, 2)
-    chance = np.stack([adjust_p_values_of_ranks(own) for own in differences])
+    chance = np.stack([adjust_p_values_of_ranks(of_method) for of_method in differences])
     sure = _exclude_zero(wins, counts, among=chance <= 1 - confidence, confidence=confidence)
     worse = (sure & (differences.sum(axis=2) > 0)).sum(axis=1)
     better = (sure & (differences.sum(axis=2) < 0)).sum(axis=1)
@@ -110,7 +121,7 @@ def find_rank_intervals(wins: np.ndarray, counts: np.ndarray, *, confidence: flo
 
 
 def _exclude_zero(wins: np.ndarray, counts: np.ndarray, *, among: np.ndarray, confidence: float) -> np.ndarray:
-    """Return which of these pairs have a difference whose interval leaves out 0: bool (M, M)."""
+    """Return the pairs in ``among`` for which the interval of the difference excludes 0: bool (M, M)."""
     found = np.zeros(among.shape, dtype=bool)
     first, second = np.nonzero(np.triu(among | among.T))
     if len(first):
@@ -121,9 +132,9 @@ def _exclude_zero(wins: np.ndarray, counts: np.ndarray, *, among: np.ndarray, co
     return found & among
 
 
-def _find_deficits(shares: np.ndarray, wins: np.ndarray, *, counts: np.ndarray) -> np.ndarray:
-    """Return the intervals of the differences to the nearest of the best methods: float (M, 2)."""
-    means = shares.mean(axis=1)
+def _find_deficits(fractions: np.ndarray, wins: np.ndarray, *, counts: np.ndarray) -> np.ndarray:
+    """Return, for each method, the interval of its difference from the nearest of the best methods: float (M, 2)."""
+    means = fractions.mean(axis=1)
     best = np.flatnonzero(means >= means.max() - TIE_TOLERANCE)
     ends = np.stack([find_rank_difference_intervals(wins[b], wins[:, b], counts=counts, cells=COARSE) for b in best])
     nearest = ends[ends[:, :, 0].argmin(axis=0), np.arange(len(means))]

@@ -1,7 +1,7 @@
-"""The spikes of whole recordings against optics written out here: where they are sharp, and how light changes.
+"""The spikes of complete recordings against optics written out here: where they are sharp, and how light changes.
 
-The stacks are made by hand. In the target, beside the frame's centre, lies a chequered pattern, blurred as at its own
-depth; what is round it lies 10 to 18 cm farther away.
+The stacks are made by hand. The target, to one side of the frame's centre, is a chequered pattern that is blurred
+according to its own depth; its surroundings are 10 to 18 cm farther away.
 """
 
 import numpy as np
@@ -25,8 +25,8 @@ FAR_M = 0.66
 MOMENTS = 9  # every 240 frames, the last at the end
 
 
-def place_of(depth_m):
-    """The position that focuses a depth: v = 1/(1/f − 1/u) between those of the travel's ends."""
+def best_position(depth_m):
+    """The position that focuses a depth: v = 1/(1/f − 1/u), between those at the ends of the travel."""
     first, last, here = (1 / (1 / F_M - 1 / u) for u in (*DRIVE.focus_range_m, depth_m))
     return (here - first) / (last - first)
 
@@ -38,7 +38,7 @@ def blur_px(depth_m, position):
 
 
 def picture(depth_m, position):
-    """Chequers of two pixels, light and dark, blurred to the second moment of a disc: its σ is c/4."""
+    """Light and dark checks of two pixels, blurred to the second moment of a disc, whose σ is c/4."""
     y, x = np.mgrid[:ROWS, :COLUMNS] // 2
     waves = np.fft.fft2(np.where((x + y) % 2, 1.0, 0.2))
     near, far = (np.fft.ifft2(fourier_gaussian(waves, blur_px(d, position) / 4)).real for d in (depth_m, FAR_M))
@@ -46,15 +46,15 @@ def picture(depth_m, position):
     return far
 
 
-def view(depth_m):
-    """Depth and target of such a scene."""
+def depth_and_target(depth_m):
+    """Depth and target of a scene whose target is at this depth."""
     depth, target = np.full((ROWS, COLUMNS), FAR_M, np.float32), np.zeros((ROWS, COLUMNS), bool)
     depth[TARGET], target[TARGET] = depth_m, True
     return depth, target
 
 
 def plane_source(stacks, views):
-    """One stack of a still scene, or one for each moment; (focus, row, col) each."""
+    """A plane source of one stack of a static scene, or of one stack per moment; stacks are (focus, row, col)."""
     at = tuple(range(0, FRAMES + 1, FRAMES // (MOMENTS - 1)))[: len(stacks)]
     specs = tuple(
         StackSpec(
@@ -70,14 +70,14 @@ def plane_source(stacks, views):
 
 
 def scene(depths_m):
-    """The scene with its target at these depths, at one moment or at all."""
+    """The scene with its target at this one depth, or at one depth per moment."""
     stacks = [[picture(depth, position) for position in np.linspace(0, 1, POSITIONS)] for depth in depths_m]
-    return plane_source(stacks, [view(depth) for depth in depths_m])
+    return plane_source(stacks, [depth_and_target(depth) for depth in depths_m])
 
 
-def record(tmp_path, given, **changes):
+def record(tmp_path, source, **changes):
     Recorder(SENSOR, FRAMES, device_seed=1, provenance={}).record(
-        make_sequence(mean_rate=0.3, **changes), given, path=tmp_path / "s.h5", fingerprint="f"
+        make_sequence(mean_rate=0.3, **changes), source, path=tmp_path / "s.h5", fingerprint="f"
     )
     return saf_gen.open_stream(tmp_path / "s.h5")
 
@@ -92,10 +92,10 @@ COMES_M = 0.54 - 0.08 * np.arange(MOMENTS) / (MOMENTS - 1)  # the target comes 8
 
 @pytest.mark.parametrize("depths_m", [[0.5], COMES_M], ids=["still", "moving"])
 def test_a_recording_is_sharpest_in_the_frame_of_its_truth(tmp_path, depths_m):
-    """And there the lens focuses the target. Windows of 100 frames, a parabola round the highest: within 5 frames.
+    """There the lens focuses the target. Windows of 100 frames, a parabola around the highest: within 5 frames.
 
-    No noise is on; counts of 30 and the parabola leave 0.2 frames. The focus of the frame's centre is passed 900 frames
-    earlier, and that of the compromise of all pixels 700.
+    There is no noise; counts of 30 and the parabola leave 0.2 frames. The lens passes the focus of the frame's centre
+    900 frames earlier, and that of the compromise of all pixels 700 frames earlier.
     """
     with record(tmp_path, scene(depths_m)) as stream:
         truth = stream.truth
@@ -105,13 +105,13 @@ def test_a_recording_is_sharpest_in_the_frame_of_its_truth(tmp_path, depths_m):
     parabola = np.polynomial.Polynomial.fit(middles[near], curve[near], 2)
     assert truth.frame == pytest.approx(float(parabola.deriv().roots()[0]), abs=5)
     depth = np.interp(truth.frame, np.linspace(0, FRAMES, len(depths_m)), depths_m)
-    assert truth.position == pytest.approx(place_of(depth), abs=2e-3)
+    assert truth.position == pytest.approx(best_position(depth), abs=2e-3)
 
 
 def test_a_target_is_blurred_alike_by_a_pixel_at_both_ends_of_its_depth_of_focus(tmp_path):
-    """c is symmetric in v, and so is the contrast: within 3 % in 100 frames round each end, where c is one pixel.
+    """c is symmetric in v, and so is the contrast: within 3 % in 100 frames around each end, where c is one pixel.
 
-    Were the depth of focus round the compromise of all pixels, both its ends would lie on one side, 2 to 4 pixels out.
+    If the depth of focus were that of the compromise of all pixels, both ends would be on one side, 2 to 4 pixels out.
     """
     with record(tmp_path, scene([0.5])) as stream:
         low, high = stream.truth.depth_of_focus
@@ -122,15 +122,15 @@ def test_a_target_is_blurred_alike_by_a_pixel_at_both_ends_of_its_depth_of_focus
 
 
 def test_light_that_grows_evenly_from_slice_to_slice_grows_evenly_in_spikes(tmp_path):
-    """A ramp without staircases: the number of spikes up to any frame is the integral of a straight line.
+    """A ramp without steps: the number of spikes up to any frame is the integral of a straight line.
 
-    An even field whose radiance is 1 at the first moment, 2 at the second, and so on; the lens at rest. Without noise a
-    pixel's count is exact to one spike of phase, and the mean over 2,400 pixels to 0.05, of 600 spikes.
+    An even field has radiance 1 at the first moment, 2 at the second, and so on; the lens is at rest. Without noise a
+    pixel's count is exact to one spike of phase, and the mean over 2,400 pixels to 0.05 of 600 spikes.
     """
     stacks = [np.full((POSITIONS, ROWS, COLUMNS), 1.0 + n) for n in range(MOMENTS)]
     frames = np.arange(0, FRAMES + 1, 25)
     with record(
-        tmp_path, plane_source(stacks, [view(0.5)] * MOMENTS), motion={"kind": "hold", "position": 0.4}
+        tmp_path, plane_source(stacks, [depth_and_target(0.5)] * MOMENTS), motion={"kind": "hold", "position": 0.4}
     ) as stream:
         seen = np.array([stream.counts(0, t).mean() if t else 0.0 for t in frames])
     per_slice = FRAMES / (MOMENTS - 1)

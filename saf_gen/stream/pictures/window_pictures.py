@@ -1,4 +1,4 @@
-"""Windows of a recording as pictures, read one at a time, so that memory does not grow with the recording."""
+"""Windows of a recording as pictures, read one at a time so that memory does not grow with the recording."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from saf_gen.stream.readable import ReadableStream
 
 KINDS = {
     "tfp": "Texture from playback: the spikes of each pixel in the window",
-    "tfi": "Texture from intervals: the rate by the one interval round the middle of the window",
-    "spikes": "The readout in the middle of the window, a spike white",
+    "tfi": "Texture from intervals: the rate from the one interval around the middle of the window",
+    "spikes": "The readout in the middle of the window; spikes are white",
 }
 WINDOW = 100
-"""Frames in a window, unless told: the block of the methods, and at most a tenth of the view."""
+"""Default number of frames in a window, which is the block of the methods; at most a tenth of the view is used."""
 WHITE_QUANTILE, WHITE_WINDOWS = 0.998, 12
-"""So many of the pixels are below white, in so many windows over the view; all pictures have the same white."""
+"""Fraction of pixels below white, and the number of windows in which it is found; all pictures share one white."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +29,16 @@ class WindowPictures:
 
     Attributes
     ----------
-    stream : the open recording.
-    kind : a key of KINDS.
-    window : frames in a window.
-    starts : int64 (n,), the first frame of each window.
-    white : what is shown white, in counts per window.
+    stream : ReadableStream
+        The open recording.
+    kind : str
+        A key of KINDS.
+    window : int
+        Frames per window.
+    starts : ndarray of int64, shape (n,)
+        First frame of each window.
+    white : float
+        Light that is shown as white, in counts per window.
     """
 
     stream: ReadableStream
@@ -44,12 +49,12 @@ class WindowPictures:
 
     @property
     def centres(self) -> np.ndarray:
-        """The middle of each window, frames, float64 (n,)."""
+        """The middle of each window in frames, float64 (n,)."""
         centres: np.ndarray = self.starts + (self.window - 1) / 2
         return centres
 
     def linear(self, number: int) -> np.ndarray:
-        """Return the light of a picture (H, W), in counts per window; spikes are 0 and 1."""
+        """Return the light of a picture (H, W) in counts per window; of kind ``spikes``, values are 0 and 1."""
         return _read_picture(self.stream, self.kind, first=int(self.starts[number]), window=self.window)
 
     def __iter__(self) -> Iterator[np.ndarray]:
@@ -68,22 +73,22 @@ def choose_windows_of_stream(
     stop: int | None = None,
     every: int | None = None,
     count: int = 6,
-    most: int = 10_000,
+    max_count: int = 10_000,
 ) -> WindowPictures:
-    """Return pictures of windows within frames ``first <= t < stop``.
+    """Return pictures of windows within the view, frames ``first <= t < stop``.
 
-    Windows begin ``every`` so many frames; without it ``count`` of them are spread evenly over the view, or fewer where
-    they would begin in the same frames. ``window`` is 100 frames unless told, or a tenth
-    of a view that is shorter than ten of them.
+    A window begins every ``every`` frames. If that is not given, ``count`` windows are spread evenly over the view, or
+    fewer if some would begin at the same frame. A ``window`` has 100 frames by default, or a tenth of the view if it
+    has fewer than 1,000 frames.
 
-    Raises BadInput for an unknown kind, frames outside the recording, a window longer than the view, and more than
-    ``most`` pictures.
+    Raises BadInput if the kind is unknown, the view leaves the recording, a window is longer than the view, or there
+    would be more than ``max_count`` pictures.
     """
     if kind not in KINDS:
         raise unknown("kind of picture", kind, allowed=KINDS)
     total = stream.shape[0]
     span = validate_window(first, total if stop is None else stop, total=total, where=str(stream.path))
-    length = _at_least_one("window", min(WINDOW, -(-len(span) // 10)) if window is None else window)
+    length = _positive_integer("window", min(WINDOW, -(-len(span) // 10)) if window is None else window)
     if length > len(span):
         raise BadInput(
             f"a window of {length} frames in a view of {len(span)}", allowed=f"1 to {len(span)}", hint="widen the view"
@@ -92,12 +97,12 @@ def choose_windows_of_stream(
     if every is None:
         starts = np.unique(np.linspace(span.start, last, max(count, 1)).astype(np.int64))
     else:
-        starts = np.arange(span.start, last + 1, _at_least_one("every", every))
-    if len(starts) > most:
+        starts = np.arange(span.start, last + 1, _positive_integer("every", every))
+    if len(starts) > max_count:
         raise BadInput(
             f"{len(starts)} pictures",
-            allowed=f"at most {most}",
-            hint=f"--every {-(-(last - span.start + 1) // most)}, or a shorter view",
+            allowed=f"at most {max_count}",
+            hint=f"use --every {-(-(last - span.start + 1) // max_count)} or a shorter view",
         )
     shown = starts[np.unique(np.linspace(0, len(starts) - 1, WHITE_WINDOWS).astype(int))]
     samples = (_read_picture(stream, kind, first=int(a), window=length) for a in shown)
@@ -115,7 +120,7 @@ def _read_picture(stream: ReadableStream, kind: str, *, first: int, window: int)
     return stream.counts(first, stop)
 
 
-def _at_least_one(name: str, value: int) -> int:
+def _positive_integer(name: str, value: int) -> int:
     try:
         number = index(value)
     except TypeError:

@@ -1,4 +1,4 @@
-"""Names of strangers: shown as they are written, on a terminal, in a spreadsheet, in Markdown and in LaTeX."""
+"""Untrusted names are shown as text on a terminal, in a spreadsheet, in Markdown and in LaTeX."""
 
 import csv
 import json
@@ -29,7 +29,7 @@ def no_steering(text, *, keep="\n"):
     return not any((ord(c) < 32 and c not in keep) or 0x7F <= ord(c) < 0xA0 or c in "\u202e\u2028\ud800" for c in text)
 
 
-def test_escapes_stand_in_place_of_what_steers_a_terminal_and_all_else_stays():
+def test_terminal_controls_are_escaped_and_everything_else_stays():
     assert escape_controls("\x1b[2J \x9b \u202e") == r"\x1b[2J \x9b \u202e"
     assert escape_controls("Größe 3–5 µm 焦点 🙂\n", keep="\n") == "Größe 3–5 µm 焦点 🙂\n"
     assert json.loads(f'"{escape_controls(STEERING, write=json.dumps)}"') == STEERING
@@ -63,8 +63,8 @@ def test_an_error_is_one_short_line_whatever_it_names():
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """The leaderboard of records whose every name bites."""
-    nasty = NASTY.replace("\ud800", "")  # half a letter cannot be written as UTF-8; files that hold one are refused
+    """The leaderboard of records whose names are all malicious."""
+    nasty = NASTY.replace("\ud800", "")  # half a surrogate pair is no UTF-8; files that contain one are refused
     records = [
         record(method, f"s-{light}-{nasty}", 0.3, scene=scene, light=light, split="=test", note=nasty)
         for method in ("sd+argmax", f"net {nasty}")
@@ -108,7 +108,7 @@ def test_markdown_shows_names_as_they_are():
     assert escape_markdown("a|b <i> [c](d)\n`e`") == r"a\|b &lt;i&gt; \[c\](d) \`e\`"
 
 
-def test_names_of_a_whole_evaluation_are_escaped_for_page_and_figures():
+def test_names_of_an_evaluation_are_escaped_for_page_and_figures():
     plain = Evaluation((record("sd+argmax", "s", 0.1),), (), ())
     assert escape_all_text(plain) is plain
     nasty = Evaluation(

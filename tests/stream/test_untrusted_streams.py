@@ -1,4 +1,4 @@
-"""Streams of strangers: other files are not read, memory is not filled, and what no stream holds is refused."""
+"""Untrusted streams: other files are not read, memory is not filled, and anything that no stream holds is refused."""
 
 import struct
 import tracemalloc
@@ -16,8 +16,8 @@ SECRET = b"what nobody else should read"
 
 
 @pytest.fixture
-def stranger(tmp_path):
-    """A whole stream, and a file of the machine that it has no business with."""
+def untrusted(tmp_path):
+    """A complete stream, and other files of the machine that it must not reach."""
     path = tmp_path / "a.h5"
     frames = np.random.default_rng(5).integers(0, 2, (400, 12, 10), np.uint8)
     write_stream(path, frames, focus_position=np.linspace(0, 1, 400), provenance={"recipe": "name: x"})
@@ -29,7 +29,7 @@ def stranger(tmp_path):
 
 
 def replace(file, name, **how):
-    """Create a dataset in place of another, with its attributes."""
+    """Replace a dataset by another one with the same attributes."""
     attributes = dict(file[name].attrs)
     del file[name]
     file.create_dataset(name, **how).attrs.update(attributes)
@@ -52,18 +52,27 @@ def link(name, to):
 
 
 ATTACKS = {
-    "an external link": (link("spikes", h5py.ExternalLink("other.h5", "/spikes")), "/spikes is a link to elsewhere"),
-    "a soft link": (link("focus/position", h5py.SoftLink("/spikes")), "/focus/position is a link to elsewhere"),
-    "a group elsewhere": (link("focus", h5py.ExternalLink("other.h5", "/")), "/focus is a link to elsewhere"),
+    "an external link": (
+        link("spikes", h5py.ExternalLink("other.h5", "/spikes")),
+        "/spikes is a link; allowed: data inside the file",
+    ),
+    "a soft link": (
+        link("focus/position", h5py.SoftLink("/spikes")),
+        "/focus/position is a link; allowed: data inside the file",
+    ),
+    "a group elsewhere": (
+        link("focus", h5py.ExternalLink("other.h5", "/")),
+        "/focus is a link; allowed: data inside the file",
+    ),
     "storage outside": (
         lambda f: replace(f, "focus/position", shape=(400,), dtype="u1", external=[("secret", 0, 400)]),
-        "/focus/position lies in other files",
+        "/focus/position is stored in other files",
     ),
     "spikes outside": (
         lambda f: replace(f, "spikes", shape=(12, 10, 50), dtype="u1", external=[("secret", 0, 6000)]),
-        "/spikes lies in other files",
+        "/spikes is stored in other files",
     ),
-    "a virtual dataset": (lambda f: virtual(f, "spikes", (12, 10, 50)), "/spikes lies in other files"),
+    "a virtual dataset": (lambda f: virtual(f, "spikes", (12, 10, 50)), "/spikes is stored in other files"),
     "another filter": (
         lambda f: replace(f, "spikes", data=np.zeros((12, 10, 50), "u1"), chunks=(12, 10, 50), compression="lzf"),
         r"/spikes has the filters \[.*32000\]; allowed: deflate",
@@ -103,63 +112,63 @@ ATTACKS = {
     ),
     "a list for the format": (lambda f: f.attrs.__setitem__("format", ["saf-gen stream"] * 2), "not a saf-gen stream"),
     "a list for the layout": (lambda f: f.attrs.__setitem__("layout", [1, 1]), "has layout None"),
-    "no rate": (lambda f: f["spikes"].attrs.__setitem__("readout_hz", np.nan), "does not say frames and readout_hz"),
+    "no rate": (lambda f: f["spikes"].attrs.__setitem__("readout_hz", np.nan), "does not state frames and readout_hz"),
     "words for frames": (lambda f: f["spikes"].attrs.__setitem__("frames", "many"), "truncated, damaged"),
 }
 
 
 @pytest.mark.parametrize("attack", ATTACKS)
-def test_what_a_stream_does_not_hold_is_refused_in_one_line(stranger, monkeypatch, attack):
-    monkeypatch.chdir(stranger.parent)
-    change, told = ATTACKS[attack]
-    with h5py.File(stranger, "r+") as file:
+def test_what_a_stream_does_not_hold_is_refused_in_one_line(untrusted, monkeypatch, attack):
+    monkeypatch.chdir(untrusted.parent)
+    change, message = ATTACKS[attack]
+    with h5py.File(untrusted, "r+") as file:
         change(file)
-    with pytest.raises(BadInput, match=told) as caught:
-        open_stream(stranger)
+    with pytest.raises(BadInput, match=message) as caught:
+        open_stream(untrusted)
     assert "\n" not in str(caught.value)
     assert SECRET.decode()[:9] not in str(caught.value)
 
 
-def test_text_that_claims_to_be_endless_is_refused_before_it_is_read(stranger):
-    """A text is a reference of 16 bytes, which begins with its length."""
-    with h5py.File(stranger) as file:
+def test_text_that_claims_to_be_endless_is_refused_before_it_is_read(untrusted):
+    """A text is stored as a reference of 16 bytes that begins with its length."""
+    with h5py.File(untrusted) as file:
         at = file["provenance/recipe"].id.get_offset()
-    raw = bytearray(stranger.read_bytes())
+    raw = bytearray(untrusted.read_bytes())
     raw[at : at + 4] = struct.pack("<I", 0xFFFFFFFF)
-    stranger.write_bytes(raw)
+    untrusted.write_bytes(raw)
     with pytest.raises(BadInput, match="/provenance/recipe holds 4,294,967,295 bytes of text"):
-        open_stream(stranger)
+        open_stream(untrusted)
 
 
 @pytest.mark.parametrize("length", [0, 2**63])
-def test_text_whose_pieces_have_no_end_is_refused_before_hdf5_looks_for_it(stranger, length):
-    content = bytearray(stranger.read_bytes())
+def test_text_whose_pieces_have_no_end_is_refused_before_hdf5_looks_for_it(untrusted, length):
+    content = bytearray(untrusted.read_bytes())
     heap = content.index(b"GCOL")
     at, end = heap + 16, heap + int.from_bytes(content[heap + 8 : heap + 16], "little")
-    while int.from_bytes(content[at : at + 2], "little"):  # 0 is the room that is left
+    while int.from_bytes(content[at : at + 2], "little"):  # 0 marks the free space
         at += 16 + -(-int.from_bytes(content[at + 8 : at + 16], "little") // 8) * 8
     assert at < end
     content[at + 8 : at + 16] = length.to_bytes(8, "little")
-    stranger.write_bytes(content)
+    untrusted.write_bytes(content)
     with pytest.raises(BadInput, match="its text is stored in broken pieces; make the file again"):
-        open_stream(stranger)
+        open_stream(untrusted)
 
 
 @pytest.mark.parametrize(
     "chunks",
     [pytest.param((12, 10, 50), id="our chunks"), pytest.param((6, 10, 25), id="others", marks=pytest.mark.slow)],
 )
-def test_a_chunk_that_inflates_a_thousandfold_fills_no_memory(stranger, chunks):
-    with h5py.File(stranger, "r+") as file:
+def test_a_chunk_that_inflates_a_thousandfold_fills_no_memory(untrusted, chunks):
+    with h5py.File(untrusted, "r+") as file:
         replace(file, "spikes", shape=(12, 10, 50), dtype="u1", chunks=chunks, compression="gzip")
         file["spikes"].id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(1 << 28), 1))
-    with open_stream(stranger) as stream:
+    with open_stream(untrusted) as stream:
         tracemalloc.start()
         with pytest.raises(BadInput, match="a chunk does not hold"):
             stream.counts(0, 400)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-    assert peak < 1 << 25  # the deflated chunk is a megabyte, the inflated one 256
+    assert peak < 1 << 25  # the chunk has 1 MB deflated and 256 MB inflated
 
 
 SEED, FLIPS = 17, 600
@@ -167,7 +176,7 @@ SEED, FLIPS = 17, 600
 
 @pytest.mark.slow
 def test_no_flipped_bit_is_read_as_data(tmp_path):
-    """Everything that a stream gives is as written, or the damage is told."""
+    """Everything that a stream returns is as written, or the damage is reported."""
     path, rng = tmp_path / "a.h5", np.random.default_rng(SEED)
     frames = rng.random((2_100, 12, 10)) < 0.2
     metadata = {
@@ -178,7 +187,7 @@ def test_no_flipped_bit_is_read_as_data(tmp_path):
         "provenance": {"recipe": "name: x\n" * 50, "seed": "3"},
     }
     write_stream(path, frames, **metadata)
-    whole = path.read_bytes()
+    content = path.read_bytes()
 
     def read():
         with open_stream(path) as stream:
@@ -186,13 +195,13 @@ def test_no_flipped_bit_is_read_as_data(tmp_path):
             yield stream.truth.position, stream.truth.depth_of_focus, stream.truth.frame, stream.truth.depth.tobytes()
             yield stream.focus_position.tobytes(), stream.gain.tobytes(), stream.frames(0, 2_100).tobytes()
 
-    written, told = list(read()), 0
-    for at, bit in zip(rng.integers(0, len(whole), FLIPS), rng.integers(0, 8, FLIPS), strict=True):
-        damaged = bytearray(whole)
+    written, refused = list(read()), 0
+    for at, bit in zip(rng.integers(0, len(content), FLIPS), rng.integers(0, 8, FLIPS), strict=True):
+        damaged = bytearray(content)
         damaged[at] ^= 1 << bit
         path.write_bytes(damaged)
         try:
             assert list(read()) == written, f"bit {bit} of byte {at}, seed {SEED}"
         except BadInput:
-            told += 1
-    assert told > FLIPS / 2
+            refused += 1
+    assert refused > FLIPS / 2

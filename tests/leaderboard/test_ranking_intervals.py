@@ -6,6 +6,7 @@ from scipy import stats
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard.outcomes import collect_outcomes_to_rank
 from saf_gen.leaderboard.paired_tests import adjust_p_values_of_ranks
+from saf_gen.leaderboard.ranking_intervals import MethodIntervals, find_intervals_of_ranking, find_rank_intervals
 from saf_gen.leaderboard.scene_intervals import (
     MIN_SCENES,
     find_interval_of_ranked_mean,
@@ -13,11 +14,10 @@ from saf_gen.leaderboard.scene_intervals import (
     find_intervals_of_ranked_rate,
     find_rank_difference_intervals,
 )
-from saf_gen.leaderboard.statistics import MethodIntervals, find_intervals_of_ranking, find_rank_intervals
 
 
 def solved(method, shares, *, sequences=4):
-    """Records of a method that solves this fraction of each scene's sequences."""
+    """Records of a method that solves these fractions of the sequences of the scenes."""
     return [
         record(method, f"{scene}-{i}", 0.5 if i < round(share * sequences) else 5.0, scene=f"scene{scene:03d}")
         for scene, share in enumerate(shares)
@@ -30,7 +30,7 @@ def intervals(**shares):
 
 
 def test_an_interval_of_scenes_with_one_sequence_each_is_that_of_a_proportion():
-    """Nothing is then known of the correlation and nothing hangs on it: Jeffreys' interval in closed form."""
+    """The correlation is then unknown and does not matter: the interval is Jeffreys', in closed form."""
     for successes in (3, 12, 29):
         shares = np.r_[np.ones(successes), np.zeros(30 - successes)]
         found = find_intervals_of_ranked_rate(shares[None], np.ones(30, int))[0]
@@ -55,7 +55,7 @@ def test_a_rate_of_1_has_a_width_and_one_failure_more_never_raises_an_end():
     assert find_intervals_of_ranked_rate(1 - rates, counts) == pytest.approx(1 - found[:, ::-1], abs=1e-9)
 
 
-def test_an_interval_hangs_on_neither_the_order_of_scenes_nor_the_rows_beside_it_nor_the_last_bit():
+def test_an_interval_does_not_depend_on_the_order_of_scenes_other_rows_or_the_last_bit():
     random = make_generator("test_statistics", "order")
     shares, counts = random.integers(0, 13, (50, 20)) / 12, np.full(20, 12)
     whole = find_intervals_of_ranked_rate(shares, counts)
@@ -71,7 +71,7 @@ def test_rates_of_more_sequences_than_the_steps_are_rounded_without_harm():
 
 
 def test_a_difference_is_as_wide_as_pairing_makes_it():
-    """Two methods that differ in 5 of 30 scenes: the interval is that of those, not that of two samples."""
+    """Two methods differ in 5 of 30 scenes: the interval is that of these scenes, not that of two samples."""
     counts, wins = np.full(30, 4), np.r_[np.ones(5), np.zeros(25)][None]
     low, high = find_rank_difference_intervals(wins, 0 * wins, counts=counts)[0]
     alone = find_intervals_of_ranked_rate(wins, counts)[0]
@@ -106,7 +106,7 @@ def test_a_median_that_the_scenes_do_not_bound_has_no_interval():
 
 
 def test_p_values_of_a_family_are_exact_where_all_turns_are_tried():
-    """Of 2⁷ turns of the signs of equal differences two give the largest sum, whatever else is in the family."""
+    """Of 2⁷ sign flips of equal differences two give the largest sum, whatever else is in the family."""
     one = np.full((1, 7), 0.3)
     assert adjust_p_values_of_ranks(one) == pytest.approx([2 / 2**7])
     both = adjust_p_values_of_ranks(np.concatenate([one, [[1, -1, 1, -1, 1, -1, 1]]]))
@@ -115,8 +115,8 @@ def test_p_values_of_a_family_are_exact_where_all_turns_are_tried():
     assert adjust_p_values_of_ranks(np.zeros((2, 7))) == pytest.approx([1, 1])
 
 
-def test_of_methods_that_are_all_alike_none_is_told_apart_more_often_than_in_one_trial_of_twenty():
-    """150 trials of 20 pairs with 20 scenes, seed named; rejections of 5 % at a significance of 10⁻³."""
+def test_equal_methods_differ_significantly_in_at_most_one_trial_of_twenty():
+    """150 trials of 20 pairs with 20 scenes and a named seed; 5 % are rejected, at a significance of 10⁻³."""
     random = make_generator("test_statistics", "family")
     found = sum(adjust_p_values_of_ranks(random.standard_normal((20, 20))).min() <= 0.05 for _ in range(150))
     assert 1 <= found <= stats.binom.ppf(1 - 1e-3, 150, 0.05)
@@ -128,20 +128,20 @@ def test_identical_methods_share_ranks_and_are_level():
     assert (found["a"].rank, found["a"].deficit_to_best, found["a"].level_with_best) == ((1, 2), (0, 0), True)
 
 
-def test_one_that_fails_where_the_others_succeed_is_told_apart_and_a_near_one_is_not():
+def test_a_method_that_fails_on_all_scenes_differs_significantly_and_a_near_one_does_not():
     found = intervals(all=np.ones(12), none=np.zeros(12), near=np.r_[np.ones(11), 0.5])
     assert [found[m].level_with_best for m in ("all", "near", "none")] == [True, True, False]
     assert [found[m].rank for m in ("all", "near", "none")] == [(1, 2), (1, 2), (3, 3)]
     assert found["none"].deficit_to_best[0] > 0.8
 
 
-def test_with_five_scenes_no_rank_can_be_told_from_another():
+def test_with_five_scenes_no_two_ranks_differ_significantly():
     assert intervals(all=np.ones(5), none=np.zeros(5))["none"].rank == (1, 2)
     assert intervals(all=np.ones(7), none=np.zeros(7))["none"].rank == (2, 2)
 
 
-def test_a_method_that_fails_rarely_and_then_wholly_is_not_behind_for_all_that_these_scenes_show():
-    """One loses a sequence in every scene, the other never in these: turned signs alone would tell them apart."""
+def test_a_method_that_loses_one_sequence_per_scene_is_not_significantly_behind():
+    """One fails on a sequence in every scene, the other on none: sign flips alone would find a difference."""
     counts, wins = np.full(20, 24), np.zeros((2, 2, 20))
     wins[0, 1] = 1 / 24
     assert adjust_p_values_of_ranks(wins[0, 1:])[0] < 0.001
@@ -161,10 +161,6 @@ def test_among_several_best_the_nearest_counts():
 def test_with_fewer_than_three_scenes_nothing_is_made_up(scenes):
     found = intervals(m=np.ones(scenes), n=np.zeros(scenes))
     assert all(one == MethodIntervals(missing_reason=f"{scenes} of at least 3 scenes") for one in found.values())
-
-
-def test_no_method_has_no_interval():
-    assert find_intervals_of_ranking({}) == {}
 
 
 def test_outcomes_weigh_the_lights_of_a_scene_alike_and_count_what_is_no_answer():

@@ -1,4 +1,4 @@
-"""What one term or one pixel must not tell of another: dark of the response, noise of its neighbours'."""
+"""Terms and pixels are independent: dark charge of the response, and noise of that of neighbours."""
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ THETA, NOISE = 29_900.0, 0.1  # threshold noise, of the threshold
 QUIET = {"shot": False, "dark": False, "response": False, "threshold_spread": False, "threshold_noise": False}
 
 
-def test_dark_current_does_not_know_of_the_response_to_light():
-    """In the dark a sensor fires bit for bit alike, whatever its pixels make of light; under light it does not."""
+def test_dark_charge_does_not_depend_on_the_response_to_light():
+    """Without light the spikes do not depend on the response of pixels; with light they do."""
     dark, light = (np.full((1, 20, 33), charge, np.float32) for charge in (0.0, 0.1 * THETA))
     sensors = [
         get_sensor("vidar_400x250", dark_rate=0.05, noise={**QUIET, "dark": True, "response": response})
@@ -26,7 +26,7 @@ def test_dark_current_does_not_know_of_the_response_to_light():
 
 @pytest.fixture(scope="module")
 def intervals():
-    """The interval after each spike of 12,800 pixels in a row, int (readout, pixel), 0 where no spike is."""
+    """The interval after each spike of 12,800 pixels, int (readout, pixel), 0 if there is no spike."""
     sensor = get_sensor(
         "vidar_400x250", reset_loss=0, threshold_noise_rms=NOISE, noise={**QUIET, "threshold_noise": True}
     )
@@ -47,11 +47,11 @@ def intervals():
 
 
 @pytest.mark.parametrize("apart", [1, LANES - 1, LANES, LANES + 1, 2 * LANES, 100])
-def test_pixels_that_fire_together_draw_thresholds_of_their_own(intervals, apart):
-    """The next intervals of two pixels that fire at one readout, in one block of 64 or in two, are uncorrelated.
+def test_pixels_that_fire_together_draw_independent_thresholds(intervals, apart):
+    """Intervals after simultaneous spikes of two pixels, in the same block of 64 or in two, are uncorrelated.
 
-    Of 12,700 pairs of pixels about 3,500 spikes fall together; significance 10⁻⁴ each, two-sided, seed 6. Were the
-    draws the same, the correlation would be 1, but for the rounding to whole readouts: noise of 4 readouts leaves 0.99.
+    12,700 pairs of pixels have about 3,500 simultaneous spikes; significance 10⁻⁴ each, two-sided, seed 6. If pixels
+    shared their draws, the correlation would be 0.99: noise is 4 readouts, and intervals are rounded to readouts.
     """
     one, other = intervals[:, :-apart], intervals[:, apart:]
     both = (one > 0) & (other > 0)

@@ -1,7 +1,8 @@
-"""Counts of many windows of a stream in one pass, and files of them from which any window is read at once.
+"""Counts of many windows of a stream in one pass, and files of counts from which any window is read quickly.
 
-A block of a stream is inflated as a whole, 20 windows of 100 frames; to count one of them alone costs as much. Here
-each chunk is counted into all its windows while it lies in the processor's cache, and the counts are kept in a file.
+A time block is always decompressed completely: it holds 20 windows of 100 frames, and counting one of them costs as
+much as counting all. Here each chunk is added to the counts of all its windows while it is in the processor's cache,
+and the counts are kept in a file.
 """
 
 from collections import deque
@@ -19,21 +20,22 @@ from saf_gen.stream.time_blocks import TimeBlocks
 
 
 def type_of_stream_counts(window: int) -> np.dtype:
-    """Return the smallest unsigned type that holds the spikes of a pixel in ``window`` frames."""
+    """Return the smallest unsigned type that can hold the spikes of a pixel in ``window`` frames."""
     return np.min_scalar_type(window)
 
 
 def count_stream_windows(
     time_blocks: TimeBlocks, firsts: np.ndarray, *, window: int, region: Region
 ) -> Iterator[np.ndarray]:
-    """Yield the counts of all windows in order, some at a time, unsigned (windows, h, w).
+    """Yield the counts of all windows in order, several windows at a time, unsigned (n, h, w).
 
-    Window k is the frames ``firsts[k] <= t < firsts[k] + window``; ``firsts``, int64, rise. Nothing is checked.
+    Window k is the frames ``firsts[k] <= t < firsts[k] + window``. ``firsts``, int64, must be in ascending order;
+    arguments are not checked.
     """
     begun = 0
     counts = np.zeros(
         (0, *region_shape(region)), type_of_stream_counts(window)
-    )  # of windows that began and have not ended
+    )  # of windows that have begun and not ended
     for start, low, high in time_blocks.split_frames(int(firsts[0]), int(firsts[-1]) + window):
         new = int(np.searchsorted(firsts, 8 * start + high)) - begun
         begun += new
@@ -60,10 +62,10 @@ def _add_chunk(
 
 @dataclass(frozen=True)
 class KeptCounts:
-    """Counts of windows in a .npy file, unsigned (windows, h, w), of which one at a time is read.
+    """Counts of windows in a .npy file, unsigned (windows, h, w), read one window at a time.
 
-    The file is open only while it is read: thousands of them, in any number of processes, take neither handles nor
-    memory.
+    The file is open only while it is read, so that thousands of such files, in any number of processes, use neither
+    file handles nor memory.
     """
 
     path: Path
@@ -73,7 +75,7 @@ class KeptCounts:
 
     @classmethod
     def open(cls, path: Path) -> "KeptCounts":
-        """Raises FileNotFoundError where there is no such file, and ValueError for one that holds something else."""
+        """Return the counts in a file; raise FileNotFoundError if it is missing, ValueError if it holds no array."""
         array = np.load(path, mmap_mode="r")
         return cls(path, array.shape, array.dtype, array.offset)
 
@@ -87,9 +89,9 @@ class KeptCounts:
 def keep_stream_counts(
     path: Path, counts: Iterable[np.ndarray], *, shape: tuple[int, int, int], dtype: np.dtype
 ) -> KeptCounts:
-    """Write counts that come in pieces (windows, h, w) to a .npy file, whole or not at all, and return it.
+    """Write counts that arrive in pieces (n, h, w) to a .npy file, completely or not at all, and return the file.
 
-    Raises BadInput where the folder cannot be written.
+    Raises BadInput if the folder cannot be written.
     """
     with write_atomically(path) as part, part.open("wb") as file:
         header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}

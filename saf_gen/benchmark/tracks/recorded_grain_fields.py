@@ -1,7 +1,7 @@
-"""What a record says of the grain of its sequence: noise that the renderer left in the pictures.
+"""Fields of a record that describe grain, the noise that the renderer left in the pictures of a sequence.
 
-A focus measure takes grain for texture. How much that matters depends on the measure: its energy in the grain is
-compared with the range of its focus curve, for those measures whose energy a recording states.
+A focus measure mistakes grain for texture. How much that matters depends on the measure: its energy in the grain is
+compared with the range of its focus curve, for those measures whose energy is stored in the recording.
 """
 
 import math
@@ -22,10 +22,11 @@ ENERGY_OF_MEASURE: Mapping[str, str] = {
 
 
 def describe_grain_for_record(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
-    """Return the fields of a record that state the grain of a recording; None where it is not known.
+    """Return the fields of a record that describe the grain of a recording; None if unknown.
 
-    The curve of ``contrast`` has the range of the noise-free sharpness in the file, the others that of their signal
-    along the recording. Grain is known in the box round the target, and so not for a method that looks at the frame.
+    The range of the curve is that of the noise-free sharpness in the file for ``contrast``, and that of the signal
+    along the recording for the other energies. Grain is known only in the box around the target, and hence not for a
+    method that looks at the frame.
     """
     grain = read_grain_of_stream(stream.metadata.provenance)
     if grain is None:
@@ -37,9 +38,9 @@ def describe_grain_for_record(stream: SpikeStream, method: str = "", *, region: 
         sharpness = stream.truth.sharpness
         known = np.empty(0) if sharpness is None or energy != "contrast" else sharpness[np.isfinite(sharpness)]
         of_curve = grain.noise_over_curve(energy, curve_range=float(np.ptp(known)) if known.size else None)
-    return {"grain_rms": _known(grain.rms_in_focus), "grain_of_curve": _known(of_curve)}
+    return {"grain_rms": _limit_for_record(grain.rms_in_focus), "grain_of_curve": _limit_for_record(of_curve)}
 
 
-def _known(value: float) -> float | None:
-    """Return a figure as a record holds it: limited above, None for NaN."""
+def _limit_for_record(value: float) -> float | None:
+    """Return a number as stored in a record: limited to MAX_SECONDS_OR_TRAVELS, and None instead of NaN."""
     return None if math.isnan(value) else min(value, MAX_SECONDS_OR_TRAVELS)

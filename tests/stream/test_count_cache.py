@@ -7,7 +7,7 @@ from refusals import refusal
 from saf_gen import open_stream, write_stream
 from saf_gen.core.bits import sum_bits_of_trains
 from saf_gen.stream import time_blocks
-from saf_gen.stream.window_counts import KeptCounts, keep_stream_counts
+from saf_gen.stream.count_cache import KeptCounts, keep_stream_counts
 
 FRAMES = (np.random.default_rng(0).random((1_003, 7, 9)) < 0.4).astype(np.uint8)
 REGION = slice(2, 6), slice(3, 8)

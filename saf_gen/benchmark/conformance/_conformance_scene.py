@@ -1,7 +1,7 @@
-"""A small scene to try methods on, and recordings of it, without a renderer or a dataset.
+"""A small scene for trying methods, and recordings of it, without a renderer or a dataset.
 
-A flat texture with the spectrum of natural scenes, blurred by a Gaussian whose sigma grows with the distance
-of the lens from the best focus, before a sensor with real noise.
+The scene is a flat texture with the spectrum of natural scenes, in front of a sensor with realistic noise. It is
+blurred by a Gaussian whose sigma grows with the distance of the lens from the best focus.
 """
 
 from dataclasses import dataclass
@@ -18,19 +18,29 @@ from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_writer import StreamWriter
 
 ROWS, COLUMNS, POSITIONS = 32, 48, 33
-BLUR = 8.0  # sigma in pixels, a whole travel from the best focus
+BLUR = 8.0  # sigma in pixels at a distance of one travel from the best focus
 BEST_FOCUS = 0.4
 TARGET_RATE = 0.2  # spikes per pixel and readout
-OVEREXPOSURE = 50.0  # times that light: every pixel fires at nearly every readout
+OVEREXPOSURE = 50.0  # factor on that light at which every pixel fires at nearly every readout
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 
 
 @dataclass(frozen=True, eq=False)
-class TestScene:
-    """A focal stack with its best focus at the position ``best``, the lens drive and the sensor.
+class ConformanceScene:
+    """A focal stack with its best focus at a given position, the lens drive and the sensor.
 
-    ``radiance`` is float32 (light, focus, row, col). At the best focus, ``exposure`` makes the sensor fire
-    TARGET_RATE spikes per pixel and readout.
+    Attributes
+    ----------
+    best : float
+        Position of best focus, as a fraction of the travel.
+    radiance : ndarray of float32, shape (light, focus, row, col)
+        Focal stack of each light.
+    drive : ImageDistanceDrive
+        Drive of the lens.
+    sensor : Sensor
+        The sensor.
+    exposure : float
+        Factor with which the sensor fires TARGET_RATE spikes per pixel and readout at best focus.
     """
 
     best: float
@@ -40,24 +50,27 @@ class TestScene:
     exposure: float
 
     def charge(self) -> np.ndarray:
-        """Return the electrons per readout at that exposure, float32 (focus, row, col)."""
+        """Return the charge at this exposure, in electrons per readout, float32 (focus, row, col)."""
         return _charge(self.radiance, self.sensor)[0] * np.float32(self.exposure)
 
 
 @lru_cache
-def make_conformance_scene(best: float) -> TestScene:
-    """Return the scene with its best focus at this fraction of the travel."""
+def make_conformance_scene(best: float) -> ConformanceScene:
+    """Return the scene with its best focus at the position ``best``, a fraction of the travel."""
     sensor = get_sensor("vidar_400x250", rows=ROWS, columns=COLUMNS)
     sharp = make_conformance_texture(ROWS, COLUMNS)
     distance = np.abs(np.linspace(0, 1, POSITIONS) - best)
     radiance = np.stack([gaussian_filter(sharp, BLUR * d, mode="wrap") for d in distance])[None].astype(np.float32)
     at_best = _charge(radiance, sensor)[0, int(distance.argmin())]
     exposure = camera_exposure_scale(at_best, np.ones((ROWS, COLUMNS), bool), sensor=sensor, mean_rate=TARGET_RATE)
-    return TestScene(best, radiance, DRIVE, sensor, exposure)
+    return ConformanceScene(best, radiance, DRIVE, sensor, exposure)
 
 
 def write_conformance_recordings(folder: Path, frames: int) -> dict[str, Path]:
-    """Write recordings of this length and return their paths by name; ``empty`` and ``full`` have no lens positions."""
+    """Write recordings with this number of frames and return their paths by name.
+
+    The names are ``empty``, ``full``, ``saturated`` and ``swept``; the first two have no lens positions.
+    """
     scene = make_conformance_scene(BEST_FOCUS)
     empty = np.zeros((ROWS, COLUMNS, -(-frames // 8)), np.uint8)
     full = np.broadcast_to(np.packbits(np.arange(frames) >= 0, bitorder="little"), empty.shape)

@@ -1,4 +1,7 @@
-"""Methods on a running camera before the test scene. It reads OpenEXR files: import it late."""
+"""Runs of methods on a running camera in front of the test scene.
+
+Import this module late, because it loads the reader of OpenEXR files.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -10,7 +13,7 @@ import numpy as np
 from saf_gen.benchmark.conformance._answer_checks import STATE_HINT, check_method_answer
 from saf_gen.benchmark.conformance._check_result import CheckFailure
 from saf_gen.benchmark.conformance._check_runner import CheckLimits, describe_method_crash
-from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, OVEREXPOSURE, make_conformance_scene
+from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, OVEREXPOSURE, make_conformance_scene
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -26,16 +29,16 @@ from saf_gen.stream.metadata import Truth
 
 BUDGET_FRAMES = 40_000  # two seconds
 LIGHT_FACTORS = {"a usual light": 1.0, "no light": 0.0, "50 times too much": OVEREXPOSURE}
-"""Factors on the light that the exposure is made for."""
+"""Factors relative to the light for which the exposure is set."""
 
 
 Runner = Callable[..., ClosedLoopRun]
-"""run_method_on_test_scene of one method, called with an actuator's name and the conditions."""
+"""run_method_on_conformance_scene for one method; called with the name of an actuator and the conditions."""
 
 
 @dataclass(frozen=True)
 class LimitedMeasure:
-    """A measure whose scores are multiplied by ``unit``, and which may be called a limited number of times."""
+    """A measure that multiplies its scores by ``unit`` and may be called only a limited number of times."""
 
     measure: Any
     unit: float
@@ -53,7 +56,7 @@ class LimitedMeasure:
 
 @dataclass(frozen=True)
 class CheckedSearch:
-    """A search whose exceptions become a CheckFailure that names the line that raised, and the camera."""
+    """A search that turns its exceptions into a CheckFailure, which names the line that raised and the camera."""
 
     search: Search
     camera: str
@@ -63,13 +66,13 @@ class CheckedSearch:
             answer = self.search(view)
         except BudgetSpentError as error:
             raise CheckFailure(
-                f"it runs over the budget, with {self.camera}",
+                f"it exceeds the budget, with {self.camera}",
                 "compare view.now with view.frames before each wait and score; answer with the best so far",
             ) from error
-        except Exception as error:  # anybody's search may raise anything
+        except Exception as error:  # a third-party search may raise anything
             raise CheckFailure(
                 f"{describe_method_crash(error)}, with {self.camera}",
-                "no camera may make it raise: move only to 0 ... 1, abstain where there is nothing to see",
+                "it must not raise with any camera: move only to 0 ... 1, and abstain if there is nothing to see",
             ) from error
         return check_method_answer(answer, commanding=commands(self.search))
 
@@ -77,7 +80,7 @@ class CheckedSearch:
         return getattr(self.search, name)
 
 
-def run_method_on_test_scene(
+def run_method_on_conformance_scene(
     method: Method,
     actuator: str,
     *,
@@ -88,10 +91,37 @@ def run_method_on_test_scene(
     unit: float = 1.0,
     seed: int = 1,
 ) -> ClosedLoopRun:
-    """Run a method on a camera whose best focus is at ``best``, and check what any answer must satisfy.
+    """Run a method on a running camera in front of the test scene, and check that its answer is valid.
 
-    ``light`` multiplies the light, ``unit`` the scores; ``frames`` is the budget, and ``seed`` names the noise and the
-    initial position of the lens. Raises CheckFailure where the benchmark would count the run as failed.
+    Parameters
+    ----------
+    method : Method
+        The method.
+    actuator : str
+        Name of the actuator that moves the lens.
+    limits : CheckLimits
+        Limits after which the method is stopped.
+    best : float, optional
+        Position of best focus, as a fraction of the travel.
+    light : float, optional
+        Factor by which the light is multiplied.
+    frames : int, optional
+        Budget in frames.
+    unit : float, optional
+        Factor by which scores are multiplied.
+    seed : int, optional
+        Determines the noise and the initial position of the lens.
+
+    Returns
+    -------
+    ClosedLoopRun
+        The run.
+
+    Raises
+    ------
+    CheckFailure
+        If the benchmark would count the run as failed, or if the answer of a search that commands the lens is outside
+        the travel or was given without a score.
     """
     capture, charge_source = _make_capture(best, light, seed=seed)
     camera = f"{actuator} and {frames:,} frames"
@@ -103,14 +133,14 @@ def run_method_on_test_scene(
     captured = CapturedFrames(capture, charge_source, region=region, threads=1)
     run = run_closed_loop_method(captured, checked, protocol=protocol)
     if run.problem:
-        raise CheckFailure(f"{run.problem}, with {camera}", "answer with a frame of the sweep, or none")
+        raise CheckFailure(f"{run.problem}, with {camera}", "answer with a frame of the sweep, or abstain")
     if commands(method.search):
         _check_position(run)
     return run
 
 
 def run_method_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str = "") -> ClosedLoopRun:
-    """Run a method twice and return the run; raise CheckFailure unless both runs are equal."""
+    """Run a method twice and return the first run; raise CheckFailure if the two runs differ."""
     first, again = (run(actuator, light=light) for _ in range(2))
     if first.answer != again.answer or not np.array_equal(first.path, again.path):
         raise CheckFailure(
@@ -120,7 +150,7 @@ def run_method_twice(run: Runner, actuator: str, *, light: float = 1.0, conditio
 
 
 def describe_closed_loop_run(run: ClosedLoopRun) -> str:
-    """Return where the lens was at the end, and when the method had its answer."""
+    """Return the last position of the lens and the frame at which the method was done, in words."""
     return f"{run.path[-1]:.3f} after {run.answer_frame:,} of {run.budget:,} frames"
 
 
@@ -129,9 +159,9 @@ def _check_position(run: ClosedLoopRun) -> None:
     if position is None:
         return
     if not 0 <= position <= 1:
-        raise CheckFailure(f"it answers position {position:g}", "the travel is 0 to 1: cut what a noisy sensor reads")
+        raise CheckFailure(f"it answers position {position:g}", "the travel is 0 to 1: clip readings of a noisy sensor")
     if not run.windows:
-        raise CheckFailure("it answers without a score", 'abstain without one: Answer(note="no time")')
+        raise CheckFailure("it answers without a score", 'abstain if there is no score: Answer(note="no time")')
 
 
 @lru_cache(maxsize=8)
