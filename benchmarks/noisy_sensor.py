@@ -27,7 +27,7 @@ from saf_gen.leaderboard import rank_methods
 
 SENSORS = "vidar_400x250", "vidar_400x250_noisy"
 METHODS = {"sad_core": "recorded.txt", "claims": "claims.txt"}
-CONTEST = Path(__file__).resolve().parent / "contest"
+METHOD_LISTS = Path(__file__).resolve().parent / "method_lists"
 
 
 def record_and_judge(recipe: str, sensor: str, *, folder: Path, methods: Sequence[str]) -> list[Record]:
@@ -79,7 +79,7 @@ def main(given: Sequence[str] | None = None) -> None:
     for recipe in asked.recipe:
         folder = asked.out / Path(recipe).stem
         folder.mkdir(parents=True, exist_ok=True)
-        methods = read_method_list(asked.methods or CONTEST / METHODS.get(recipe, "claims.txt"))
+        methods = read_method_list(asked.methods or METHOD_LISTS / METHODS.get(recipe, "claims.txt"))
         found = [record_and_judge(recipe, sensor, folder=folder, methods=methods) for sensor in asked.sensor]
         print(f"{recipe}\n\n{compare(found, [Path(s).stem for s in asked.sensor])}\n")
 

@@ -7,7 +7,7 @@ Functions
 open_stream, write_stream
     Read or write a spike stream with its truth (HDF5).
 SpikeWindows
-    Windows of a dataset for training a network; they are read fast in any order.
+    Windows of a dataset for training a network, read quickly in any order.
 get_sensor, encode
     Return a spike camera by name; turn collected charge into spikes.
 get_light, get_motion, get_measure, get_search

@@ -1,7 +1,7 @@
-"""Errors that a user sees: one line and an exit code.
+"""Errors for users, each with a message of one line and an exit code.
 
-Every error that a user can cause is a :class:`BadInput`. The command line prints its line and exits with code 2,
-so a traceback that a user sees is a bug of saf_gen.
+Every error that a user can cause is a :class:`BadInput`. The command line prints its message and exits with
+code 2, so any traceback that a user sees is a bug in saf_gen.
 """
 
 import unicodedata
@@ -12,11 +12,11 @@ from functools import partial
 from typing import Any
 
 MAX_PIECE = 1_000
-"""Maximum length of each part of an error message, in characters: a name in an untrusted file may have millions."""
+"""Maximum length of each part of an error message, in characters; a name in an untrusted file may have millions."""
 
 
 def escape_controls(text: str, *, keep: str = "", write: Callable[[str], str] = repr) -> str:
-    """Return a text in which characters that control a terminal or reorder its letters are replaced by escapes.
+    """Return ``text`` with escapes in place of characters that control a terminal or reorder letters.
 
     Names and provenance from untrusted files may contain such characters.
 
@@ -27,7 +27,7 @@ def escape_controls(text: str, *, keep: str = "", write: Callable[[str], str] = 
     keep : str, optional
         Characters to leave as they are, such as line breaks.
     write : callable, default repr
-        Returns the escape of one character, in quotes.
+        Function that returns the escape of one character, in quotes.
 
     Returns
     -------
@@ -40,8 +40,8 @@ def escape_controls(text: str, *, keep: str = "", write: Callable[[str], str] = 
 
 
 _STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
-"""Unicode categories that are escaped: controls, formats (such as right-to-left marks), surrogates, and line and
-paragraph separators."""
+"""Unicode categories that are escaped: controls, format characters (such as right-to-left marks), surrogates, and
+line and paragraph separators."""
 
 
 class SafGenError(Exception):
@@ -51,14 +51,14 @@ class SafGenError(Exception):
 
 
 class BadInput(SafGenError):
-    """Error for input that cannot be used.
+    """Input that cannot be used.
 
-    Its message is one line: the location, the problem, what is allowed, the nearest allowed value, and the next step.
+    Its message is one line: the location, the problem, the allowed values, the nearest of them, and the next step.
 
     Parameters
     ----------
     problem : str
-        The problem, including the value.
+        Problem, including the unusable value.
     where : str, optional
         File, ``file:line`` or option that holds the value.
     allowed : str, optional
@@ -71,7 +71,7 @@ class BadInput(SafGenError):
     Attributes
     ----------
     problem, where, allowed, nearest, hint : str
-        The parameters; '' if not given.
+        Values of the parameters; '' if not given.
     """
 
     exit_code = 2
@@ -90,7 +90,7 @@ class BadInput(SafGenError):
         self.nearest, self.hint = nearest, hint
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # By default an exception is pickled by its positional arguments alone.
+        # By default only the positional arguments of an exception are pickled.
         keywords = {key: getattr(self, key) for key in ("where", "allowed", "nearest", "hint")}
         return partial(type(self), self.problem, **keywords), ()
 
@@ -101,7 +101,7 @@ def closest(value: object, allowed: Iterable[str]) -> str:
     Parameters
     ----------
     value : object
-        Value that the user wrote; its text is compared without regard to case.
+        Value that the user wrote, compared as text regardless of case.
     allowed : iterable of str
         Names to choose from.
 
@@ -121,7 +121,7 @@ def unknown(what: str, value: object, *, allowed: Iterable[str], where: str = ""
     Parameters
     ----------
     what : str
-        Kind of thing that the name stands for, such as "sensor".
+        Kind of the name, such as "sensor".
     value : object
         The name as the user wrote it.
     allowed : iterable of str
@@ -158,7 +158,7 @@ def located(where: str, *, prefix: str = "") -> Iterator[None]:
     Raises
     ------
     BadInput
-        If the block raises it: the same error with ``where`` and ``prefix`` added.
+        If the block raises one; ``where`` and ``prefix`` are added to it.
     """
     try:
         yield

@@ -1,8 +1,8 @@
 """Protocols of the plug-ins: light schedules, lens motions, focus measures and searches.
 
-A plug-in is a frozen dataclass with the members of its protocol; it need not inherit from the protocol. From
-saf_gen it imports only :mod:`saf_gen.core`, :mod:`saf_gen.errors` and this module, and saf_gen uses only those
-members of a plug-in that are described here.
+A plug-in is a frozen dataclass with the members of its protocol; it need not inherit from the protocol. The only
+modules of saf_gen that it imports are :mod:`saf_gen.core`, :mod:`saf_gen.errors` and this one, and saf_gen uses only
+the members that are described here.
 """
 
 import re
@@ -63,7 +63,7 @@ class Motion(Protocol):
         Raises
         ------
         BadInput
-            If the motion does not fit a recording of this length.
+            If the motion is not possible in a recording of this length.
         """
         ...
 
@@ -74,21 +74,21 @@ class Measure(Protocol):
     Attributes
     ----------
     halves : bool, optional
-        Whether the measure compares the two halves of a window. It is then called with the counts of both, shape
-        (2, row, col): those of the first ``n // 2`` of n frames, and those of the remaining frames.
+        Whether the measure compares the two halves of a window. It is then called with counts of shape (2, row, col),
+        of the first ``n // 2`` of n frames and of the remaining frames.
     intervals : bool, optional
-        Whether the measure is called with the interval texture instead of counts: float64, shape (row, col), the
-        counts that the window would have at the rate given by the one interval between spikes at its middle.
+        Whether the measure is called with interval texture instead of counts: float64, shape (row, col), the length of
+        the window divided by the interval between the spikes around its middle.
     timed : bool, optional
         Whether the measure is called with the length of the window, in frames, as ``frames=n``. It must also work
         without this argument.
     cost : float, optional
-        Additions, multiplications and roots (each counted as one) per score, divided by the number of pixels in
-        its box. Borders are ignored; if the cost depends on the size, it is given for 400 x 250 pixels.
+        Number of additions, multiplications and roots per score and pixel of the region. Borders are ignored; if the
+        cost depends on the size of the region, it is given for 400 x 250 pixels.
     score_range : str, optional
         Range of the score in words, such as "from 0"; the conformance checks require it.
     source : str, optional
-        Where the measure comes from, such as a paper with its DOI; see :func:`cite_source`.
+        Source of the measure, such as a paper with its DOI; see :func:`cite_source`.
     """
 
     @property
@@ -113,25 +113,25 @@ class Measure(Protocol):
 
 
 def wants_frames(measure: object) -> bool:
-    """Return whether a focus measure is called with the length of the window as ``frames=n`` (``timed``)."""
+    """Return whether a focus measure is called with the length of the window as ``frames=n`` (attribute ``timed``)."""
     return bool(getattr(measure, "timed", False))
 
 
 def wants_halves(measure: object) -> bool:
-    """Return whether a focus measure is called with the counts of both halves of a window (``halves``)."""
+    """Return whether a focus measure is called with the counts of both halves of a window (attribute ``halves``)."""
     return bool(getattr(measure, "halves", False))
 
 
 def wants_intervals(measure: object) -> bool:
-    """Return whether a focus measure is called with the interval texture instead of counts (``intervals``)."""
+    """Return whether a focus measure is called with interval texture, not counts (attribute ``intervals``)."""
     return bool(getattr(measure, "intervals", False))
 
 
 class View(Protocol):
-    """All that a search sees of a recording or of a running camera. It does not give access to the true focus.
+    """Everything that a search can see of a recording or of a running camera; the true focus is not included.
 
     Frames are readouts, counted from 0. All frames of a recording are available at once. In a closed-loop run, using a
-    window that ends after ``now`` makes the camera run until the end of the window, while the lens goes on moving.
+    window that ends after ``now`` makes the camera run until the end of the window, while the lens keeps moving.
     """
 
     @property
@@ -151,9 +151,9 @@ class View(Protocol):
 
     @property
     def lag_s(self) -> float:
-        """Time, in seconds, in which a lens motion that the position sensor does not see falls to 1/e.
+        """Time, in seconds, in which a lens motion that the position sensor does not see decays to 1/e.
 
-        The value is in the data sheet of a drive. It is 0 if the sensor reads the lens itself, and on a recording.
+        The data sheet of a drive states it. It is 0 on a recording, and if the sensor reads the lens itself.
         """
         ...
 
@@ -165,7 +165,7 @@ class View(Protocol):
         first, stop : int
             Window of at least one frame, 0 <= first < stop <= ``frames``.
         measure : str, optional
-            Name of a focus measure that replaces the method's own; one that the search lists in its ``measures``.
+            Name of the focus measure to use instead of the method's; the search must list it in ``measures``.
 
         Returns
         -------
@@ -175,9 +175,9 @@ class View(Protocol):
         ...
 
     def counts(self, first: int, stop: int) -> np.ndarray:
-        """Return the spike counts of frames ``first <= t < stop`` in the region: uint32 (row, col), read-only.
+        """Return the spike counts of frames ``first <= t < stop`` in the region.
 
-        This is for searches that look at pictures, such as a network. The camera takes as much time as for ``score``.
+        This is for searches that look at pictures, such as a network. It takes as much camera time as ``score``.
 
         Parameters
         ----------
@@ -224,14 +224,14 @@ class View(Protocol):
         Raises
         ------
         BadInput
-            If the view is that of a recording or of a sweep, or if the position is outside the travel.
+            If the view is of a recording or of a sweep, or if the position is outside the travel.
         """
         ...
 
     def wait(self, frames: int) -> None:
         """Let at least ``frames`` more frames pass; a camera that delivers packets may let a few more pass.
 
-        Waiting for more frames than are left ends the run, so compare ``now`` with ``frames`` first.
+        Waiting for more frames than are left ends the run, so first compare :attr:`now` with :attr:`frames`.
 
         Parameters
         ----------
@@ -241,7 +241,7 @@ class View(Protocol):
         Raises
         ------
         BadInput
-            If the view is that of a recording.
+            If the view is of a recording.
         """
         ...
 
@@ -252,7 +252,7 @@ def commands(search: object) -> bool:
 
 
 def wants_measures(search: object) -> tuple[str, ...]:
-    """Return the names of the focus measures that a search uses in addition to the method's own (``measures``)."""
+    """Return the names of the additional focus measures that a search uses (attribute ``measures``)."""
     return tuple(getattr(search, "measures", ()))
 
 
@@ -283,8 +283,7 @@ class Answer:
     note : str, optional
         One line for the reader, such as why the search abstained.
     position : float, optional
-        Lens position at best focus, as a fraction of the travel, 0...1. This is how a search that commands the lens
-        answers.
+        Lens position at best focus, as a fraction of the travel, 0...1; the answer of a search that commands the lens.
     """
 
     frame: float | None = None
@@ -301,11 +300,11 @@ class Search(Protocol):
     commands : bool, optional
         Whether the search commands the lens.
     measures : tuple of str, optional
-        Names of the focus measures that it uses in addition to the method's own.
+        Names of the focus measures that the search uses in addition to the method's.
     causal : bool, optional
         Whether the search can stop before the sweep ends; the conformance checks require this attribute.
     source : str, optional
-        Where the search comes from, such as a paper with its DOI; see :func:`cite_source`.
+        Source of the search, such as a paper with its DOI; see :func:`cite_source`.
     """
 
     def __call__(self, view: View) -> Answer:
@@ -319,6 +318,6 @@ class Search(Protocol):
         Returns
         -------
         Answer
-            Where the focus is.
+            The frame or position at best focus, or neither.
         """
         ...

@@ -12,7 +12,7 @@ import sys
 from collections import Counter
 from datetime import UTC, datetime
 
-from saf_gen.core.config.frozen_benchmarks import FILE_NAME, FrozenBenchmark, read_frozen_benchmarks
+from saf_gen.core.config.frozen_benchmarks import FILE_NAME, FrozenBenchmark, read_frozen_digests
 from saf_gen.core.files import write_text_atomically
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput
@@ -25,7 +25,7 @@ def freeze(name: str) -> str:
 
     Raises BadInput if the recipe is already frozen with another digest.
     """
-    resolved, frozen = resolve_recipe(name), read_frozen_benchmarks()
+    resolved, frozen = resolve_recipe(name), read_frozen_digests()
     digest = digest_resolved_recipe(resolved)
     if name in frozen and frozen[name].digest != digest:
         raise BadInput(f"{name} was frozen on {frozen[name].since} with another digest", hint="choose another name")

@@ -45,7 +45,7 @@ from small_dataset import SCENES, SMALL_RECIPE  # noqa: E402
 
 from saf_gen.benchmark import kept_sequences  # noqa: E402
 from saf_gen.benchmark.records import benchmark_record_to_json, read_records  # noqa: E402
-from saf_gen.benchmark.tuned_method import read_tuned_method  # noqa: E402
+from saf_gen.benchmark.tuned_method import read_method_with_constants  # noqa: E402
 from saf_gen.cli import main, root_command  # noqa: E402
 from saf_gen.errors import BadInput  # noqa: E402
 from saf_gen.generate import run as generate_run  # noqa: E402
@@ -134,7 +134,7 @@ def state_of_bytes(path: Path) -> Any:
 
 
 def state_of_tuned(path: Path) -> Any:
-    return read_tuned_method(path)
+    return read_method_with_constants(path)
 
 
 TRY = ("--method", "sd+argmax", "--try", "search.window=100,200")

@@ -52,7 +52,7 @@ def write_scene_gallery(
     scenes : sequence of Scene
         Scenes to show, in this order.
     sensor : Sensor
-        Sensor in front of which the scenes are rendered.
+        Sensor for which the scenes are rendered.
     folder : Path
         Folder of the page.
     backend : {'auto', 'cuda', 'llvm', 'scalar'}, default 'auto'

@@ -23,11 +23,11 @@ SIZE_M = 0.1
 CARD = """\
 id: NAME
 title: TITLE
-licence: ""                                  # yours to say: an SPDX name, such as CC-BY-4.0; may others use it?
+licence: ""                                  # you decide: an SPDX name, such as CC-BY-4.0; may others use it?
 source: SOURCE.md                            # where everything came from
 
 camera:
-  origin_m: [0, 0, 0.5]                      # y is up, and the mesh is round the origin
+  origin_m: [0, 0, 0.5]                      # y is up, and the mesh is around the origin
   look_at_m: [0, 0, 0]
   up: [0, 1, 0]
 
@@ -41,22 +41,22 @@ lights:                                      # lamps that are switched together
   lamp: [lamp]
   room: [room]
 
-target: [TARGET]                             # what is to be in focus
+target: [TARGET]                             # shapes that should be in focus
 """
 SOURCE = """\
 # NAME
 
-Made from FILE by `saf-gen scenes new --from`, scaled by SCALE, with lamp and wall of a template that is free to use.
+Made from FILE by `saf-gen scenes new --from`, scaled by SCALE, with lamp and wall from a template that is free to use.
 State here who made the mesh and its textures, where they are from, their licence, and what was changed.
 """
 SURROUNDINGS = """\
-	<!-- The wall behind: wider than the field, for blur brings in what lies just outside -->
+	<!-- The background: wider than the field of view, because blur brings in what is just outside -->
 	<shape type="rectangle" id="wall">
 		<transform name="to_world"><scale value="0.5"/><translate z="-0.2"/></transform>
 		<bsdf type="diffuse"><rgb name="reflectance" value="0.3 0.3 0.3"/></bsdf>
 	</shape>
 
-	<!-- A shape that shines, and light from everywhere -->
+	<!-- A shape that emits light, and light from all directions -->
 	<shape type="rectangle" id="lamp">
 		<transform name="to_world">
 			<scale value="0.08"/>
@@ -119,7 +119,7 @@ def compose_new_scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
     texts = {
         "scene.xml": f'<scene version="3.0.0">\n{shapes}\n{SURROUNDINGS}',
         "scene.yaml": CARD.replace("TARGET", ", ".join(part.name for part in parts))
-        .replace("TITLE", f"{name.replace('_', ' ').capitalize()}, before a wall")
+        .replace("TITLE", f"{name.replace('_', ' ').capitalize()}, in front of a wall")
         .replace("NAME", name),
         "SOURCE.md": SOURCE.replace("NAME", name).replace("FILE", path.name).replace("SCALE", f"{scale:.4g}"),
     }

@@ -1,8 +1,8 @@
-"""The grain in the pictures of a scene as recordings have it: full stacks at rest, time slices while the scene moves.
+"""The grain in the pictures of a scene, rendered as for recordings: full stacks at rest, time slices in motion.
 
 Grain is measured at best focus, a quarter of the travel away from it towards the farther end, and at both ends of the
-travel. A scene at rest is rendered at all positions at once, a time slice at the two positions between which the lens
-is. All lights have gain 1, as on the card; the region is the box around the target at best focus.
+travel. A scene at rest is rendered at all positions at once, and a time slice at the two positions around the lens. All
+lights have gain 1, as on the card; the region is the box around the target at best focus.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -22,7 +22,7 @@ BEST_FOCUS, QUARTER_AWAY = "best focus", "a quarter away"
 QUARTER_TRAVEL = 0.25
 STILL_SAMPLES, SLICE_SAMPLES, POSITIONS = 64, 16, 129  # as in the project's recipes
 MAX_SLICE_RMS, MAX_SLICE_CONTRAST, MAX_STILL_CONTRAST = 0.04, 0.05, 0.01
-"""Goals: rms noise over the mean in time slices, and noise over signal in the squared contrast of slices and stills."""
+"""Goals: relative rms noise in time slices, and noise over signal in the squared contrast of slices and stills."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def measure_still_scene_grain(
     measured_positions : mapping of str to float
         Positions of the lens (0 to 1) by name.
     positions : int
-        Positions of the focal stack.
+        Number of positions of the focal stack.
     samples : int
         Samples per pixel.
     progress : callable, optional
@@ -80,7 +80,7 @@ def measure_still_scene_grain(
 
     Returns
     -------
-    dict of str to PlaceGrain
+    dict of str to PositionGrain
 
     Raises
     ------
@@ -122,7 +122,7 @@ def measure_scene_grain_of_slices(
     measured_positions : mapping of str to float
         Positions of the lens (0 to 1) by name.
     positions : int
-        Positions of the focal stack, of which the two around each measured one are rendered.
+        Number of positions of the focal stack; only the two around each measured position are rendered.
     samples : int
         Samples per pixel.
     time_s : float, optional
@@ -134,7 +134,7 @@ def measure_scene_grain_of_slices(
 
     Returns
     -------
-    dict of str to PlaceGrain
+    dict of str to PositionGrain
 
     Raises
     ------
@@ -163,7 +163,7 @@ def correlate_scene_grain_of_slices(
     step_s: float,
     steps: tuple[int, ...] = (1, 8),
 ) -> Iterator[tuple[int, GrainFigure]]:
-    """Yield the correlation between the grain of the slice at ``time_s`` and that of later slices.
+    """Yield the correlation between the grain of the slice at ``time_s`` and the grain of later slices.
 
     Each item is the number of slices between the two, one of ``steps``, and the correlation. The pixels are those of
     the target's box at ``time_s``. Raises BadInput if the scene cannot be rendered.

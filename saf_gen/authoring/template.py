@@ -24,9 +24,9 @@ RESERVED_FILES = ("scene.xml", "scene.yaml", "scene.py", "SOURCE.md")
 EXPORTED_SOURCE = """# NAME
 
 Copied from an exported scene by `saf-gen scenes new --from`.
-State here for each mesh and texture who made it, where it is from, its licence, and what was changed.
+For each mesh and texture, state here who made it, where it is from, its licence, and what was changed.
 """
-YAML_KEYWORDS = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML reads these otherwise
+YAML_KEYWORDS = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML does not read these as text
 
 
 def create_scene_from_template(name: str, root: Path, *, kind: str = "script") -> list[Path]:
@@ -70,7 +70,7 @@ def create_scene_from_export(exported: Path, name: str, *, root: Path) -> list[P
 
     Files keep the names that the scene uses; links are followed. The card has the pose and the field of view of the
     first camera in the file, the shape in the middle of the image as its target, and a light group for each lamp. If
-    the file is a mesh, the new scene has this mesh in front of the lens, with a lamp and a wall.
+    the file is a mesh, the new scene shows this mesh in front of a wall, with a lamp.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def create_scene_from_export(exported: Path, name: str, *, root: Path) -> list[P
             load_scene_folder(folder)  # checks the card
         except BadInput as refused:
             raise BadInput(
-                f"no card can have this camera: {refused.problem}",
+                f"no card can describe this camera: {refused.problem}",
                 where=str(exported),
                 allowed=refused.allowed,
                 hint="change the camera and export again, or write the card by hand",
@@ -184,15 +184,15 @@ def _format_card(name: str, camera: "ExportedCamera") -> str:
     return f"""\
 id: {name}
 title: {name.replace("_", " ").capitalize()}, exported
-licence: ""                                  # yours to say: an SPDX name, such as CC-BY-4.0; may others use it?
+licence: ""                                  # you decide: an SPDX name, such as CC-BY-4.0; may others use it?
 source: SOURCE.md                            # where everything came from
 
-camera:                                      # the file's own {camera.name}
+camera:                                      # from the file: {camera.name}
   origin_m: {vector(camera.origin_m)}
   look_at_m: {vector(camera.look_at_m)}
   up: {vector(camera.up)}
 
-lens:                                        # the field of the file's camera on 400 pixels of 20 µm
+lens:                                        # the field of view of the file's camera, on 400 pixels of 20 µm
   drive: image_distance
   focal_length_mm: {camera.focal_length_mm:.4g}
   f_number: {camera.f_number:.3g}

@@ -1,1 +1,1 @@
-"""The benchmark: it runs autofocus methods on recordings or on a running camera, and records how good they are."""
+"""The benchmark: it runs autofocus methods on recordings or on a running camera, and records their results."""

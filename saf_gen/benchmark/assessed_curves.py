@@ -1,4 +1,4 @@
-"""Quality of each focus curve of a recording, which is kept even if the sweep is not drawn."""
+"""Assessment of focus curves, whose quality is kept even if the sweep of a recording is not drawn."""
 
 from collections.abc import Iterable
 from math import isfinite, nan
@@ -11,7 +11,7 @@ from saf_gen.benchmark.results import FocusCurve, SweepSummary
 
 
 def assess_evaluated_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurve]:
-    """Return the quality of every focus curve of these sweeps, in the order of the sweeps."""
+    """Return the quality of every focus curve, in the order of the sweeps."""
     return [
         AssessedCurve(
             curve.measure,
@@ -33,7 +33,7 @@ def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
     if lens is None or not np.isfinite(lens).all():
         return None
     truth = sweep.truth
-    if sweep.track is not None and curve.scores.size:  # a moving truth is compared at the frame of the peak
+    if sweep.track is not None and curve.scores.size:  # if the target moves, the truth at the peak counts
         is_known = isfinite(truth) and np.isfinite(sweep.track).all()
         peak_frame = float(curve.frames[curve.scores.argmax()])
         truth = judged_lens_position(peak_frame, sweep.track) if is_known else nan

@@ -1,8 +1,8 @@
 """Quality of a focus curve of a sweep by the criteria of autofocus microscopy, independent of any search.
 
 The criteria are accuracy, range, false maxima, width and noise. A curve is first shifted and scaled to 0–1, so that
-measures with different units can be compared. Spike counts are noisy: the papers count every rise of the curve, but
-here a rise must exceed MIN_PROMINENCE, except in ``false_maxima``, which counts all of them.
+measures with different units can be compared. The papers count every rise of the curve. Spike counts are noisy, so here
+only rises above MIN_PROMINENCE count, except in ``false_maxima``, which counts all of them.
 
 References
 ----------
@@ -30,10 +30,10 @@ class CurveQuality:
     accuracy: float | None
     """Distance of the peak from the truth."""
     accuracy_dof: float | None
-    """Distance of the peak from the truth in depths of focus."""
+    """Distance of the peak from the truth, in depths of focus."""
     range: float
-    """Distance between the minima on both sides of the peak. If the curve does not rise again by more than
-    MIN_PROMINENCE on a side, that end of the sweep is used."""
+    """Distance between the minima on both sides of the peak. On a side where the curve does not rise again by more than
+    MIN_PROMINENCE, the end of the sweep is used instead."""
     false_maxima: int
     """Number of local maxima other than the peak, however small; an end of the sweep may be one."""
     false_peaks: int
@@ -85,7 +85,7 @@ def assess_evaluated_curve(
     CurveQuality or None
         None if there are fewer than three blocks, if the scores are constant, or if the lens turned back or rested.
     """
-    from scipy.signal import find_peaks  # takes half a second to import, which commands without curves should not pay
+    from scipy.signal import find_peaks  # imported late: it takes half a second, and few commands need it
 
     x, y = np.asarray(position, dtype=np.float64), np.asarray(scores, dtype=np.float64)
     steps = np.diff(x)
@@ -112,9 +112,9 @@ def assess_evaluated_curve(
 
 
 def _foot(y: np.ndarray, top: int, *, step: int) -> int:
-    """Return the index of the lowest point on one side of the peak before the curve rises again, or else of the end.
+    """Return the index of the lowest point between the peak and the next rise on one side; the end if it never rises.
 
-    ``scipy.signal`` does not offer this minimum: its bases belong to the prominence and are beyond every smaller peak.
+    ``scipy.signal`` does not offer this minimum: the bases of its prominences are beyond every smaller peak.
     """
     side = y[top:] if step > 0 else y[top::-1]
     risen = np.flatnonzero(side - np.minimum.accumulate(side) > MIN_PROMINENCE)
@@ -138,7 +138,7 @@ def _width(x: np.ndarray, y: np.ndarray, *, top: int, level: float) -> float | N
 
 
 def _estimate_noise(y: np.ndarray) -> float | None:
-    """Return the noise of a curve from its second differences below half the height, away from the bend of the peak.
+    """Return the noise of a curve from its second differences below half the height, where the peak does not bend it.
 
     White noise of variance σ² gives second differences of variance 6σ²; a smooth curve adds almost nothing to them.
     """

@@ -1,7 +1,7 @@
 """Run methods on every sequence of a dataset, or on one stream, and return one record per method and sequence.
 
 A method is a focus measure and a search. It sees windows of the recording through a restricted view; the truth, the
-cost and the judgement stay with the evaluator, in the folder ``tracks``. A stream without truth is searched, too.
+cost and the judgement stay with the evaluator, in the folder ``tracks``. Streams without truth are searched, too.
 """
 
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 DRAWN_SEQUENCES = 48
-"""Maximum number of sequences whose sweeps are kept for drawing; see select_evaluated_to_show for which these are."""
+"""Maximum number of sequences whose sweeps are kept for drawing; select_evaluated_to_show chooses them."""
 THUMBNAIL_SEQUENCES = 12
-"""Maximum number of sequences whose sweeps are kept as small pictures, for people to look at."""
+"""Maximum number of sequences of which small pictures are kept, too."""
 ProgressCallback = Callable[[int, int, str], None]
 
 
@@ -103,8 +103,8 @@ def evaluate(
     Returns
     -------
     Evaluation
-        The records, and the data for figures. A sequence of a dataset that cannot be read, or that is not the one that
-        the manifest names, becomes a failure; the other sequences are evaluated.
+        The records, and the data for figures. A sequence of a dataset becomes a failure if its stream cannot be read or
+        is not the stream that the manifest names; the other sequences are evaluated.
 
     Raises
     ------
@@ -279,7 +279,7 @@ def score_evaluated_blocks(
     window : int
         Frames per block, 1 to the number of frames in the stream.
     region : str, default 'target'
-        ``target``, the box around the target or the whole frame if the stream has no target, or ``frame``.
+        ``target`` (the box around the target, or the whole frame if the stream has no target) or ``frame``.
 
     Returns
     -------

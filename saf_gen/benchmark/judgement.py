@@ -29,10 +29,9 @@ class Judgement:
     error_frames: float | None = None
     """Answer minus ``truth_frame``, in frames; None if the lens never crosses the truth."""
     truth: float | None = None
-    """Best focus at the time of the answer, or when the lens first meets it if there is no answer; a fraction of the
-    travel."""
+    """Best focus at the answer, or at the first crossing if there is no answer, as a fraction of the travel."""
     truth_frame: float | None = None
-    """Frame at which the lens crosses the truth nearest to the answer, or first crosses it if there is no answer."""
+    """Frame of the focus crossing nearest to the answer, or of the first crossing if there is no answer."""
     error_dof: float | None = None
     """``error`` divided by the depth of focus, which is the distance between its near and far ends."""
     blur_px: float | None = None
@@ -82,7 +81,7 @@ def find_judged_focus_crossing(
     offset : ndarray of float, shape (T,)
         Signed distance of the lens from the truth, in travels.
     truth_frame : float, optional
-        Frame of the first crossing as the stream states it, which replaces the one that is found; NaN if unknown.
+        Frame of the first crossing that the stream states, used instead of the computed frame; NaN if unknown.
 
     Returns
     -------
@@ -100,7 +99,7 @@ def find_judged_focus_crossing(
 
 
 def lens_travel_to_method_answer(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
-    """Return how far the lens moved during the frames seen and then back to the answer, in travels.
+    """Return the distance that the lens moves during the frames seen and then back to the answer, in travels.
 
     A full sweep with the focus half way gives 1.5. For an abstention (``answer`` is None), only the frames seen count.
     """
@@ -124,8 +123,8 @@ def light_ratio_for_record(gain: np.ndarray | None) -> float | None:
     Returns
     -------
     float or None
-        Light ratio, 1 to 1/MIN_GAIN_RATIO; the latter for a light that goes out. With several lights it is the largest
-        of their ratios. None if the gains are unknown or no light is ever on.
+        Light ratio, from 1 to 1/MIN_GAIN_RATIO, the value for a light that goes out. With several lights it is the
+        largest of their ratios. None if the gains are unknown or no light is ever on.
     """
     if gain is None or gain.size == 0 or not np.isfinite(gain).all():
         return None
@@ -175,7 +174,7 @@ def judge_method_answer(
     -----
     An abstention is a success only if no answer could have been one, that is, if no lens position of the recording is
     within the limit. A larger limit therefore makes more answers right and fewer abstentions right, and the success
-    rate within a small limit can exceed that within a larger one.
+    rate within a small limit can exceed the rate within a larger limit.
 
     A lens or a track that is not finite in every frame is treated as not recorded. Everything that depends on it is
     None for answers and abstentions alike, whatever the frame of the answer. All methods are thus judged on the same

@@ -1,7 +1,7 @@
-"""Results of single sequences, kept next to an evaluation until it is written, so that a killed one can continue.
+"""Results of finished sequences, kept until the evaluation is written, so that it can continue after it was killed.
 
-They are kept in a hidden folder, in files of several sequences each. The files are signed, so results in a folder that
-came with other people's data are never mistaken for this user's work. Nothing in a file is executed.
+They are kept in a hidden folder next to the evaluation, in files of several sequences each. The files are signed, so
+that results that came with other people's data are never mistaken for this user's work. Nothing in a file is executed.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 WRITE_INTERVAL_S = 5.0
-"""Minimum time between two writes, in seconds; a process that is killed loses the results since the last write."""
+"""Minimum time between two writes, in seconds; a killed process loses the results since its last write."""
 _KINDS = {
     kind.__name__: kind
     for kind in (Evaluation, Record, AssessedCurve, CurveQuality, SweepSummary, FocusCurve, Thumbnails, LensPath)
@@ -107,7 +107,7 @@ class KeptSequences:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: object) -> None:
-        if kind is not None:  # without an error the evaluation is written soon, and these results are removed
+        if kind is not None:  # without an error, the evaluation is about to be written, and these results removed
             self.write()
 
     def reuse(self, task: SequenceTask, *, draw: Drawn) -> Evaluation | None:
@@ -117,7 +117,7 @@ class KeptSequences:
         return result
 
     def keep(self, task: SequenceTask, result: Evaluation, *, draw: Drawn) -> None:
-        """Keep the result of a sequence in memory, and write all new results if the last write is WRITE_INTERVAL_S ago.
+        """Keep the result of a sequence; write all new results if WRITE_INTERVAL_S have passed since the last write.
 
         Raises BadInput if the file cannot be written.
         """
@@ -138,7 +138,7 @@ class KeptSequences:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _key(self, task: SequenceTask, draw: Drawn) -> str:
-        """Return a digest of everything that determines a sequence's result; the file enters by its size and time."""
+        """Return a digest of everything that determines a sequence's result; size and time represent its file."""
         try:
             status = task.path.stat()
             file = [status.st_size, status.st_mtime_ns]
@@ -162,7 +162,7 @@ def _write(folder: Path, results: Mapping[str, Evaluation]) -> None:
 
 
 def _read(path: Path) -> dict[str, Evaluation]:
-    """Return the results in a file by key; nothing if the file is damaged or was not written by this user."""
+    """Return the results in a file by key; empty if it is damaged, of another format, or not written by this user."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -178,7 +178,7 @@ def _read(path: Path) -> dict[str, Evaluation]:
 
 
 def _to_plain(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """Return a value in JSON types; its arrays are added to ``arrays`` under running numbers."""
+    """Return a value in JSON types; its arrays are added to ``arrays`` under consecutive numbers."""
     if isinstance(value, np.ndarray):
         arrays[str(len(arrays))] = value
         return {"array": str(len(arrays) - 1)}

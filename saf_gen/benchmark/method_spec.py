@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from saf_gen.benchmark.tuned_method import read_tuned_method
+from saf_gen.benchmark.tuned_method import read_method_with_constants
 from saf_gen.core.config.document import read_text
 from saf_gen.core.config.registry import refuse_code_named_in_file
 from saf_gen.core.config.source_digest import class_source_digests
@@ -38,8 +38,8 @@ DEFAULT_RECORDED_METHODS = (
     "structure_calibrated+photon_aware",
     "octave_structure+peak_fit",
 )
-"""Methods that ``saf-gen evaluate`` runs by default: the paper's measures and searches, two of its baselines divided
-by brightness (as SD is), and five more."""
+"""Methods that ``saf-gen evaluate`` runs by default: the paper's measures and searches, two of these measures in
+brightness-normalised form (SD is normalised already), and five more methods."""
 
 DEFAULT_CLOSED_LOOP_METHODS = (
     "octave_structure+peak_fit",
@@ -112,7 +112,7 @@ def parse_method(spec: str) -> Method:
     """
     if spec.startswith("@"):
         path, region = split_method_region(spec[1:])
-        tuned, digest = read_tuned_method(path)
+        tuned, digest = read_method_with_constants(path)
         if tuned.method.startswith("@"):
             raise BadInput(
                 f"{spec[1:]} names another tuned file, {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file"
@@ -191,10 +191,10 @@ def _parse_value(text: str) -> Any:
 
 
 def _digest_code(plugins: Sequence[Measure | Search]) -> str:
-    """Return 12 digits of a digest over plug-ins: their options, their source code and the source that it imports.
+    """Return 12 digits of a digest over plug-ins: their options, and the source code of everything that they use.
 
-    Plug-ins import helpers from their folder, and a brightness-normalised measure wraps another measure; a change in
-    any of these can change results.
+    It includes helpers that they import from their folder, and measures that they wrap, because a change in these can
+    change results.
     """
     written = [
         [repr(plugin) for plugin in plugins],
@@ -214,8 +214,7 @@ def _find_nested(plugin: object) -> Iterator[object]:
 def read_method_list(path: Path) -> list[str]:
     """Return the names in a list of methods.
 
-    A list cannot bring code of its own: it may name only plug-ins that are registered or that this process has already
-    loaded.
+    A list cannot cause other code to be loaded: it may name only plug-ins that are registered or already loaded.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Descriptions of focus measures and searches: what each states about itself, and its source code.
+"""Descriptions of focus measures and searches: the facts that each states, and its source code.
 
-Plug-ins are passed in as objects, so nothing is loaded here. The one exception is methods named in records: they are
-built only if saf_gen itself contains them, because a record must not decide whose code is executed.
+Methods that records name are built only if saf_gen itself contains them, because a record must not decide whose code is
+executed.
 """
 
 import re
@@ -28,11 +28,11 @@ class PluginDescription:
     """A human-readable description of a measure or a search with its options."""
 
     name: str
-    """Name as in the name of a method, with form and options."""
+    """Name as it occurs in the name of a method, with form and options."""
     plugin_kind: str
     """``measures`` or ``searches``."""
     facts: tuple[tuple[str, str], ...]
-    """Key and text of everything that the plug-in states: what it does, options, range, degree, cost and source."""
+    """Key and text of each fact that the plug-in states: purpose, options, range, degree, cost and source."""
     code: tuple[tuple[str, str], ...]
     """Name and text of its file, then of the private files in the same folder that it imports; unreadable files are
     left out."""
@@ -79,7 +79,7 @@ def describe_plugins_of_methods(methods: Iterable[Method]) -> tuple[PluginDescri
 
 
 def describe_recorded_methods(records: Iterable[Record]) -> tuple[PluginDescription, ...]:
-    """Return descriptions of those recorded plug-ins that saf_gen contains with the same code that made the records."""
+    """Return descriptions of the plug-ins in records, if saf_gen contains them with the code that made the records."""
     recorded = {record.method: record.code for record in records}
     methods = []
     for name, code in recorded.items():
@@ -144,7 +144,7 @@ def measure_suffixes_of_method(measure: Any) -> Iterator[str]:
 
 
 def _state_facts(name: str, plugin_kind: str, *, layers: Sequence[Any]) -> Iterator[tuple[str, str]]:
-    """Yield key and text of each fact that a plug-in states; ``layers`` are its forms, the outermost first."""
+    """Yield key and text of each fact of a plug-in; ``layers`` holds it and the measures in it, outermost first."""
     plug_in, inner = layers[0], layers[-1]
     yield "kind", "focus measure" if plugin_kind == "measures" else f"search, {search_kind_of_method(plug_in)}"
     yield "what", "\n\n".join(_prose(type(layer)) for layer in reversed(layers))
@@ -187,14 +187,13 @@ def _format_option(value: object) -> str:
 
 
 def _input(measure: Any) -> str:
-    """Return a description of the input of a measure."""
     if wants_halves(measure):
         return "spike counts of the two halves of a window"
     return "the interval texture of a window" if wants_intervals(measure) else "spike counts of a window"
 
 
 def _read_code(cls: type) -> tuple[tuple[str, str], ...]:
-    """Return name and text, up to MAX_CODE_CHARACTERS, of each file from class_source_files that can be read."""
+    """Return the name and text, up to MAX_CODE_CHARACTERS, of each readable source file of a class."""
     found = []
     for path in class_source_files(cls):
         try:

@@ -1,4 +1,4 @@
-"""Records of what one method did on one sequence, written as lines of ``records.jsonl`` and read back strictly.
+"""Records, each with the results of one method on one sequence; they are lines of ``records.jsonl``, read strictly.
 
 Each line states the number of its format, so that a table never uses lines whose meaning has changed. A record that
 contradicts itself is refused, too, because tables divide by its numbers and rely on them.
@@ -24,7 +24,7 @@ from saf_gen.errors import BadInput
 
 RECORDS_FILE = "records.jsonl"
 READY = ".evaluation.ready"
-"""Folder inside that of an evaluation, in which a new evaluation is complete until its files have been moved."""
+"""Folder, in the folder of an evaluation, that holds a complete new evaluation until its files have been moved."""
 RECORD_FORMAT = "saf-gen record 7"
 KEYS_SINCE = {
     "saf-gen record 6": ("benchmark",),
@@ -81,7 +81,7 @@ class Record:
     truth: Position | None
     """Position of best focus at the answer, or at the first crossing if there is no answer."""
     truth_frame: Position | None
-    """Frame at which the lens crosses the truth nearest to the answer, or first crosses it if there is no answer."""
+    """Frame of the focus crossing nearest to the answer, or of the first crossing if there is no answer."""
     error: Position | None
     """Answer minus truth, in travels."""
     error_frames: Position | None
@@ -89,9 +89,9 @@ class Record:
     error_dof: Position | None
     """Answer minus truth, in depths of focus."""
     blur_px: Distance | None
-    """Blur of the target at the answer, in pixels, or under a microscope in widths that it resolves."""
+    """Blur of the target at the answer, in pixels, or in widths that the camera resolves if waves matter."""
     success_half_dof: Flag | None
-    """Whether the answer is within half a depth of focus of the truth, or an abstention was right by that limit."""
+    """Whether the answer is within half a depth of focus of the truth, or an abstention is right by this limit."""
     success_1dof: Flag | None
     """Success within one depth of focus, by which methods are ranked."""
     success_2dof: Flag | None
@@ -113,11 +113,11 @@ class Record:
     region: str
     """Region where the method looked: ``target`` or ``frame``."""
     data: str
-    """content_sha256 of the stream; in a closed loop whose time slices are not those of the recording, a digest of
-    both."""
+    """content_sha256 of the stream; in a closed loop with other time slices than the recording, a digest of stream and
+    slices."""
     code: str
-    """Digest of the method's options and code. The code is that of the files of measure and search, and of the private
-    modules (``_name.py``) in the same folder that they import; comments, docstrings, formatting and location are
+    """Digest of the method's options and code. The code is in the files of measure and search, and in the private
+    modules (``_name.py``) that they import from the same folder; comments, docstrings, formatting and location are
     ignored."""
     track: Literal["recorded", "closed_loop"] = "recorded"
     """``recorded`` or ``closed_loop``."""
@@ -136,13 +136,13 @@ class Record:
     focus, or comes nearest to it. Closed loop: the position in the travel. None if the lens does not come within 1
     depth of focus."""
     focus_off_dof: Distance | None = None
-    """Smallest distance between lens and focus, in depths of focus, in the recording or in the closed loop over the
+    """Smallest distance between lens and focus, in depths of focus: during the recording or, in the closed loop, in the
     entire travel."""
     mean_rate: Travel | None = None
     """Mean counts per pixel and readout in the region of the evaluation, over the frames that a method may see."""
     light_ratio: Annotated[Number, Field(ge=1, le=MAX_SECONDS_OR_TRAVELS)] | None = None
-    """Brightest over darkest gain; the largest such ratio if there are several lights, 1000 for a light that goes
-    out."""
+    """Largest gain of the light divided by its smallest; 1000 for a light that goes out. With several lights, the
+    largest of their ratios."""
     time_to_focus_s: Duration | None = None
     """Recorded track: time until the method saw its last frame. Closed loop: time until the lens arrived for good."""
     reversals: Count | None = None
@@ -150,13 +150,13 @@ class Record:
     parameters: str = ""
     """Measure and search with every option, defaults included."""
     tuning: str = ""
-    """First 12 digits of the digest of the file of tuned constants that named the method."""
+    """First 12 digits of the SHA-256 of the tuned file that named the method (``@FILE``), or ''."""
     machine: str = ""
-    """Processor, cores and versions, on which ``seconds`` depend."""
+    """Processor, cores and versions, on which ``seconds`` depends."""
     rig: str = ""
-    """Version of the evaluator: how spikes are counted, captured and judged."""
+    """Versions of the parts of the evaluator that count and capture spikes and judge answers."""
     grain_rms: Travel | None = None
-    """Noise that the renderer left in the recorded pictures at best focus: rms over mean in the box round the
+    """Noise that the renderer left in the recorded pictures at best focus: rms divided by mean, in the box around the
     target."""
     grain_of_curve: Travel | None = None
     """Largest energy of the renderer's noise along the recording, divided by the range of the measure's focus curve.
@@ -164,8 +164,8 @@ class Record:
     ``brenner``, ``tenengrad``, ``squared_gradient``, ``energy_of_laplacian`` and ``variance_of_laplacian``; None for
     other measures, and for methods that look at the frame."""
     sensor: str | None = None
-    """Name of the sensor that recorded, followed by six digits of a digest if its numbers differ from those of the
-    sensor of that name. None if the recording does not state its sensor."""
+    """Name of the recording's sensor, followed by six digits of a digest if its numbers differ from those of the
+    registered sensor of that name. None if the recording does not state its sensor."""
     benchmark: str | None = None
     """Name and digest of the frozen benchmark that the sequence belongs to; None if it belongs to no benchmark."""
 
@@ -285,7 +285,7 @@ def _find_contradiction(r: Record) -> tuple[str, str] | None:
     if r.status == "failed" and any(success):
         return "failed, but success is true", "false, or null if the truth is unknown"
     if r.status == "abstained" and any(far and not near for near, far in pairwise(success)):
-        return "abstained, right within a larger limit but wrong within a smaller one", "the other way round"
+        return "abstained, right within a larger limit but wrong within a smaller one", "right within the smaller, too"
     off = r.focus_off_dof
     if off is not None and off > SUCCESS_LIMITS_DOF[1] and r.focus_place is not None:
         return f"focus_place is {r.focus_place:g}, but the lens stays {off:g} DoF away", "null beyond 1 DoF"

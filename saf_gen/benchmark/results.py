@@ -11,7 +11,7 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.thumbnails import Thumbnails
 
 Drawn = Literal["", "sweep", "pictures"]
-"""What figures show of a sequence: nothing, its sweep, or its sweep and pictures."""
+"""Parts of a sequence that figures show: none, its sweep, or its sweep and pictures."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class SweepSummary:
     """The truth over time, shape (T,), if the target moves."""
     scene_motion: str | None = None
     thumbnails: Thumbnails | None = None
-    """Small pictures, kept for some sequences only because they require reading the whole frame."""
+    """Small pictures; None for most sequences, because making them requires reading whole frames."""
 
 
 @dataclass(frozen=True)

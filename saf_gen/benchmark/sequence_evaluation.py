@@ -32,8 +32,8 @@ def group_methods_by_region(methods: Mapping[str, Method], region: str) -> dict[
     methods : mapping of str to Method
         Methods by name.
     region : str
-        Region of the evaluation: ``target``, ``frame`` or ``both``; the last adds ``METHOD@frame`` for each method
-        whose name includes no region.
+        Region of the evaluation: ``target``, ``frame`` or ``both``, which is ``target`` with ``METHOD@frame`` added for
+        each method whose name includes no region.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def evaluate_sequence(
 
 @dataclass(frozen=True)
 class NamedMethods:
-    """Names of methods, from which another machine builds them, because plug-ins from a user's file cannot be pickled.
+    """Names from which another machine builds methods, because plug-ins from a user's file cannot be pickled.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ class NamedMethods:
     region : str
         Region of the evaluation.
     folder : str
-        Folder to which paths of files in the names are relative.
+        Folder to which file paths in the names are relative.
     codes : tuple of (str, str)
         Name and code digest of each method, which must be equal on the other machine.
     """

@@ -1,4 +1,4 @@
-"""Small pictures of a recording for a page, and the choice of recordings to show if there are many."""
+"""Small pictures of recordings for a page, and the choice of the recordings to show."""
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ SPIKES_WIDTH_PX = 140
 
 @dataclass(frozen=True, eq=False)
 class Thumbnails:
-    """Pictures of consecutive windows over a recording, each in three forms: counts, intervals and single spikes."""
+    """Pictures of consecutive windows of a recording, each in three forms: counts, intervals and single spikes."""
 
     images: np.ndarray
     """Texture from playback (TFP): spikes in the window, summed over ``binning`` × ``binning`` pixels; uint32
     (n, h, w)."""
     textures: np.ndarray
-    """Texture from intervals (TFI): counts that the window would have, summed in the same way; float32 (n, h, w)."""
+    """Interval texture (TFI): the counts that the intervals imply, summed in the same way; float32 (n, h, w)."""
     spikes: np.ndarray
     """Readout in the middle of each window, in a part of the sensor, 0 or 1; uint8 (n, h', w')."""
     frames: np.ndarray
@@ -90,7 +90,7 @@ def make_evaluated_thumbnails(stream: SpikeStream, region: Region | None) -> Thu
 def select_evaluated_to_show(keys: Sequence[tuple[Hashable, Hashable]], max_count: int) -> list[int]:
     """Return which of many sequences to show, so that few pictures show many scenes and many conditions.
 
-    Scenes take turns, each starting at another of its conditions than the scene before. Of sequences with the same
+    Scenes take turns, and each scene starts one condition later than the scene before it. Of sequences with the same
     scene and condition, only the first can be shown.
 
     Parameters

@@ -55,7 +55,7 @@ def format_tuned_method(tuned: TunedMethod) -> str:
     return format_checked_json({"format": FORMAT, **asdict(tuned)}, indent=1) + "\n"
 
 
-def read_tuned_method(path: str | Path) -> tuple[TunedMethod, str]:
+def read_method_with_constants(path: str | Path) -> tuple[TunedMethod, str]:
     """Read a tuned file, and return its contents and the first 12 digits of its SHA-256.
 
     Raises BadInput if the file cannot be read, or was not made by ``saf-gen tune`` of this version.

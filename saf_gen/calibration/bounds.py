@@ -20,9 +20,9 @@ MIN_PIXELS = 500
 def fit_bounds_of_sensor(statistics: SpikeStatistics, *, where: str = "") -> dict[str, Estimate]:
     """Return upper bounds on a sensor's parameters, by key, from a recording of any scene.
 
-    Variation of the light adds to that of the sensor, so the observed variation is an upper bound on the sensor's. The
-    fixed pattern is measured in the flattest quarter of the picture. The loss after a spike is unknown and assumed to
-    be one full readout; a smaller loss would only lower the bounds.
+    The light adds its own variation to the sensor's, so the observed variation is an upper bound. The fixed pattern
+    is measured in the flattest quarter of the picture. The loss after a spike is unknown and assumed to be one full
+    readout; a smaller loss would only lower the bounds.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ def fit_bounds_of_sensor(statistics: SpikeStatistics, *, where: str = "") -> dic
     darkest = float(blocks.min()) if blocks.size else float(rate.min())
     slack = 1 + 2 * 0.6 / _BLOCK
     return {
-        "interval_noise": _upper_bound(noise, "the smallest noise that second differences show at any lag"),
-        "threshold_noise_rms": _upper_bound(noise, "as interval_noise: shot noise is in it"),
+        "interval_noise": _upper_bound(noise, "smallest noise of second differences in four ranges of lags"),
+        "threshold_noise_rms": _upper_bound(noise, "as interval_noise, which includes shot noise"),
         "white_and_threshold_rms": _upper_bound(white, "differences of neighbouring pixels in the flattest quarter"),
         "column_white_rms": _upper_bound(columns, "differences of neighbouring columns, median over rows"),
         "row_white_rms": _upper_bound(rows, "differences of neighbouring rows, median over columns"),
@@ -82,7 +82,7 @@ def _upper_bound(value: float, how: str) -> Estimate:
 
 
 def _noise_bound(statistics: SpikeStatistics, usable: np.ndarray) -> float:
-    """Return the upper end of the noise of intervals, √(1/θ + σ²), for the least noisy of four ranges of lags."""
+    """Return an upper bound on the noise of intervals, √(1/θ + σ²), from the least noisy of four ranges of lags."""
     chosen = replace(statistics, counts=np.where(usable, statistics.counts, 0))
     found = [fit_interval_noise(chosen, loss=1.0, max_lag=lag) for lag in (2, 4, 16, 64)]
     ends = [value + 2 * error for value, error in found if np.isfinite(value) and np.isfinite(error)]
@@ -90,7 +90,7 @@ def _noise_bound(statistics: SpikeStatistics, usable: np.ndarray) -> float:
 
 
 def _line_noise(steps: np.ndarray, *, axis: int) -> float:
-    """Return the rms of the white noise of columns or rows, from the median step between neighbouring ones."""
+    """Return the rms of the white noise of columns or rows, from the median steps between neighbours."""
     medians = np.nanmedian(np.where(np.isfinite(steps), steps, np.nan), axis=axis)
     known = medians[np.isfinite(medians)]
     return float(1.4826 * np.median(np.abs(known - np.median(known))) / sqrt(2)) if known.size else float("inf")

@@ -226,7 +226,7 @@ def _knots_along(frames: int, knots: int = _KNOTS) -> Callable[[np.ndarray], tup
 
 
 def recording_statistics(recording: Recording, *, report: Report | None = None) -> Figures:
-    """Return the statistics of a recording of any scene: those in time, and the spread of rates about a local mean."""
+    """Return the temporal statistics of a recording of any scene, and the spread of its rates about a local mean."""
     name = recording.name
     found = measure_spike_statistics(recording, report=None if report is None else lambda done: report(name, done))
     rates = np.where(np.isfinite(found.rates), found.rates, 0.0)
@@ -285,10 +285,10 @@ def published_sensor_statistics() -> tuple[Figures, dict[str, str]]:
 
 
 def sensor_statistics_as_published(sensor: Sensor, *, seed: int = 1, report: Report | None = None) -> Figures:
-    """Return those statistics of a sensor that are published for real cameras, measured under the same conditions.
+    """Return the statistics of a sensor that are also published for real cameras, measured under equal conditions.
 
-    The stream has 200 readouts of 250 × 250 pixels at a mean rate of 0.031 spikes per readout. Its light is constant
-    in time and rises linearly from the first column to the last, from 0.5 to 1.5 times its mean.
+    The simulated stream has 200 readouts of 250 × 250 pixels at a mean rate of 0.031 spikes per readout. Its light is
+    constant in time and rises linearly from the first column to the last, from 0.5 to 1.5 times its mean.
     """
     frames, *size = STREAM_SHAPE
     ramp = np.broadcast_to(np.linspace(0.5, 1.5, size[1]), (1, *size)) * mean_light_for_statistics(sensor, STREAM_RATE)

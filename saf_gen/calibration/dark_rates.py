@@ -1,9 +1,9 @@
 """The dark rates of a chip, fitted to the counts of a dark recording by maximum likelihood.
 
-The dark rate of most pixels is log-normal. That of hot pixels, a few in a thousand, follows a Pareto law that starts at
-a given multiple of the median. Dark rates are low: many pixels fire only a few times in a recording, and some never. A
-count n over T readouts is ⌊X + u⌋, where X = rate·T is the charge in thresholds and the phase u is uniform over 0 to 1,
-so it only says that X is between n − 1 and n + 1. Hence
+The dark rates of most pixels are log-normal. Those of hot pixels, a few in a thousand, follow a Pareto law that starts
+at a given multiple of the median. Dark rates are low: many pixels fire only a few times in a recording, and some never.
+A count n over T readouts is ⌊X + u⌋, where X = rate·T is the charge in thresholds and the phase u is uniform over 0 to
+1, so it only says that X is between n − 1 and n + 1. Hence
 
     P(n) = E max(0, 1 − |X − n|) = G(n + 1) − 2·G(n) + G(n − 1),    G(x) = E max(0, x − X)
 
@@ -155,7 +155,7 @@ def fit_dark_recording(counts: np.ndarray, frames: int, *, factor: float, expone
         tail = float(ndtr(-np.log(p["factor"]) / p["log_sd"]))
         return p["extra"] + (1 - p["extra"]) * tail
 
-    how = "likelihood of the counts in the dark, pixels that never fired included"
+    how = "maximum likelihood of the counts in the dark, including pixels that never fired"
     found = hot_fraction(here)
     tail = normal_estimate_of_fit(here["exponent"], delta(lambda p: p["exponent"]), how=how, minimum=1)
     low, high = binomial_interval_of_fit(round(found * counts.size), counts.size)

@@ -1,4 +1,4 @@
-"""Measured numbers with their confidence interval and the way in which they were found."""
+"""Measured numbers with their confidence intervals and sources."""
 
 from dataclasses import dataclass
 from math import inf, sqrt
@@ -20,7 +20,7 @@ class Estimate:
     low, high : float
         Ends of the 95 % interval.
     how : str
-        How the value was found, in words.
+        Description of the measurement.
     measured : bool
         False if only the interval is known; the value is then a choice within it.
     """
@@ -46,7 +46,7 @@ def normal_estimate_of_fit(
 
 
 def root_estimate_of_fit(square: float, error: float, *, how: str) -> Estimate:
-    """Return an estimate of the square root of a number with a standard error; negative numbers have the root 0."""
+    """Return an estimate of the square root of a number with a standard error; the root of a negative number is 0."""
     low, high = (sqrt(max(square + sign * NORMAL_95 * error, 0.0)) for sign in (-1, 1))
     return Estimate(sqrt(max(square, 0.0)), low, high, how)
 

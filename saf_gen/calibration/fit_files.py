@@ -15,8 +15,8 @@ _COMMENTS = {
     "name": "",
     "rows": "",
     "columns": "",
-    "reset": "  # intervals are no whole numbers of readouts",
-    "saturation": "  # told by the line of intervals of one level against another, where reset_loss has an interval",
+    "reset": "  # intervals are not whole numbers of readouts",
+    "saturation": "  # from intervals at one level against intervals at another, unless a note above says otherwise",
 }
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
@@ -31,10 +31,10 @@ figcaption {{ font-size: 0.85rem; color: #6b7280 }} svg {{ width: 100%; height: 
 </style></head><body>
 <h1>{title}</h1>
 <p>{lead}</p>
-<h2>What could not be told</h2>
+<h2>Notes</h2>
 <ul>{notes}</ul>
 <h2>Parameters</h2>
-<table><tr><th>key</th><th>value</th><th>95 %</th><th>from</th></tr>{rows}</table>
+<table><tr><th>key</th><th>value</th><th>95 % interval</th><th>source</th></tr>{rows}</table>
 <h2>Plots</h2>
 <div class="plots">{plots}</div>
 </body></html>
@@ -57,7 +57,7 @@ def write_sensor_fit(fit: SensorFit, folder: Path) -> list[Path]:
 def format_fitted_number(value: float, like: float | None = None) -> str:
     """Return a number as text, with as many digits as are significant for an interval of width ``like``.
 
-    These are 2 to 6 significant digits; 4 if ``like`` is missing, not positive or not finite.
+    The text has 2 to 6 significant digits, or 4 if ``like`` is missing, not positive or not finite.
     """
     if value == 0 or not isfinite(value):
         return "0" if value == 0 else str(value)
@@ -93,8 +93,8 @@ def _format_fitted_sensor(fit: SensorFit) -> str:
     recordings = ", ".join(f"{name} ({level:.3g} spikes per readout)" for name, level in fit.levels.items())
     lines = [
         f"# Fitted by saf-gen sensors fit to {recordings} and a dark recording.",
-        "# Beside a number stands its interval at 95 %, and what it is from. What is assumed flat fields do not tell:",
-        f"# it is as in {fit.base}.",
+        "# Each comment gives the 95 % interval of a number and its source. Flat fields do not determine the numbers",
+        f"# that are only marked as assumed; these are copied from {fit.base}.",
         *(f"# - {note}" for note in fit.notes),
     ]
     for key, value in asdict(fit.sensor).items():
@@ -118,10 +118,10 @@ def _format_fitted_sensor(fit: SensorFit) -> str:
 
 def _describe(key: str, estimate: Estimate | None) -> str:
     if estimate is None:
-        return "that of the recordings" if key == "readout_hz" else "assumed"
+        return "from the recordings" if key == "readout_hz" else "assumed"
     if estimate.low == estimate.high:
         return estimate.how
-    return f"{'95 %' if estimate.measured else 'not told;'} {format_fitted_interval(estimate)}; {estimate.how}"
+    return f"{'95 %' if estimate.measured else 'not determined;'} {format_fitted_interval(estimate)}; {estimate.how}"
 
 
 def _format_fit_json(fit: SensorFit) -> str:

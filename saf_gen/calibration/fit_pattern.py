@@ -1,7 +1,7 @@
 """Decomposition of a response map: column and row profiles, edges, twist, part due to dark charge, dust, white rest.
 
-The parts are those from which the sensor model builds a map (``saf_gen/camera/fixed_pattern.py``), and the measurement
-noise of the pixels is subtracted from each. White response and threshold spread cannot be separated, because a rate
+The sensor model builds a map from the same parts (``saf_gen/camera/fixed_pattern.py``). The measurement noise of the
+pixels is subtracted from each part. White response and threshold spread cannot be separated, because a rate
 is charge divided by threshold.
 """
 
@@ -18,7 +18,7 @@ from saf_gen.camera.fixed_pattern import legendre_basis_over_pixels
 DEGREE = 4
 """Highest degree of the Legendre polynomials that separate the smooth part of a profile from its white noise."""
 DEEP = 5.0
-"""A pixel more than this number of robust standard deviations below the rest counts as lying under dust."""
+"""Depth of a shadow, in robust standard deviations of the white rest, beyond which it counts as dust."""
 _ROUNDS = 3
 
 
@@ -92,7 +92,7 @@ def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndar
             name, profile[1:], noise=pixel_variance / max(length - 1, 1), full_length=profile.size
         )
     estimates["response_twist_rms"] = normal_estimate_of_fit(
-        abs(twist), sqrt(pixel_variance / core.sum()), how="the product of both tilts in the response map", minimum=0
+        abs(twist), sqrt(pixel_variance / core.sum()), how="product of the two tilts in the response map", minimum=0
     )
     if per_dark.how:
         estimates["response_per_dark"] = _subtract_threshold_part(
@@ -104,7 +104,7 @@ def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndar
         estimates[key] = normal_estimate_of_fit(
             float(np.median(off)) if off.size else 0.0,
             1.2533 * sqrt(pixel_variance / max(off.size, 1) + _white_noise_rms(profile) ** 2),
-            how="the edge against the profile beside it",
+            how="edge compared with the extrapolated profile",
         )
     estimates |= _fit_dust(left[inner] / white, white)
     return PatternFit(estimates, np.where(known, left, np.nan), profiles[0], profiles[1])
@@ -131,7 +131,7 @@ def _slope(rest: np.ndarray, excess: np.ndarray) -> Estimate:
     """Return the slope of the rest against ``excess``, the relative dark rate minus 1.
 
     The fit is by least squares with a heteroscedasticity-robust standard error, and leaves out pixels with more than
-    10 times the mean dark rate. If all pixels have one dark rate, the estimate is 0 and its ``how`` is empty.
+    10 times the mean dark rate. If all pixels have the same dark rate, the estimate is 0 and its ``how`` is empty.
     """
     use = excess < 9
     x = excess[use] - excess[use].mean()
@@ -141,7 +141,7 @@ def _slope(rest: np.ndarray, excess: np.ndarray) -> Estimate:
     slope = float(x @ rest[use] / total)
     off = rest[use] - rest[use].mean() - slope * x
     return normal_estimate_of_fit(
-        slope, sqrt(float((x * off) @ (x * off))) / total, how="the response against the dark rate"
+        slope, sqrt(float((x * off) @ (x * off))) / total, how="regression of the response on the dark rate"
     )
 
 
@@ -161,16 +161,16 @@ def _subtract_threshold_part(slope: Estimate, joint: Estimate, *, variance: floa
     """Return the slope of the response against dark charge without the contribution of the threshold spread.
 
     A pixel with a low threshold fires faster both in light and in the dark. A threshold spread of variance w² therefore
-    adds w²/``variance`` to the slope, where ``variance`` is that of the relative dark rates. The value assumes that w²
-    is half of the joint variance, and the bounds assume none and all of it.
+    adds w²/v to the slope, where v is the ``variance`` of the relative dark rates. The value assumes that w² is half of
+    the joint variance, and the bounds assume none and all of it.
     """
     half, full = joint.value**2 / 2 / variance, joint.high**2 / variance
     ends = [max(x, 0.0) for x in (slope.value - half, slope.low - full, slope.high)]
-    return Estimate(ends[0], ends[1], ends[2], f"{slope.how}; a threshold spread may be part of it")
+    return Estimate(ends[0], ends[1], ends[2], f"{slope.how}; threshold spread may contribute")
 
 
 def _fit_white(squares: np.ndarray, dark: np.ndarray, *, noise: float, size: tuple[int, ...]) -> dict[str, Estimate]:
-    """Return the rms of the white rest, and the spread per dark rate: squares = white² + noise + spread²·dark²."""
+    """Return the rms of the white rest and the spread per dark rate, from squares = white² + noise + spread²·dark²."""
     freedom = (size[0] - 2) * (size[1] - 2) / ((size[0] - 1) * (size[1] - 1))
     use = dark < 6
     x = np.stack([np.ones(use.sum()), dark[use] ** 2], axis=1)
@@ -191,11 +191,11 @@ def _fit_white(squares: np.ndarray, dark: np.ndarray, *, noise: float, size: tup
         bread = np.linalg.inv(scaled.T @ x)
         score = scaled * (y - x @ fit)[:, None]
         error = np.sqrt(np.diag(bread @ (score.T @ score) @ bread))
-    how = "what profiles and dark leave of the response map, its own noise taken off"
+    how = "response map without profiles, dark charge and measurement noise"
     found = {"white_and_threshold_rms": root_estimate_of_fit(float(fit[0]) - noise, float(error[0]), how=how)}
     if not flat:
         found["per_dark_rms"] = root_estimate_of_fit(
-            float(fit[1]), float(error[1]), how="how that rest grows with the dark rate"
+            float(fit[1]), float(error[1]), how="growth of the white rest with the dark rate"
         )
     return found
 
@@ -203,8 +203,8 @@ def _fit_white(squares: np.ndarray, dark: np.ndarray, *, noise: float, size: tup
 def _fit_profile(name: str, profile: np.ndarray, *, noise: float, full_length: int) -> dict[str, Estimate]:
     """Return the rms and white rms of a profile, and the fraction of its variance by Legendre degree.
 
-    ``profile`` lacks its first line, and ``full_length`` is its length with it; ``noise`` is the variance that the
-    noise of its pixels adds.
+    ``profile`` lacks its first value, which ``full_length`` includes; ``noise`` is the variance that the noise of its
+    pixels adds.
     """
     length, degree = profile.size, min(DEGREE, profile.size - 2)
     basis = np.concatenate([np.ones((length, 1)), legendre_basis_over_pixels(full_length, degree)[1:]], axis=1)
@@ -217,7 +217,7 @@ def _fit_profile(name: str, profile: np.ndarray, *, noise: float, full_length: i
     squares = np.maximum(terms[1:] ** 2 - error**2, 0.0)
     square = float(squares.sum() + white_variance)
     spread = sqrt(float((4 * terms[1:] ** 2 * error**2).sum()) + 2 * scatter**2 / max(length - degree - 1, 1))
-    rms = root_estimate_of_fit(square, spread, how=f"the mean of every {name}, the noise of its pixels taken off")
+    rms = root_estimate_of_fit(square, spread, how=f"mean of each {name}, minus the noise of its pixels")
     free = max(length - degree - 1, 1)
     seen = (scatter, max(scatter, noise))  # a scatter below the pixels' noise is chance and must not tighten the bound
     ends = [
@@ -227,14 +227,14 @@ def _fit_profile(name: str, profile: np.ndarray, *, noise: float, full_length: i
     found = {
         f"response_{name}_rms": rms,
         f"{name}_white_rms": Estimate(
-            sqrt(white_variance), sqrt(ends[0]), sqrt(ends[1]), f"what Legendre fits leave of the {name}s"
+            sqrt(white_variance), sqrt(ends[0]), sqrt(ends[1]), f"residual of a Legendre fit to the {name} profile"
         ),
     }
     for at in range(degree):
         size, wide = abs(float(terms[1 + at])), NORMAL_95 * float(error[at])
         low, high = max(size - wide, 0.0) ** 2, (size + wide) ** 2
         part, low, high = (min(x / square, 1.0) if square > 0 else 0.0 for x in (float(squares[at]), low, high))
-        found[f"response_{name}_legendre_{at + 1}"] = Estimate(part, low, high, "a Legendre fit of the profile")
+        found[f"response_{name}_legendre_{at + 1}"] = Estimate(part, low, high, "Legendre fit to the profile")
     return found
 
 
@@ -253,13 +253,13 @@ def _white_noise_rms(profile: np.ndarray) -> float:
 def _fit_dust(rest: np.ndarray, white: float) -> dict[str, Estimate]:
     """Return the fraction of pixels under dust and the rms fraction of light that it blocks.
 
-    ``rest`` is in robust standard deviations, of which one is the relative response ``white``. The depths of shadows
-    are taken as half-normal. Only shadows deeper than :data:`DEEP` can be recognised; the law gives the number of the
-    others. With fewer than 5 deep pixels the fraction is not corrected, and there is no depth.
+    ``rest`` is in robust standard deviations, each equal to the relative response ``white``. The depths of shadows are
+    assumed to be half-normal. Only shadows deeper than :data:`DEEP` can be recognised; the law gives the number of the
+    others. With fewer than 5 deep pixels the fraction is not corrected, and no depth is returned.
     """
     rest = rest[np.isfinite(rest)]
     deep = -rest[rest < -DEEP] * white
-    how = f"pixels more than {DEEP:g} robust standard deviations below the rest"
+    how = f"pixels more than {DEEP:g} robust standard deviations darker than expected"
     if deep.size < 5:
         high = stats.chi2.ppf(0.975, 2 * (deep.size + 1)) / 2 / rest.size
         return {"dust_fraction": Estimate(deep.size / rest.size, 0.0, float(high), how)}

@@ -35,28 +35,28 @@ class FitPlot:
 def draw_sensor_fit_plots(fit: SensorFit) -> list[FitPlot]:
     """Return the plots of a fit, in the order in which the page shows them."""
     plots: list[tuple[str, str, Callable[[Axes, SensorFit], None]]] = [
-        ("Response map", "Response over threshold of each pixel, over its mean; grey: unknown.", _response),
+        ("Response map", "Response divided by threshold, relative to the mean; grey: unknown.", _response),
         (
             "Columns",
-            "Profile of the columns over the mean, without the first.",
+            "Relative profile of the columns, without the first column.",
             lambda a, f: _profile(a, f.pattern.columns, name="column"),
         ),
         (
             "Rows",
-            "Profile of the rows over the mean, without the first.",
+            "Relative profile of the rows, without the first row.",
             lambda a, f: _profile(a, f.pattern.rows, name="row"),
         ),
-        ("White rest", "What profiles and dark leave, in percent, beside a normal law of the same robust rms.", _rest),
-        ("Dark", "Pixels by their number of spikes in the dark, beside the fitted law.", _dark),
-        ("Noise of intervals", "Variance of second differences by lag, beside the law with the fitted noise.", _noise),
+        ("White rest", "Response without profiles and dark charge, and a normal law of equal robust rms.", _rest),
+        ("Dark", "Number of pixels by spikes in the dark, and the fitted law.", _dark),
+        ("Noise of intervals", "Variance of second differences by lag, and the law with the fitted noise.", _noise),
         (
             "Linearity",
-            "Rates of the brightest level over those of the first less what the law says, by response.",
+            "Ratio of the rates at the brightest and the darkest level: deviation from the law, by response.",
             _line,
         ),
     ]
     if any(v.light is not None for v in fit.variations.values()):
-        plots.append(("Light", "Mean of all pixels in time, where it varied beyond noise.", _light))
+        plots.append(("Light", "Mean of all pixels over time, if it varied beyond noise.", _light))
     drawn = []
     with use_plot_style(_STYLE):
         for title, caption, draw in plots:
@@ -97,7 +97,7 @@ def _profile(axes: Axes, profile: np.ndarray, *, name: str) -> None:
         np.arange(1, profile.size), 100 * profile[1:], color=MEASURED, lw=0.9
     )  # the first line is fitted separately
     axes.set_xlabel(name)
-    axes.set_ylabel("off the mean, %")
+    axes.set_ylabel("deviation from the mean, %")
 
 
 def _rest(axes: Axes, fit: SensorFit) -> None:
@@ -112,7 +112,7 @@ def _rest(axes: Axes, fit: SensorFit) -> None:
     law = stats.norm.pdf(middle, scale=width) * rest.size * (edges[1] - edges[0])
     axes.plot(middle[law > 0.3], law[law > 0.3], color=LAW, ls=(0, (5, 1.5)), label="normal law")
     axes.set_yscale("log")
-    axes.set_xlabel("off profiles and dark, %")
+    axes.set_xlabel("deviation from profiles and dark, %")
     axes.legend()
 
 
@@ -185,8 +185,8 @@ def _line(axes: Axes, fit: SensorFit) -> None:
     middle = (edges[1:] + edges[:-1]) / 2
     axes.errorbar(middle, 100 * mean, 100 * 1.96 * spread, fmt="o", color=MEASURED, ms=3, lw=1)
     axes.axhline(0, color=LAW, ls=(0, (5, 1.5)), lw=1)
-    axes.set_xlabel("response over the mean")
-    axes.set_ylabel(f"{names[-1]} over {names[0]}, off the law, %")
+    axes.set_xlabel("response relative to the mean")
+    axes.set_ylabel(f"{names[-1]} / {names[0]}, deviation from the law, %")
 
 
 def _light(axes: Axes, fit: SensorFit) -> None:
@@ -194,5 +194,5 @@ def _light(axes: Axes, fit: SensorFit) -> None:
         if variation.light is not None:
             axes.plot(np.arange(variation.light.size) * SERIES_FRAMES, variation.light, lw=0.7, label=name)
     axes.set_xlabel("readout")
-    axes.set_ylabel("light over its mean")
+    axes.set_ylabel("light relative to its mean")
     axes.legend()

@@ -34,7 +34,7 @@ _FITTED_NOISE = ("shot", "dark", "response", "threshold_spread", "threshold_nois
 
 @dataclass(frozen=True)
 class SensorFit:
-    """A fitted sensor, and how well each of its numbers is known.
+    """A fitted sensor, with the uncertainty of each of its numbers.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ def fit_sensor(
     check_calibration_camera({r.name: (r.shape, r.readout_hz) for r in recordings})
 
     def measure(recording: Recording, light: np.ndarray | None = None) -> SpikeStatistics:
-        name, again = recording.name, "" if light is None else ", its light divided out"
+        name, again = recording.name, "" if light is None else ", light divided out"
         progress = None if report is None else lambda done: report(f"{name}{again}", done)
         return measure_spike_statistics(recording, light=light, report=progress)
 
@@ -174,7 +174,7 @@ def _fit(
     if joint.jitter is not None:
         estimates["reset_jitter"] = joint.jitter
     if not joint.agree:
-        notes.append("the noise of intervals differs between levels: it is not that of thresholds and resets alone")
+        notes.append("the noise of intervals differs between levels, so it is not due to thresholds and resets alone")
     changes: dict[str, object] = {"name": name, "rows": dead.shape[0], "columns": dead.shape[1]}
     changes["readout_hz"] = readout_hz
     changes |= _saturation(response, estimates, notes=notes, base=base)
@@ -194,7 +194,7 @@ def _fit(
     for key, varied in variations.items():
         if varied.light is not None:
             line = f"at {varied.hz:.0f} Hz" if varied.hz else "slowly"
-            notes.append(f"the light of {key} varies by {varied.rms:.2%} rms, {line}: divided out by the frame mean")
+            notes.append(f"the light of {key} varies by {varied.rms:.2%} rms, {line}; the frame mean is divided out")
     known = {f.name for f in fields(Sensor)}
     changes |= {key: e.value for key, e in estimates.items() if key in known}
     changes |= _legendre(estimates)
@@ -221,7 +221,7 @@ def _build(base: Sensor, changes: dict[str, object]) -> Sensor:
     plain = {key: [float(x) for x in v] if isinstance(v, list) else v for key, v in changes.items()}
     noise = {**asdict(base.noise), **dict.fromkeys(_FITTED_NOISE, True)}
     noise["reset_jitter"] = bool(plain.get("reset_jitter"))
-    sources = ("fitted by saf-gen sensors fit", f"what flat fields do not tell: as {base.name}")
+    sources = ("fitted by saf-gen sensors fit", f"numbers that flat fields do not determine: {base.name}")
     return change_preset_fields(
         replace(base, sources=sources), {**plain, "noise": noise}, where=f"sensor {changes['name']}"
     )
@@ -244,14 +244,14 @@ def _saturation(
     if inferred is None:
         why = "with one level" if response.loss is None else "at these levels"
         notes.append(
-            f"{why} the law of saturation and the reset loss cannot be told: {base.saturation} and {base.reset_loss:g} "
-            "are assumed"
+            f"{why} the law of saturation and the reset loss cannot be determined: {base.saturation} and "
+            f"{base.reset_loss:g} are assumed"
         )
         return {"saturation": base.saturation, "reset_loss": base.reset_loss}
     if response.misfit_rms > _MISFIT_RMS:
         notes.append(
-            f"the levels disagree by {response.misfit_rms:.2%} rms beyond noise: the light fell differently, or the "
-            "law of saturation is another"
+            f"the levels disagree by {response.misfit_rms:.2%} rms beyond noise: the distribution of the light "
+            "changed, or the law of saturation is wrong"
         )
     saturation, reset_loss = inferred
     if saturation == "subtract":
@@ -267,12 +267,12 @@ def _threshold(
     base: Sensor,
     threshold_e: float | None,
 ) -> dict[str, object]:
-    """Add the estimates of the threshold θ and the threshold noise σ, from their measured sum 1/θ + σ².
+    """Add the estimates of the threshold θ and the threshold noise σ, from the measured sum 1/θ + σ².
 
     If θ is given, σ follows; otherwise only bounds of both are known.
     """
     value, error = noise
-    how = "second differences of spike times, less the shot noise of threshold_e"
+    how = "second differences of spike times, minus the shot noise of threshold_e"
     highest = sqrt(value + 2 * error)
     if threshold_e is not None:
         if 1 / threshold_e > value + 5 * error:
@@ -287,10 +287,10 @@ def _threshold(
     sigma = sqrt(value - 1 / theta)
     estimates["threshold_noise_rms"] = Estimate(sigma, 0.0, highest, f"{how}, which is assumed", measured=False)
     estimates["threshold_e"] = Estimate(
-        theta, 1 / highest**2, inf, "assumed; the noise of intervals bounds it from below", measured=False
+        theta, 1 / highest**2, inf, "assumed; the noise of intervals gives the lower bound", measured=False
     )
     notes.append(
-        f"shot noise and threshold noise cannot be told apart without --threshold-e: together {sqrt(value):.3%} of an "
+        f"shot noise and threshold noise cannot be separated without --threshold-e: together {sqrt(value):.3%} of an "
         f"interval, so threshold noise is at most {highest:.3%} and a spike at least {1 / highest**2:,.0f} electrons"
     )
     return {}
@@ -300,11 +300,11 @@ def _shared_white(estimates: dict[str, Estimate], notes: list[str]) -> dict[str,
     """Return the estimates of white response and threshold spread: half of their joint variance each, with bounds."""
     joint = estimates["white_and_threshold_rms"]
     notes.append(
-        f"white response and threshold spread cannot be told apart by rates: together {joint.value:.3%} rms, half of "
-        "the variance is put into each"
+        f"rates cannot separate white response from threshold spread: together {joint.value:.3%} rms, with half of "
+        "the variance assigned to each"
     )
     half = Estimate(
-        joint.value / sqrt(2), 0.0, joint.high, "half of the variance that response and threshold share", measured=False
+        joint.value / sqrt(2), 0.0, joint.high, "half of the joint variance of response and threshold", measured=False
     )
     return {"response_white_rms": half, "threshold_spread_rms": half}
 

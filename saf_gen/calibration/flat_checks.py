@@ -42,7 +42,7 @@ class LightVariation:
 
     @property
     def stretch(self) -> float:
-        """Mean over spikes of the squared light per readout, relative to the mean light; 1 in steady light."""
+        """Mean square of the relative light, weighted by the number of spikes; 1 in steady light."""
         return 1.0 if self.light is None else float(np.mean(self.light**3))
 
 
@@ -71,7 +71,7 @@ def check_calibration_camera(named: dict[str, tuple[tuple[int, int, int], float]
 
 
 def find_light_variation_of_flat(statistics: SpikeStatistics, *, noise: float, readout_hz: float) -> LightVariation:
-    """Return how the light of a flat field varied in time.
+    """Return the variation in time of the light of a flat field.
 
     The light is estimated from the mean over all pixels, because the pixels share the light but not the noise. Two
     tests at a significance of 1e-4 decide whether it varied: the variance of means over 8 readouts shows flicker, and
@@ -121,7 +121,7 @@ def check_flat_recording(
     dark : ndarray, shape (H, W)
         Dark rate of each pixel, spikes per readout.
     variation : LightVariation
-        How the light varied in time.
+        Variation of the light in time.
     """
     frames, rates = statistics.shape[0], statistics.rates
     saturated = float(np.mean(statistics.counts / frames > SATURATED_RATE))
@@ -138,7 +138,7 @@ def check_flat_recording(
             f"fires at {level:.3g} spikes per readout, and the dark recording at {floor:.3g}",
             where=name,
             allowed="a flat field brighter than the dark recording",
-            hint="check whether the two recordings are exchanged",
+            hint="check whether the two recordings were swapped",
         )
     if level < MIN_DARK_RATIO * floor:
         raise BadInput(
@@ -183,7 +183,7 @@ def _check_even(name: str, response: np.ndarray) -> None:
             f"shows a picture, or uneven light: pixels differ from their column and row by {rms:.1%} rms, and "
             f"neighbours have a correlation of {correlation:.2f}",
             where=name,
-            allowed=f"a correlation of at most {PICTURE_CORRELATION:g}, as the fixed pattern of a chip has",
+            allowed=f"a correlation of at most {PICTURE_CORRELATION:g}, as in the fixed pattern of a chip",
             hint="record the flat field without a lens, or of an even surface far out of focus",
         )
 
@@ -202,7 +202,7 @@ def _check_still(name: str, statistics: SpikeStatistics) -> None:
 
 
 def _check_steps(name: str, statistics: SpikeStatistics) -> None:
-    """Raise BadInput if most mean intervals are integers, the sign of a reset that loses the charge above threshold."""
+    """Raise BadInput if most mean intervals are integers, a sign of a reset that loses the charge above threshold."""
     interval = statistics.interval[np.isfinite(statistics.interval)]
     is_integer = np.abs(interval - np.round(interval)) < 0.003
     if interval.mean() < 20 and is_integer.mean() > 0.5 and np.unique(np.round(interval[is_integer])).size > 1:

@@ -58,7 +58,7 @@ def fitted_difference_variance(
 
 
 def fitted_phase_oscillation(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return :func:`saf_gen.camera.counting_law.pixel_count_oscillation` to 10⁻¹², in a quarter of the time.
+    """Return :func:`saf_gen.camera.counting_law.pixel_count_oscillation` within 10⁻¹², in a quarter of the time.
 
     The cosines and exponentials of the series are computed by recurrence: cos(2πkX) is the real part of a k-th power,
     and the ratio of consecutive e^(−ak²) falls by a constant factor.
@@ -161,9 +161,9 @@ def _moments(
     loss: float,
     stretch: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far the sums of squared second differences exceed their expected values, and the slope of the latter.
+    """Return the excess of the sums of squared second differences over their expectation, and the slope of the latter.
 
-    The excess is (pixels, lags). The slope, (lags,), is the derivative of the expected sum with respect to ``noise``,
+    The excess is (pixels, lags). The slope, (lags,), is the derivative of the expectation with respect to ``noise``,
     averaged over the pixels.
     """
     off, slope = np.empty((interval.size, len(usable))), np.empty(len(usable))
@@ -185,7 +185,7 @@ def _find_informative_lags(off: np.ndarray, slope: np.ndarray) -> list[int]:
 
 @dataclass(frozen=True)
 class NoiseOfLevels:
-    """The noise of intervals of several levels together.
+    """The noise of intervals, estimated from several levels together.
 
     Attributes
     ----------
@@ -208,8 +208,8 @@ class NoiseOfLevels:
 def combine_fitted_noise(found: list[tuple[float, float]], lengths: list[float]) -> NoiseOfLevels:
     """Return the joint noise of several levels.
 
-    A reset jitter of j readouts raises v at a level to v + j²/(m − ℓ)². If the levels show no significant jitter, it is
-    0, with an upper bound.
+    A reset jitter of j readouts raises v at a level to v + j²/(m − ℓ)². If the levels show no significant jitter, the
+    estimate is 0, with an upper bound.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def combine_fitted_noise(found: list[tuple[float, float]], lengths: list[float])
     off = float((((values - value) / errors) ** 2).sum())
     if len(known) < 2:
         return NoiseOfLevels(value, error, None, True)
-    how = "the noise of short intervals against that of long ones"
+    how = "noise of short intervals compared with long intervals"
     design = np.stack([np.ones(len(known)), 1 / at**2], axis=1) / errors[:, None]
     spread = np.linalg.pinv(design.T @ design)
     solution = spread @ design.T @ (values / errors)

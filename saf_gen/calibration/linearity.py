@@ -5,9 +5,9 @@ At the light λ, a pixel with response g and dark rate D, both in units of its t
     m = 1/(λ·g + D) + ℓ
 
 in readouts, because the charge of ℓ readouts is lost after each spike. ℓ is the reset loss, or 1 if the readout after a
-spike is dead. The levels are unknown. Pixels differ in g, however, and their intervals at one level against those at
-another lie on a line that meets the diagonal at ℓ, the limit of infinite light. Two levels are therefore enough, and ℓ
-is known better the more the pixels differ.
+spike is dead. The levels are unknown, but pixels differ in g: their intervals at two levels, plotted against each
+other, lie on a line that meets the diagonal at ℓ, the limit of infinite light. Two levels are therefore enough, and the
+more the pixels differ, the more precise is ℓ.
 """
 
 from dataclasses import dataclass
@@ -101,10 +101,10 @@ def fit_sensor_response(
         bread = np.linalg.inv(fit.jac.T @ fit.jac)
         error = float(np.sqrt((bread @ (score.T @ score) @ bread)[-1, -1]))
         found = normal_estimate_of_fit(
-            float(fit.x[-1]), error, how="the line of intervals of one level against another"
+            float(fit.x[-1]), error, how="intervals at one level against intervals at another"
         )
         if _reliability(m, variance) < _MIN_RELIABILITY:
-            found = Estimate(loss, -np.inf, np.inf, "pixels differ too little from each other", measured=False)
+            found = Estimate(loss, -np.inf, np.inf, "the pixels differ too little from each other", measured=False)
         else:
             loss = found.value
         levels = np.mean(1 / (m[0] - float(fit.x[-1])) - d) * np.exp(np.concatenate([[0.0], fit.x[:-1]]))
@@ -136,7 +136,7 @@ def _profile(
     """Return the residuals of K·P intervals, in standard deviations, and the P responses that minimise them.
 
     ``unknown`` holds the logarithms of the levels 2 to K, each divided by level 1, and the loss ℓ. Level 1 is the mean
-    of the rates without dark charge there, so that the response is relative to it.
+    rate without dark charge, so that responses are relative to it.
     """
     ratio, loss = np.exp(np.concatenate([[0.0], unknown[:-1]]))[:, None], unknown[-1]
     first = np.mean(1 / (m[0] - loss) - dark)
@@ -158,11 +158,11 @@ def _spread(values: np.ndarray, use: Any, *, shape: tuple[int, ...]) -> np.ndarr
 def infer_fitted_saturation(loss: Estimate | None) -> tuple[str, Estimate] | None:
     """Return the law of saturation and the reset loss that follow from a loss after a spike.
 
-    None if the loss is unknown or its interval is wider than 0.6 readouts.
+    Returns None if the loss is unknown or its interval is wider than 0.6 readouts.
     """
     if loss is None or loss.high - loss.low > 0.6:
         return None
-    if loss.value > 0.9:  # such a long reset is taken for a dead readout
+    if loss.value > 0.9:  # nearly a full readout is lost
         return "dead_readout", Estimate(0.0, 0.0, 1.0, "no effect: the readout after a spike is dead", measured=False)
     cut = [min(max(x, 0.0), 1.0) for x in (loss.value, loss.low, loss.high)]
     return "subtract", Estimate(cut[0], cut[1], cut[2], loss.how)

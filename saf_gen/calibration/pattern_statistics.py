@@ -10,7 +10,7 @@ BANDS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 DEGREES = (1, 2, 4)
 """Degrees of the Legendre fits for which the explained fraction of a profile's variance is reported."""
 ROBUST = 1.482602218505602
-"""Standard deviation of a normal distribution over its median absolute deviation."""
+"""Standard deviation of a normal distribution divided by its median absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class PatternStatistics:
     beyond_5, beyond_10 : float
         Fraction of the pixels whose rest is more than 5 or 10 robust rms away from its median.
     neighbour_correlation : float
-        Correlation of the rest with that of the next pixel in the row, both clipped to 3 robust rms about the median,
-        so that a few specks of dust do not dominate it.
+        Correlation of the rest between neighbouring pixels of a row, clipped to 3 robust rms about the median, so that
+        a few specks of dust do not dominate it.
     column_bands, row_bands : tuple of float
         Fraction of a profile's variance in each frequency band of :data:`BANDS`.
     column_degrees, row_degrees : tuple of float

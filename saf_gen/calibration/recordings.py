@@ -1,4 +1,4 @@
-"""Recordings to measure statistics of: stream files, raw files of other cameras, and simulated recordings.
+"""Recordings whose statistics are measured: stream files, raw files of other cameras, and simulations.
 
 Each yields packed spikes block by block in the order of time, so that memory does not grow with its length.
 """

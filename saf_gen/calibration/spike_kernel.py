@@ -10,7 +10,7 @@ import numpy as np
 from saf_gen.core.compiled import compiled
 
 WINDOWS = (8, 10, 20, 50)
-"""Lengths, in readouts, of the windows whose counts are summed; 8 is also the step of the series of the light."""
+"""Lengths, in readouts, of the windows whose counts are summed; the light is also sampled every 8 readouts."""
 LAGS = 11
 """Number of lags of the second differences of spike times: 1, 2, 4 … 1024 spikes."""
 
@@ -41,7 +41,7 @@ def accumulate_spike_statistics(
     frames : int
         Readouts in the block.
     start : int
-        Number of its first readout in the recording.
+        Number of the block's first readout in the recording.
     middle : int
         First readout of the second half of the recording.
     complete : ndarray of int64, shape (len(WINDOWS),)

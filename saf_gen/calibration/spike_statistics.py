@@ -40,8 +40,8 @@ class SpikeStatistics:
     interval_change : float
         Mean of |d₂ − d₁| over pairs in which both intervals are 20 to 30 readouts; NaN if there are no such pairs.
     fano : dict of int to float
-        By window length of 10, 20 and 50 readouts: mean over pixels of the temporal variance of counts, over the mean
-        count.
+        By window length of 10, 20 and 50 readouts: temporal variance of counts, averaged over the pixels, divided by
+        the mean count.
     half_rates : ndarray of float64, shape (2, H, W)
         Rate of each pixel in the first and the second half, from the intervals within it; NaN below two spikes.
     series : ndarray of float64, shape (T div 8,)
@@ -75,8 +75,8 @@ class SpikeStatistics:
     def rates(self) -> np.ndarray:
         """Rate of each pixel, spikes per readout, (H, W).
 
-        From 20 spikes on it is computed from the intervals, with a hundredth of the error of a count; below, from the
-        count.
+        From 20 spikes on it is computed from the intervals, with a hundredth of the error of counting; with fewer
+        spikes, from the count.
         """
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(self.counts >= 20, 1 / self.interval, self.counts / self.shape[0])
@@ -92,7 +92,7 @@ def measure_spike_statistics(
     recording : Recording
         The recording to measure.
     light : ndarray, shape (T div 8,), optional
-        Light of each run of 8 readouts, divided by its mean, by which times are stretched; by default steady.
+        Light of each run of 8 readouts, divided by its mean; times are stretched by it. By default light is steady.
     report : callable, optional
         Called with the fraction that is done.
 
@@ -210,8 +210,8 @@ def flat_areas_for_statistics(rates: np.ndarray) -> np.ndarray:
 def rms_statistic_between_halves(statistics: SpikeStatistics) -> float:
     """Return the relative temporal rms of the rate over half a recording, from the two halves, in flat areas.
 
-    The median difference, which is a change of the light between the halves, is subtracted. NaN if fewer than two
-    pixels in flat areas have rates in both halves.
+    The median difference, which is a change of the light between the halves, is subtracted. Returns NaN if fewer than
+    two pixels in flat areas have rates in both halves.
     """
     first, second = statistics.half_rates
     with np.errstate(invalid="ignore"):

@@ -27,7 +27,7 @@ from scipy import stats
 from saf_gen.camera.sensor import Sensor
 
 TERMS = 4000
-"""Most terms of the series; the truncation error is below 1/(π²·TERMS) = 2.5·10⁻⁵, and 0 if s exceeds 0.0004."""
+"""Limit of the number of terms; the truncation error is below 1/(π²·TERMS) = 2.5·10⁻⁵, and 0 if s exceeds 0.0004."""
 
 
 def pixel_noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
@@ -41,9 +41,9 @@ def pixel_noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
 
 
 def pixel_count_oscillation(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
-    """Return the last term of the law, −1/12 to 1/6, whose average over ``mean`` is 0.
+    """Return π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k², the oscillating term of Var N, −1/12 to 1/6, with average 0 over m.
 
-    ``mean`` and ``variance`` are those of X, numbers or arrays that broadcast.
+    ``mean`` m and ``variance`` s² of X are numbers or arrays that broadcast.
     """
     mean, variance = np.broadcast_arrays(np.asarray(mean, np.float64), np.asarray(variance, np.float64))
     out = np.zeros(mean.shape)
@@ -80,7 +80,7 @@ def pixel_count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]
     Parameters
     ----------
     seen : ndarray of int, any shape
-        Observed numbers. Numbers outside the range of the law count as its ends.
+        Observed numbers. Numbers outside the range of the law are counted at its ends.
     law : tuple of ndarray, shapes (n,) and (n,)
         Consecutive integers and the probability of each, as :func:`pixel_count_probabilities` returns them.
     """
@@ -99,15 +99,15 @@ def pixel_count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]
 def pixel_count_p_value(seen: np.ndarray, mean: float, *, variance: float) -> float:
     """Return the p-value of Pearson's χ² test of observed integers ``seen`` against the exact law of counting.
 
-    ``mean`` and ``variance`` are those of the continuous quantity X that the integers count.
+    ``mean`` and ``variance`` describe the continuous quantity X that the integers count.
     """
     return float(stats.chi2.sf(*pixel_count_chi_squared(seen, pixel_count_probabilities(mean, variance))))
 
 
 def pixel_count_deviations(seen: np.ndarray, mean: float, *, variance: float) -> float:
-    """Return the deviation of the variance of ``seen`` from that of the law, in standard deviations.
+    """Return by how many standard deviations the variance of the integers ``seen`` exceeds the exact law of counting.
 
-    The variance of ``seen`` is taken about the mean of the law; the variance of this mean of squares is (μ₄ − μ₂²)/n,
+    The variance of ``seen`` is taken about the mean of the law; the variance of this estimate is (μ₄ − μ₂²)/n,
     with the moments of the law.
     """
     n, p = pixel_count_probabilities(mean, variance)

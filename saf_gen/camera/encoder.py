@@ -14,9 +14,9 @@ readout after a spike collects the fraction ``1 - sensor.post_spike_loss`` of it
 Two terms are off in all sensors that come with saf_gen, because no values are published. With ``reset_jitter`` the
 instant of a reset is uncertain: the charge that arrives in the meantime adds (reset_jitter·charge per readout)² to the
 variance of the next threshold. With ``row_skew`` a row is read a fraction e of a readout before the last row, and
-collects 1 - e of the charge of this readout and e of that of the previous one. This is exact for charge that is linear
-in time or constant over each readout; otherwise the error is at most e·(1 - e)/2 ≤ 1/8 of the largest second derivative
-of the charge, per readout². The first readout uses its own charge for that of the previous one.
+collects 1 - e of the charge of this readout and e of the charge of the previous one; the first readout uses its own
+charge for both. This is exact for charge that is linear in time or constant over each readout; otherwise the error is
+at most e·(1 - e)/2 ≤ 1/8 of the largest second derivative of the charge, per readout².
 
 References
 ----------
@@ -49,7 +49,7 @@ def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) 
         Charge in electrons per readout, at least 0, at K knots evenly spaced over [0, frames]; a single knot is a
         constant charge. Readout t integrates the charge over [t, t + 1].
     sensor : Sensor or str
-        A sensor or its name. The array has the size of ``charge``, not that of the sensor.
+        A sensor or its name. The array has the size of ``charge``, not the sensor's size.
     frames : int
         Number of readouts, at least 1.
     seed : int

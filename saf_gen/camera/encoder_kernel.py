@@ -1,4 +1,4 @@
-"""Compiled inner loop of the encoder: 64 pixels at a time, over eight readouts, which give one byte of spikes each.
+"""Compiled inner loop of the encoder: 64 pixels at a time, over eight readouts, which fill a byte of spikes per pixel.
 
 All arithmetic is in IEEE float32 in a fixed order, and nothing is fused or reordered (no fastmath), so the bits are the
 same on every machine. Three properties, visible in the machine code, make it fast: the loops over the 64 lanes have no
@@ -36,7 +36,7 @@ def _mixed(word: Any) -> Any:
 
 @njit(inline="always")
 def _spread(sd: Any, charge: Any, jitter: Any) -> Any:
-    """Return the sd of the next threshold: its own noise and, if there is reset jitter, that of the charge at reset."""
+    """Return the standard deviation of the next threshold, including the effect of reset jitter if it is on."""
     return sd if jitter is None else np.float32(sqrt(sd * sd + (jitter * charge) * (jitter * charge)))
 
 
@@ -112,7 +112,7 @@ def advance_encoder_pixels(
     response : ndarray of float32, shape (P,)
         Relative response of each pixel.
     fixed : ndarray of float32, shape (4, P)
-        Dark charge, mean threshold, its standard deviation, and the most charge kept above the threshold.
+        Dark charge, mean threshold, its standard deviation, and the largest charge kept above the threshold.
     weight_after : float32
         Fraction of its charge that the readout after a spike collects.
     jitter : float32 or None

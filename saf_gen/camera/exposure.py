@@ -46,7 +46,7 @@ def sensor_irradiance_ratio(
     """Return the ratio of irradiance to radiance, transmission·π·R²/v²·cos⁴θ, in steradians.
 
     θ is the angle between the optical axis, which passes through the middle of the array, and the line from the middle
-    of the lens to the middle of the pixel. The image distance v includes the bellows factor.
+    of the lens to the middle of the pixel. The factor 1/v² includes the bellows factor.
 
     Parameters
     ----------
@@ -211,8 +211,8 @@ def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sen
 def _highest_rate(sensor: Sensor) -> float:
     """Return the rate under unlimited light: 1, or less if dead readouts interrupt the firing.
 
-    With ``dead_readout`` a lit readout fires, the thresholds of charge kept from it fire in as many dead readouts, and
-    one more dead readout does not fire.
+    With ``dead_readout``, a lit readout fires and keeps n thresholds of charge, which fire in the next n readouts. They
+    are dead, as is one more readout, which does not fire. The rate is therefore (n + 1)/(n + 2).
     """
     kept = sensor.max_excess_thresholds
     return (kept + 1) / (kept + 2) if sensor.saturation == "dead_readout" else 1.0

@@ -1,7 +1,7 @@
 """The fixed pattern of a device: constant differences between its pixels.
 
 The response is the sum of a smooth surface (Legendre polynomials of columns and rows, and the product of both tilts),
-an excess of the first column and the first row, white noise of columns, rows and pixels, and a part in proportion to
+an excess of the first column and the first row, white noise of columns, rows and pixels, and a part proportional to
 dark charge. The calibration map of a real chip shows these parts: docs/explanation/spike-camera.md.
 """
 
@@ -42,8 +42,8 @@ class FixedPattern:
 def draw_sensor_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> FixedPattern:
     """Return the maps of a device.
 
-    Imperfections that are switched off give flat maps. The profiles span the array of the given shape, whatever its
-    size, so that their rms is that of the sensor; the first column and row are those of this array.
+    Imperfections that are switched off give flat maps. The profiles span the array of the given shape, so that their
+    rms is the sensor's; the excess of the first column and row is at the edges of this array.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def draw_sensor_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: i
     shape : tuple of int
         Rows and columns of the array, which may differ from those of the sensor.
     seed : int
-        Number of the device.
+        Seed that identifies the device.
     """
     dark = _draw_relative_dark(sensor, shape, seed=seed)
     response = _draw_response(sensor, dark, seed=seed) if sensor.noise.response else np.ones(shape)

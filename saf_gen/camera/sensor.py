@@ -27,7 +27,7 @@ class NoiseSwitches:
         Dark current, log-normal over the pixels, with hot pixels.
     response : bool
         Photo-response non-uniformity of the chip: profiles of columns and rows, the twist, the first column and row,
-        the white rest, and the part in proportion to dark charge.
+        the white rest, and the part proportional to dark charge.
     threshold_spread : bool
         Thresholds differ between pixels and are constant in time.
     threshold_noise : bool
@@ -117,8 +117,7 @@ class Sensor:
     dark_hot_factor : float
         Multiple of the median dark charge above which a pixel is hot.
     dark_hot_exponent : float
-        Exponent of the Pareto law of hot pixels: the number of pixels above x medians is proportional to x to the
-        power of minus this.
+        Exponent a of the Pareto law of hot pixels: the number of pixels above x medians is proportional to x⁻ᵃ.
     response_column_rms, response_row_rms : float
         Rms of the profile of the columns, and of the rows.
     response_column_legendre, response_row_legendre : tuple of float
@@ -131,17 +130,17 @@ class Sensor:
     threshold_noise_rms : float
         Rms of the random threshold about the mean threshold of its pixel.
     noise : NoiseSwitches
-        The imperfections that are on.
+        Imperfections that are switched on.
     sources : tuple of str
         Sources of the numbers.
     response_twist_rms : float, default 0
-        Rms of the twist, a tilt of the columns times a tilt of the rows.
+        Rms of the twist, a tilt of the columns multiplied by a tilt of the rows.
     response_first_column, response_first_row : float, default 0
-        Excess response of the pixels at these two edges of the array.
+        Excess response of the first column, and of the first row.
     response_per_dark : float, default 0
-        Mean increase of a pixel's response per mean dark charge of its dark charge.
+        Mean increase of a pixel's relative response if its dark charge rises by the mean dark charge.
     response_per_dark_spread : float, default 0
-        Relative rms over the pixels of that increase.
+        Rms over the pixels of ``response_per_dark``, relative to its mean.
     dust_fraction : float, default 0
         Fraction of the pixels in the shadow of a speck.
     dust_depth_rms : float, default 0
@@ -151,8 +150,7 @@ class Sensor:
     reset_jitter : float, default 0
         Standard deviation of the instant of a reset, readouts.
     row_skew : float, default 0
-        Time from the reading of the first row to that of the last, readouts. The time of a frame is that of its last
-        row.
+        Time between reading the first and the last row, readouts. The time of a frame is when its last row is read.
     dark_doubling_k : float, default 8
         Rise of temperature that doubles the dark current, kelvins.
     dark_temperature_c : float, default 25
@@ -180,7 +178,7 @@ class Sensor:
     dark_hot_exponent: Annotated[
         float,
         between(1.5, 20, unit="(exponent of the Pareto law of hot pixels)"),
-        "how fast hot pixels become rarer: the number above x medians is proportional to x to the power of minus this",
+        "the number of hot pixels above x medians is proportional to x to the power of minus this value",
     ]
     response_column_rms: ResponseRms
     response_column_legendre: LegendreFractions
@@ -229,7 +227,7 @@ class Sensor:
 
     @property
     def max_excess_thresholds(self) -> int:
-        """Most charge above the threshold that is kept at a spike, in thresholds.
+        """Largest charge above the threshold that is kept at a spike, in thresholds.
 
         The photodiode cannot hold more, so the effect of an overload ends soon. One threshold is enough for
         ``subtract``. The law of ``dead_readout`` needs the charge of a full readout; with 15 thresholds it holds up to
@@ -292,7 +290,7 @@ def get_sensor(name: str | Path, **changes: Any) -> Sensor:
 
 
 def parse_sensor(text: str, where: str | Path) -> Sensor:
-    """Return the sensor that the text of a sensor file describes; every stream file contains such a text.
+    """Return the sensor that the text of a sensor file describes; every stream file contains one.
 
     Parameters
     ----------
@@ -304,6 +302,6 @@ def parse_sensor(text: str, where: str | Path) -> Sensor:
     Raises
     ------
     BadInput
-        If the text is not that of a valid sensor.
+        If the text does not describe a valid sensor.
     """
     return validate_document(Sensor, parse_yaml(text, where))

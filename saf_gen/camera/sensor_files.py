@@ -1,4 +1,4 @@
-"""Sensor files: their text with comments and sources, the keys that are nominal, and implausible values."""
+"""Sensor files: their text, their nominal keys (assumed or derived, not measured), and their implausible values."""
 
 import re
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ _USUAL: dict[str, tuple[float, float, float, str]] = {
     "threshold_noise_rms": (100, 0, 10, "%"),
     "reset_loss": (100, 0, 10, "% of the next readout"),
 }
-"""By key: factor to the displayed unit, the least and the most usual value in that unit, and the unit."""
+"""By key: factor to the displayed unit, ends of the usual range in that unit, and the unit."""
 _SWITCHED = {
     "dark": ("dark_rate",),
     "response": ("response_column_rms", "response_row_rms", "response_white_rms"),
@@ -51,8 +51,8 @@ def read_sensor_file_text(name: str | Path) -> str:
 def nominal_sensor_keys(text: str) -> list[str]:
     """Return the keys of a sensor file whose comments say that they are assumed, derived or nominal.
 
-    A file that equals another one except for some keys names that file in its first lines ("is as in NAME.yaml"); for
-    keys without a comment, the comments of that file count.
+    A file that differs from another in some keys names the other in its first lines ("is as in NAME.yaml"); the
+    comments of the other file then apply to keys without a comment.
     """
     found = [found[1] for found in _NOMINAL.finditer(text)]
     if other := _AS_IN.search(text):

@@ -1,6 +1,6 @@
 """The command line, which parses arguments, calls the package and prints results.
 
-Each group of commands has its own file. A command is a plain function, and this module gives it its name. Only this
+Each group of commands has its own file. Commands are plain functions, which get their names in this module. Only this
 folder imports typer, and only this folder prints.
 """
 
@@ -96,7 +96,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "leaderboard": (
-        "Rank the methods of several evaluations or on SAF's recordings, compare rankings, and run rows again.",
+        "Merge evaluations into one ranking, rank methods on SAF's recordings, compare rankings, and verify rows.",
         {
             "merge": leaderboard_commands.merge_command,
             "compare": leaderboard_commands.compare_rankings_command,
@@ -213,14 +213,14 @@ def root_command() -> Any:
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run one command and exit.
 
-    An error that the user can correct is one line on stderr. The exit code is 0 for success, 1 if some sequences
-    failed, 2 for wrong input, 130 after Ctrl-C, and 143 after SIGTERM, which batch systems and containers send before
-    they kill a process.
+    An error that the user can correct is printed as one line on stderr. The exit code is 0 for success, 1 if some
+    sequences failed, 2 for wrong input, 130 after Ctrl-C, and 143 after SIGTERM, which batch systems and containers
+    send before they kill a process.
 
     Parameters
     ----------
     argv : list of str, optional
-        Arguments of the command; by default those of this process.
+        Arguments of the command; by default, the arguments of this process.
     """
     stopped: list[int] = []
 

@@ -14,7 +14,7 @@ MARKS = {True: "yes", False: "no", None: ""}
 
 
 def print_figures(figures: "Iterable[BenchFigure]") -> None:
-    """Print figures as a table with a row for each."""
+    """Print a table with a row for each figure."""
     columns = [TableColumn("bench"), *(TableColumn(name, folds=True) for name in ("what", "measured", "unit"))]
     print_table(
         [*columns, TableColumn("target"), TableColumn("met")],
@@ -23,7 +23,7 @@ def print_figures(figures: "Iterable[BenchFigure]") -> None:
 
 
 def print_scene_grain(scene: str, figures: "Iterable[BenchFigure]") -> None:
-    """Print the grain of a scene as a table with a row per position, and a line for each figure that has no cell."""
+    """Print the grain of a scene as a table with a row per position, and a line for each figure without a cell."""
     cells: dict[tuple[str, str], BenchFigure] = {}
     lines = []
     for f in figures:
@@ -40,7 +40,7 @@ def print_scene_grain(scene: str, figures: "Iterable[BenchFigure]") -> None:
     print_table(
         [TableColumn("picture"), *(TableColumn(name, folds=True, drop_order=1, justify="right") for name in columns)],
         rows,
-        title=f"{scene}: grain in %, each figure above its interval",
+        title=f"{scene}: grain in %, with the interval below each figure",
         where_to_find="--json prints them",
     )
     missed = sorted({f"{f.target:g} % in {column}" for (_, column), f in cells.items() if f.met is False})
@@ -62,7 +62,7 @@ def _with_interval(figure: "BenchFigure") -> str:
 
 
 def _format_cell(figure: "BenchFigure") -> str:
-    """Return a figure and, on the line below, its interval, in at most eleven characters."""
+    """Return a figure, with its interval on the next line, in lines of at most eleven characters."""
     value = _short(figure.value)
     if figure.met is False:
         value = f"! {value}"
@@ -75,7 +75,7 @@ def _format_cell(figure: "BenchFigure") -> str:
 
 
 def _short(value: float) -> str:
-    """Return a figure in at most five characters: with two digits below 1 and three above, or as <0.01 or >1e5."""
+    """Return a figure in at most five characters: two digits below 1, three above, or <0.01 or >1e5."""
     if not math.isfinite(value):
         return "–" if math.isnan(value) else "∞"
     if value < 0.01:

@@ -84,11 +84,11 @@ EXAMPLES = {
     "methods show": ("methods show sd", "methods show sd_code+sgfs_code:dt=50"),
     "methods check": ("methods check sd+argmax",),
 }
-"""Examples by command, without the word saf-gen; "" stands for the program itself."""
+"""Examples by command, without the word saf-gen; "" is the program itself."""
 
 
 def help_ending_of_command(command: str) -> str:
-    """Return the end of the help of a command or group: its examples, and the first one of each command of a group."""
+    """Return the end of a help text: the examples of a command, or of a group and the first of each of its commands."""
     lines = list(EXAMPLES.get(command, ()))
     lines += [found[0] for name, found in EXAMPLES.items() if command and name.startswith(f"{command} ")]
     return "\n".join(["Examples:", *(f"  saf-gen {line}" for line in lines)])

@@ -31,7 +31,7 @@ def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: 
 
 
 def print_written_paths(written: "WrittenEvaluation") -> None:
-    """Print the paths of an evaluation's files, and which evaluation they replaced."""
+    """Print the paths of an evaluation's files, and the evaluation that they replaced, if any."""
     for path in written.paths:
         out.print(str(path), soft_wrap=True)
     if written.replaced:

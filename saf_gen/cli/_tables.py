@@ -27,14 +27,14 @@ class TableColumn:
     Parameters
     ----------
     header : str
-        Heading; with _ for blanks it is also the key of the column in JSON.
+        Heading. Its key in JSON has _ instead of blanks.
     folds : bool, default False
-        Whether texts may be folded.
+        Whether texts may be broken into lines.
     drop_order : int, default 0
-        Order in which columns are left out if the table is too wide: the highest number first, and 0 never. Of columns
+        Order in which columns are left out if the table is too wide: the highest number first, 0 never. Among columns
         with the same number, those that fit are shown.
     group : str, optional
-        Columns with the same text here are shown or left out together.
+        Columns of the same group are shown or left out together.
     justify : {"left", "right"}, default "left"
         Alignment of the texts.
     """
@@ -54,7 +54,7 @@ def print_table(
     where_to_find: str = "",
     as_json: bool = False,
 ) -> None:
-    """Print a table, at full width to a pipe or file, and fitted to the width of a terminal.
+    """Print a table: at full width to a pipe or file, or fitted to the width of the terminal.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def print_table(
     title : str, optional
         Text above the table.
     where_to_find : str, optional
-        Clause that states where to find the columns that are left out.
+        Clause that says where to find the columns that were left out.
     as_json : bool, default False
         Print :func:`list_objects_to_print` as JSON instead.
     """
@@ -95,7 +95,7 @@ def print_table(
 def _choose_columns(
     columns: Sequence[TableColumn], *, fits: Callable[[Sequence[TableColumn]], bool]
 ) -> list[TableColumn]:
-    """Return the columns that fit, in order; if a column does not fit, all of a larger ``drop_order`` are left out."""
+    """Return the columns that fit, in order; once a column does not fit, those of larger ``drop_order`` are dropped."""
     shown = [column for column in columns if column.drop_order == 0]
     for order in sorted({column.drop_order for column in columns} - {0}):
         level = [column for column in columns if column.drop_order == order]
@@ -112,9 +112,9 @@ def _choose_columns(
 def list_objects_to_print(
     columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]]
 ) -> list[dict[str, str]] | dict:
-    """Return a table for JSON, with an object per row whose keys are the headings with _ for blanks.
+    """Return a table for JSON: an object per row, whose keys are the headings with _ instead of blanks.
 
-    A table of two columns without headings is a single object of keys and values.
+    A table of two columns without headings becomes a single object of keys and values.
     """
     keys = [column.header.replace(" ", "_") for column in columns]
     texts = [[str(cell) for cell in row] for row in rows]
@@ -163,7 +163,10 @@ def _build(
 
 
 def _min_width(texts: Sequence[str], *, folds: bool) -> int:
-    """Return the least width of a column in characters: its longest text, or its longest word if texts are folded."""
+    """Return the least width of a column in characters.
+
+    This is the length of its longest line; a column that folds may be as narrow as PROSE_WIDTH or its longest word.
+    """
     longest = max(cell_len(line) for text in texts for line in text.splitlines() or [""])
     words = (word for text in texts for word in text.split())
     return max(min(PROSE_WIDTH, longest), *map(cell_len, words), 0) if folds else longest

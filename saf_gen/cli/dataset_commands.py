@@ -94,7 +94,7 @@ def generate_command(
         out.print(f"{result.freed_bytes / 1e6:,.0f} MB of time slices deleted (--keep-slices {keep_slices})")
     out.print(f"dataset: {target}   (next: saf-gen evaluate {target})")
     if result.without_diffraction:
-        out.print("rendered without diffraction: only the variants llvm and cuda have it")
+        out.print("rendered without diffraction: only the variants llvm and cuda support it")
     for name, problem in result.failed.items():
         print_error(f"{name} failed: {problem}", result.exit_code)
     if result.failed:
@@ -102,9 +102,9 @@ def generate_command(
 
 
 def _warn_if_slow_renderer(variant: str, *, dry_run: bool) -> None:
-    """Warn on stderr if scenes will be rendered slowly although the user did not choose that.
+    """Warn on stderr if scenes will be rendered slowly and the user did not choose the slow renderer.
 
-    If there is no renderer, a dry run prints this, and any other run raises BadInput.
+    If there is no renderer, a dry run prints the problem, and any other run raises BadInput.
     """
     try:
         from saf_gen.render import backend

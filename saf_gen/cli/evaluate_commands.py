@@ -48,9 +48,7 @@ def evaluate_command(
     ] = None,
     predictions: Annotated[
         Path | None,
-        typer.Option(
-            help="File of answers computed elsewhere, a JSON line each; without --method, only they are judged."
-        ),
+        typer.Option(help="JSON Lines file of answers computed elsewhere; without --method, only these are judged."),
     ] = None,
     folder: OutFolder = None,
     track: Track = "recorded",
@@ -75,7 +73,7 @@ def evaluate_command(
     from saf_gen.leaderboard.report import write_evaluation_report
 
     for one in method or ():
-        parse_method(one)  # lists and tuned files may name code only if it is named here
+        parse_method(one)  # lists and tuned files may name only code that --method names as well
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
     protocol = protocol_from_command_options(track, actuator=actuator, budget=budget, sweep=sweep)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"

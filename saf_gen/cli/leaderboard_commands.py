@@ -1,4 +1,4 @@
-"""The commands of the group ``leaderboard``, which merge and compare evaluations and run their rows again."""
+"""The commands of the group ``leaderboard``, which merge, compare and verify evaluations."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -55,7 +55,7 @@ def compare_rankings_command(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show how much the ranking of methods depends on a condition: Kendall's tau of pairs of bins, with intervals.
+    """Show how much the ranking of methods depends on a condition: Kendall's tau between bins, with intervals.
 
     Several evaluations may differ in the sensor of their datasets and in the region where methods look.
     """
@@ -103,7 +103,7 @@ def rank_on_saf_folder_command(
     rate: Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")] = 20_000.0,
     as_json: AsJson = False,
 ) -> None:
-    """Rank methods on SAF's recordings by its authors' protocol and by ours, next to other evaluations.
+    """Rank methods on SAF's recordings by its authors' protocol and by ours, and compare with other evaluations.
 
     The authors' protocol uses blocks of dt frames, the last frame of the best block, and a truth chosen by hand.
     """
@@ -121,7 +121,7 @@ def rank_on_saf_folder_command(
     from saf_gen.leaderboard.saf_protocol import rank_methods_on_saf_folder, remove_kept_results_of_ranking
 
     for one in method or ():
-        parse_method(one)  # a list may name code only if it is named here
+        parse_method(one)  # a list may name only code that --method names as well
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
     check_folder_writable(target)
     with print_progress_bars() as bars:
@@ -169,7 +169,7 @@ def verify_evaluation_command(
     *,
     method: Annotated[
         list[str] | None,
-        typer.Option(help="Method of a row from a file that you trust, such as file.py:Class+argmax; repeatable."),
+        typer.Option(help="Method of a row, in a file that you trust, such as file.py:Class+argmax; repeatable."),
     ] = None,
     actuator: ActuatorName = None,
     budget: BudgetMs = None,
@@ -179,8 +179,8 @@ def verify_evaluation_command(
     """Run the methods of an evaluation again, and report for each row whether the answers are the same.
 
     The command writes verification.json into the folder. In tables that `saf-gen leaderboard` makes of this evaluation,
-    each row is then marked as re-run here, re-run elsewhere, differs or claimed. For a closed loop, give the options of
-    the evaluation.
+    each row is then marked as re-run here, re-run elsewhere, differs or claimed. For a closed loop, repeat the options
+    of the evaluation.
     """
     from saf_gen.benchmark.records import read_records
     from saf_gen.core.files import check_folder_writable

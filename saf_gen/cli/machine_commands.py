@@ -17,7 +17,7 @@ from saf_gen.errors import BadInput
 def init_command(
     folder: Annotated[Path, typer.Argument(help="Folder to work in, which is created if it is missing.")] = Path(),
     *,
-    forget: Annotated[bool, typer.Option("--forget", help="Stop trusting its scenes; no file is removed.")] = False,
+    forget: Annotated[bool, typer.Option("--forget", help="Stop trusting the folder; no file is removed.")] = False,
 ) -> None:
     """Register a folder to work in: its scenes are found by name there, and their code is trusted.
 

@@ -88,7 +88,7 @@ def check_method_command(
     name: Annotated[str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, or @FILE of a tuned method.")],
     as_json: AsJson = False,
 ) -> None:
-    """Check that a method ends, keeps to travel and budget, repeats its answers, and never crashes."""
+    """Check that a method ends, stays within travel and budget, is reproducible, and never crashes."""
     from saf_gen.benchmark.conformance import check_conformance_by_name as run
 
     results = []

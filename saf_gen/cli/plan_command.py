@@ -81,10 +81,10 @@ def _row(name: str, values: "dict[str, float]") -> tuple[str, ...]:
 def _describe(plans: "list[WorkPlan]", *, workers: int, machines: int, is_measured: bool) -> str:
     machine = "of the rates given" if is_measured else "with two cores of 2.8 GHz and LLVM"
     who = "One machine" if machines == 1 else f"{machines} machines under one scheduler, each"
-    text = f"{who} {machine}, recording {workers} at a time; rendering and recording are in hours of one machine."
+    text = f"{who} {machine}, recording {workers} at a time; rendering and recording are times on one machine."
     few = sum(one.sequences for one in plans if one.drawn < one.sequences)
     drawn = sum(one.drawn for one in plans if one.drawn < one.sequences)
-    return text + (f" {drawn:,} sequences represent {few:,}." if few else "")
+    return text + (f" {drawn:,} sequences were planned one by one and represent {few:,}." if few else "")
 
 
 def _format_time(seconds: float) -> str:

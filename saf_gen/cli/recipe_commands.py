@@ -67,7 +67,7 @@ def seal_command(
     seed = seal_recipe(recipe, sealed, secret_file=secret_path)
     out.print(f"{sealed}   (publish it: it commits to {seed.sealed})", soft_wrap=True)
     out.print(
-        f"{secret_path}   (the secret, which stands for a new seed: show it to nobody, and do not lose it)",
+        f"{secret_path}   (the secret, which determines a new seed: show it to nobody, and do not lose it)",
         soft_wrap=True,
     )
 

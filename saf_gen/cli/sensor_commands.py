@@ -23,7 +23,7 @@ Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw 
 
 
 def list_sensors_command(*, as_json: AsJson = False) -> None:
-    """List sensors with their array, their readout rate, and the numbers that nobody has measured."""
+    """List sensors with their array, their readout rate, and the numbers that are not measured."""
     from saf_gen.camera import get_sensor, sensor_names
     from saf_gen.camera.sensor_files import nominal_sensor_keys, read_sensor_file_text
 
@@ -63,7 +63,7 @@ def compare_command(
     published: Annotated[
         str | None, typer.Option(help="Compare this sensor with published figures of real cameras.")
     ] = None,
-    mean_rate: Annotated[float, typer.Option(help="Mean rate, in spikes per readout, of the light for sensors.")] = 0.2,
+    mean_rate: Annotated[float, typer.Option(help="Mean rate of two compared sensors, spikes per readout.")] = 0.2,
     layout: Layout = "auto",
     rate: Rate = 20_000.0,
     seed: Annotated[int, typer.Option(help="Seed of the devices and their noise.")] = 1,
@@ -71,9 +71,8 @@ def compare_command(
 ) -> None:
     """Compare statistics of sensors and recordings: rates, intervals, counts, fixed pattern and dark rate.
 
-    Two sensors get the same even light, no light, and moving bars of light.
-
-    If a sensor is compared with a recording, it gets the light that the recording shows, smoothed.
+    Two sensors get the same even light, no light, and moving bars of light. A sensor that is compared with a recording
+    gets the light that the recording shows, smoothed.
     """
     from saf_gen.calibration.comparison import (
         compare_recording_statistics,
@@ -138,7 +137,7 @@ def fit_command(
 ) -> None:
     """Fit a sensor to flat fields and a dark recording; write a sensor file with intervals, and a page of plots.
 
-    A single recording of anything, without --dark, gives bounds and no file.
+    A single recording of any scene, without --dark, gives bounds and no file.
     """
     from saf_gen.calibration.fit_files import write_sensor_fit
     from saf_gen.calibration.fit_sensor import fit_sensor
@@ -185,7 +184,7 @@ def fit_command(
 
 
 def _print_bounds(recording: "Recording", report: "Report") -> None:
-    """Print the bounds that a single recording of anything gives."""
+    """Print the bounds that a single recording of any scene gives."""
     from saf_gen.calibration.bounds import fit_bounds_of_sensor
     from saf_gen.calibration.spike_statistics import measure_spike_statistics
 

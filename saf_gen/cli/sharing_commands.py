@@ -50,7 +50,7 @@ def fetch_command(
     source: Annotated[str, typer.Argument(help="Address (http or https) or folder of a packed dataset.")],
     *,
     folder: OutFolder = None,
-    sha256: Annotated[str, typer.Option(help="SHA-256 that the index must have, as its publisher states it.")] = "",
+    sha256: Annotated[str, typer.Option(help="SHA-256 of the index, as stated by its publisher.")] = "",
 ) -> None:
     """Fetch a packed dataset, check every file and unpack it, or resume a fetch that was stopped."""
     from saf_gen.stream.sharing import fetch_dataset

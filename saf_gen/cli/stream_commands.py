@@ -10,7 +10,7 @@ from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import AsJson, err, out
 from saf_gen.errors import BadInput, unknown
 
-Rate = Annotated[float, typer.Option(help="Readouts per second, which such files do not contain.")]
+Rate = Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")]
 Key = Annotated[str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several.")]
 FocusLog = Annotated[
     Path | None, typer.Option(help="Lens log: CSV with frame,position or seconds,position (0 to 1 of the travel).")
@@ -125,7 +125,7 @@ def _read_light(light: Path | None, frames: int, *, rate: float) -> dict[str, An
 
 
 def _guess_layout(file: Path) -> str | None:
-    """Return the layout that a file seems to have, or None if it is unclear; the import reports what is wrong."""
+    """Return the layout that a file seems to have, or None if it is unclear; the import then reports the reason."""
     from saf_gen.stream.interop import sniff_imported_layout
 
     try:
@@ -209,7 +209,7 @@ def index_command(
     *,
     split: Annotated[str, typer.Option(help="Split of the streams that are directly in the folder.")] = "test",
 ) -> None:
-    """Make a folder of streams a dataset for `saf-gen evaluate`, by writing its manifest."""
+    """Write a manifest for a folder of streams, which makes it a dataset for `saf-gen evaluate`."""
     from saf_gen.stream.dataset_index import index_streams_of_folder
 
     manifest = index_streams_of_folder(folder, split=split)

@@ -29,7 +29,7 @@ def check_submission_command(
     dataset: Annotated[Path | None, typer.Option("--on", help="Dataset whose split test was evaluated.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Report what a submission lacks and what in it is inconsistent, without running its code."""
+    """Report what is missing or inconsistent in a submission, without running its code."""
     from saf_gen.leaderboard.submission import check_submission
 
     found = list(check_submission(folder, dataset=dataset))

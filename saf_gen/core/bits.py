@@ -82,7 +82,7 @@ def _pack(frames, planes):
 
 
 def pack_bits(frames: np.ndarray) -> np.ndarray:
-    """Return frames (n, h, w), zero or not, packed along time as uint8 (h, w, ceil(n/8)); unused last bits are 0."""
+    """Pack frames (n, h, w), nonzero for a spike, along time as uint8 (h, w, ceil(n/8)); unused last bits are 0."""
     planes = np.empty((-(-frames.shape[0] // 8), *frames.shape[1:]), np.uint8)
     _pack(frames, planes)
     return np.ascontiguousarray(planes.transpose(1, 2, 0))
@@ -130,7 +130,7 @@ def _transpose(rows, trains):
 def transpose_bits_to_trains(rows: np.ndarray) -> np.ndarray:
     """Return the transpose of a bit matrix uint8 (n, B) as uint8 (8 B, ceil(n/8)), least significant bit first.
 
-    Row t of ``rows`` is one frame of a foreign file; row p of the result is bit p of all frames over time.
+    Row t of ``rows`` is one frame of a file of another program; row p of the result is bit p of all frames over time.
     """
     trains = np.empty((8 * rows.shape[1], -(-rows.shape[0] // 8)), np.uint8)
     _transpose(rows, trains)

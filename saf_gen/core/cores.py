@@ -24,7 +24,7 @@ def usable_cores() -> int:
 def check_address_space(min_bytes: int) -> None:
     """Raise BadInput if this process may address fewer than ``min_bytes`` bytes of memory.
 
-    With less memory, the libraries that count and render wait for ever or end the process without a message.
+    With less memory, the libraries that count and render hang, or end the process without a message.
     """
     try:
         import resource
@@ -41,7 +41,7 @@ def check_address_space(min_bytes: int) -> None:
 
 @cache
 def describe_machine() -> str:
-    """Return one line about what running times depend on; it names neither the host nor its user."""
+    """Return one line on the hardware and software that affect running times, without names of host or user."""
     return (
         f"{_processor()}, {usable_cores()} cores, {platform.system()}, "
         f"Python {platform.python_version()}, numpy {np.__version__}"

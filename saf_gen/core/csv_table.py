@@ -71,7 +71,7 @@ def parse_csv_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[
     The first line contains the ``names``, in order. Empty lines and lines that begin with # are skipped. ``name`` is
     the name of the file in errors.
 
-    Raises BadInput, with the line, if the heading differs, a row has another number of cells, a value is not a finite
+    Raises BadInput, with the line, if the heading differs, a row has too many or too few cells, a value is not a finite
     number, the first column does not rise, or the table has no rows.
     """
     rows: list[list[float]] = []

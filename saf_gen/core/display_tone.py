@@ -3,7 +3,7 @@
 import numpy as np
 
 WHITE_QUANTILE = 0.995
-"""Fraction of the pixels that are darker than white, so that a glint does not darken the rest of the image."""
+"""Fraction of the pixels below the white level, so that a glint does not darken the rest of the image."""
 GAMMA = 2.2
 
 

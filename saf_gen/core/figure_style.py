@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-COLUMN = 3.5  # inches: one column of a paper with two
+COLUMN = 3.5  # inches: one column of a two-column paper
 WIDTH = 4.4  # inches: readable on a phone, and two or three figures fit side by side on a desktop screen
 MAX_MEASURES = 8
 """Largest number of measures in one figure; more could not be distinguished."""
@@ -129,8 +129,8 @@ def plot_to_svg(figure: Figure, *, name: str) -> str:
 def inline_svg(svg: str, *, label: str) -> str:
     """Return the SVG as an element of a page, with the colours and the font of the page.
 
-    Ids that nothing refers to are removed, because other figures on the page have them too. ``label`` describes the
-    figure to readers who cannot see it.
+    Ids that nothing refers to are removed, because other figures on the page may have the same ids. ``label``
+    describes the figure to readers who cannot see it.
     """
     text = svg[svg.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", "", text, flags=re.DOTALL)

@@ -34,7 +34,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield the path of a temporary file next to ``path``, which is synced to disk and renamed to ``path`` at the end.
 
     A missing folder is created. If an exception is raised, the temporary file is removed and an older ``path`` remains.
-    Several processes, on several machines, may write the same path: the complete file of the last one remains.
+    Several processes, even on several machines, may write the same path: the file that is completed last remains.
 
     Raises BadInput if the disk is full or the folder cannot be written to.
     """
@@ -200,9 +200,9 @@ def undeletable_file_error(path: Path, error: OSError) -> BadInput:
 
 
 def remove_leftover_files(folder: Path, *, recursive: bool = False) -> None:
-    """Remove the temporary files and folders in ``folder``, with ``recursive`` also below it, whose process has ended.
+    """Remove temporary files and folders of ended processes in ``folder`` and, with ``recursive``, below it.
 
-    Those that another machine wrote are removed if nothing has changed in them for ABANDONED_S seconds.
+    Those of another machine are removed if they have not changed for ABANDONED_S seconds.
     """
     for part in (folder.rglob if recursive else folder.glob)(".*.part"):
         with suppress(OSError):  # another process has removed it already, or it belongs to another user
@@ -235,9 +235,9 @@ def temporary_file_name(final: Path) -> Path:
 
 
 def _machine() -> str:
-    """Return the name of this machine, with the number of its process namespace, as part of a file name."""
+    """Return a name of this machine and its process namespace that can be part of a file name."""
     try:
-        namespace = f"-{Path('/proc/self/ns/pid').stat().st_ino:x}"  # a container sees only processes in its own
+        namespace = f"-{Path('/proc/self/ns/pid').stat().st_ino:x}"  # a container sees only the processes in its own
     except OSError:  # not Linux
         namespace = ""
     return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:40] + namespace

@@ -26,7 +26,7 @@ SCHEMES = {"s3": "s3fs"}
 """The package that fsspec needs for each scheme; the extra with the name of the scheme installs it."""
 _ADDRESS = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]+):/{1,2}(?P<key>.*)", re.DOTALL)
 FIRST_RANGE, LARGEST_RANGE, KEPT_RANGES = 1 << 16, 1 << 20, 8
-"""Bytes of a range after a jump, most bytes that are read ahead, and number of ranges that an open object keeps."""
+"""Bytes read after a jump, largest number of bytes read ahead, and number of ranges that an open object keeps."""
 
 
 @dataclass(frozen=True, order=True)
@@ -138,7 +138,7 @@ class StorePath:
             return ObjectReader(self, raw, raw.seek(0, io.SEEK_END))
 
     def read_text(self, encoding: str = "utf-8") -> str:
-        """Return the text of an object, with every line end as a newline."""
+        """Return the text of an object, with every line end converted to a newline."""
         with self.open() as raw:
             return io.TextIOWrapper(io.BytesIO(raw.read()), encoding=encoding).read()
 
@@ -189,7 +189,7 @@ def check_on_disk(path: Path) -> None:
 
 
 class _CollectionPause:
-    """Keeps Python from collecting garbage while HDF5 waits for an object, in any number of threads.
+    """Suspends Python's garbage collection while HDF5 waits for an object, in any number of threads.
 
     HDF5 reads under a lock of h5py, and the store's client answers from another thread. If that thread collected an
     object of h5py as garbage, it would wait for the lock for ever.
@@ -219,7 +219,7 @@ _COLLECTION_PAUSE = _CollectionPause()
 
 
 class ObjectReader(io.RawIOBase):
-    """An open object, read by ranges that grow while reading is continuous and are small after a jump.
+    """An open object, read in ranges that grow during continuous reading and are small after a jump.
 
     It keeps the last eight ranges, each of at most 1 MiB unless more is requested at once.
 
@@ -230,7 +230,7 @@ class ObjectReader(io.RawIOBase):
     size : int
         Bytes of the object.
     problem : BadInput or None
-        The last error of the store, which HDF5 reports in other words.
+        The last error of the store, kept because HDF5 replaces its message.
     fetched, requests : int
         Numbers of bytes and of ranges fetched so far.
     """
@@ -272,7 +272,7 @@ class ObjectReader(io.RawIOBase):
         return count
 
     def _range_at(self, at: int, needed: int) -> tuple[int, bytes]:
-        """Return start and content of a range that contains byte ``at``; fetch at least ``needed`` bytes if need be."""
+        """Return start and bytes of a range that contains byte ``at``; if none is kept, fetch at least ``needed``."""
         ahead = FIRST_RANGE
         for start, data in self._ranges:
             if start <= at < start + len(data):

@@ -1,8 +1,8 @@
 """Transfers of files between a disk and an object store, each checked, and removal of interrupted uploads.
 
-An object appears once all of it has arrived, never in part. If the store gives the MD5 of the content as the ETag (for
-a large object, that of its parts), the ETag shows that the object is what was sent. Other stores, and those that
-encrypt with their own keys, give other ETags: then the object is read back and compared.
+An object becomes visible only when all of it has arrived. If the store uses the MD5 of the content as the ETag (for a
+large object, the MD5 of the MD5s of its parts), the ETag shows that the object is intact. Other stores, and stores that
+encrypt with their own keys, use other ETags; the object is then read back and compared.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ from saf_gen.core.object_store import LARGEST_RANGE, StorePath
 from saf_gen.errors import BadInput
 
 PART_BYTES = 50 << 20
-"""Bytes of a part; an object of at least twice as many is uploaded in parts."""
+"""Size of a part, in bytes; an object of at least twice this size is uploaded in parts."""
 
 
 def check_store_writable(folder: StorePath) -> None:
@@ -42,7 +42,7 @@ def list_objects(folder: StorePath) -> set[str]:
 def upload_file(file: Path, target: StorePath) -> None:
     """Write a file to an object and check that the content of the object is the same.
 
-    Raises BadInput if the object cannot be written or its content differs; no object remains then.
+    Raises BadInput if the object cannot be written or if its content differs, in which case it is deleted.
     """
     with target.report_problems():
         files = target.file_system()
@@ -62,7 +62,7 @@ def upload_file(file: Path, target: StorePath) -> None:
 
 
 def download_file(source: StorePath, file: Path) -> None:
-    """Write an object to a file, completely or not at all; raise BadInput if the object cannot be read."""
+    """Download an object to a file, completely or not at all; raise BadInput if the object cannot be read."""
     with write_atomically(file) as part, source.report_problems():
         source.file_system().get_file(source.key, str(part))
 
@@ -89,7 +89,7 @@ def abort_unfinished_uploads(folder: StorePath, *, own_names: Container[str]) ->
     """Abort uploads in parts that a killed run left below a folder, because a store keeps and charges for the parts.
 
     ``own_names`` are the names of the objects that only this run writes; uploads of other objects are aborted after a
-    day. Returns how many uploads were aborted and how many remain.
+    day. Returns the number of aborted and the number of remaining uploads.
     """
     if folder.scheme != "s3":
         return 0, 0

@@ -14,7 +14,7 @@ from saf_gen.errors import BadInput
 
 MAX_NETWORK_BYTES = 1 << 26
 DECIMALS = 4
-"""Decimals of the outputs: processors add in different orders, and an answer should be the same on all of them."""
+"""Decimals to which outputs are rounded, so that answers agree on processors that add in different orders."""
 
 
 class OnnxNetwork:
@@ -28,7 +28,7 @@ class OnnxNetwork:
     Attributes
     ----------
     version : str
-        First 12 digits of the SHA-256 of the file. A search that stores it in a field has it in its records.
+        First 12 digits of the SHA-256 of the file. If a search stores it in a field, its records contain it.
 
     Raises
     ------
@@ -43,12 +43,12 @@ class OnnxNetwork:
         self._session = _load(content, str(path))
 
     def __call__(self, **inputs: np.ndarray) -> list[np.ndarray]:
-        """Return the outputs of the network, in its order.
+        """Return the outputs of the network, in the order in which the network lists them.
 
         Parameters
         ----------
         **inputs : ndarray
-            Inputs by the names that the network gives them; they are converted to float32.
+            Inputs, under the names that the network gives them; they are converted to float32.
 
         Returns
         -------
@@ -58,7 +58,7 @@ class OnnxNetwork:
         Raises
         ------
         BadInput
-            If the network has no inputs of these names and shapes.
+            If the network cannot be run, for example because inputs have wrong names or shapes.
         """
         with _errors_as_bad_input(f"{self.path} cannot be run"):
             found = self._session.run(None, {name: np.asarray(value, np.float32) for name, value in inputs.items()})

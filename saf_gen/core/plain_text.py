@@ -1,4 +1,4 @@
-"""Untrusted names on pages, in figures and in Markdown, shown as they are written, whatever they contain."""
+"""Escaping of untrusted text, so that pages, figures and Markdown show it literally."""
 
 from dataclasses import fields, is_dataclass, replace
 from html import escape
@@ -17,7 +17,7 @@ def escape_markdown(text: str) -> str:
 def escape_all_text(item: Any) -> Any:
     """Return a text, tuple or dataclass in which :func:`saf_gen.errors.escape_controls` has escaped every text.
 
-    An item with nothing to escape is returned itself. Mappings and lists are returned unchanged.
+    An item with nothing to escape is returned as it is. Mappings and lists are returned unchanged.
     """
     if isinstance(item, str):
         return escape_controls(item)

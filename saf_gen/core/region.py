@@ -31,7 +31,7 @@ def validate_window(first: int, stop: int, *, total: int, what: str = "frames", 
 
 
 def validate_region(region: Region | None, size: tuple[int, int], *, where: str = "") -> Region:
-    """Return ``region`` with both ends filled in; None means the whole frame of ``size`` (rows, columns).
+    """Return ``region`` with the ends of its slices filled in; None means the whole frame of ``size`` (rows, columns).
 
     Raises BadInput if the region is empty, leaves the frame, or has a step other than 1.
     """

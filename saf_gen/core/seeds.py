@@ -1,8 +1,8 @@
 """Random streams that are named by their purpose.
 
 A name is a list such as (recipe seed, sequence, stage) and is hashed as a list, so ``("a", "bc")`` and ``("ab", "c")``
-differ. A stream does not depend on workers, time or order, so every sequence of a dataset can be made again alone, on
-any machine, with the same numbers.
+differ. A stream does not depend on workers, time or order, so each sequence of a dataset can be reproduced alone, on
+any machine.
 """
 
 import hashlib
@@ -22,5 +22,5 @@ def make_generator(*name: str | int) -> np.random.Generator:
 
 
 def derive_seed(*name: str | int) -> int:
-    """Return the 63-bit integer that this name gives, as a seed for a compiled kernel or a file."""
+    """Return the 63-bit integer that belongs to this name, as a seed for a compiled kernel or a file."""
     return int.from_bytes(_digest(name)[:8], "little") >> 1

@@ -23,7 +23,7 @@ def user_folder() -> Path | None:
 
 
 def sign_as_user(data: bytes) -> bytes | None:
-    """Return a signature of the data, of SIGNATURE_BYTES, that only this user can make (HMAC-SHA-256).
+    """Return a signature of the data that only this user can make: SIGNATURE_BYTES bytes, HMAC-SHA-256.
 
     Returns None if the user's secret can be neither read nor created.
     """

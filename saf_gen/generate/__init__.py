@@ -1,1 +1,1 @@
-"""From a recipe to a dataset: draws the sequences, renders their focal stacks, and records their streams."""
+"""Generation of datasets from recipes: draws sequences, renders their focal stacks, and records their streams."""

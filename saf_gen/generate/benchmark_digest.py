@@ -1,15 +1,15 @@
-"""The digest of a benchmark, which a published recipe must keep so that results under its name can be compared."""
+"""The digest of a frozen benchmark, which its recipe must keep so that results under its name can be compared."""
 
 import hashlib
 import json
 
-from saf_gen.core.config.frozen_benchmarks import read_frozen_benchmarks
+from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import ResolvedRecipe
 
 
 def digest_resolved_recipe(resolved: ResolvedRecipe) -> str:
-    """Return the SHA-256 of everything that decides the spikes of a recipe, in every split.
+    """Return the SHA-256 of everything that determines the spikes of a recipe, in every split.
 
     It covers the recipe, the members and files of its scenes, the sensor, and the versions of the models of lens, light
     and sensor. It does not cover the renderer, because LLVM and CUDA differ in the last digits of a picture
@@ -23,12 +23,12 @@ def digest_resolved_recipe(resolved: ResolvedRecipe) -> str:
 
 
 def name_generated_benchmark(resolved: ResolvedRecipe) -> str:
-    """Return the name and digest of a recipe's frozen benchmark, as streams store them; '' if it makes none.
+    """Return the name and digest of a recipe's frozen benchmark, as streams store them; '' if it has no such benchmark.
 
     Raises BadInput if the recipe has the name of a frozen benchmark but would give different spikes.
     """
     name = resolved.recipe.name
-    frozen = read_frozen_benchmarks().get(name)
+    frozen = read_frozen_digests().get(name)
     if frozen is None:
         return ""
     digest = digest_resolved_recipe(resolved)

@@ -7,12 +7,12 @@ import numpy as np
 from saf_gen.generate.resolve import ResolvedRecipe
 
 MIN_POSITIONS = 2.0
-"""Fewest focus positions per depth of focus. Pictures between two positions are interpolated; with two positions per
-depth of focus, the nearer one is always within a quarter of it. Recipes that come with saf_gen have 3.6 to 10.5."""
+"""Minimum number of focus positions per depth of focus; with two, there is always one within a quarter of the depth of
+focus. Recipes that come with saf_gen have 3.6 to 10.5."""
 
 
 def find_coarse_recipe_sampling(resolved: ResolvedRecipe) -> list[str]:
-    """Return a line of text for each scene with too few focus positions, or fewer time slices than its card states."""
+    """Return a line for each scene with too few focus positions, or with fewer time slices than its card states."""
     return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved)]
 
 

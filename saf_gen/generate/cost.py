@@ -1,4 +1,4 @@
-"""The cost of stacks and recordings: seconds on a machine with known rates, and bytes of disk."""
+"""The cost of stacks and recordings: seconds on a machine with known rates, and bytes on disk."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -15,7 +15,7 @@ middle 200 × 125 pixels of fan, crossroad and cardiac_muscle, under each of the
 SLICE_GEOMETRY_BYTES = 3.0  # per pixel, an upper bound: up to 2.8 in the middle of fan
 STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound for a stream on disk
 FILTERED_TIME = 3.1
-"""Time of a sample of the filtered estimator over that of a plain one: the mean of the 985 test slices of saf_bench-v2.
+"""Time of a filtered sample divided by the time of a plain sample: the mean of the 985 test slices of saf_bench-v2.
 
 By scene it is 1.3 (fabric), 1.6 to 2 (two_depths, gears), 2.7 to 3.5 (cardiac_muscle, crossroad, rain_window), and 11
 for a target that is seen through a glass bottle."""
@@ -24,7 +24,7 @@ HINT = "make one with saf-gen bench rates --json > FILE"
 
 @dataclass(frozen=True)
 class MachineRates:
-    """The speed of a machine at each kind of work; the defaults are those of two cores of 2.8 GHz with LLVM.
+    """The speed of a machine at each kind of work; the defaults are for two cores of 2.8 GHz with LLVM.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class MachineRates:
     paths_per_s : float
         Plain light paths that all cores together trace and splat per second.
     load_s : float
-        Seconds to load a scene, for each light group of each stack.
+        Seconds to load a scene, which is done for each light group of each stack.
     plane_s_per_pixel : float
         Seconds to sum and store one pixel at one focus position.
     pixel_frames_per_s : float
@@ -45,8 +45,7 @@ class MachineRates:
     sequence_s : float
         Seconds that one process needs to draw a sequence and, at the end, to list its file in the manifest.
     start_s : float
-        Seconds to start processes, load kernels and draw contact sheets: quickstart takes 25 s, of which its work
-        takes 9 s.
+        Seconds to start processes, load kernels and draw contact sheets; of the 25 s of quickstart, only 9 s are work.
     """
 
     cores: float = 2

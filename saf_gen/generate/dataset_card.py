@@ -1,4 +1,4 @@
-"""The dataset card: README.md, with the front matter of the Hugging Face Hub, and croissant.json for programs."""
+"""The dataset card: README.md, with front matter for the Hugging Face Hub, and croissant.json for programs."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -42,8 +42,8 @@ $scenes
 
 - `croissant.json`: this card for programs ([Croissant](https://mlcommons.org/croissant)).
 - `manifest.json`: every sequence with split, scene, light, seed, file and `content_sha256`.
-- `<split>/<id>.h5`: a spike stream with its truth; `/provenance/recipe` in it makes it again.
-- `stacks/`: the focal stacks (OpenEXR), shared by the sequences; only needed to record more.
+- `<split>/<id>.h5`: a spike stream with its truth, and in `/provenance/recipe` the recipe that makes it again.
+- `stacks/`: the focal stacks (OpenEXR), shared by the sequences; needed only to record more.
 
 ```python
 import saf_gen
@@ -102,7 +102,7 @@ def write_generated_dataset_card(
     described = (
         f"Spike-camera autofocus data, rendered and simulated: {len(manifest.sequences)} sequences of "
         f"{recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "
-        f"{'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each holds its true focus and the lens position "
-        "at every frame."
+        f"{'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each sequence holds its true focus and the lens "
+        "position at every frame."
     )
     write_croissant(folder, manifest, facts=DatasetFacts(described, licences, responsible=SYNTHETIC))

@@ -1,4 +1,4 @@
-"""The jobs of one run of ``generate``: those that may start at once, and those that follow when a job has ended."""
+"""The jobs of one run of ``generate``: some may start at once, and others follow when a job has ended."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack
 
 KEEP_SLICES = ("all", "closed-loop", "none")
-"""Which time slices are kept: all; those that a closed-loop run needs; or none, so that none are rendered for it."""
+"""Time slices to keep: all; those that a closed-loop run needs; or none, in which case none are rendered for it."""
 
 
 def validate_generated_slices_kept(keep_slices: str) -> str:
@@ -28,7 +28,7 @@ def validate_generated_slices_kept(keep_slices: str) -> str:
 def find_stacks_to_generate(
     resolved: ResolvedRecipe, folder: Path, *, keep_slices: str
 ) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
-    """Return the stacks that lack a piece, or lack the grain that a recording needs, each with its sequences."""
+    """Return the stacks that lack pieces, or the measured grain that a recording needs, each with its sequences."""
     found = resolved.stacks_to_render(folder, keep_slices)
     for stack, users in resolved.sequences_by_stack().items():
         if stack not in found and _lacks_grain(stack, users, folder=folder):
@@ -37,7 +37,7 @@ def find_stacks_to_generate(
 
 
 def _lacks_grain(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
-    """Return whether sequences are to be recorded from a stack without measured grain, as after a stopped run."""
+    """Return whether a stack lacks measured grain, as after a stopped run, and sequences are to be recorded from it."""
     missing = any(not (folder / sequence.planned.file).exists() for sequence in users)
     return missing and not stack.has_grain(folder / "stacks")
 
@@ -46,8 +46,8 @@ class JobOrder:
     """The order of the jobs that a dataset folder still needs.
 
     Missing stacks are rendered, and the recordings from each stack follow. A recording whose time slices were deleted
-    is read first, and the slices are rendered again only if its file is damaged. Slices that ``keep_slices`` does not
-    keep are deleted once every recording of the whole recipe that needs them is made.
+    is read first, and the slices are rendered again only if its file is damaged. Slices that are not to be kept are
+    deleted once every recording of the recipe that needs them is made, in all splits and shards.
 
     Parameters
     ----------
@@ -166,11 +166,10 @@ class JobOrder:
 
     @cached_property
     def _ids_of_this_run(self) -> frozenset[str]:
-        """The ids of the sequences of this run."""
         return frozenset(s.planned.id for s in self._resolved.sequences)
 
     def _jobs_that_delete(self, just_finished: str) -> list[Job]:
-        """Return jobs that delete the groups of slices whose recordings in this run are all made by now."""
+        """Return jobs that delete each group of slices whose recordings in this run are all made."""
         return [
             self._delete_job(users, self._deletable[users])
             for users in self._deletable_by_user.get(just_finished, ())
@@ -178,7 +177,7 @@ class JobOrder:
         ]
 
     def _jobs_that_delete_unrecorded(self) -> list[Job]:
-        """Return jobs that delete slices that an earlier run left and only a closed-loop run would need."""
+        """Return jobs that delete slices of an earlier run that only a closed-loop run would need."""
         specs = [spec for spec in self._deletable.get(frozenset(), []) if (self._stacks / spec.key).exists()]
         return [self._delete_job(frozenset(), specs)] if specs else []
 

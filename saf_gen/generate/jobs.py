@@ -1,4 +1,4 @@
-"""The kinds of jobs that make a dataset, as values that can be sent to another process."""
+"""The jobs that make a dataset, as values that can be sent to another process."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +107,7 @@ class RecordResult:
 class RecordJob:
     """Records one sequence, unless a recording with the same fingerprint exists and its content matches its digest.
 
-    ``side_by_side`` is the number of jobs that divide the cores of the machine that runs them.
+    ``side_by_side`` is the number of recordings that share the cores of a machine.
     """
 
     recorder: Recorder
@@ -154,9 +154,9 @@ class RecordJob:
 class DeleteJob:
     """Deletes time slices if every recording made from them can be read back undamaged; returns the bytes freed.
 
-    ``needed_by`` holds the path and fingerprint of these recordings, those of all shards and splits of the recipe. If
+    ``needed_by`` holds the path and fingerprint of each of these recordings, in all shards and splits of the recipe. If
     one of them is missing, damaged or has another fingerprint, nothing is deleted and the result is 0. The notes of the
-    slices stay, to show that the recordings are made from them; if there are no recordings, the notes are deleted too.
+    slices stay, to show that the recordings were made from them; without recordings, the notes are deleted too.
     """
 
     label: str

@@ -1,4 +1,4 @@
-"""From a recipe to its planned sequences: draws every open number, and names every random stream."""
+"""The planned sequences of a recipe, with every open number drawn and every random stream named."""
 
 import hashlib
 import json
@@ -55,7 +55,7 @@ class PlannedSequence:
     seed : int
         Seed of the random streams of this recording alone.
     schedule : dict
-        Light schedule, ``{kind: ..., ...}``, by light group; '' stands for all groups.
+        Light schedule, ``{kind: ..., ...}``, by light group; '' means all groups.
     motion : dict
         Lens motion, ``{kind: ..., ...}``.
     mean_rate : float or None
@@ -87,14 +87,14 @@ class PlannedSequence:
     @property
     def label(self) -> str:
         """Name of the captured scene in messages: its name, the member, and whether it moves."""
-        member = f"{self.scene} {self.member}" if self.params else self.scene
+        member = f"{self.scene} (member {self.member})" if self.params else self.scene
         return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
 
 
 def make_recipe_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
     """Return the sequences of a recipe, in the order of splits, scenes, static and dynamic, lights, repeats.
 
-    ``families`` holds the scene families by scene; a scene without one has no parameters, does not move, and has no
+    ``families`` holds the scene families by scene; a scene that it lacks has no parameters, no motion and no
     illuminance.
 
     Raises BadInput if the recipe sets a parameter that a scene does not have, or a value that its card does not allow,
@@ -181,9 +181,9 @@ def _draw_params(recipe: Recipe, split: str, *, scene: str, family: SceneFamily,
 def _check_fits(value: Any, card: Any, *, what: str) -> None:
     """Raise BadInput if a recipe's value, or one end of its range, does not fit the value on the scene card.
 
-    A choice on the card lists all allowed values: for another value, the scene would build the same as for one of
-    these, or fail. A number may be outside the range on the card, which is only the range that the author draws from
-    and has checked; the scene's ``build`` refuses what it cannot build.
+    A choice on the card lists all allowed values; with another value, the scene would fail to build, or be the same as
+    with one of these. A number may be outside the range on the card, which the author merely draws from and has
+    checked; the scene's ``build`` refuses numbers that it cannot build.
     """
     if is_config_range(card) and "choice" in card:
         # Values are compared as text, because Python takes true for 1 and 3.0 for 3, but a scene's script may not.
@@ -204,9 +204,9 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
 
 
 def recipe_fingerprint(recipe: Recipe) -> str:
-    """Return the SHA-256 of the values of a recipe. Comments, file name and the order of keys have no effect on it."""
+    """Return the SHA-256 of the values of a recipe, regardless of comments, file name and the order of keys."""
     values = recipe.model_dump(mode="json")
     for split in values["splits"].values():
         if not split["at_rest"]:
-            del split["at_rest"]  # a recipe without this key keeps the fingerprint from before the key existed
+            del split["at_rest"]  # recipes without this key keep their fingerprint from before it existed
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()

@@ -28,7 +28,7 @@ class ExposureSettings(FrozenModel):
     """The amount of light that reaches the sensor.
 
     With ``mean_rate`` the light is scaled so that the target fires at this rate, in spikes per readout, at best focus
-    and gain 1. With ``absolute`` the radiances of the scene are not scaled. ``f_number`` replaces that of the lens.
+    and gain 1. With ``absolute`` the radiances of the scene are not scaled. ``f_number`` replaces the lens's f-number.
     """
 
     mean_rate: float | dict[str, Any] | None = None
@@ -80,9 +80,9 @@ class CameraSettings(FrozenModel):
     exposure: ExposureSettings
     noise: NoiseSettings = NoiseSettings()
     reset: Literal["subtract", "hard"] | None = None
-    """Effect of a spike on the charge above the threshold: kept or lost; by default that of the sensor."""
+    """Whether a pixel keeps or loses the charge above the threshold at a spike; by default as the sensor has it."""
     saturation: Literal["subtract", "dead_readout"] | None = None
-    """Law of saturation, for light that is too bright; by default that of the sensor."""
+    """Law of saturation, for light that is too bright; by default as the sensor has it."""
 
 
 class FocusSettings(FrozenModel):
@@ -112,8 +112,8 @@ class RenderSettings(FrozenModel):
     A moving scene is rendered in time slices, ``slices_per_s`` per second (by default as its card states), with
     ``slice_samples`` per pixel (by default a quarter of ``samples``). A slice holds the positions that the recorded
     lens passes at about its time. The closed loop needs all positions: ``whole_slices: true`` renders them for the
-    whole recording; a number of seconds renders the slices up to this time once more, at all positions. ``diffraction``
-    says whether waves bend the light at the aperture; by default they do if the backend can render them.
+    whole recording; a number of seconds renders the slices up to this time again, at all positions. ``diffraction``
+    determines whether waves bend the light at the aperture; by default they do if the backend can render them.
     ``estimator: plain`` uses each light path as it was traced, without bias and with more grain.
     """
 
@@ -121,21 +121,21 @@ class RenderSettings(FrozenModel):
     """Light paths per pixel and position, for each light group; with ``estimator: filtered``, each light path comes
     with six camera rays."""
     max_depth: int = Field(default=6, ge=2, le=64)
-    """Largest number of segments of a light path; with ``estimator: filtered``, only the segments behind the clear
-    surfaces that a camera ray looks through count."""
+    """Largest number of segments of a light path; with ``estimator: filtered``, segments count only behind the clear
+    surfaces through which a camera ray passes."""
     slice_samples: int | None = Field(default=None, ge=1, le=65_536)
     """``samples`` for each time slice of a moving scene; by default a quarter of ``samples``."""
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
     """Time slices per second of a moving scene; by default as its card states."""
     whole_slices: bool | float = False
-    """Time slices at all positions, which the closed loop needs: a number of seconds adds them to the others for this
-    long from the beginning, and true replaces the others by them for the whole recording."""
+    """Time slices at all positions, which the closed loop needs. A number of seconds adds them to the others from the
+    beginning until this time; true replaces the others by them for the whole recording."""
     diffraction: bool | None = None
     """Whether waves bend the light at the aperture, at the sensor's ``wavelength_m``; by default they do if the
     renderer supports it, which ``--variant scalar`` does not."""
     estimator: Literal["filtered", "plain"] = "filtered"
-    """``filtered`` shares between paths what they find about the light on a surface and leaves a quarter of the grain,
-    with a small bias; ``plain`` uses each path as it was traced, as ``scalar`` always does."""
+    """``filtered`` lets paths share the light that they find on a surface, which leaves a quarter of the grain and a
+    small bias; ``plain`` uses each path as it was traced, as ``scalar`` always does."""
 
     @field_validator("whole_slices", mode="before")
     @classmethod
@@ -153,7 +153,7 @@ class RenderSettings(FrozenModel):
 
     @property
     def all_positions_s(self) -> float:
-        """Seconds from the beginning for which time slices hold all positions; inf for the whole recording."""
+        """Seconds from the beginning in which time slices hold all positions; inf for the whole recording."""
         if isinstance(self.whole_slices, bool):
             return math.inf if self.whole_slices else 0.0
         return self.whole_slices
@@ -163,7 +163,7 @@ class SplitSettings(FrozenModel):
     """The sequences of a split: scenes × scene motion × lights × repeats. No two splits share a scene.
 
     ``variants`` is the number of members of each scene's family, which the repeats use in turn. ``scene_motion`` holds
-    "static", with which everything is at rest, or "dynamic", for scenes in which something moves, or both.
+    "static" (everything is at rest), "dynamic" (for scenes in which something moves), or both.
     """
 
     scenes: tuple[str, ...] = Field(min_length=1)
@@ -217,7 +217,7 @@ class Recipe(FrozenModel):
     """Values or ranges of a scene's parameters, which replace those on its card."""
 
     def with_fewer_repeats(self, max_repeats: int) -> "Recipe":
-        """Return the recipe with at most ``max_repeats`` repeats, and as many members of a family, in each split."""
+        """Return the recipe with at most ``max_repeats`` repeats, and at most as many family members, in each split."""
 
         def cut(split: SplitSettings) -> SplitSettings:
             repeats = min(split.repeats, max_repeats)

@@ -9,7 +9,7 @@ COMMON: dict[str, Schema] = {
     "unit": {"enum": list(UNITS)},
     "lux_at_gain_1": {"type": "number", "exclusiveMinimum": 0},
 }
-"""Schemas of the keys that every light schedule takes."""
+"""Schemas of the keys that every light schedule accepts."""
 
 
 def make_recipe_schema() -> Schema:

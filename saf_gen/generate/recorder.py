@@ -1,4 +1,4 @@
-"""Recording of a sequence: the spike camera sees the sequence's focal stacks under its lights and writes a stream."""
+"""Recording of a sequence: the spike camera sees the focal stacks under the lights, and its spikes become a stream."""
 
 import json
 import math
@@ -56,7 +56,7 @@ class Recorder:
     ) -> str:
         """Encode a sequence into the stream file ``path`` and return its content_sha256.
 
-        Spikes are made and written in blocks of time, so memory does not grow with the length of the recording.
+        Spikes are made and written block by block, so memory does not grow with the length of the recording.
 
         Raises BadInput if the schedule names a light group that the scene does not have, the motion does not fit the
         recording, the target is never seen, or the exposure is out of reach.

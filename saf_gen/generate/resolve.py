@@ -1,4 +1,4 @@
-"""Resolution of a recipe: finds its scenes and sensor, draws its sequences, and names the focal stacks of each.
+"""Resolution of a recipe: finds its scenes and sensor, draws its sequences, and names their focal stacks.
 
 Everything is decided and checked here; :mod:`saf_gen.generate.run` then renders and records.
 """
@@ -77,7 +77,7 @@ class ResolvedSequence:
         return f"{self.planned.label}{', all positions' if has_full_travel else ''}"
 
     def fingerprint(self, stack_digest: str) -> str:
-        """Return the SHA-256 of everything that decides the spikes; a file with another fingerprint is made again."""
+        """Return the SHA-256 of all that determines the spikes; a file with another fingerprint is made again."""
         stack, sensor = self.time_stack, asdict(self.sensor)
         del sensor["name"], sensor["sources"]  # texts do not change the spikes
         decisive = {
@@ -144,7 +144,7 @@ class ResolvedRecipe:
     def stacks_to_render(
         self, folder: Path, keep_slices: str = "all"
     ) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
-        """Return the stacks that are incomplete in this dataset folder; those of recordings come first.
+        """Return the stacks that are incomplete in this dataset folder; stacks of recordings come first.
 
         Time slices that were deleted after all their recordings had been made are left out, unless the closed loop
         needs them and ``keep_slices`` is not "none".
@@ -163,7 +163,7 @@ class ResolvedRecipe:
         return found | {stack: users for stack, users in for_closed_loop.items() if stack.find_missing(stacks)}
 
     def _is_recorded(self, stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
-        """Return whether the notes of all time slices exist and all recordings are made; spikes are not read."""
+        """Return whether all time slices have notes and all recordings are made; spikes are not read."""
         if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
             return False
         digest = stack.digest(folder / "stacks")
@@ -267,7 +267,7 @@ def resolve_recipe(
 
 
 def _distinct(sequences: list[PlannedSequence], key: Callable[[PlannedSequence], Any]) -> list[PlannedSequence]:
-    """Return the first sequence for each key, because many share one, such as constant light."""
+    """Return the first sequence for each key; many sequences share a key, such as constant light."""
     first: dict[str, PlannedSequence] = {}
     for sequence in sequences:
         first.setdefault(json.dumps(key(sequence), sort_keys=True), sequence)
@@ -289,7 +289,7 @@ def _resolve_sequences(
 def _resolve_stacks(
     sequence: PlannedSequence, recipe: Recipe, *, scene: Scene, sensor: Sensor
 ) -> tuple[TimeResolvedStack, TimeResolvedStack | None]:
-    """Return the stack of the recording, and the stack of a closed-loop run or None if that needs no other one."""
+    """Return the stack of the recording, and a separate stack for closed-loop runs, or None if they need none."""
     card, frames, hz = scene.card, recipe.camera.frames, sensor.readout_hz
     with located("", prefix=f"scene {scene.id}: "):
         spec = StackSpec.from_scene(

@@ -1,4 +1,4 @@
-"""From a recipe to a dataset: renders missing stacks, records missing sequences, and lists the finished ones."""
+"""Generation of a dataset: renders missing stacks, records missing sequences, and lists finished sequences."""
 
 import json
 import platform
@@ -51,7 +51,7 @@ class GenerationResult:
     without_diffraction : bool, default False
         Whether the renderer left waves out although the recipe does not ask for that.
     freed_bytes : int, default 0
-        Bytes of disk that the deleted time slices took.
+        Bytes of disk that deleting time slices freed.
     """
 
     folder: AnyPath
@@ -103,12 +103,11 @@ def generate(
         under the same path and have the same versions.
     keep_slices : str, default "all"
         Time slices of moving scenes to keep once everything that is recorded from them is made and verified: "all";
-        "closed-loop", those that a closed-loop run needs; or "none", and none are rendered for the closed loop.
+        "closed-loop", those that a closed-loop run needs; or "none", in which case none are rendered for it.
     report : callable, optional
         Called with the name of a job and the fraction of it that is done, 0 to 1.
     tell : callable, optional
-        Called with a line of text for the user, such as about a job that is run again because its process died, or a
-        cluster without workers.
+        Called with a line for the user if a job is run again because its process died, or if a cluster has no workers.
 
     Returns
     -------
@@ -118,9 +117,9 @@ def generate(
     Raises
     ------
     BadInput
-        Before anything is made, if the backend or the choice of slices is unknown, the backend cannot run here, the
-        folder cannot be used, here or on a worker, or the recipe has the name of a frozen benchmark but would give
-        different spikes.
+        If the backend or the choice of slices is unknown, if the backend cannot run here, if the folder cannot be used,
+        here or on a worker, or if the recipe has the name of a frozen benchmark but would give different spikes. It is
+        raised before anything is made.
     SafGenError
         If the scheduler of the cluster is lost; the manifest lists what was finished before.
     """
@@ -183,8 +182,8 @@ def generate(
     except SchedulerLost as lost:
         listed = len(_write_manifest(resolved, folder).sequences)
         raise SafGenError(
-            f"{lost}; {listed} of {len(resolved.plan)} sequences are whole and listed; start a scheduler and run the "
-            "same command again to go on"
+            f"{lost}; {listed} of {len(resolved.plan)} sequences are complete and listed; start a scheduler and run "
+            "the same command again to continue"
         ) from lost
     recorded, kept = ([name for name, was_kept in recordings.items() if was_kept == one] for one in (False, True))
     manifest = _write_manifest(resolved, folder)
@@ -234,7 +233,7 @@ def _provenance(resolved: ResolvedRecipe, benchmark: str) -> dict[str, str]:
 
 
 def check_same_recipe_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Manifest | None:
-    """Return the manifest in a folder, or None if it is missing; raise BadInput if it is of another dataset."""
+    """Return the manifest in a folder, or None if it is missing; raise BadInput if it describes another dataset."""
     if not (folder / "manifest.json").exists():
         return None
     manifest = read_manifest(folder)

@@ -1,8 +1,8 @@
 """Sealed recipes: a test split whose members and noise nobody knows until its secret is published.
 
-The ``seed`` of a recipe names every random number. A sealed seed is a commitment, the SHA-256 of secret and salt, which
-is published before anybody submits. Everyone who receives the secret later can check that it fits, generate the split,
-and compare digests. The scenes, lights and sizes of the split are in the recipe all the time.
+The ``seed`` of a recipe determines every random number. A sealed seed is a commitment, the SHA-256 of secret and salt,
+which is published before anybody submits. Everyone who receives the secret later can check that it fits, generate the
+split, and compare digests. The scenes, lights and sizes of the split are never hidden.
 """
 
 import hashlib
@@ -25,14 +25,14 @@ UNSEAL = "run saf-gen recipes unseal RECIPE --secret FILE once the secret is pub
 
 
 class SealedSeed(FrozenModel):
-    """The ``seed`` of a sealed recipe; together with its ``secret`` it stands for one number."""
+    """The ``seed`` of a sealed recipe; together with its ``secret`` it determines a number."""
 
     sealed: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-    """SHA-256 of the bytes of the secret, followed by those of the salt."""
+    """SHA-256 of the bytes of the secret, followed by the bytes of the salt."""
     salt: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     """16 random bytes, public from the beginning."""
     secret: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
-    """32 random bytes, published in the end."""
+    """32 random bytes, published at the end."""
 
 
 class _WithSealedSeed(FrozenModel):
@@ -40,7 +40,7 @@ class _WithSealedSeed(FrozenModel):
 
 
 def open_sealed_recipe_seed(document: Document) -> None:
-    """Replace the sealed ``seed`` of a recipe by the number that it stands for; leave other recipes unchanged.
+    """Replace the sealed ``seed`` of a recipe by the number that it hides; leave other recipes unchanged.
 
     Raises BadInput, with the line, if a sealed seed has no secret, or a secret that does not fit.
     """
@@ -57,8 +57,8 @@ def open_sealed_recipe_seed(document: Document) -> None:
 def seal_recipe(recipe: Path, sealed: Path, *, secret_file: Path) -> SealedSeed:
     """Write a copy of a recipe with a sealed seed, and the new secret to a file that only its owner may read.
 
-    Returns the sealed seed, without its secret. Raises BadInput if the recipe is sealed already or its seed is not on a
-    line of its own, or if one of the files exists already.
+    Returns the sealed seed, without its secret. Raises BadInput if the recipe is sealed already, if its seed is not on
+    a line of its own, or if one of the files exists already.
     """
     document = read_yaml(recipe)
     if _is_sealed(document):
@@ -67,7 +67,7 @@ def seal_recipe(recipe: Path, sealed: Path, *, secret_file: Path) -> SealedSeed:
         if path.exists():
             hint = "choose another name: sealed recipes and secrets are never overwritten"
             if not sealed.exists():  # the secret is written first: a run was stopped, or the sealed recipe was moved
-                hint += f"; or remove it, if no recipe was ever published with it: there is no {sealed}"
+                hint += f"; or remove it if no recipe was published with it: there is no {sealed}"
             raise BadInput(f"{path} exists already", hint=hint)
     salt, secret = secrets.token_hex(_DIGITS // 2), secrets.token_hex(_DIGITS)
     seed = SealedSeed(sealed=_commitment(secret, salt), salt=salt)
@@ -112,7 +112,7 @@ def _check_secret(seed: SealedSeed, secret: str, *, where: str) -> None:
         raise BadInput(f"{secret!r:.20} is not a secret", where=where, allowed="64 hexadecimal digits")
     if not hmac.compare_digest(_commitment(secret, seed.salt), seed.sealed):
         raise BadInput(
-            f"the secret {secret:.8}… is not the one that was sealed", where=where, allowed=f"that of {seed.sealed:.8}…"
+            f"the secret {secret:.8}… is not the sealed secret", where=where, allowed=f"the secret of {seed.sealed:.8}…"
         )
 
 

@@ -12,7 +12,7 @@ def recipe_names() -> list[str]:
 
 
 def find_recipe(recipe: str | Path) -> Path:
-    """Return the file of a recipe: one that comes with saf_gen by its name, any other by its path.
+    """Return the file of a recipe, given by its name if it comes with saf_gen, and otherwise by its path.
 
     A file in the working directory must be given as a path, such as "./mine", so that a name means the same everywhere.
     Raises BadInput for an unknown name; a path is returned unchanged.

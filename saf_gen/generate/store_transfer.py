@@ -32,10 +32,10 @@ class StoreTransfer:
         self.stop = threading.Event()
 
     def find_entries(self, listed: Mapping[str, SequenceEntry]) -> dict[str, SequenceEntry]:
-        """Return the sequences of the recipe that the store holds, by id; ``listed`` are those in its manifest.
+        """Return the sequences of the recipe that the store holds, by id; ``listed`` holds the entries of its manifest.
 
-        The notes of all stacks are fetched, because they determine what a sequence of this recipe must be made from.
-        Streams that the manifest does not list with the right fingerprint are opened, and read by ranges.
+        The notes of all stacks are fetched, because the fingerprints of sequences depend on them. Streams that the
+        manifest does not list with the right fingerprint are opened, and read by ranges.
         """
         keys = {spec.key for sequence in self._resolved.plan for spec in sequence.time_stack.specs}
         self._fetch(name for name in self._objects if name.endswith(".json") and _stack_key(name) in keys)
@@ -73,7 +73,7 @@ class StoreTransfer:
     ) -> None:
         """Upload the stacks and the finished streams of a batch, delete them here, and publish the new manifest.
 
-        ``in_store`` holds all sequences that the store then has, by id.
+        ``in_store`` holds all sequences that the store then contains, by id.
         """
         specs = stacks_of_generated_sequences(batch)
         of_stacks = [path for spec in specs for path in (self._stacks / spec.key).glob("[!.]*")]
@@ -100,7 +100,7 @@ class StoreTransfer:
         report(f"upload {name}", 1.0)
 
     def publish(self, in_store: Mapping[str, SequenceEntry], *, with_others: bool) -> Manifest:
-        """Write the manifest and the cards for the sequences in the store, and upload them, the manifest last.
+        """Write the manifest and the cards for the sequences in the store, and upload them; the manifest comes last.
 
         With ``with_others``, sequences that other shards of the recipe have listed in the meantime are kept.
         """

@@ -1,7 +1,7 @@
-"""From a recipe to a dataset in an object store, through a scratch folder on this machine that stays small.
+"""Generation of a dataset in an object store, through a scratch folder on this machine that stays small.
 
 The dataset is made in batches of complete focal stacks and the recordings made from them. While a batch is made, the
-previous one is uploaded: first its stacks, then its streams, each checked when it has arrived. The batch is then
+previous one is uploaded: first its stacks, then its streams; each file is checked on arrival. The batch is then
 deleted here, and the manifest that lists it is written. A manifest therefore never lists incomplete files, and a run
 that was killed continues from what is in the store and in the scratch folder.
 """
@@ -26,7 +26,7 @@ from saf_gen.generate.store_transfer import StoreTransfer, names_of_generated_pi
 from saf_gen.stack.focal_stack import StackSpec
 
 BATCH_BYTES = 8_000_000_000
-"""Approximate size of the stacks and streams of a batch; a larger stack with its streams makes up a batch alone."""
+"""Approximate size of the stacks and streams of a batch; a stack that is larger with its streams is a batch alone."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class StorePlan:
     in_store : frozenset of str
         Ids of the sequences that the store holds, judged by the names of its objects.
     missing : ResolvedRecipe
-        The recipe with all other sequences.
+        The recipe, with only the sequences that the store lacks.
     stacks : list of str
         Labels of the stacks to render.
     upload_bytes, scratch_bytes : int
@@ -56,7 +56,7 @@ class StorePlan:
 
 
 def plan_for_store(resolved: ResolvedRecipe, store: StorePath) -> StorePlan:
-    """Return what a run would do, without writing anything in the store or here.
+    """Return the work of a run, without writing anything in the store or here.
 
     Raises BadInput if the store cannot be queried, or holds another dataset.
     """
@@ -82,7 +82,7 @@ def plan_for_store(resolved: ResolvedRecipe, store: StorePath) -> StorePlan:
 
 
 def find_generate_scratch(resolved: ResolvedRecipe, store: StorePath) -> Path:
-    """Return the folder on this machine in which these sequences are made; each shard has a different one."""
+    """Return the folder on this machine in which these sequences are made, different for each shard."""
     ids = "\n".join(s.planned.id for s in resolved.sequences)
     name = quote(f"{store.scheme}-{store.key}", safe="")
     return Path("datasets") / f".{name}.{hashlib.sha256(ids.encode()).hexdigest()[:8]}"
@@ -122,8 +122,8 @@ def generate_to_store(
     Raises
     ------
     BadInput
-        As ``generate`` does, and if the store cannot be written to or fails; the same call then continues from what the
-        store already holds.
+        If ``generate`` would raise it, or if the store cannot be written to or fails; the same call then continues from
+        the contents of the store.
     """
     scratch = find_generate_scratch(resolved, store).resolve()
     before = check_same_recipe_dataset(resolved, store)
@@ -145,7 +145,7 @@ def generate_to_store(
         transfer = StoreTransfer(resolved, store, scratch, report=report)
         in_store = transfer.find_entries(listed)
     if any(in_store.get(name) != entry for name, entry in listed.items()):
-        transfer.publish(in_store, with_others=False)  # sequences to be made again are not listed meanwhile
+        transfer.publish(in_store, with_others=False)  # so that sequences to be made again are not listed
     kept = [s.planned.id for s in resolved.sequences if s.planned.id in in_store]
     parts: list[GenerationResult] = []
     with ThreadPoolExecutor(1, "upload") as upload_pool:
@@ -192,7 +192,7 @@ def generate_to_store(
 
 
 def split_recipe_into_batches(sequences: Iterable[ResolvedSequence]) -> list[list[ResolvedSequence]]:
-    """Return the sequences in batches of about BATCH_BYTES, such that no stack belongs to two batches."""
+    """Return the sequences in batches of about BATCH_BYTES, so that no stack belongs to two batches."""
     group_of: dict[StackSpec, list[ResolvedSequence]] = {}
     for sequence in sequences:
         group, specs = [sequence], stacks_of_generated_sequences([sequence])

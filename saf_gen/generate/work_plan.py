@@ -1,7 +1,7 @@
-"""The work that a recipe needs, before anything is made: jobs, hours, disk, and the time on several machines.
+"""Estimates of the work that a recipe needs: jobs, hours, disk space, and the time on several machines.
 
-For a recipe with many sequences, only a few repeats of each scene, motion and split are drawn. They represent the
-others, because the stacks from which they are recorded cost the same, and their number is known.
+For a recipe with many sequences, only a few repeats of each scene, motion and split are drawn. They represent the other
+repeats, whose stacks cost the same and whose number is known.
 """
 
 import heapq
@@ -52,18 +52,18 @@ class WorkPlan:
     name : str
         Name of the recipe.
     sequences, stacks, jobs : int
-        Their numbers; each stack and each recording is a job.
+        Numbers of sequences, stacks and jobs; each stack and each recording is a job.
     render_s, record_s : float
         Seconds of rendering and recording on one machine.
     seconds : float
         Seconds from start to end on all machines, including the scheduler.
     scheduler_s : float
-        Seconds of a single process, included in ``seconds``: it draws and lists sequences, and hands out jobs, the
-        latter while the machines work.
+        Seconds of the process that draws and lists sequences and, while the machines work, hands out jobs; included in
+        ``seconds``.
     peak_bytes, disk_bytes : int
-        Bytes of disk while the dataset is made, and in the end.
+        Bytes on disk while the dataset is made, and when it is finished.
     drawn : int
-        Number of sequences that were drawn; if it is less than ``sequences``, they represent the others.
+        Number of sequences that were drawn; if it is less than ``sequences``, they represent the other sequences.
     """
 
     name: str
@@ -153,7 +153,7 @@ def plan_recipe_work(
 def simulate_plan_on_machines(
     works: Sequence[StackWork], *, record_s: float, machines: int, rates: MachineRates
 ) -> float:
-    """Return the seconds from start to end if ``machines`` machines get their jobs from one scheduler, in order.
+    """Return the seconds from start to end if ``machines`` machines get jobs from one scheduler, in order.
 
     Stacks come first, and the recordings from a stack wait until it is rendered. The scheduler hands out one job after
     the other, each in ``rates.job_s`` seconds.
@@ -204,8 +204,8 @@ def _scale_work(
 ) -> StackWork:
     """Return the work for all sequences that these few represent, or for one part of them.
 
-    There are as many stacks as members of the scene's family. If the scene moves, and the lens moves differently in
-    each repeat, there are as many as repeats; this is an upper bound, because repeats may share slices.
+    There are as many stacks as members of the scene's family or, if the scene moves and the lens moves differently in
+    each repeat, as many as repeats; this is an upper bound, because repeats may share slices.
     """
     few = _sum_work(group, rates=rates, keep_slices=keep_slices)
     split = recipe.splits[group[0].planned.split]
@@ -214,9 +214,9 @@ def _scale_work(
     for s in group:
         if s.planned.motion not in motions:
             motions.append(s.planned.motion)
-    moves_anew = group[0].planned.scene_motion == "dynamic" and len(motions) == repeats > 1
+    has_own_motions = group[0].planned.scene_motion == "dynamic" and len(motions) == repeats > 1
     members = len({s.planned.member for s in group})
-    times = split.repeats / repeats if moves_anew else split.variants / members
+    times = split.repeats / repeats if has_own_motions else split.variants / members
     recordings = _count_sequences(recipe, group)
     # A part takes every N-th recording, so it leaves a stack out only if fewer than N recordings are made from each.
     needed = min(1.0, recordings / (few.stacks * times) / part[1])

@@ -2,7 +2,7 @@
 
 Methods are ranked by success within one depth of focus. Success and cost are averaged over the light schedules of each
 scene, then over scenes, so that a scene with many sequences weighs no more than another; errors are medians over all
-sequences. Methods with equal success share a rank. Confidence intervals show which ranks can be told apart on the
+sequences. Methods with equal success share a rank. Confidence intervals show which methods can be told apart on the
 given scenes.
 """
 

@@ -25,7 +25,7 @@ def mean_by_scene_for_ranking(records: Sequence[Record], value: RecordValue) -> 
 
 
 def mean_over_scenes_for_ranking(records: Sequence[Record], value: RecordValue) -> float | None:
-    """Return the mean over scenes of mean_by_scene_for_ranking, or None if every value is unknown."""
+    """Return the mean of the scene means of mean_by_scene_for_ranking, or None if every value is unknown."""
     scenes = mean_by_scene_for_ranking(records, value)
     return float(np.mean(list(scenes.values()))) if scenes else None
 

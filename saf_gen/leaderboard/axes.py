@@ -13,21 +13,21 @@ from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard.averages import mean_over_scenes_for_ranking, median_magnitude_for_ranking
 
 MAX_SHOWN_BINS = 40
-"""Largest number of bins of an axis, such as scenes, in tables for people."""
+"""Largest number of bins of an axis, such as scenes, in tables for readers."""
 BLOCK_READOUTS = 100
-"""Number of readouts over which the photon budget is counted; the default window of argmax."""
+"""Number of readouts over which the photon budget is counted: the default window of argmax."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A property that sorts sequences into bins; ``bin_of`` returns the bin of a record, or None if it is unknown."""
+    """A property that sorts sequences into bins; ``bin_of`` returns the bin of a record, None if unknown."""
 
     name: str
     title: str
     meaning: str
     bin_of: Callable[[Record], str | None]
     order: tuple[str, ...] = ()
-    """Bins in their order; if empty, bins are sorted by name."""
+    """Names of the bins in order; if empty, bins are sorted by name."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class BinSummary:
 
 @dataclass(frozen=True)
 class AxisTable:
-    """Results along one axis: the numbers of scenes and sequences of each bin, and one cell per method and bin."""
+    """Results along one axis: the numbers of scenes and sequences in each bin, and one cell per method and bin."""
 
     axis: Axis
     bins: tuple[str, ...]
@@ -57,7 +57,7 @@ def tabulate_leaderboard_by_axis(records: Sequence[Record], methods: Sequence[st
 
 
 def list_leaderboard_bins(sequences: Mapping[str, int]) -> list[str]:
-    """Return the bins that tables show to readers: at most MAX_SHOWN_BINS with the most sequences, in their order.
+    """Return the MAX_SHOWN_BINS bins with the most sequences, in their original order; if there are fewer, all.
 
     ``sequences`` gives the number of sequences of each bin.
     """
@@ -66,11 +66,11 @@ def list_leaderboard_bins(sequences: Mapping[str, int]) -> list[str]:
 
 
 def keep_leaderboard_bins(table: AxisTable) -> AxisTable:
-    """Return the table without the bins that list_leaderboard_bins leaves out; the meaning of its axis then says so."""
+    """Return the table reduced to list_leaderboard_bins; the meaning of its axis says if bins are left out."""
     shown = set(list_leaderboard_bins(dict(zip(table.bins, table.sequences, strict=True))))
     if len(shown) == len(table.bins):
         return table
-    note = f"Here are the {len(shown)} of {len(table.bins):,} with the most sequences; axes.csv has all."
+    note = f"Shown: the {len(shown)} of {len(table.bins):,} bins with the most sequences; axes.csv has all."
 
     def keep(values: Sequence[Any]) -> tuple[Any, ...]:
         return tuple(value for name, value in zip(table.bins, values, strict=True) if name in shown)
@@ -151,12 +151,12 @@ AXES = (
     Axis(
         "light_ratio",
         "Light ratio",
-        "Brightest over darkest light of the recording.",
+        "Brightest light of the recording divided by its darkest.",
         _bin_between((1.1, 2, 5), _RATIOS, value=lambda r: r.light_ratio),
         _RATIOS,
     ),
     Axis("scene_motion", "Scene motion", "Whether anything in the scene moves.", lambda r: r.scene_motion),
-    Axis("lens_motion", "Lens motion", "How the lens moved in the recording.", lambda r: r.lens_motion),
+    Axis("lens_motion", "Lens motion", "Motion of the lens in the recording.", lambda r: r.lens_motion),
     Axis(
         "photon_budget",
         "Photon budget",
@@ -167,24 +167,24 @@ AXES = (
     Axis(
         "focus_position",
         "Focus position",
-        "Part of the recording (closed loop: of the travel) in which the lens first meets the true focus; "
-        "outside: the lens never comes within 1 DoF.",
+        "Part of the recording (closed loop: of the travel) in which the lens first meets the true focus, or "
+        "comes nearest to it; outside: the lens never comes within 1 DoF.",
         _focus_position,
         _POSITIONS,
     ),
     Axis(
         "grain",
         "Grain",
-        "Noise that the renderer left in the pictures: its rms over the mean, in the target's box at best focus.",
+        "Noise of the renderer in the pictures: rms divided by the mean, in the box around the target, at best focus.",
         _bin_between((0.01, 0.02, 0.04), _GRAINS, value=lambda r: r.grain_rms),
         _GRAINS,
     ),
     Axis(
         "sensor",
         "Sensor",
-        "The sensor that recorded; # and six digits follow its name if its numbers were changed.",
+        "Name of the sensor, followed by # and six digits if its parameters were changed.",
         lambda r: r.sensor,
     ),
-    Axis("scene", "Scene", "Each scene alone.", lambda r: r.scene),
+    Axis("scene", "Scene", "Name of the scene.", lambda r: r.scene),
 )
 """The conditions of the leaderboard, in the order of its tables."""

@@ -1,4 +1,4 @@
-"""The columns of the leaderboard: name, meaning and text of each number of a row."""
+"""The columns of the leaderboard: name, meaning, value and text of each."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _ESSENTIAL: dict[str, Any] = {"detail": ESSENTIAL}
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name, heading and meaning, and functions that give the value and the text of a row."""
+    """A column: its name, heading and meaning, and functions that return the value and the text for a row."""
 
     name: str
     header: str
@@ -27,26 +27,26 @@ class Column:
     group: str = ""
     """Common heading of adjacent columns, for tables with two lines of headings."""
     detail: int = USUAL
-    """Level of detail, which decides how soon a terminal leaves the column out; files always have it."""
+    """Level of detail; leaderboard.json, .csv and .md have columns of all levels."""
     is_fraction: bool = False
     """Whether the value is a fraction of successes, 0–1."""
     is_optional: bool = False
     """Whether the column is shown only if its value is known in at least one row."""
     machine_only: bool = False
-    """Whether the column is only for programs, because another column shows its value to people."""
+    """Whether tables for readers leave the column out."""
     light: str = ""
     """Light schedule to which the column is restricted; '' if it is not restricted."""
 
     @property
     def key(self) -> str:
-        """Name of the column in files, which is unique whatever names a recipe gives its lights."""
+        """Name of the column in files, unique whatever a recipe calls its lights."""
         return f"success_1dof_light_{self.light}" if self.light else self.name
 
 
 def list_shown_leaderboard_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
-    """Return the columns that a table shows to readers, in order, including one per light schedule.
+    """Return the columns of tables for readers, in order, including one per light schedule.
 
-    Columns that are only for programs, and optional columns without a known value, are left out.
+    Columns for programs and optional columns without a known value are left out.
     """
     return tuple(
         c
@@ -63,16 +63,16 @@ def list_leaderboard_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ..
 
 def format_leaderboard_percent(fraction: float) -> str:
     """Return a fraction as a percentage without decimals; halves are rounded up."""
-    return f"{fraction + TIE_TOLERANCE:.0%}"  # 0.375 becomes 38 % whatever its last bit
+    return f"{fraction + TIE_TOLERANCE:.0%}"  # 0.375 becomes 38 % even if rounding makes it slightly smaller
 
 
 def _rank_columns() -> tuple[Column, ...]:
-    rank = "Rank by success within 1 DoF; = marks a tie, ~ a method from which no better one can be told apart."
-    ranks = "Ranks that the method may have over all scenes of this kind: 95 % interval, for all rivals at once."
+    rank = "Rank by success within 1 DoF; = marks a tie, ~ a method that cannot be told apart from any better one."
+    ranks = "95 % interval of the rank over all scenes of this kind, for all rivals at once."
     level = "Whether no better method can be told apart from this one."
-    deficit = "Success of the best method within 1 DoF minus that of this one: 95 % interval of this pair alone."
+    deficit = "Success within 1 DoF of the best method minus that of this method: 95 % interval of this pair alone."
     ends = "behind_best_low", "behind_best_high"
-    verified = "Whether running the method again gave the answers of the row: see saf-gen leaderboard verify."
+    verified = "Whether a repeated run gave the same answers: see saf-gen leaderboard verify."
     return (
         Column("rank", "#", rank, attrgetter("rank"), _format_rank, **_ESSENTIAL),
         *_interval_columns("rank_best", "rank_worst", header="# 95 %", meaning=ranks, text=str),
@@ -84,11 +84,11 @@ def _rank_columns() -> tuple[Column, ...]:
 
 
 def _success_columns(lights: Sequence[str]) -> tuple[Column, ...]:
-    abstention = "An abstention is right if no answer could be so near, so this can be"
-    half = f"Success within ½ depth of focus: blur ≤ 1 px. {abstention} above ≤1 DoF."
+    abstention = "An abstention is right if no answer could be that near, so the value can be"
+    half = f"Success within ½ depth of focus: blur ≤ 1 px. {abstention} higher than ≤1 DoF."
     one = "Success within 1 DoF: blur ≤ 2 px. Methods are ranked by it."
-    two = f"Success within 2 DoF: blur ≤ 4 px. {abstention} below ≤1 DoF."
-    interval = "95 % interval of the success within 1 DoF over all scenes of this kind."
+    two = f"Success within 2 DoF: blur ≤ 4 px. {abstention} lower than ≤1 DoF."
+    interval = "95 % interval of success within 1 DoF over all scenes of this kind."
     ends = "success_1dof_low", "success_1dof_high"
     options: dict[str, Any] = {"text": format_leaderboard_percent, "group": "success"}
     return (
@@ -132,8 +132,8 @@ def _error_columns() -> tuple[Column, ...]:
 
 
 def _count_columns() -> tuple[Column, ...]:
-    abstained = "Sequences on which the search gave no answer."
-    failed = "Sequences on which the method raised an error; the records say why."
+    abstained = "Number of sequences on which the search abstained."
+    failed = "Number of sequences on which the method raised an error; the records name the error."
     options: dict[str, Any] = {"text": lambda number: str(number or "–"), "group": "no answer"}
     return (
         _column("abstained", "abst.", meaning=abstained, **options),
@@ -142,15 +142,15 @@ def _count_columns() -> tuple[Column, ...]:
 
 
 def _cost_columns() -> tuple[Column, ...]:
-    seen = "Fraction of the frames that the method waited for."
-    travel = "Distance that the lens moves, in travels: during all frames seen, then to the answer."
-    reversals = "How often the lens turned round, if the method moves it."
-    hunting = "Fraction of sequences in which the lens turned more than twice; one pass and the return take two turns."
-    until = "Seconds until the answer; on a recording, without the move of the lens to the answer."
-    mean = "95 % interval of the seconds until the answer, over all scenes of this kind."
+    seen = "Number of frames that the method waited for, divided by all frames of the sequence."
+    travel = "Distance that the lens moves, in travels, during the frames seen and then to the answer."
+    reversals = "Number of times that the lens reversed, if the method moves it."
+    hunting = "Fraction of sequences in which the lens reversed more than twice; a pass and return takes two."
+    until = "Seconds until the answer; on a recording, without the final move of the lens."
+    mean = "95 % interval of the mean time until the answer over all scenes of this kind."
     ends = "time_to_focus_low_s", "time_to_focus_high_s"
     scores = "Number of scores that the search requested."
-    seconds = "Seconds of computing by search and measure per sequence, without the counting of spikes."
+    seconds = "Computing time of search and measure per sequence, in seconds, without the counting of spikes."
     two, three = _fixed(2), _fixed(3)
     return (
         _column("frames_seen", "seen", meaning=seen, text=format_leaderboard_percent, group="cost", **_ALL),
@@ -177,7 +177,7 @@ def _column(name: str, header: str, *, meaning: str, text: Callable[[Any], str],
 def _interval_columns(
     low: str, high: str, *, header: str, meaning: str, text: Callable[[Any], str], **options: Any
 ) -> tuple[Column, Column]:
-    """Return the columns of both ends of an interval; the first shows both to readers, the second is for programs."""
+    """Return the columns of both ends of an interval; the text of the first has both, the second is for programs."""
 
     def format_value(row: LeaderboardRow) -> str:
         ends = getattr(row, low), getattr(row, high)

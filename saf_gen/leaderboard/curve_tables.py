@@ -1,7 +1,7 @@
 """Tables of focus curves: the quality of each curve, and a comparison of the measures.
 
-The curves are those that the search argmax computed. The quality of a curve is undefined if the curve is constant or
-too short, or if the lens came back or rested. Its fields are then empty, and tables give the number of such curves.
+The curves come from the search argmax. The quality of a curve is undefined if the curve is constant or too short, or if
+the lens turned back or rested. Its fields are then empty, and tables give the number of these curves.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ QUALITY_MEANINGS = {
     "width_80": "Width of the peak at 80 % of its height, as a fraction of the travel.",
     "noise": "Standard deviation of the noise on the curve, as a fraction of the height of the curve.",
 }
-"""Criteria of the quality of a curve, of which tables hold the median for each measure, in order."""
+"""Criteria of the quality of a curve, in the order of the tables, which give the median of each per measure."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class MeasureRow:
 
 
 def rank_measures_by_curves(curves: Sequence[AssessedCurve]) -> list[MeasureRow]:
-    """Return one row per measure, the most accurate first; measures of unknown accuracy come last, sorted by name."""
+    """Return one row per measure, the most accurate first; those of unknown accuracy come last, sorted by name."""
     by_measure: dict[str, list[AssessedCurve]] = {}
     for row in curves:
         by_measure.setdefault(row.measure, []).append(row)

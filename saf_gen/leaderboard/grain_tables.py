@@ -1,4 +1,4 @@
-"""Grain in the leaderboard: how much noise the renderer left in the pictures, and where it may decide an answer."""
+"""Grain, the noise that the renderer left in the pictures, by scene, and a warning if it may decide an answer."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -7,13 +7,13 @@ from statistics import median
 from saf_gen.benchmark.records import Record
 
 MAX_GRAIN_OF_CURVE = 0.1
-"""Fraction of the range of a focus curve above which grain may decide where the peak is."""
+"""Fraction of the range of a focus curve above which grain may shift its peak."""
 NAMED_MEASURES = 4
 
 
 @dataclass(frozen=True)
 class SceneGrain:
-    """The grain of the sequences of a scene, either at rest or moving.
+    """The grain in the static or in the dynamic sequences of a scene.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class SceneGrain:
     rms : tuple of (float, float) or None
         Median and largest rms of the grain at best focus, divided by the mean; None if no sequence states it.
     of_curve : dict of str to float
-        Largest energy of the grain, divided by the range of a focus curve, by measure.
+        Largest energy of the grain divided by the range of the focus curve, by measure.
     """
 
     scene: str
@@ -37,10 +37,7 @@ class SceneGrain:
 
 
 def tabulate_leaderboard_grain(records: Iterable[Record]) -> list[SceneGrain]:
-    """Return the grain of each scene, listed separately at rest and moving, in order of appearance.
-
-    The list is empty if no grain is known.
-    """
+    """Return the grain of each scene and scene motion, in order of appearance; [] if no grain is known."""
     groups: dict[tuple[str, str | None], list[Record]] = {}
     for record in records:
         groups.setdefault((record.scene, record.scene_motion), []).append(record)
@@ -59,7 +56,7 @@ def tabulate_leaderboard_grain(records: Iterable[Record]) -> list[SceneGrain]:
 
 
 def compose_leaderboard_grain_notes(records: Sequence[Record]) -> list[str]:
-    """Return a warning if grain is above MAX_GRAIN_OF_CURVE for the focus curves of some measures, else []."""
+    """Return a warning if grain exceeds MAX_GRAIN_OF_CURVE on the focus curves of some measures, else []."""
     known = sorted(
         ((r.grain_of_curve, _measure(r), r.sequence) for r in records if r.grain_of_curve is not None), reverse=True
     )
@@ -73,7 +70,7 @@ def compose_leaderboard_grain_notes(records: Sequence[Record]) -> list[str]:
     of_curve, measure, sequence = grainy[0]
     found, all_known = (len({name for _, _, name in some}) for some in (grainy, known))
     return [
-        f"Warning: noise of the renderer is more than {MAX_GRAIN_OF_CURVE:.0%} of the range of a focus curve on "
+        f"Warning: noise of the renderer exceeds {MAX_GRAIN_OF_CURVE:.0%} of the range of a focus curve on "
         f"{found} of {all_known} sequences ({named}; at worst {of_curve:.2g} times the range, {measure} on "
         f"{sequence}): with more samples per pixel these answers may differ."
     ]

@@ -30,7 +30,7 @@ class LeaderboardTables:
 
 
 def compute_leaderboard_tables(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> LeaderboardTables:
-    """Return the tables of a leaderboard; ``records`` are those from which its rows were computed."""
+    """Return the tables of a leaderboard whose ``rows`` were computed from ``records``."""
     methods = [row.method for row in rows]
     return LeaderboardTables(
         tabulate_leaderboard_by_axis(records, methods),

@@ -10,12 +10,12 @@ from saf_gen.errors import BadInput
 REGION_SUFFIXES = tuple(f"@{region}" for region in REGIONS)
 _HINT = "run saf-gen evaluate again"
 _RULES = {
-    "track": "one track in a table",
-    "evaluator version": "one version of the evaluator in a table",
+    "track": "one track per table",
+    "evaluator version": "one version of the evaluator per table",
     "data digest": "one content_sha256 per sequence",
-    "region": "one region per sequence, except methods that name theirs",
+    "region": "one region per sequence, except for methods whose names state a region",
     "protocol": "one budget and one lens drive for all methods of a sequence",
-    "code digest": "one version of a method in a table",
+    "code digest": "one version of a method per table",
 }
 _SEQUENCE_KEYS = {
     "scene": "scene",
@@ -30,7 +30,7 @@ _SEQUENCE_KEYS = {
     "mean_rate": "photon budget",
     "sensor": "sensor",
 }
-"""Keys of a record that describe its sequence, with their names in messages. Tables weight and sort by them."""
+"""Keys of a record that describe its sequence, with their names in messages. Tables weight and sort by these keys."""
 
 
 def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
@@ -51,8 +51,8 @@ def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Reco
     Raises
     ------
     BadInput
-        If two runs or methods differ in track, evaluator version, protocol, data, region or code, or in what they state
-        about a sequence; if a method lacks a sequence; if two runs give different answers for the same method and
+        If two runs or methods differ in track, evaluator version, protocol, data, region or code, or in properties
+        of a sequence; if a method lacks a sequence; if two runs give different answers for the same method and
         sequence; or if a run holds two records of one method on one sequence. The message names both sides.
     """
     runs = append_sensor_to_ranked_sequences(runs)
@@ -118,10 +118,9 @@ def describe_ranked_data(records: Sequence[Record]) -> frozenset[tuple[str, str,
 
 
 def _claims(record: Record, run: str, *, is_only_run: bool) -> Iterator[tuple[str, str, str, str]]:
-    """Yield (property, subject, value, source) for everything in which a record must agree with others.
+    """Yield (property, subject, value, source) for each property in which records must agree.
 
-    The source, which error messages name, is the run. If there is only one run, it is the method, or for a code digest
-    the sequence.
+    Error messages name the source: the run or, if there is only one run, the method (for a code digest, the sequence).
     """
     side = record.method if is_only_run else run
     yield "track", "", record.track, side

@@ -1,10 +1,10 @@
 """Comparison of methods beyond a single limit of success: performance profiles, and pairs of neighbours in rank.
 
-Both follow Agarwal et al. (2021, arXiv:2108.13264), adapted to sequences that share scenes. A rank depends on how often
-an answer is within one depth of focus; a profile gives this fraction for every limit; the probability of improvement is
-how often one method is nearer to the truth than the other. Like success, fractions are averaged over lights, then over
-scenes. Their intervals are those of success rates, and hold for each number alone. Whether neighbours are told apart is
-decided for all pairs of neighbours at once.
+Both follow Agarwal et al. (2021, arXiv:2108.13264), adapted to sequences that share scenes. A rank depends on the
+fraction of answers within one depth of focus; a profile gives this fraction for many limits. The probability of
+improvement is the fraction of sequences on which one method is nearer to the truth than the other. Like success,
+fractions are averaged over lights, then over scenes. Their intervals are computed like those of success rates, and each
+holds alone. The test that tells neighbours apart covers all pairs of neighbours at once.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -38,10 +38,10 @@ class Profile:
     method : str
         Name of the method.
     quantity : str
-        ``error_dof`` for absolute errors in depths of focus, or, in the closed loop, ``time_s`` for successes within
-        one depth of focus for which the lens had arrived by then, in seconds.
+        ``error_dof`` if the limits are absolute errors, in depths of focus. ``time_s``, in the closed loop, if they are
+        times to focus, in seconds; only successes within one depth of focus are then counted.
     limits : tuple of float
-        Limits, ascending.
+        Limits in ascending order.
     fractions : tuple of float
         Fraction within each limit, 0 to 1.
     low, high : tuple of float or None
@@ -65,10 +65,10 @@ class NeighbourComparison:
     first, second : str
         Names of the methods, the better one first.
     difference, difference_low, difference_high : float
-        Success rate within 1 DoF of the first method minus that of the second, with its 95 % interval.
+        Success rate within 1 DoF, first method minus second, with its 95 % interval.
     improvement, improvement_low, improvement_high : float
-        Probability that the first method is nearer to the truth on a sequence, ties counted half, with its 95 %
-        interval. The ends of both intervals are None for fewer than MIN_SCENES scenes.
+        Probability that the first method is nearer to the truth on a sequence, with its 95 % interval; ties count half.
+        The ends of both intervals are None for fewer than MIN_SCENES scenes.
     told_apart : bool
         Whether the difference is too large for chance among all pairs of neighbours.
     """
@@ -86,14 +86,14 @@ class NeighbourComparison:
 
 @dataclass(frozen=True)
 class MethodComparison:
-    """The profiles of all methods and the pairs of neighbours, both in the order of the leaderboard."""
+    """The profiles of all methods and the comparisons of neighbours, both in the order of the leaderboard."""
 
     profiles: tuple[Profile, ...] = ()
     neighbours: tuple[NeighbourComparison, ...] = ()
 
 
 def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) -> MethodComparison:
-    """Return the profiles and the pairs of neighbours of ranked methods.
+    """Return the profiles of ranked methods and the comparisons of neighbours in rank.
 
     Methods whose success is unknown are left out.
 
@@ -121,7 +121,7 @@ def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) ->
     known = outcomes.times[np.isfinite(outcomes.times)]
     if is_closed_loop and known.size:
         limits = tuple(float(t) for t in known.max() * np.arange(1, TIMES + 1) / TIMES)
-        times = np.where(np.isfinite(outcomes.times), outcomes.times, limits[-1])  # abstentions that are successes
+        times = np.where(np.isfinite(outcomes.times), outcomes.times, limits[-1])  # right abstentions
         profiles += _profile(
             outcomes, "time_s", limits=limits, is_within=lambda limit: outcomes.success & (times <= limit + _TIE)
         )

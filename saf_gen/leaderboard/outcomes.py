@@ -11,14 +11,14 @@ from saf_gen.benchmark.records import Record
 
 @dataclass(frozen=True)
 class Outcomes:
-    """Outcomes of M methods on those N sequences, in S scenes, for which the success of every method is known.
+    """Outcomes of M methods on the N sequences, in S scenes, for which the success of every method is known.
 
     Attributes
     ----------
     methods, scenes : tuple of str
         Names.
     sequences : tuple of Record
-        One record of each sequence, used for what it states about the sequence.
+        One record of each sequence, which describes the sequence.
     scene_of : ndarray of int, shape (N,)
         Number of the scene of each sequence.
     weights : ndarray of float, shape (N,)
@@ -58,8 +58,8 @@ class Outcomes:
     def select(self, methods: Mapping[str, str], sequences: Sequence[bool] | None = None) -> "Outcomes":
         """Return the outcomes of some methods on some sequences, with new weights.
 
-        ``methods`` maps the name of each selected method to the name that it gets; ``sequences`` flags the sequences to
-        keep, by default all.
+        ``methods`` maps the name of each selected method to its new name; ``sequences`` flags the sequences to keep, by
+        default all.
         """
         rows = [self.methods.index(name) for name in methods]
         kept = np.ones(len(self.sequences), bool) if sequences is None else np.asarray(sequences, bool)
@@ -70,8 +70,8 @@ class Outcomes:
     def find_answers_within(self, limit_dof: float) -> np.ndarray:
         """Return which answers are right within ``limit_dof`` depths of focus, bool (M, N).
 
-        An answer is right if its error is at most the limit; an abstention is right if no answer could be so near. At a
-        limit of 1 the result is that of ``success``.
+        An answer is right if its error is at most the limit; an abstention is right if no answer could be that near.
+        At a limit of 1, the result equals ``success``.
         """
         off = np.array([np.nan if r.focus_off_dof is None else r.focus_off_dof for r in self.sequences])
         is_unreachable = np.where(np.isnan(off), self.success & (limit_dof <= 1), off > limit_dof)
@@ -79,7 +79,7 @@ class Outcomes:
             return np.asarray((self.errors <= limit_dof) | (self.abstained & is_unreachable))
 
     def find_wins(self) -> np.ndarray:
-        """Return the weighted fraction of each scene's sequences that method j solves and k does not, (M, M, S)."""
+        """Return the weighted fraction of sequences that method j solves and k does not, by scene, float (M, M, S)."""
         wins = np.zeros((len(self.methods), len(self.methods), len(self.scenes)))
         for scene in range(len(self.scenes)):
             in_scene = self.scene_of == scene

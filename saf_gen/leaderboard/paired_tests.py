@@ -1,4 +1,4 @@
-"""Test of many differences between methods at once, which allows for their number.
+"""A test of many differences between methods at once, which corrects for their number.
 
 If two methods are equally good, their difference on a scene could equally well have had the opposite sign. The signs of
 all differences are therefore flipped at random, scene by scene and alike for all pairs of methods. The standardised
@@ -54,8 +54,8 @@ def _make_sign_patterns(scenes: int) -> np.ndarray:
     """Return patterns of signs of the scenes, float (T, S).
 
     The first scene always has +1, because flipping all signs does not change the size of a sum. If there are at most
-    MAX_SIGN_PATTERNS patterns, all are returned. Otherwise that many random ones are returned, of which the first flips
-    nothing (random stream ``("statistics", "signs", scenes)``).
+    MAX_SIGN_PATTERNS patterns, all are returned. Otherwise that many random patterns are returned, the first of which
+    flips nothing (random stream ``("statistics", "signs", scenes)``).
     """
     if 2 ** (scenes - 1) <= MAX_SIGN_PATTERNS:
         bits = np.arange(2 ** (scenes - 1))[:, None] >> np.arange(scenes - 1) & 1

@@ -1,4 +1,4 @@
-"""How much the ranking of methods depends on a condition: Kendall's τ of the rankings under two of its bins.
+"""Dependence of the ranking of methods on a condition: Kendall's τ of the rankings under two of its bins.
 
 τ is 1 if both rankings order all methods alike, 0 if they are unrelated, and −1 if one is the reverse of the other.
 Rankings from a few scenes differ by chance even under conditions that change nothing, so each τ is reported together
@@ -21,11 +21,11 @@ from saf_gen.leaderboard.scene_intervals import CONFIDENCE, MIN_SCENES
 
 RESAMPLES = 500
 MAX_BINS = 6
-"""Most bins of a condition that are compared with each other; those with the most sequences are chosen."""
+"""Largest number of bins of a condition that are compared; those with the most sequences are chosen."""
 MIN_METHODS = 3
-"""Fewest common methods for which two rankings are compared."""
+"""Smallest number of common methods for which two rankings are compared."""
 REGION = Axis(
-    "region", "Region", "Where methods look: in the box round the target, or in the whole frame.", lambda r: r.region
+    "region", "Region", "Where methods look: in the box around the target, or in the whole frame.", lambda r: r.region
 )
 CONDITIONS = (*(axis for axis in AXES if axis.name != "scene"), REGION)
 """The conditions whose bins are compared."""
@@ -35,14 +35,14 @@ _MAX_NUMBERS = 1_000_000
 
 @dataclass(frozen=True)
 class RankAgreement:
-    """Agreement of the rankings of the same methods by success within 1 DoF under two bins of a condition.
+    """Agreement of two rankings of the same methods, by success within 1 DoF under two bins of a condition.
 
     Attributes
     ----------
     condition, first, second : str
-        Name of the condition, and its two bins.
+        Names of the condition and of its two bins.
     methods, scenes, shared : int
-        Numbers of methods, of scenes with sequences in either bin, and of scenes with sequences in both bins.
+        Numbers of methods, of scenes with sequences in at least one bin, and of scenes with sequences in both.
     tau : float or None
         Kendall's τ-b, which allows for ties, −1 to 1. None if all methods are equal under one of the bins.
     low, high : float or None
@@ -92,7 +92,7 @@ def compare_rankings(records: Iterable[Record], *, by: str | None = None) -> lis
     Raises
     ------
     BadInput
-        If there is no condition of the name ``by``.
+        If ``by`` is not the name of a condition.
     """
     names = [axis.name for axis in CONDITIONS]
     if by is not None and by not in names:
@@ -127,13 +127,13 @@ AGREEMENT_MEANINGS = {
     "first": "The first bin of the condition.",
     "second": "The second bin of the condition.",
     "methods": "Number of methods that have answers under both bins.",
-    "scenes": "Number of scenes that have sequences under either bin.",
+    "scenes": "Number of scenes that have sequences under at least one of the bins.",
     "shared": "Number of scenes that have sequences under both bins.",
     "tau": "Kendall's τ-b of the rankings by success within 1 DoF; 1 means the same order.",
     "low": "95 % interval of τ by a bootstrap over scenes.",
     "high": "Upper end of the interval.",
-    "by_chance": "The median τ of as many scenes if the condition changed nothing.",
-    "p_value": "Probability of a τ as low as this if the condition changed nothing, for this pair alone.",
+    "by_chance": "Median τ to expect from as many scenes if the condition had no effect.",
+    "p_value": "Probability of a τ as low as this if the condition had no effect, for this pair alone.",
     "most_moved": "The method whose rank differs most, with its rank under each bin.",
 }
 
@@ -186,7 +186,7 @@ def compare_ranked_scores(
     *,
     condition: str,
 ) -> RankAgreement | None:
-    """Return the agreement of two rankings of the same methods by scores of any two kinds.
+    """Return the agreement of two rankings of the same methods, each by its own kind of score.
 
     Methods that are not scored in every scene of both rankings are left out. ``by_chance`` and ``p_value`` are None,
     because scores of two kinds cannot be exchanged.
@@ -195,9 +195,9 @@ def compare_ranked_scores(
     ----------
     first, second : tuple of (str, mapping)
         Name of the ranking, and the scores by scene, then by method; larger is better. Scenes of the same name in both
-        rankings are taken as the same scene.
+        rankings count as one scene.
     condition : str
-        Name of what differs between the rankings.
+        Name of the condition in the result.
 
     Returns
     -------
@@ -285,8 +285,8 @@ def _draw_taus(tables: np.ndarray) -> np.ndarray:
 def _draw_taus_by_chance(one: Outcomes, other: Outcomes, *, scenes: Sequence[str]) -> np.ndarray:
     """Return τ of samples in which both bins of each scene are drawn from all its sequences, whatever their bin.
 
-    Each bin of a scene keeps its number of sequences, drawn with replacement. Scenes with sequences in only one bin
-    are drawn with replacement as well, among themselves. The random stream is ("statistics", "mixed", sequences).
+    Each bin of a scene keeps its number of sequences, drawn with replacement. Each scene with sequences in only one
+    bin is also replaced by a random one of these scenes. The random stream is ("statistics", "mixed", sequences).
     """
     solved = np.concatenate([one.success, other.success], axis=1).astype(float)
     scene = np.array([scenes.index(side.scenes[n]) for side in (one, other) for n in side.scene_of])

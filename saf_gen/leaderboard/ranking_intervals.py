@@ -1,9 +1,8 @@
 """Confidence intervals of a ranking: of success, error, time, difference to the best method, and rank.
 
-The unit is the scene, because all sequences of a scene show the same content. Every interval except that of a rank
-holds for one method, or one pair of methods, alone. The interval of a rank counts the methods that are told apart from
-the row's method with a test that allows for all its rivals at once, so it does not become too narrow as their number
-grows.
+The unit is the scene, because all sequences of a scene show the same content. Except for rank intervals, each
+interval holds for one method, or one pair of methods, alone. A rank interval counts the rivals that are told apart from
+a method by a test of all rivals at once, so it does not become too narrow as their number grows.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +26,7 @@ from saf_gen.leaderboard.scene_intervals import (
 )
 
 TIE_TOLERANCE = 1e-9
-"""Largest difference between success rates that count as equal; averages of averages may differ in the last bit."""
+"""Largest difference at which two success rates count as equal; averages of averages may differ in the last bit."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +41,9 @@ class MethodIntervals:
     rank: tuple[int, int] | None = None
     """Best and worst rank."""
     deficit_to_best: Interval | None = None
-    """Interval of the best method's success minus that of this one; of several best methods, the nearest counts."""
+    """Interval of the best method's success minus this method's; if several methods are best, the nearest counts."""
     level_with_best: bool | None = None
-    """Whether no better method can be told apart from this one, so that its best possible rank is 1."""
+    """Whether no better method can be told apart from this method, so that its best possible rank is 1."""
     missing_reason: str = ""
 
 
@@ -56,7 +55,7 @@ def find_intervals_of_ranking(by_method: Mapping[str, Sequence[Record]]) -> dict
     """
     outcomes = collect_outcomes_to_rank(by_method)
     if len(outcomes.scenes) < MIN_SCENES:
-        reason = f"{len(outcomes.scenes)} of at least {MIN_SCENES} scenes"
+        reason = f"{len(outcomes.scenes)} of {MIN_SCENES} required scenes"
         return {method: MethodIntervals(missing_reason=reason) for method in outcomes.methods}
     fractions = outcomes.average_by_scene(outcomes.success)
     success = find_intervals_of_ranked_rate(fractions, outcomes.counts)
@@ -88,9 +87,9 @@ def find_rank_intervals(wins: np.ndarray, counts: np.ndarray, *, confidence: flo
 
     A rival is told apart if its difference is too large for chance among all rivals of the row
     (adjust_p_values_of_ranks) and the interval of the difference excludes 0. The second condition protects against
-    failures that are rare but clustered in a scene. The best rank follows the rivals told apart as better; the worst
-    precedes those told apart as worse. Confidence sets of this kind contain the true rank however many methods tie,
-    whereas resampled ranks do not [1]_.
+    failures that are rare but clustered in a scene. The best rank is 1 plus the number of rivals told apart as better;
+    the worst is the number of methods minus the rivals told apart as worse. Such confidence sets contain the true rank
+    however many methods tie, whereas resampled ranks do not [1]_.
 
     Parameters
     ----------
@@ -133,7 +132,7 @@ def _exclude_zero(wins: np.ndarray, counts: np.ndarray, *, among: np.ndarray, co
 
 
 def _find_deficits(fractions: np.ndarray, wins: np.ndarray, *, counts: np.ndarray) -> np.ndarray:
-    """Return, for each method, the interval of its difference from the nearest of the best methods: float (M, 2)."""
+    """Return the interval of each method's deficit to the nearest of the best methods, float (M, 2)."""
     means = fractions.mean(axis=1)
     best = np.flatnonzero(means >= means.max() - TIE_TOLERANCE)
     ends = np.stack([find_rank_difference_intervals(wins[b], wins[:, b], counts=counts, cells=COARSE) for b in best])

@@ -16,7 +16,7 @@ from saf_gen.leaderboard.table_formats import format_leaderboard_count
 from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_leaderboard_row_states
 
 WEIGHT_OF_STATE = (CLAIMED, RERUN_ELSEWHERE, RERUN_HERE, DIFFERS)
-"""States in ascending order of weight. If several evaluations hold verdicts on a row, the last of these counts."""
+"""States in ascending order of weight. If evaluations give a row several states, the last of these counts."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,9 @@ class Leaderboard(Sequence[LeaderboardRow]):
 
 
 def read_rank_agreement(*evaluations: str | Path, by: str | None = None) -> list[RankAgreement]:
-    """Return how well the rankings of one or several evaluations agree under different conditions.
+    """Return the agreement of the rankings of one or several evaluations under different conditions.
 
-    Evaluations may differ in the region where methods look and in the sensor of their datasets. Nothing is written.
+    Evaluations may differ in the region where methods look and in the sensor of their datasets. No file is written.
 
     Parameters
     ----------

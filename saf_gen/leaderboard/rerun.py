@@ -1,4 +1,4 @@
-"""Repetition of an evaluation: runs its methods again on the dataset and compares every answer."""
+"""Repetition of an evaluation: its methods are run again on the dataset, and every answer is compared."""
 
 import math
 import socket
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 TOLERANCE = 1e-9
-"""Relative and absolute difference up to which two numbers count as equal; processors differ in how they round sums."""
+"""Relative and absolute difference up to which two numbers count as equal; processors round sums differently."""
 
 
 def verify_leaderboard_rows(
@@ -31,7 +31,7 @@ def verify_leaderboard_rows(
     protocol: "ClosedLoopProtocol | None" = None,
     progress: ProgressCallback | None = None,
 ) -> Verification:
-    """Run again every method of an evaluation whose code is available, and compare all answers.
+    """Rerun the methods of an evaluation whose code is available, and compare all answers.
 
     Parameters
     ----------
@@ -111,12 +111,12 @@ def _find_method(label: str, code: str, *, trusted: Mapping[str, Method], where:
         with refuse_code_named_in_file(where):
             method = parse_method(label)
     except BadInput as error:
-        return f"no method on this machine makes this row: {error.problem}"
+        return f"no method on this machine can reproduce this row: {error.problem}"
     return method if method.code == code else f"its code differs: here {method.code}, in the row {code}"
 
 
 def _only(values: Iterable[str | None]) -> str | None:
-    """Return the value that all have in common, or None if there is no single one."""
+    """Return the common value of all, or None if they differ."""
     distinct = set(values)
     return distinct.pop() if len(distinct) == 1 else None
 

@@ -52,7 +52,7 @@ class LeaderboardRow:
     behind_best_high: float | None = None
     level_with_best: bool | None = None
     missing_reason: str = ""
-    """Why there are no intervals (the eleven fields above); '' if there are."""
+    """Why the intervals (the eleven fields above) are missing; '' if they are known."""
     verified: str | None = None
     """``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``; None if no row was verified."""
 
@@ -122,7 +122,7 @@ def _interval_ends(intervals: MethodIntervals) -> dict[str, Any]:
 
 
 def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -> LeaderboardRow:
-    """Return the row of a method without rank and intervals; ``lights`` are the light schedules that get a success."""
+    """Return the row of a method without rank and intervals, with its success under each of the ``lights``."""
     return LeaderboardRow(
         rank=None,
         tied=(),

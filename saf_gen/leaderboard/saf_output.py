@@ -18,21 +18,21 @@ from saf_gen.leaderboard.table_formats import (
 )
 
 PROTOCOL_NOTES = (
-    "SAF's protocol: blocks of dt frames as config.xlsx gives them; the answer is the last frame of the best block,"
+    "SAF's protocol: blocks of dt frames, with dt from config.xlsx; the answer is the last frame of the best block,"
     " counted from 1; the truth is a frame chosen by hand. The authors state neither a limit within which an answer is"
-    " right nor a table of errors; they plot the printed frame together with the chosen one. CEN (ICML 2026) reports"
+    " right nor a table of errors; they plot the printed frame together with the chosen frame. CEN (ICML 2026) reports"
     " mean errors in blocks. Methods are ranked by the mean error over scenes, as a fraction of the recording;"
     " a missing answer counts as the largest possible error.",
-    "Ours: the same recordings; each search uses its own windows, and answers with the centre of a window. Under both"
-    " protocols measures look at the whole frame, because these recordings name no target.",
-    "Unknown for these recordings: lens, aperture, pixels, the position of the lens at each frame (assumed to move"
-    " evenly), the error of the chosen frame, and how the light changed. Therefore no depth of focus is known, and no"
-    " success within one.",
+    "Our protocol: the same recordings; each search uses its own windows and answers with the centre of a window. In"
+    " both protocols, measures look at the whole frame, because these recordings name no target.",
+    "Unknown for these recordings: lens, aperture, pixels, the position of the lens in each frame (it is assumed to"
+    " move evenly), the error of the chosen frame, and the light schedule. Therefore the depth of focus and success"
+    " within it are unknown.",
 )
 
 
 def list_saf_ranking_headers(ranking: SafRanking) -> list[str]:
-    """Return the column headings of a ranking's table, one of them for each evaluation of other data."""
+    """Return the column headings of a ranking's table; the last are of the evaluations of other data, if any."""
     return [
         *("rank", "method", "error, % of recording", "median, frames", "mean, blocks", "within a block", "no answer"),
         *("rank, ours", "error, % ", "median, frames "),

@@ -1,9 +1,9 @@
-"""Ranking of methods on the recordings of SAF by the protocol of its authors and by ours, compared with other rankings.
+"""Ranking of methods on SAF's recordings by its authors' protocol and by ours, compared with other rankings.
 
 SAF is the spike-camera autofocus of Su et al. (CVPR 2024), with its code and recordings. The authors' programs score
 consecutive blocks of ``dt`` frames; their list gives ``dt`` for each recording. They print the last frame of the best
-block, counted from 1; the golden-section searches print the middle of their last interval. The truth is a frame that
-was chosen by hand. The authors state neither a limit within which an answer is right nor a table of errors. Later work
+block, counted from 1; the golden-section searches print the middle of their last interval. The truth is a frame
+chosen by hand. The authors state neither a limit within which an answer is right nor a table of errors. Later work
 on the same recordings (CEN, ICML 2026) reports errors in blocks. Methods are therefore ranked here by the error of
 their answers as a fraction of the recording. The depth of focus is unknown, because lens, aperture and pixels are not
 stated.
@@ -41,7 +41,7 @@ THEIRS, OURS = "SAF's protocol", "ours, same recordings"
 BLOCK_OPTIONS = ("window", "dt")
 """Options of a search that give the number of frames of a block."""
 PRINTS_LAST_FRAME = ("argmax",)
-"""Searches for which SAF's programs print the last frame of a block; the others print the frame of their answer."""
+"""Searches for which SAF's programs print the last frame of a block; for others, they print the answer itself."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class SafAnswer:
     blocks: int | None
     """Number of blocks between the answer and the truth, as the code of CEN (ICML 2026) counts them."""
     own: float | None
-    """The answer by our protocol: the centre of its window, counted from 1, found with the options of the search."""
+    """Answer by our protocol: the centre of a window, counted from 1; the search keeps its own options."""
 
     @property
     def error(self) -> float | None:
@@ -71,7 +71,7 @@ class SafAnswer:
         return None if self.own is None else self.own - self.truth
 
     def find_fraction_off(self, error: float | None) -> float:
-        """Return an error in frames as a fraction of the recording, 0 to 1; None counts as the largest one possible."""
+        """Return an error in frames as a fraction of the recording, 0 to 1; None counts as the largest error."""
         off = max(self.truth - 1, self.frames - self.truth) if error is None else abs(error)
         return off / self.frames
 
@@ -87,18 +87,18 @@ class SafRow:
     method : str
         Name of the method.
     off, own_off : float
-        Mean error over scenes, as a fraction of the recording, under SAF's protocol and under ours. A missing answer
-        counts as the largest possible error.
+        Mean absolute error over scenes, as a fraction of the recording, under SAF's protocol and under ours. A missing
+        answer counts as the largest possible error.
     error_frames, own_error_frames : float or None
         Median absolute error of the answers, in frames; None if there is no answer.
     error_blocks : float or None
         Mean error of the answers in blocks, as the code of CEN computes it; None if there is no answer.
     within_block : float
-        Fraction of recordings, 0 to 1, whose answer lies within one block of the truth chosen by hand.
+        Fraction of recordings, 0 to 1, whose answer under SAF's protocol is at most one block from the truth.
     unanswered : int
         Number of recordings without an answer under SAF's protocol.
     beside : tuple of (float or None)
-        Success within 1 depth of focus in each evaluation of other data; None if it does not have this method.
+        Success within 1 depth of focus in each evaluation of other data; None if the evaluation lacks the method.
     """
 
     rank: int
@@ -125,11 +125,11 @@ class SafRanking:
     answers : tuple of SafAnswer
         One for each method and recording.
     agreement : tuple of RankAgreement
-        Agreement between SAF's protocol, ours, and each evaluation of other data.
+        Agreement of the rankings by SAF's protocol and by ours, with each other and with each evaluation of other data.
     beside : tuple of str
         Names of the evaluations of other data.
     left_out : mapping of str to str
-        Methods of these evaluations that were not run, with the reason.
+        Methods of these evaluations that were not run, with the reasons.
     own : Evaluation
         The evaluation by our protocol, as ``saf-gen evaluate`` makes it.
     """
@@ -159,13 +159,12 @@ def rank_methods_on_saf_folder(
     folder : Path
         Folder that holds ``config.xlsx`` and the raw files that it lists.
     out : Path
-        Folder in which the streams are written, in ``recordings/``, and in which results are kept until the ranking is
-        written.
+        Folder for the streams, in ``recordings/``, and for results that are kept until the ranking is written.
     methods : sequence of str, optional
         Names of methods; by default those methods of ``beside`` whose code is registered, or the default methods if
         ``beside`` is empty.
     beside : sequence of Path, optional
-        Evaluations of other data, such as a generated test split, with whose rankings this one is compared.
+        Evaluations of other data, such as a generated test split, whose rankings are compared with this ranking.
     readout_hz : float, default 20000
         Readouts per second, which the raw files do not record.
     progress : callable, optional
@@ -253,7 +252,7 @@ def remove_kept_results_of_ranking(out: Path) -> None:
 
 
 def _name_run(run: Path) -> str:
-    """Return the name of an evaluation: that of its folder or, if this is ``evaluation``, of the folder above."""
+    """Return the name of an evaluation's folder or, if it is ``evaluation``, the name of the folder above it."""
     folder = (run if run.is_dir() else run.parent).resolve()
     return folder.parent.name if folder.name == "evaluation" else folder.name
 
@@ -261,7 +260,7 @@ def _name_run(run: Path) -> str:
 def _choose_methods(
     methods: Sequence[str] | None, runs: Mapping[str, Sequence[Record]]
 ) -> tuple[list[Method], dict[str, str]]:
-    """Return the methods to run, and the methods of evaluations that are left out, with the reasons."""
+    """Return the methods to run, and those of evaluations that are left out, with the reasons."""
     left_out: dict[str, str] = {}
     if methods is not None:
         found = [parse_method(name) for name in methods]
@@ -293,7 +292,7 @@ def _import_recordings(folder: Path, listed: Sequence[SafRecording], *, streams:
 
 
 def _set_block(method: Method, block: int) -> Method:
-    """Return the method with this block length; unchanged if its name states a length or if it has no blocks."""
+    """Return the method with this block length, or unchanged if its name states a length or it has no blocks."""
     name, region = split_method_region(method.name)
     stated_options = split_method_options(name.split("+")[-1])[1] if "+" in name else ""
     names = {field.name for field in fields(method.search)} if is_dataclass(method.search) else frozenset[str]()
@@ -310,7 +309,7 @@ def _set_block(method: Method, block: int) -> Method:
 
 
 def _print_frame(record: Record, method: Method) -> float | None:
-    """Return the frame that SAF's programs print, counted from 1: for a block its last frame."""
+    """Return the frame that SAF's programs print, counted from 1; for a block, this is its last frame."""
     if record.frame is None:
         return None
     block = getattr(method.search, "window", 1) if method.search_name in PRINTS_LAST_FRAME else 1

@@ -1,19 +1,19 @@
 """Confidence intervals of rates, medians, means and differences, from a few scenes with many sequences each.
 
 The unit is the scene: the sequences of a scene share its content, so their outcomes are correlated. Each quantity has
-its own kind of interval, because no single method has the right coverage for all of them at twenty scenes. The coverage
-of each by simulation is in docs/explanation/statistics.md; ``benchmarks/interval_coverage.py`` repeats the simulation.
+its own kind of interval, because no single method has the right coverage for all of them at twenty scenes.
+docs/explanation/statistics.md gives the coverage, as simulated by ``benchmarks/interval_coverage.py``.
 """
 
 from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-from scipy.special import betaincinv, gammaln, stdtrit  # scipy.stats has the same and takes half a second to load
+from scipy.special import betaincinv, gammaln, stdtrit  # scipy.stats takes half a second to load
 
 CONFIDENCE = 0.95
 MIN_SCENES = 3
-"""Fewest scenes for an interval; the spread of two scenes carries almost no information."""
+"""Smallest number of scenes for an interval; the spread of two scenes carries almost no information."""
 FINE, COARSE = (256, 32), (128, 16)
 """Grids on which a posterior is evaluated: numbers of cells of the rate, and of the correlation within a scene."""
 _MAX_COUNT = 128
@@ -28,11 +28,10 @@ def find_intervals_of_ranked_rate(
 ) -> np.ndarray:
     """Return the confidence intervals of mean rates over scenes, such as success rates.
 
-    The successes of a scene are modelled as beta-binomial: each scene has its own rate, so that its sequences have the
-    correlation ρ. The interval is the equal-tailed interval of the posterior of the mean rate. The prior of the mean is
-    that of Jeffreys, Beta(½, ½) [1]_. The correlation ρ has the prior Beta(½, ½) too and is integrated out, because a
-    few scenes do not determine it. The interval reaches 1 if all sequences succeeded and 0 if none did, and still has a
-    width.
+    The successes of a scene are modelled as beta-binomial: each scene has its own rate, so its sequences have the
+    correlation ρ. The result is the equal-tailed interval of the posterior of the mean rate. The mean has Jeffreys'
+    prior, Beta(½, ½) [1]_. ρ has the same prior and is integrated out, because a few scenes do not determine it. The
+    interval reaches 1 if all sequences succeeded and 0 if none did, but never shrinks to a point.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from saf_gen.benchmark.records import Record
-from saf_gen.core.config.frozen_benchmarks import read_frozen_benchmarks
+from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import escape_controls
 from saf_gen.leaderboard.axes import AxisTable, BinSummary
@@ -18,8 +18,8 @@ from saf_gen.leaderboard.scene_intervals import MIN_SCENES
 NEIGHBOUR_HEADERS = ("method", "next in rank", "difference, points", "95 %", "P(nearer)", "95 % ", "told apart")
 AGREEMENT_HEADERS = ("condition", "first", "second", "methods", "scenes", "τ", "95 %", "by chance", "p", "most moved")
 AGREEMENT_NOTE = (
-    "τ is 1 if both rankings order the methods alike. By chance: the τ to expect if the condition changed nothing."
-    " p: how often τ would then be as low, for this pair alone."
+    "τ is 1 if both rankings order the methods alike. By chance: the τ to expect if the condition had no effect."
+    " p: the probability that τ would then be as low, for this pair alone."
 )
 _LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -49,7 +49,7 @@ def format_leaderboard_markdown(rows: Sequence[LeaderboardRow]) -> str:
 
 
 def format_leaderboard_axis(table: AxisTable) -> str:
-    """Return the table of one axis as Markdown, with success within 1 DoF and, in brackets, the median error in DoF."""
+    """Return the table of one axis as Markdown: success within 1 DoF and, in brackets, the median error in DoF."""
     headers = [
         f"{escape_markdown(name)}<br>{format_leaderboard_count(scenes, 'scene')}, "
         f"{format_leaderboard_count(sequences, 'sequence')}"
@@ -101,11 +101,11 @@ def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[
     reason = next((row.missing_reason for row in rows if row.missing_reason), "")
     scenes = len({r.scene for r in records if r.success_1dof is not None})
     if reason:
-        notes.append(f"There are no intervals: {reason} with a known truth.")
+        notes.append(f"There are no intervals: only {reason} have a known truth.")
     elif scenes:
         notes.append(
-            f"Intervals hold at 95 % over {scenes} scenes, each alone; those of ranks, for all rivals of a row at once"
-            + ("; with so few scenes, almost no rank can be told from another." if scenes < 2 * MIN_SCENES else ".")
+            f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once"
+            + ("; with so few scenes, almost no methods can be told apart." if scenes < 2 * MIN_SCENES else ".")
         )
     notes += compose_leaderboard_grain_notes(records)
     machines = sorted({r.machine for r in records if r.machine})
@@ -115,7 +115,7 @@ def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[
 
 
 def _name_benchmark(records: Sequence[Record]) -> list[str]:
-    """Return a list with a sentence that names the benchmark of the records and how much of its splits they cover.
+    """Return a sentence, in a list, that names the benchmark and the number of its sequences that the records cover.
 
     The list is empty if the records do not all belong to the same frozen benchmark.
     """
@@ -123,7 +123,7 @@ def _name_benchmark(records: Sequence[Record]) -> list[str]:
     label = named.pop() if len(named) == 1 else None
     if label is None:
         return []
-    frozen = read_frozen_benchmarks().get(label.partition(" ")[0])
+    frozen = read_frozen_digests().get(label.partition(" ")[0])
     frozen_sequences = frozen.sequences if frozen is not None else {}
     judged: dict[str, set[str]] = {}
     for record in records:
@@ -188,7 +188,7 @@ def format_rank_agreement_markdown(found: Sequence[RankAgreement]) -> str:
 
 
 def format_leaderboard_bin(summary: BinSummary) -> str:
-    """Return success within 1 DoF in per cent and, in brackets, the median error in DoF, of a method in a bin."""
+    """Return the text of a cell: success within 1 DoF in per cent and, in brackets, the median error in DoF."""
     if summary.success_1dof is None:
         return "–"
     error = "" if summary.median_error_dof is None else f" ({summary.median_error_dof:.2f})"
@@ -196,7 +196,7 @@ def format_leaderboard_bin(summary: BinSummary) -> str:
 
 
 def format_leaderboard_count(count: int, noun: str) -> str:
-    """Return the number with its noun, in the plural unless the number is 1."""
+    """Return the number and its noun, in the plural unless the number is 1."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 

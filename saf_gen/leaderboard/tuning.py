@@ -1,4 +1,4 @@
-"""Tuning of the constants of a method: every combination of the values to try is evaluated.
+"""Tuning of the constants of a method, which evaluates every combination of the values to try.
 
 Constants are tuned on the split train; the split test is reserved for finished methods.
 """
@@ -30,7 +30,7 @@ ParameterGrid = Mapping[str, Sequence[str]]
 
 
 def expand_tuning_grid(method: str, values: ParameterGrid) -> list[str]:
-    """Return the names of a method with every combination of the values of its constants.
+    """Return the names of a method with every combination of the given values of its constants.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ def expand_tuning_grid(method: str, values: ParameterGrid) -> list[str]:
     Raises
     ------
     BadInput
-        If there are no values, a key has another form, there are more than MAX_COMBINATIONS combinations, or the
-        measure or the search refuses a key or a value.
+        If there are no values, a key begins with neither ``measure.`` nor ``search.``, there are more than
+        MAX_COMBINATIONS combinations, or the measure or the search refuses a key or a value.
     """
     name, region = split_method_region(parse_method(method).name)  # reports errors in the method itself first
     halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
@@ -175,7 +175,7 @@ def tune_method(
 
 
 def _set_option(half: str, option: str, *, value: str) -> str:
-    """Return the name of a measure or search with this value of an option, which replaces any earlier value."""
+    """Return the name of a measure or search with an option set to ``value``, which replaces any earlier value."""
     name, tail = split_method_options(half)
     options = {item.partition("=")[0]: item for item in tail.split(",") if item}
     return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"

@@ -3,7 +3,7 @@
 A table may come from anybody. A row is *re-run here* if its method, run again from code on this machine, gave every
 answer again; *re-run elsewhere* if the file states that for another machine or is not signed by this user; *differs* if
 an answer was different; and *claimed* if it was not or could not be run again. The signature is made with a secret of
-the user, so no untrusted folder can bring a row that counts as *re-run here*.
+the user, so an untrusted folder cannot contain a row that counts as *re-run here*.
 """
 
 import hashlib
@@ -72,7 +72,7 @@ class Verification:
 
 
 def write_leaderboard_verification(folder: Path, verification: Verification) -> Path:
-    """Sign the verification, write it as ``verification.json`` next to the records it is about, and return the path."""
+    """Sign the verification, write it as ``verification.json`` next to its records, and return the path."""
     path = folder / VERIFICATION_FILE
     signature = sign_as_user(_signed_text(verification))
     signed = replace(verification, signature="" if signature is None else signature.hex())

@@ -25,7 +25,7 @@ def lens_drive_from_dict(data: Mapping[str, Any]) -> Drive:
     KeyError
         If the kind is missing or unknown.
     TypeError
-        If the other keys are not those of the drive.
+        If the other keys are not parameters of the drive.
     """
     numbers = {key: tuple(v) if isinstance(v, list) else v for key, v in data.items() if key != "kind"}
     return DRIVES[data["kind"]](**numbers)

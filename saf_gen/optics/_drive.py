@@ -145,10 +145,10 @@ class Drive(ABC):
         """Return the matrix M of the path of a ray through the stack, with (x_p, a_p) = M(p)·(x, a).
 
         The ray meets the sensor at x and the lens at a (metres) if the drive is at the reference position, so its slope
-        in object space is s = -(x/v + a/u). At position p it meets them at x_p and at a_p = a + s·d, with d the
-        :meth:`shift` at p minus that at the reference. M is linear in p for every drive, so a path is a straight line
-        through the stack. The determinant of M does not depend on the ray: rays that are spread uniformly at one
-        position are spread uniformly at every position.
+        in object space is s = -(x/v + a/u). At position p it meets them at x_p and at a_p = a + s·d, with
+        d = shift(p) - shift(reference). M is linear in p for every drive, so a path is a straight line through the
+        stack. The determinant of M does not depend on the ray: rays that are spread uniformly at one position are
+        spread uniformly at every position.
 
         Parameters
         ----------

@@ -30,7 +30,7 @@ class FocalLengthDrive(Drive):
     Raises
     ------
     BadInput
-        If an object distance is not in front of the lens, or there is no travel.
+        If an object distance is not in front of the lens, or both are equal.
     """
 
     kind: ClassVar[str] = "focal_length"

@@ -7,8 +7,8 @@ def find_focus_crossings(focus_position: np.ndarray, at_position: float) -> np.n
     """Return the frames at which the lens is at a position.
 
     The position is interpolated linearly between readouts, and extrapolated by half a readout at both ends of the
-    recording, so frames run from -0.5 to T - 0.5. If the lens rests exactly at the position, every readout of its rest
-    is listed.
+    recording, so frames run from -0.5 to T - 0.5. If the lens rests exactly at the position, every readout during the
+    rest is listed.
 
     Parameters
     ----------

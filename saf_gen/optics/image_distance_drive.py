@@ -29,7 +29,7 @@ class ImageDistanceDrive(Drive):
     Raises
     ------
     BadInput
-        If an object distance is not beyond the focal length, so that no position focuses it, or there is no travel.
+        If an object distance is not beyond the focal length, so that no position focuses it, or both are equal.
     """
 
     kind: ClassVar[str] = "image_distance"
@@ -71,7 +71,7 @@ class ImageDistanceDrive(Drive):
         return self.focal_length_m * v / (v - self.focal_length_m)
 
     def position(self, image_distance: np.ndarray | float) -> np.ndarray:
-        """Return the position at which the image distance has a value in metres; it may be outside 0 to 1."""
+        """Return the position with a given image distance in metres; it may be outside 0 to 1."""
         first, last = self._ends
         return (np.asarray(image_distance, dtype=np.float64) - first) / (last - first)
 

@@ -34,8 +34,8 @@ class Stage(Drive):
     Raises
     ------
     BadInput
-        If there is no travel, a scene in focus would hit the lens on the travel, or the plane in focus would be behind
-        the lens of the card.
+        If both ends of the travel are equal, a scene in focus could hit the lens, or the plane in focus would be behind
+        the lens as the card places it.
     """
 
     kind: ClassVar[str] = "stage"
@@ -59,8 +59,8 @@ class Stage(Drive):
             )
         if not min(first, last) > -u:
             raise BadInput(
-                f"at {min(first, last):g} m of travel, the plane in focus, {u:g} m from the lens, is behind the place "
-                "where the card puts the lens",
+                f"at {min(first, last):g} m of travel, the plane in focus, {u:g} m from the lens, is behind the lens "
+                "as the card places it",
                 allowed=f"a travel above {-u:g} m; positive values bring lens and scene closer",
             )
 
@@ -91,7 +91,7 @@ class Stage(Drive):
         return first + (last - first) * np.asarray(position, dtype=np.float64)
 
     def position(self, shift: np.ndarray | float) -> np.ndarray:
-        """Return the position at which z has a value in metres; it may be outside 0 to 1."""
+        """Return the position at which the shift z, in metres, is reached; it may be outside 0 to 1."""
         first, last = self.travel_m
         return (np.asarray(shift, dtype=np.float64) - first) / (last - first)
 

@@ -33,7 +33,7 @@ def render_missing_stacks(
     scene : Scene
         Member of the scene's family.
     specs : sequence of StackSpec
-        One stack if the scene is at rest, or one for each of many moments.
+        One stack of a scene at rest, or one for each of many moments of a moving scene.
     root : Path
         Folder of the stacks.
     backend_name : str
@@ -42,8 +42,8 @@ def render_missing_stacks(
     threads : int, optional
         Number of threads; by default as many as the cores that this process may use.
     progress : callable, optional
-        Called with what is rendered ('light' for all light groups together, or 'geometry') and the completed fraction
-        of all moments, 0 to 1.
+        Called with 'light' (all light groups together) or 'geometry', and with the completed fraction of all moments, 0
+        to 1.
 
     Returns
     -------
@@ -53,8 +53,8 @@ def render_missing_stacks(
     Raises
     ------
     BadInput
-        If the scene cannot be built, the target of a single stack is out of sight, or a spec asks for diffraction that
-        the backend cannot render.
+        If the scene cannot be built, the lens runs into it, the target of a single stack is out of sight or cannot be
+        focused, or a spec asks for diffraction that the backend cannot render.
     """
     if not backend.can_render_waves(backend_name) and any(spec.wavelength_m for spec in specs):
         raise BadInput(
@@ -69,7 +69,7 @@ def render_missing_stacks(
     described = mitsuba_scene.build_mitsuba_scene_dict(scene)
     motions = mitsuba_scene.mitsuba_shape_motions(scene, described)
     emitting = mitsuba_scene.mitsuba_emitter_names(described)
-    # All moments share their camera rays, so that the remaining noise does not flicker where nothing moves.
+    # All moments share their camera rays, so that noise does not flicker where nothing moves.
     base = replace(specs[0], time_s=0.0, window=None, moments_s=())
     shown = _ShownScene(scene, base, described=described, motions=motions)
     paths = MomentShading(shown.show, seed=seeds.derive_seed("stack", base.key), emitting=emitting)

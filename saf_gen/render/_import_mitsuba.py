@@ -1,6 +1,6 @@
 """Loads Dr.Jit before any other module of this package does, or reports in one line that the renderer is missing.
 
-While it loads, Dr.Jit writes a complaint about a missing LLVM straight to stderr. It is silenced here, and
+While it loads, Dr.Jit writes a complaint about a missing LLVM straight to stderr. This complaint is silenced, and
 :mod:`saf_gen.render.backend` reports what is missing in plain words.
 
 Idle threads of Numba (OpenMP) would wait for work in a busy loop, on cores that Dr.Jit's threads and other processes

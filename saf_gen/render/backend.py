@@ -23,7 +23,7 @@ ADVICE = "install LLVM 17 or newer (Debian, Ubuntu: apt install libllvm19) to re
 
 @dataclass(frozen=True)
 class BackendProbe:
-    """The means of rendering that this machine has.
+    """The rendering capabilities of a machine.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ def choose_render_backend(requested: str = "auto", machine: BackendProbe | None 
     requested : str, default 'auto'
         Name of a backend, or 'auto' for the fastest one that the machine can run.
     machine : BackendProbe, optional
-        By default, this machine is probed.
+        Capabilities of the machine; by default, this machine is probed.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def activate_render_backend(name: str, *, threads: int | None = None) -> None:
 
 
 @contextmanager
-def prepare_meshes_on_one_thread() -> Iterator[None]:
+def run_mitsuba_on_one_thread() -> Iterator[None]:
     """Let Mitsuba compute the normals of smooth meshes on one thread.
 
     For each vertex, Mitsuba adds up the normals of the faces around it. Several threads do so in varying order: in one

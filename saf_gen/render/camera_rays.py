@@ -34,19 +34,19 @@ class CameraRays(NamedTuple):
     begin : int
         First row of the band, from which the random numbers of its light paths are derived.
     first : int
-        Number of its first ray among all rays.
+        Number of the band's first ray among all rays.
     samples : int
-        Rays per pixel; those of one pixel follow each other.
+        Rays per pixel; the rays of a pixel are adjacent.
     pixel, sample : UInt32
         Number of the pixel, and of the ray within it.
     x, y : Float
-        Where the ray meets the sensor, in metres from its middle.
+        Point where the ray meets the sensor, in metres from the sensor's middle.
     lens : Point2f
-        Where it meets the lens, in metres from its centre.
+        Point where the ray meets the lens, in metres from the lens's centre.
     slope_x, slope_y : Float
-        Its slopes in object space.
+        Slopes of the ray in object space.
     ray : RayDifferential3f
-        The ray in world space.
+        Ray in world space.
     """
 
     done: float
@@ -64,13 +64,13 @@ class CameraRays(NamedTuple):
 
 
 def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int) -> Iterator[CameraRays]:
-    """Yield the rays of one band of rows after another for focus positions (at least two, evenly spaced)."""
+    """Yield the camera rays of each band of rows in turn, for evenly spaced focus positions (at least two)."""
     drive, grid, units = setup.drive, setup.grid, 1 / setup.unit_m
     middle = float(focus[0] + focus[-1]) / 2
     ends = float(focus[0]), float(focus[-1])
     waves = find_waves_of_rays(drive, grid, wavelength_m=setup.wavelength_m, ends=ends)
     covered = compute_ray_coverage(drive, grid, ends=ends, bend_reach_m=waves.reach_m if waves else 0.0)
-    # Each position still gets the requested samples through the part of the lens disc that is its aperture.
+    # At each position, the part of the lens disc that is the aperture still gets the requested samples.
     requested, samples = samples, math.ceil(samples * (covered.radius_m / drive.aperture_radius_m) ** 2 - 1e-9)
     rows, columns = grid.rows + 2 * covered.rows, grid.columns + 2 * covered.columns
     rows_per_pass = max(1, RAYS_PER_PASS // (columns * samples))
@@ -107,9 +107,9 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
 
 
 def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, seed: int) -> TracedPaths:
-    """Return the lines along which rays cross the sensor over the positions, without radiance and not yet evaluated.
+    """Return the line along which each ray moves across the sensor over the positions, unevaluated, without radiance.
 
-    ``focus`` and ``seed`` must be those with which the rays were cast.
+    ``focus`` and ``seed`` must be the arguments of :func:`cast_camera_rays`.
     """
     drive, grid = setup.drive, setup.grid
     first_x, step_x, first_a, step_a = _sensor_and_lens_line(setup, focus, x=rays.x, a=rays.lens.x)
@@ -140,7 +140,7 @@ def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarr
 
 
 def opaque_number_for_rays(value: Any) -> Any:
-    """Return a number that the kernel reads as an input; as a constant, each value would need a separate kernel."""
+    """Return a number as an input of the kernel; if it were a constant, each value would need a separate kernel."""
     return dr.opaque(mi.Float, float(value))
 
 
@@ -150,7 +150,7 @@ def _opaque_reciprocal(value: Any) -> Any:
 
 
 def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:
-    """Return positions on the sensor at the first focus position, their steps, then both on the lens, in metres.
+    """Return the first position (m) on the sensor and its step per focus position, then the same for the lens.
 
     Steps come from the difference of the ends in double precision: single precision would keep only three digits for a
     stage that moves by micrometres at distances of millimetres.
@@ -162,7 +162,7 @@ def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: A
 
 
 def _image_distance_line(setup: RenderSetup, focus: np.ndarray) -> tuple[Any, Any]:
-    """Return v (m) at the first position and its step; a path moves on the sensor by v times the angle of its bend."""
+    """Return the image distance v (m) at the first position, and its step; a bend moves a path by v·angle."""
     first, last = setup.drive.image_distance(focus[[0, -1]])
     return opaque_number_for_rays(first), opaque_number_for_rays((last - first) / (focus.size - 1))
 
@@ -178,7 +178,7 @@ def ray_positions_through_aperture(first: Any, step: Any, *, radius: float, posi
     first, step = first * per_radius, step * per_radius
     q, b, c = 1 - dr.squared_norm(first), dr.dot(first, step), dr.squared_norm(step)
     root = dr.sqrt(dr.maximum(b * b + c * q, 0))  # negative if the ray misses: it then leaves before it enters
-    far = root + dr.abs(b)  # 0 if the ray does not move across the lens: it is always inside, or never
+    far = root + dr.abs(b)  # 0 if the ray does not move across the lens: it is always inside or always outside
     one = dr.select(far > 0, q / far, dr.copysign(float(NEVER), q))
     other = dr.select(c > 0, far / c, float(NEVER))
     last = opaque_number_for_rays(positions - 1)

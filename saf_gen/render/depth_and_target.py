@@ -1,4 +1,4 @@
-"""The depth map and the target's pixels, from which the true focus follows; traced without light."""
+"""Traces, without light, the depth map and the target's pixels, from which the true focus follows."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -54,7 +54,7 @@ def trace_depth_and_target(
         Ids of the target's shapes.
     allow_unseen_target : bool, default False
         Accept a target that is out of sight (the mask is then empty) or that no position of the lens focuses, as may
-        happen at a moment of a scene that moves.
+        happen in a moving scene.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def _out_of_sight_error(setup: RenderSetup, target_shapes: tuple[str, ...]) -> B
 def trace_depth_at(
     setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, rays: int = 3
 ) -> DepthAndTarget:
-    """Return what the camera sees through the centre of each pixel at one focus position.
+    """Return depth and target through the centre of each pixel at one focus position.
 
     The edge that two triangles share is not watertight: a ray that meets it exactly may slip through, as happens if the
     edge runs through the centres of pixels, for example in a box turned by 45°. Each pixel is therefore traced with
@@ -141,7 +141,7 @@ def _make_offset_camera(setup: RenderSetup, position: float, *, offset_px: float
 
 
 def _check_lens_travel(setup: RenderSetup) -> None:
-    """Raise BadInput if the aperture would run into a surface, as found by rays along the travel."""
+    """Trace rays along the travel, and raise BadInput if the aperture would run into a surface."""
     drive, radius = setup.drive, setup.drive.aperture_radius_m
     start, end = sorted(float(z) for z in drive.shift(np.array([0.0, 1.0])))
     if start == end:
@@ -163,12 +163,12 @@ def _check_lens_travel(setup: RenderSetup) -> None:
 
 
 def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, forward_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the axial distance (m) of the first surface through the centre of each pixel, and its shape index.
+    """Return the axial distance (m) of the first surface seen through each pixel's centre, and its shape index.
 
     The arrays are float64 and int64, (row, col). Distances are measured from the lens moved by ``forward_m``; they are
     inf if there is no surface.
     """
-    # One sample, not jittered: the ray through the pixel's centre.
+    # One sample that is not jittered is the ray through the pixel's centre.
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
     integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
     planes = render_with_mitsuba_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(

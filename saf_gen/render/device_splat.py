@@ -1,10 +1,10 @@
 """Adds traced paths to every focus position at once, on the device that traced them.
 
-The algorithm is that of :mod:`saf_gen.render.host_splat`, with the same 64-bit words, written as Dr.Jit kernels. The
-sums are of integers, so the same paths give the same stack, bit for bit, in whatever order threads add them.
+The Dr.Jit kernels use the algorithm and the 64-bit words of :mod:`saf_gen.render.host_splat`. The sums are integers, so
+the same paths give the same stack, bit for bit, in whatever order threads add them.
 
 This requires care with rounding. CUDA may fuse a product with the addition that follows it into one operation that
-rounds once (PTX, ``mul`` and ``add``), and there Dr.Jit divides float32 only approximately. A product to which
+rounds once (PTX, ``mul`` and ``add``), and Dr.Jit divides float32 only approximately on CUDA. A product to which
 something is added is therefore computed in float64, where the product of two float32 numbers is exact, and the cast to
 float32 rounds it. A reciprocal is computed in the same way; rounding it twice gives the same as rounding it once
 (Figueroa 1995, doi:10.1145/221332.221334). Nothing is added to a product of float64.
@@ -55,13 +55,13 @@ class DeviceAccumulator:
         return list(pairwise(edges))
 
     def add(self, paths: TracedPaths) -> int:
-        """Add paths (Dr.Jit arrays), and return how many samples, in the band or not, were clipped."""
+        """Add paths (Dr.Jit arrays), and return the number of clipped samples, inside and outside the band."""
         max_radiance = dr.opaque(mi.Float64, self.max_radiance)
         radiance = mi.Float64(paths.radiance)
         bright = radiance > max_radiance
         if paths.weight is not None:
             bright &= paths.weight > 0
-        # Rounded half up without an addition to the product: all that follows is on integers.
+        # Rounded half up without an addition to the product: all later operations are on integers.
         twice = mi.Int64(dr.select(bright, max_radiance, radiance) * dr.opaque(mi.Float64, 2 * self.scale))
         word = (((twice + 1) >> 1) << COUNT_BITS) + 1
         if paths.weight is not None:
@@ -103,7 +103,7 @@ def _product(a: Any, b: Any) -> Any:
 
 
 def _axis(first: Any, step: Any) -> tuple[Any, Any, Any, Any]:
-    """Return, along one axis, a path's cell, its direction, and the positions to its first border and per cell."""
+    """Return a path's cell and direction along one axis, and the positions to its first border and between borders."""
     cell = mi.Int32(dr.floor(first))
     forth, back = step > 0, step < 0
     pace = mi.Float(1 / dr.abs(mi.Float64(step)))

@@ -2,10 +2,10 @@
 
 The aperture is round and has the radius R. The position of a path that passes it at a distance r from its centre is
 known to within the distance d to the edge: d is R - r along the radius, and √(R² - r²), half the chord, across it. The
-angle of the path behind the lens is then uncertain by σ = λ/(4π·d) rad along each of the two. The bend moves the point
-where the path meets the sensor by v·angle. It does not change the light that the path carries, which depends on the
-slope in front of the lens. The image distance v is linear in the position for every drive, so a bent path is still a
-straight line through the stack.
+angle of the path behind the lens is then uncertain by σ = λ/(4π·d) rad in each of these directions. The bend moves the
+point where the path meets the sensor by v·angle. It does not change the light that the path carries, which depends on
+the slope in front of the lens. The image distance v is linear in the position for every drive, so a bent path is still
+a straight line through the stack.
 
 The exact optical transfer shows what this approximates. At the frequency ν it is the mean over the lens of the
 geometric phase, taken over the points whose two neighbours at ±λνv/2 are both in the aperture (the ambiguity function
@@ -57,9 +57,9 @@ class ApertureWaves:
     Attributes
     ----------
     wavelength_m : float
-        λ, above 0.
+        Wavelength λ, above 0.
     radius_m : float
-        R of the aperture.
+        Radius R of the aperture.
     nearest_edge_m : float
         d_min, the smallest distance to the edge for which a bend is drawn.
     reach_m : float
@@ -72,19 +72,19 @@ class ApertureWaves:
     reach_m: float
 
     def bend(self, lens_point: Any, even: Any) -> Any:
-        """Return the angles (rad, small) along x and y by which paths are bent at points of the aperture.
+        """Return the small angles by which paths are bent at points of the aperture.
 
         Parameters
         ----------
         lens_point : mi.Point2f
             Point in metres from the lens's centre; points outside the aperture count as if they were on its edge.
         even : mi.Point2f
-            Points spread evenly over the unit square, with which angles are drawn.
+            Points spread evenly over the unit square, from which the angles are drawn.
 
         Returns
         -------
         mi.Vector2f
-            The angles.
+            Angles along x and y, in radians.
         """
         # Numbers that the kernel reads; if they were constants, every lens would need a separate kernel.
         radius, nearest, doubled = (
@@ -114,10 +114,10 @@ def find_waves_of_rays(
 
 
 def place_bends_of_rays(pixel: Any, sample: Any, *, seed: int) -> Any:
-    """Return, for each sample, the point of the unit square (mi.Point2f) with which its bend is drawn.
+    """Return the point of the unit square (mi.Point2f) from which each sample's bend is drawn.
 
-    It depends on pixel, sample and seed alone, and fills the square evenly together with the sample's positions in the
-    pixel and on the lens.
+    The points depend on pixel, sample and seed alone. Together with the positions in the pixel and on the lens, they
+    are spread evenly.
     """
     across, down = place_rays_by_kronecker(pixel, sample, steps=BEND_STEPS, seed=seed + FIRST_DIMENSION)
     return mi.Point2f(across, down)

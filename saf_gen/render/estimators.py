@@ -1,4 +1,4 @@
-"""The estimators of a focal stack, by name: how the radiance of pixels is found from finitely many light paths."""
+"""The estimators of a focal stack, which find the radiance of pixels from finitely many light paths."""
 
 from collections.abc import Callable, Collection, Mapping
 
@@ -36,7 +36,7 @@ def render_light_groups(
     backend_name : str
         'llvm' or 'cuda', which trace all positions at once, or 'scalar', which renders position by position.
     samples : int
-        Light paths per pixel, position and light group, at least.
+        Smallest number of light paths per pixel, position and light group.
     shading : ShadingField, optional
         Shading of the scene's surfaces, for the filtered estimator (:mod:`saf_gen.render.filtered_pass`). Without it
         the estimator is plain (:mod:`saf_gen.render.one_pass`, or Mitsuba's with scalar).

@@ -1,4 +1,4 @@
-"""The camera of an exported scene as a card describes it: its pose, its lens, and what it looks at."""
+"""The camera of an exported scene as a card describes it: its pose, lens and target."""
 
 import math
 import re
@@ -17,12 +17,12 @@ from saf_gen.scene.xml import SceneXml
 
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
 SENSOR_WIDTH_M = REFERENCE_GRID.columns * REFERENCE_GRID.pitch_m
-MIN_F_NUMBER, DEFAULT_F_NUMBER, MAX_F_NUMBER = (1.0, 2.0, 64.0)  # a pinhole has no aperture; a card allows up to 64
+MIN_F_NUMBER, DEFAULT_F_NUMBER, MAX_F_NUMBER = (1.0, 2.0, 64.0)  # default for a pinhole; a card allows up to 64
 
 
 @dataclass(frozen=True)
 class ExportedCamera:
-    """Pose and lens of an exported camera, on a sensor 8 mm wide, and what it sees.
+    """Pose, lens, light groups and target of an exported camera with a sensor 8 mm wide.
 
     Attributes
     ----------
@@ -63,20 +63,20 @@ def mitsuba_camera_of_export(read: SceneXml, path: Path) -> ExportedCamera:
     Parameters
     ----------
     read : SceneXml
-        The scene as it was read.
+        Scene that was read from the file.
     path : Path
         File of the scene, for messages.
 
     Returns
     -------
     ExportedCamera
-        The camera; its f-number is that of the file's aperture, or 2 for a pinhole.
+        The camera; its f-number follows from the file's aperture, and is 2 for a pinhole.
 
     Raises
     ------
     BadInput
-        If the scene has no perspective camera, no lamp, or nothing in the middle of the image, if Mitsuba does not
-        understand the camera, or if no card can have its aperture.
+        If the scene has no perspective camera, no lamp, or nothing in the middle of the image, if the camera is
+        invalid, or if its aperture is smaller than a card allows.
     """
     backend.activate_render_backend("scalar")
     described = xml_scene.parse_mitsuba_scene_dict(read.text, path)
@@ -89,7 +89,7 @@ def mitsuba_camera_of_export(read: SceneXml, path: Path) -> ExportedCamera:
     hit = loaded.ray_intersect(mi.Ray3f(origin.tolist(), ahead.tolist()))
     if not hit.is_valid():
         raise BadInput(
-            "nothing lies in the middle of the camera's image",
+            "nothing is in the middle of the camera's image",
             where=str(path),
             hint="aim the camera at the target, and export again",
         )
@@ -138,7 +138,7 @@ def _field_of_view(props: Any, path: Path) -> float:
     """Return the horizontal field of view (degrees) on our 8:5 sensor, as Mitsuba computes it.
 
     The file states a field of view along some axis, or, as text, the focal length of a lens with the same diagonal
-    field on 36 × 24 mm. If it states neither, the focal length is 50 mm.
+    field on a frame of 36 × 24 mm. If it states neither, the focal length is 50 mm.
     """
     properties = {key: props[key] for key in ("fov", "fov_axis", "focal_length") if key in props}
     try:
@@ -157,7 +157,7 @@ def _field_of_view(props: Any, path: Path) -> float:
 def _f_number(props: Any, *, focal_length_m: float, path: Path) -> float:
     """Return the f-number of the file's aperture, at least 1.
 
-    A perspective camera, or an aperture of 0, is a pinhole and gets f/2.
+    A camera without an aperture radius, or with a radius of 0, is a pinhole and gets f/2.
     """
     radius = props.get("aperture_radius", 0.0)
     if not (isinstance(radius, int | float) and 0 <= radius < math.inf):

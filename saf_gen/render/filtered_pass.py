@@ -1,4 +1,4 @@
-"""A focal stack with finer grain than its light paths have: paths share shading, but not visibility or texture.
+"""A focal stack with less grain than its light paths have: they share shading, but not visibility or texture.
 
 Most of the noise of a traced picture comes from the light that a path finds, by chance, where it meets a surface. The
 rest comes from the detail of the texture that happens to be seen through each part of the lens. The two are therefore
@@ -10,15 +10,15 @@ sampled separately:
 2. PRIMARY_RAYS times as many camera rays, the same for all groups, are traced to their first surface only. Each brings
    the reflectance there times the shading of its cell.
 
-Rays look through clear surfaces (:mod:`saf_gen.render.line_of_sight`). Of the rays that end at a surface that cannot
-share shading (:mod:`saf_gen.render.surface_hits`), one in PRIMARY_RAYS is traced on, and counts for the others too.
+Rays look through clear surfaces (:mod:`saf_gen.render.line_of_sight`). Rays that end at a surface that cannot share
+shading (:mod:`saf_gen.render.surface_hits`) must be traced on: one in PRIMARY_RAYS is, and counts for the others too.
 
 A moving scene is rendered at many moments. Shading that stays in place from one moment to the next is estimated from
-the paths of several moments, with a quarter as many paths each. Shading that has changed since is found from the paths
-of the latest moment alone, if the change exceeds the noise.
+the paths of several moments, each with a quarter as many paths. Shading that has changed by more than the noise is
+found from the paths of the latest moment alone.
 
-The result has a bias where shading changes within a cell, which falls as the number of samples grows: see
-docs/explanation/shared-shading.md.
+The result is biased where shading changes within a cell; the bias falls as the number of samples grows
+(docs/explanation/shared-shading.md).
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -39,8 +39,8 @@ from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
 from saf_gen.render.traced_light import pick_rays, read_radiance_of_lamps, trace_radiance, trace_reflected_radiance
 
 PRIMARY_RAYS = 6  # camera rays per light path
-RAYS_INTO_LIGHT = 3  # the same in layers, if most rays end straight in light: only texture is then left to chance
-UNSHARED_PATHS = 2  # light paths per requested one, if most rays must be traced on
+RAYS_INTO_LIGHT = 3  # the number in layers, if most rays end straight in light: only texture is left to chance
+UNSHARED_PATHS = 2  # light paths per requested sample, if most rays must be traced on
 FULL_TRAVEL = np.array([0.0, 1.0])
 
 
@@ -61,7 +61,7 @@ def gather_shading(
     setups : mapping of str to RenderSetup
         The same scene under each light group, by name.
     samples : int
-        Light paths per pixel and light group, at least.
+        Smallest number of light paths per pixel and light group.
     seed : int
         Seed of the paths.
     emitting : collection of str
@@ -116,11 +116,11 @@ def render_with_shading(
     setups : mapping of str to RenderSetup
         The same scene under each light group, by name.
     shading : ShadingField
-        Shading of its surfaces under each of these groups, in their order.
+        Shading of the scene's surfaces, with the light groups in the order of ``setups``.
     samples : int
         Requested samples. At least PRIMARY_RAYS (or RAYS_INTO_LIGHT) times as many camera rays per pixel and position
-        are cast, of which ``samples`` are traced on if they meet a surface that shares no shading. If most surfaces
-        share none, UNSHARED_PATHS times as many are cast, and all rays that meet these surfaces are traced on.
+        are cast, of which ``samples`` are traced on if they meet a surface that shares no shading. If most rays meet
+        such surfaces, UNSHARED_PATHS times as many are cast, and all rays that meet them are traced on.
     emitting : collection of str
         Ids of the shapes that are lamps under any group of the scene.
     positions, seed, window, progress, on_device
@@ -160,7 +160,7 @@ def render_with_shading(
     bands = bring_light(samples, seed)
     opening = next(bands)
     max_radiance = _brightest([opening])
-    if opening.rays.done < 1:  # as in a plain stack, from the full picture, not from its first rows
+    if opening.rays.done < 1:  # as in a plain stack, the limit comes from the full picture, not from its first rows
         max_radiance = one_pass.FIREFLY_FACTOR * _brightest(bring_light(1, seeds.derive_seed(seed, "trial")))
     sums = _Sums(setups, focus, samples=samples, max_radiance=max_radiance, on_device=on_device)
     clipped = np.zeros(len(setups), dtype=int)
@@ -172,18 +172,18 @@ def render_with_shading(
 
 
 class LitRays(NamedTuple):
-    """Camera rays of a band of rows, where they end, and the radiance that they bring.
+    """Camera rays of a band of rows, the distances of their ends, and the radiance that they bring.
 
     Attributes
     ----------
     rays : CameraRays
         The rays.
     distances : Distances
-        Distances of what they meet.
+        Distances of the surfaces that they meet.
     radiance : ndarray of float32, shape (light, ray)
         Radiance under each light group.
     weight : ndarray of uint32, shape (ray,), or None
-        Number of rays that each ray counts for; None if that is one each.
+        Number of rays that each ray counts for; None for one each.
     """
 
     rays: CameraRays
@@ -236,7 +236,7 @@ def _trace_complete_paths(
 
 
 def _trace_on(setup: RenderSetup, sight: Sight, *, chosen: np.ndarray, seed: int) -> np.ndarray:
-    """Return the radiance that the chosen rays bring from the surfaces that they meet, traced on, float32 (chosen,)."""
+    """Trace chosen rays on from the surfaces that they meet, and return the radiance they bring, float32 (chosen,)."""
     back = np.zeros(chosen.size, dtype=bool) if sight.is_clear_surface is None else sight.is_clear_surface[chosen]
     radiance = np.empty(chosen.size, dtype=np.float32)
     for which, bring in ((~back, trace_radiance), (back, trace_reflected_radiance)):
@@ -256,8 +256,9 @@ def _choose_rays_to_trace_on(
 ) -> tuple[np.ndarray | None, np.ndarray]:
     """Return how many rays each ray counts for (uint32; None for one each), and the indices of the rays to trace on.
 
-    ``unshared``, bool (ray,), marks the rays that meet a surface that shares no shading. Of these, the first rays of
-    each pixel are traced on: one for each ``rays_per_path`` rays, of which the last counts for the remainder.
+    ``unshared``, bool (ray,), marks the rays that meet a surface that shares no shading. Such a ray is traced on if it
+    is among the first ``samples / rays_per_path`` rays of its pixel, rounded up. It counts for ``rays_per_path`` rays,
+    and the last of them for the remainder.
     """
     if not unshared.any():
         return None, np.empty(0, dtype=np.uint32)
@@ -272,7 +273,7 @@ def _choose_rays_to_trace_on(
 
 
 class _Sums:
-    """Sums of paths for every light group: in layers if there are few positions, otherwise all together."""
+    """Sums of paths for every light group: in layers if there are few positions, otherwise without layers."""
 
     def __init__(
         self,

@@ -28,11 +28,11 @@ class TracedPaths(NamedTuple):
     Attributes
     ----------
     first_x, first_y : float32, shape (path,)
-        Where each path meets the sensor at position 0, in pixels.
+        Point where each path meets the sensor at position 0, in pixels.
     step_x, step_y : float32, shape (path,)
-        How far it moves from one position to the next, in pixels.
+        Step of this point from one position to the next, in pixels.
     radiance : float32, shape (path,)
-        Radiance that it brings.
+        Radiance that each path brings.
     begin, end : int32, shape (path,), or None
         Each path counts at positions begin <= k < end; None for all positions.
     weight : uint32, shape (path,), or None
@@ -100,8 +100,8 @@ class HostAccumulator:
 def allocate_splat_accumulators(workers: int, shape: tuple[int, int, int], *, stacks: int = 1) -> np.ndarray:
     """Return empty accumulators, one per worker: int64 (worker, row, col, focus).
 
-    There are fewer than ``workers`` if those of ``stacks`` stacks would take more than ACCUMULATOR_BYTES, but at least
-    one.
+    There are fewer accumulators, but at least one, if those of ``stacks`` stacks would take more than
+    ACCUMULATOR_BYTES.
     """
     focus, rows, columns = shape
     workers = max(1, min(workers, ACCUMULATOR_BYTES // (8 * stacks * focus * rows * columns)))
@@ -110,7 +110,7 @@ def allocate_splat_accumulators(workers: int, shape: tuple[int, int, int], *, st
 
 @nb.njit(nogil=True, cache=True)
 def _axis(first, step):
-    """Return, along one axis, a path's cell, its direction, and the positions to its first border and per cell."""
+    """Return a path's cell and direction along one axis, and the positions to its first border and between borders."""
     cell = np.int32(math.floor(first))
     if step > 0:
         pace = np.float32(1) / step
@@ -200,8 +200,8 @@ def mean_radiance_of_paths(sums, scale):
     """Return the mean radiance of the accumulators, float32 (focus, row, col).
 
     The sum of a pixel is divided by the number of samples that fell into it, not by the number that was sent to it, so
-    that the scatter of the former cancels. A pixel without samples, which may occur with few samples per pixel, repeats
-    the value at the previous position.
+    that the scatter of this number cancels. A pixel without samples, which may occur with few samples per pixel,
+    repeats the value at the previous position.
     """
     workers, rows, columns, focus = sums.shape
     out = np.empty((focus, rows, columns), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""The irradiance of what the camera sees, which does not depend on the surface's reflectance."""
+"""The irradiance of the surfaces that the camera sees, which does not depend on their reflectance."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from saf_gen.render.render_setup import RenderSetup, make_mitsuba_camera_dict
 
 RUNS = 4  # independent estimates, whose scatter gives the standard error
-JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # points of the target, at most; samples per point and run
+JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # largest number of target points; samples per point and run
 
 
 def render_target_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray) -> tuple[float, float]:
@@ -54,7 +54,7 @@ def render_target_irradiance(setup: RenderSetup, *, position: float, target: np.
 
 
 def _sample_point(setup: RenderSetup, sensor: Any, *, sampler: Any, seen: Any) -> Any:
-    """Return one sample of the irradiance of the surface that is seen at each point of the image, 0 to 1."""
+    """Return one sample of the irradiance of the surface at each image point ``seen`` (coordinates from 0 to 1)."""
     ray, _ = sensor.sample_ray(0, 0.5, seen, mi.Point2f(0.5))
     hit = setup.mitsuba_scene.ray_intersect(ray)
     facing = dr.select(dr.dot(hit.n, ray.d) < 0, hit.n, -hit.n)
@@ -79,8 +79,8 @@ def _sample_side(setup: RenderSetup, hit: Any, *, sampler: Any, normal: Any, act
     vectors = dr.is_jit_v(mi.Float)
     if not vectors and shines is None:  # scalar has null pointers if there is no lamp or shape
         return dr.select(active, direct + dr.pi * seen, 0)
-    # The sample towards a lamp has already counted a lamp that was hit. The integrator does not see a lamp
-    # without a surface, as Blender exports it, so that nothing need be subtracted for it.
+    # A lamp that the ray hits has been counted by the sample towards the lamps. The integrator does not see a lamp
+    # without a surface, as Blender exports it, so nothing is subtracted for it.
     has_surface = vectors or far_hit.is_valid()
     hidden = has_surface and mi.has_flag(far_hit.bsdf(ray).flags(), mi.BSDFFlags.Null)
     shining = dr.select(hidden, 0, shines.eval(far_hit, active))

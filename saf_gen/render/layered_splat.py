@@ -1,14 +1,14 @@
 """Adds traced paths to a few focus positions in layers of equal blur, each smoothed over a part of its blur.
 
 Out of focus, a point of the scene spreads over a disc. The true picture therefore has no detail much finer than that
-disc, whereas the noise of its paths does. The paths of a position are sorted by their blur into layers, from the
-nearest to the farthest. Each layer is smoothed by a Gaussian that is narrow compared with its blur, and then the layers
-are composited from front to back. Points in focus are not smoothed, and a sharp edge in front of a blurred wall stays
+disc, but the noise of its paths has. The paths of a position are sorted by their blur into layers, from the nearest to
+the farthest. Each layer is smoothed by a Gaussian that is narrow compared with its blur, and then the layers are
+composited from front to back. Points in focus are not smoothed, and a sharp edge in front of a blurred wall stays
 sharp. This is the filter of Vaidyanathan et al. (2015), without their frequency analysis.
 
-The fraction that a layer covers, of what the layers in front of it leave free, is as smooth as its blur, and so is its
-radiance. Both are ratios of smoothed sums. The disc of a path is drawn smaller by as much as the Gaussian adds, so that
-the blur keeps its second moment: no width changes, and the truth does not move.
+A layer covers a fraction of the area that the layers in front of it leave free. This fraction and the radiance of the
+layer are as smooth as its blur, and both are ratios of smoothed sums. The disc of a path is drawn smaller by as much as
+the Gaussian adds, so that the blur keeps its second moment: no width changes, and the truth does not move.
 
 References
 ----------
@@ -26,14 +26,14 @@ from saf_gen.optics import Drive
 from saf_gen.render.host_splat import ACCUMULATOR_BYTES, COUNT_BITS, TracedPaths
 from saf_gen.render.surface_hits import Distances
 
-SMOOTHING = 0.2  # standard deviation of the Gaussian, over that of the disc of a layer's least blurred paths
+SMOOTHING = 0.2  # standard deviation of the Gaussian divided by that of the smallest disc of a layer
 MIN_BLUR = 3.0  # pixels; paths with less blur are not smoothed
 LAYERS_PER_OCTAVE = 2
 OCTAVES = 5
 SIDE_LAYERS = LAYERS_PER_OCTAVE * OCTAVES  # layers in front of the focused one, and as many behind it
 LAYERS = 2 * SIDE_LAYERS + 1
 MAX_POSITIONS = 16  # largest window whose paths are summed in layers
-SIGMAS = 3.0  # the Gaussian is cut off here
+SIGMAS = 3.0  # standard deviations at which the Gaussian is cut off
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,14 @@ class LayeredSums:
         Parameters
         ----------
         line : TracedPaths
-            Where the paths cross the sensor, as numpy arrays; its ``radiance`` is not read.
+            Points where the paths meet the sensor, as numpy arrays; ``radiance`` is not read.
         radiance : ndarray of float32, shape (light, path)
             Radiance of each path under each light group.
         lens : tuple of two ndarrays of float32, shape (path,)
-            Where the paths pass the lens along x and y, divided by the radius of its aperture.
+            Points where the paths pass the lens, along x and y, divided by the radius of its aperture.
         distances : Distances
-            Where the paths end, and which clear surfaces they pass. A path is as sharp as the sharpest of these;
-            surfaces between the nearest and the farthest may be at any distance.
+            Distances of the ends of the paths and of the clear surfaces that they pass. A path is as sharp as the
+            sharpest of these; surfaces between the nearest and the farthest may be at any distance.
         """
         _add_paths(
             self._sums,
@@ -140,12 +140,12 @@ NOTHING_CLEAR = np.empty(0, np.float32)
 BLURS = MIN_BLUR * 2.0 ** (np.arange(SIDE_LAYERS) / LAYERS_PER_OCTAVE)
 """Smallest blur (pixels) of each layer on either side of the focused one, outwards from it."""
 GAUSSIANS = np.concatenate([[0.0], SMOOTHING * BLURS / 4])
-"""Standard deviation (pixels) of the Gaussian of the focused layer, then of those on either side of it."""
+"""Standard deviation (pixels) of the Gaussian of the focused layer, then of the layers on either side."""
 
 
 @nb.njit(inline="always")
 def _find_step(size, step):
-    """Return how many layers a blur (pixels) is away from the focused one, searched from the guess ``step``."""
+    """Return how many layers away from the focused one a blur (pixels) belongs; the search begins at ``step``."""
     while step < SIDE_LAYERS and size >= BLURS[step]:
         step += 1
     while step > 0 and size < BLURS[step - 1]:
@@ -187,7 +187,7 @@ def _add_some(sums, a, b, line, values, units, begin, end, weight, points, neare
                     far = np.float32(1) / (farthest[i] - shift[k]) - inverse_distance[k]
                     blur = _smaller(blur, np.float32(0) if near > 0 > far else _smaller(near, far))
                 blur *= diameter[k]
-                step = _find_step(abs(blur), step)  # mostly that of the previous path
+                step = _find_step(abs(blur), step)  # mostly the same as for the previous path
                 if step:
                     layer = SIDE_LAYERS - step if blur > 0 else SIDE_LAYERS + step
                     # Variances: (4σ)²/16 of the Gaussian + blur²·(1 - ratio²)/16 of the smaller disc = blur²/16.
@@ -231,7 +231,7 @@ def gaussian_splat_taps(sigma: float) -> np.ndarray:
 def _compose(sums: np.ndarray, scale: np.ndarray, *, position: int, out: np.ndarray) -> None:
     """Fill in the image of one position in ``out``, float32 (light, focus, row, col), from the sums of all positions.
 
-    Kernels get complete arrays, because slices have various memory layouts, for each of which they would be compiled.
+    Kernels get complete arrays: slices have various memory layouts, each of which would need a separate compilation.
     """
     planes, samples = _split_layers(sums, position, scale)
     layers = np.flatnonzero(samples)
@@ -305,7 +305,7 @@ def _smooth(planes, taps, sizes):
 
 @nb.njit(parallel=True, cache=True)
 def _composite_layers(planes, k, out):
-    """Composite layers from front to back: each covers a part of what those in front of it leave free."""
+    """Composite layers from front to back: each covers a part of the area that those in front of it leave free."""
     layers, groups = planes.shape[0], planes.shape[1] - 2
     for row in nb.prange(planes.shape[2]):
         for column in range(planes.shape[3]):

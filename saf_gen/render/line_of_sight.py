@@ -21,10 +21,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-MAX_SURFACES = 16  # clear surfaces on a line; what it meets next is traced with complete light paths
+MAX_SURFACES = 16  # clear surfaces on a line; the next surface is traced with complete light paths
 DELTA = mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission
 SCATTERING = mi.BSDFFlags.Diffuse | mi.BSDFFlags.Glossy
-OPAQUE, STRAIGHT, BENDING = range(3)  # what a surface does to a line
+OPAQUE, STRAIGHT, BENDING = range(3)  # effects of a surface on a line
 
 
 class LineOfSight(NamedTuple):
@@ -70,7 +70,7 @@ class LineOfSight(NamedTuple):
 
 
 class ClearSurfaces:
-    """The clear surfaces of a scene, by what they do to a line of sight.
+    """The clear surfaces of a scene, and their effects on a line of sight.
 
     Parameters
     ----------
@@ -98,12 +98,12 @@ class ClearSurfaces:
         return dr.gather(mi.UInt32, self._effect, number_shapes_that_rays_hit(hit), valid)
 
     def mirrors(self, hit: Any, active: Any) -> Any:
-        """Return whether surfaces that let light straight through also reflect some like a mirror, Bool (ray,)."""
+        """Return whether surfaces that let light straight through also reflect light like a mirror, Bool (ray,)."""
         through = hit.bsdf().eval_null_transmission(hit, active).x
         return active & (self._mirrored(hit, through, active=active) > 0)
 
     def reflected_fraction(self, hit: Any, through: Any, *, active: Any) -> Any:
-        """Return the largest fraction of light that surfaces reflect, if ``through`` goes straight on, (ray,)."""
+        """Return the largest fraction of light that surfaces reflect if ``through`` of it goes straight on, (ray,)."""
         matt = dr.select(active, hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0)
         rough = dr.gather(mi.UInt32, self._rough, number_shapes_that_rays_hit(hit), active) > 0
         return dr.clip(dr.select(rough, 1, matt + self._mirrored(hit, through, active=active)), 0, 1 - through)
@@ -141,7 +141,7 @@ def follow_rays_through_glass(
     clear : ClearSurfaces
         Clear surfaces of the scene.
     axial : callable
-        Called with points in the world; returns their axial distance (m).
+        Called with points in the world; returns their axial distances (m).
     seed : int
         Seed of the random numbers.
     first : int

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from saf_gen.errors import BadInput, unknown
 from saf_gen.render import xml_scene
-from saf_gen.render.backend import prepare_meshes_on_one_thread
+from saf_gen.render.backend import run_mitsuba_on_one_thread
 from saf_gen.render.posed_shapes import validate_rendered_motions
 from saf_gen.render.scene_script import call_mitsuba_scene_script
 from saf_gen.scene.keyframes import RigidMotion
@@ -20,10 +20,10 @@ def build_mitsuba_scene_dict(scene: Scene) -> dict[str, Any]:
 
     It is read from ``scene.xml``, or built by ``build(params)`` of ``scene.py``.
 
-    Raises BadInput if the geometry cannot be read or built, if a name on the card is missing from it, or if an emitter
+    Raises BadInput if the geometry cannot be read or built, if it lacks a name that is on the card, or if an emitter
     belongs to no light group.
     """
-    with prepare_meshes_on_one_thread():
+    with run_mitsuba_on_one_thread():
         described = _read_geometry(scene)
     lamps = mitsuba_emitter_names(described)
     shapes = [name for name, entry in described.items() if _is_shape(entry)]
@@ -38,7 +38,7 @@ def build_mitsuba_scene_dict(scene: Scene) -> dict[str, Any]:
     listed = {name for names in scene.card.lights.values() for name in names}
     for name in lamps:
         if name not in listed:
-            raise BadInput(f"the emitter {name!r} belongs to no light group", where=card, hint="name it under lights")
+            raise BadInput(f"the emitter {name!r} belongs to no light group", where=card, hint="list it under lights")
     return described
 
 
@@ -59,7 +59,7 @@ def mitsuba_shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[st
     scripted = call_mitsuba_scene_script(scene, "motion", default={}) if scene.has_script else {}
     for name, motion in validate_rendered_motions(scripted, script).items():
         if name in moving:
-            raise BadInput(f"{name!r} moves both by the card and by motion()", where=script, hint="keep one of the two")
+            raise BadInput(f"{name!r} has a motion on the card and in motion()", where=script, hint="keep only one")
         moving[name] = (motion, script)
     for name, (_, where) in moving.items():
         if name not in described:
@@ -83,7 +83,7 @@ def load_lit_mitsuba_scene(
     try:
         # One thread loads the scene: several would number the shapes in the order in which they finish. These
         # numbers are part of a kernel's code, so every load would compile its kernels again.
-        with prepare_meshes_on_one_thread():
+        with run_mitsuba_on_one_thread():
             loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise BadInput(f"Mitsuba cannot load the scene: {error}") from error

@@ -8,7 +8,7 @@ from saf_gen.render.filtered_pass import estimate_shading, gather_shading
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import ShadingCells, ShadingField
 
-PART_OF_SAMPLES = 4  # samples of a stack, over the light paths that are traced at each of several moments
+PART_OF_SAMPLES = 4  # samples of a stack divided by the light paths that are traced at each of several moments
 
 
 class MomentShading:

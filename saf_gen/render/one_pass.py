@@ -43,7 +43,7 @@ def render_stack(
     positions : int
         Number of positions over the full travel, at least 2.
     samples : int
-        Paths per pixel and position, at least.
+        Smallest number of paths per pixel and position.
     seed : int
         Seed of the paths.
     window : tuple of int, optional
@@ -59,7 +59,7 @@ def render_stack(
     stack : ndarray of float32, shape (focus, row, col)
         Mean radiance.
     clipped : int
-        Number of paths, of all traced, that were clipped as fireflies.
+        Number of traced paths that were clipped as fireflies.
     """
     focus = positions_to_render(positions, window)
     traced = trace_light_paths(setup, focus, samples=samples, seed=seed)
@@ -98,7 +98,7 @@ def choose_splat_accumulator(on_device: bool | None) -> type[DeviceAccumulator |
 def start_radiance_sums(
     setup: RenderSetup, focus: np.ndarray, *, samples: int, max_radiance: float, stacks: int, on_device: bool | None
 ) -> Accumulator:
-    """Return empty sums of one of ``stacks`` stacks, on the tracing device if chosen and if all fit there."""
+    """Return empty sums of one of ``stacks`` stacks, on the tracing device if it is chosen and all fit there."""
     shape = (focus.size, setup.grid.rows, setup.grid.columns)
     scale = fixed_point_scale_of_splat(setup, focus, samples=samples, max_radiance=max_radiance)
     together = (stacks * shape[0], *shape[1:])
@@ -114,8 +114,8 @@ def fixed_point_scale_of_splat(setup: RenderSetup, focus: np.ndarray, *, samples
     """Return the fixed-point units per unit of radiance.
 
     A pixel's sum stays below 2**VALUE_BITS for four times the requested samples, or for twice the samples that meet in
-    a pixel where a very long travel makes the image smallest. Waves spread paths as if at random: of 8 or fewer samples
-    per pixel, more than 32 meet once in 10¹⁰ pixels.
+    a pixel at the position at which a very long travel makes the image smallest. Waves spread paths as if at random:
+    with 8 or fewer samples per pixel, more than 32 meet in one of 10¹⁰ pixels.
     """
     together = max(4.0 * samples, 2 * _densest(setup, focus) * samples, 32.0)
     return float(2.0**VALUE_BITS / (together * max_radiance))

@@ -14,7 +14,7 @@ UNPOSABLE_TYPES = ("constant", "shapegroup")  # entries on which a pose would ha
 
 
 def validate_rendered_motions(document: Any, where: str) -> dict[str, RigidMotion]:
-    """Return the motions that ``motion(params)`` of a script returned, by shape.
+    """Validate the result of a script's ``motion(params)``, and return the motion of each shape.
 
     ``document`` has the form of ``motion`` on the card; a motion may also be a RigidMotion. ``where`` names the script.
     Raises BadInput for anything else.
@@ -41,7 +41,7 @@ def validate_rendered_motions(document: Any, where: str) -> dict[str, RigidMotio
 def pose_rendered_shapes(
     described: Mapping[str, Any], motions: Mapping[str, RigidMotion], *, time_s: float, unit_m: float = 1.0
 ) -> dict[str, Any]:
-    """Return the scene at a time, with every top-level entry that has a motion moved from where it was built.
+    """Return the scene at a time, with every moving top-level entry displaced from its position as built.
 
     Parameters
     ----------

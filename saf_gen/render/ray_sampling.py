@@ -33,7 +33,7 @@ class RayCoverage:
 def compute_ray_coverage(
     drive: Drive, grid: PixelGrid, *, ends: tuple[float, float] = (0.0, 1.0), bend_reach_m: float = 0.0
 ) -> RayCoverage:
-    """Return what to sample evenly midway between two positions so that all positions in between are covered.
+    """Return the rays to sample evenly midway between two positions so that all positions in between are covered.
 
     The rays of a position (sensor × aperture) are traced back to the middle by the inverse of the drive's transfer
     matrix. Its entries are monotone in the position, so the two ends are the extremes. The lens disc is larger than the
@@ -84,9 +84,9 @@ def place_ray_samples(pixel: Any, sample: Any, *, samples: int, seed: int) -> tu
 def permute_ray_samples(index: Any, samples: int, *, word: Any) -> Any:
     """Return the image of ``index`` under the permutation of 0...``samples`` - 1 that ``word`` selects, uint32 (ray,).
 
-    The result has the bits of Mitsuba's ``permute_kensler``, in which the number of samples is a constant of the
-    kernel, so that the kernel would be compiled for each number. A round permutes the numbers up to the next power of
-    two; numbers that end at ``samples`` or above go through another round.
+    The result equals Mitsuba's ``permute_kensler`` bit for bit. There the number of samples is a constant of the
+    kernel, which would be compiled for each number. A round permutes the numbers up to the next power of two; numbers
+    that end at ``samples`` or above go through another round.
 
     References
     ----------

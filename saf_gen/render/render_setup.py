@@ -61,8 +61,7 @@ class RenderSetup:
 def positions_to_render(positions: int, window: tuple[int, int] | None) -> np.ndarray:
     """Return the focus positions to render, as fractions of the travel, float64 (focus,).
 
-    They are ``positions`` evenly spaced ones over the full travel or, of these, the first to the last index in
-    ``window``.
+    They are evenly spaced: ``positions`` over the full travel, of which ``window`` holds the first and last index.
     """
     first, last = window or (0, positions - 1)
     return np.linspace(0, 1, positions)[first : last + 1]
@@ -89,7 +88,7 @@ def make_mitsuba_film_dict(grid: PixelGrid, region: Region | None = None) -> dic
 
 
 def make_mitsuba_camera_dict(setup: RenderSetup, position: float) -> dict[str, Any]:
-    """Return what every Mitsuba camera needs at a focus position: pose, field of view, film, and clipping distances.
+    """Return every Mitsuba camera's settings at a focus position: pose, field of view, film, and clipping distances.
 
     The clipping distances are a ten-thousandth of the distance in focus, and a hundred thousand times it. The defaults
     of Mitsuba are 0.01 and 10,000 units of the scene, which would hide a microscope's specimen, and everything in a
@@ -109,7 +108,7 @@ def make_mitsuba_camera_dict(setup: RenderSetup, position: float) -> dict[str, A
 
 
 def render_with_mitsuba_camera(scene: Any, camera: Any, *, integrator: Any, samples: int, seed: int = 0) -> np.ndarray:
-    """Return what an integrator renders of a Mitsuba scene through a Mitsuba camera: float32 (row, col, channel).
+    """Return the image that an integrator renders of a Mitsuba scene through a camera, float32 (row, col, channel).
 
     ``mi.render`` would keep the scene alive in a cycle of references that gradients need; here it is released as soon
     as nothing refers to it.

@@ -1,4 +1,4 @@
-"""A scene set up to be looked at: a member of its family in front of a lens and a sensor; nothing is stored."""
+"""Renders a member of a scene family in front of a lens and a sensor, and stores nothing."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ PINHOLE_F_NUMBER = 64.0  # the smallest aperture that a card may have; no blur i
 
 
 class SceneRenderer:
-    """Renders a scene as its geometry describes it, at any moment and under any of its light groups.
+    """Renders a scene at any moment and under any of its light groups.
 
     Parameters
     ----------
@@ -77,18 +77,18 @@ class SceneRenderer:
         f_number: float | None = None,
         grid: PixelGrid | None = None,
     ) -> RenderSetup:
-        """Return the scene in front of its lens, under some light groups (all by default).
+        """Return the scene in front of its lens, under some light groups.
 
         Parameters
         ----------
         groups : sequence of str, optional
             Light groups that are lit; by default all.
         time_s : float, optional
-            Moment; by default the one that the card shows.
+            Moment (s); by default the moment that the card shows.
         f_number : float, optional
-            By default that of the card.
+            F-number; by default the card's.
         grid : PixelGrid, optional
-            By default the renderer's grid.
+            Pixels of the sensor; by default the renderer's.
 
         Raises
         ------
@@ -121,7 +121,7 @@ class SceneRenderer:
         return _bounding_box(self.prepare().mitsuba_scene, names) * self.scene.card.unit_m
 
     def rest_bounds(self, name: str) -> np.ndarray:
-        """Return the corners (m) of the box around a shape where its geometry places it, before it moves."""
+        """Return the corners (m) of the box around a shape where its geometry places it, before any motion."""
         return _bounding_box(self._loaded(tuple(self.scene.card.lights), None)[0], (name,)) * self.scene.card.unit_m
 
     def render_stack(
@@ -146,20 +146,20 @@ class SceneRenderer:
         positions : int
             Number of positions over the full travel.
         samples : int
-            Light paths per pixel, position and light group, at least.
+            Smallest number of light paths per pixel, position and light group.
         window : tuple of int, optional
             First and last index of the positions to render; by default all.
         time_s : float, optional
-            Moment; by default the one that the card shows.
+            Moment (s); by default the moment that the card shows.
         as_one_group : bool, default False
             Render all lights at once, as one group with the name 'all'.
         run : int, default 0
             Number of the run; runs with different numbers have independent noise.
         moments : int, default 1
-            Number of moments from whose light paths shading is estimated; several, as for a time slice of a recording,
-            end at the moment of the stack.
+            Number of moments whose light paths give the shading, as for a time slice of a recording; the last is the
+            moment of the stack.
         step_s : float, default 0.0
-            Seconds from one of these moments to the next; if 0, the scene is at rest for all of them.
+            Seconds from one of these moments to the next; if 0, the scene is at rest.
         """
         lights = self.scene.card.lights
         groups = {"all": tuple(lights)} if as_one_group else {name: (name,) for name in lights}
@@ -224,7 +224,7 @@ class SceneRenderer:
     def render_pinhole(
         self, position: float, *, samples: int, time_s: float | None = None, grid: PixelGrid | None = None
     ) -> np.ndarray:
-        """Render the picture of a pinhole without diffraction, in the scale at ``position``: float32 (row, col)."""
+        """Render the picture of a pinhole without diffraction, at the scale of ``position``: float32 (row, col)."""
         setup = self.prepare(time_s=time_s, f_number=PINHOLE_F_NUMBER, grid=grid)
         return self._render_picture(replace(setup, wavelength_m=0.0), position, samples=samples)
 
@@ -273,7 +273,7 @@ class SceneRenderer:
         return self.scene.card.still_s if time_s is None and self.motions else time_s or 0.0
 
     def _loaded(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
-        """Return the scene at a time, or with every shape where its geometry places it (None); the last four are kept.
+        """Return the scene at a time, or before any motion if ``time_s`` is None; the last four scenes are kept.
 
         A scene that is not kept is released before another is loaded. The new one then gets its indices in Dr.Jit's
         registry, which are part of a kernel's code, and so finds its kernels in the cache. An ``lru_cache`` on a method

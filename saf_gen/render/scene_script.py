@@ -20,7 +20,7 @@ def call_mitsuba_scene_script(scene: Scene, function: str, *, default: Any = Non
 
     If the script has no function of this name, return ``default``, unless that is None.
 
-    Raises BadInput, in one line, for whatever the script raises.
+    Raises BadInput, with a one-line message, if the script raises anything.
     """
     script = scene.folder / "scene.py"
     with _scene_modules(scene):

@@ -1,7 +1,7 @@
 """The grain of stored focal stacks, measured by comparing each stack with a second, cheaper render.
 
-The second render is made like the first, with the same code, lens and light. It differs in its number of samples, which
-is part of a stack's key and so of the seeds of its paths. Its noise is therefore independent.
+The second render is made like the first, with the same code, lens and light. It differs in its number of samples. This
+number is part of a stack's key, from which the seeds of its paths are derived, so the noise is independent.
 
 A stack of a still scene is rendered again with an eighth of its samples. For a moving scene, a few time slices spread
 evenly over the recording are rendered again with half of their samples, together with the slice whose lens is nearest
@@ -20,13 +20,13 @@ from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.stack_grain import measure_stack_grain, read_stack_grain, write_stack_grain
 
-# Samples of a stack over those of its second render. A second render of 8 samples takes 16 to 19 % of the processor
-# time of a stack of 64. Noise falls faster than 1/samples, so that its energy over the signal's C² comes
-# out 1.2 (usaf_target) to 1.5 times (low_texture) too large. A second render of 4 samples takes 10 to 12 %, and makes
-# that 1.3 to 2.1 times. Both scatter by 2 to 3 %.
+# Samples of a stack divided by the samples of its second render. A second render of 8 samples takes 16 to 19 % of the
+# processor time of a stack of 64. Noise falls faster than 1/samples, so noise over signal in C² comes out too large by
+# a factor of 1.2 (usaf_target) to 1.5 (low_texture). A second render of 4 samples takes 10 to 12 %, and the factor is
+# 1.3 to 2.1. Both scatter by 2 to 3 %.
 STILL_DIVISOR, SLICE_DIVISOR = 8, 2
-MEASURED_POSITIONS = 33  # evenly spaced ones that are measured, per stack
-MAX_SLICES, SLICE_STRIDE = 6, 12  # of a recording: at most this many time slices, and at most one in this many
+MEASURED_POSITIONS = 33  # number of evenly spaced positions that are measured per stack
+MAX_SLICES, SLICE_STRIDE = 6, 12  # per recording: at most this many time slices, and at most one in this many
 
 
 def measure_grain_by_second_render(
@@ -52,7 +52,7 @@ def measure_grain_by_second_render(
     Raises
     ------
     BadInput
-        As :func:`saf_gen.render.render_missing_stacks` does.
+        If :func:`saf_gen.render.render_missing_stacks` raises it.
     """
     chosen = list_stacks_to_render_again(specs, root)
     todo = [spec for spec in chosen if read_stack_grain(root, spec) is None]
@@ -98,7 +98,7 @@ def list_stacks_to_render_again(specs: Sequence[StackSpec], root: Path) -> list[
 
 
 def _choose_positions(spec: StackSpec, true_focus: float) -> np.ndarray:
-    """Return which rendered positions to measure: evenly spaced ones, and the one nearest to the true focus."""
+    """Return the indices of the rendered positions to measure: evenly spaced, and the nearest to the true focus."""
     evenly = (
         np.linspace(0, spec.rendered_count - 1, min(spec.rendered_count, MEASURED_POSITIONS)).round().astype(np.int64)
     )

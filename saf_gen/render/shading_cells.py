@@ -1,4 +1,4 @@
-"""Shading gathered from many light paths: how bright each small patch of a surface is, apart from its reflectance.
+"""Shading gathered from many light paths: the brightness of each small patch of a surface, apart from its reflectance.
 
 A path that first meets a surface of reflectance ρ and brings the radiance L shows how brightly that point is lit: the
 shading is L/ρ, which for a matt surface is its irradiance/π. Shading varies slowly over a surface on which the
@@ -7,10 +7,10 @@ texture varies fast, so neighbouring paths may share their estimate of it (path 
 
 Paths are sorted into cells: the same shape, nearly the same normal and depth, and the same half pixel of a picture
 taken through the centre of the lens. These cells are nested in cells of one, two, four, eight and sixteen pixels. The
-shading of a cell is the sum of its radiance divided by the sum of its reflectance. How much a cell keeps of its
-difference from the next larger cell depends on how much these differences, in the neighbourhood, exceed the noise (the
-empirical Bayes estimator: Efron and Morris 1973). At the edge of a shadow the smallest cells thus keep their values, an
-evenly lit wall uses cells of sixteen pixels, and as the number of paths grows, every cell approaches its own mean.
+shading of a cell is the sum of its radiance divided by the sum of its reflectance. The more the differences from the
+next larger cells exceed the noise in a neighbourhood, the more of its difference each cell keeps (the empirical Bayes
+estimator: Efron and Morris 1973). At the edge of a shadow the smallest cells thus keep their values, an evenly lit wall
+uses cells of sixteen pixels, and as the number of paths grows, every cell approaches its own mean.
 
 A glossy surface adds to L a highlight that its texture does not multiply: L = matt·ρ + gloss. Each of its cells
 therefore has two numbers, which describe L as a linear function of ρ. From the largest cells to the smallest, the slope
@@ -87,11 +87,11 @@ class CellTable:
             self.count = kernels.add_shading_paths(*arrays, self.count, keys, hits.reflectance[part], radiance[:, part])
 
     def count_rays(self, rays: int, *, unshared: int, in_light: int) -> None:
-        """Count rays: all those cast, those that met an unshared surface, and those that went straight into light."""
+        """Count the rays that were cast, that met an unshared surface, and that went straight into light."""
         self._rays += rays, unshared, in_light
 
     def by_tile(self) -> "ShadingCells":
-        """Return the sums of the paths added so far, in order of their tiles."""
+        """Return the sums of the paths added so far, with the cells in order of their tiles."""
         order, begin = kernels.order_shading_by_tile(self._keys[: self.count])
         return ShadingCells(begin, self._keys[order], self._surface[order], self._light[order], self._rays)
 
@@ -110,17 +110,16 @@ class CellTable:
 
 @dataclass(frozen=True)
 class ShadingCells:
-    """Sums over the light paths in each cell, under each of some light groups.
+    """Sums over the light paths in each cell, under each light group.
 
     Attributes
     ----------
     begin : ndarray of int32, shape (TILES + 1,)
-        Where the cells of each tile begin in the next three arrays.
+        Index at which the cells of each tile begin in ``keys``, ``surface`` and ``light``.
     keys, surface, light : ndarray
         Arrays of cells, see :mod:`saf_gen.render.shading_kernels`.
     rays : ndarray of int64, shape (3,)
-        Number of rays that were cast, of those that met a surface that cannot share shading, and of those that went
-        straight into light.
+        Number of rays that were cast, that met a surface that cannot share shading, and that went straight into light.
     """
 
     begin: np.ndarray
@@ -141,10 +140,10 @@ class ShadingCells:
 
     @classmethod
     def merged(cls, moments: Sequence["ShadingCells"]) -> "ShadingCells":
-        """Return the cells of several moments added up; all have the same light groups."""
+        """Return the sum of the cells of several moments, which have the same light groups."""
         if len(moments) == 1:
             return moments[0]
-        # Kernels are compiled for each number of arrays, so empty ones fill it up to a multiple of 16.
+        # Kernels are compiled for each number of arrays, so empty arrays are added up to a multiple of 16.
         nothing = np.zeros_like(moments[0].begin), *(array[:0] for array in moments[0].content)
         arrays_of = [(moment.begin, *moment.content) for moment in moments] + [nothing] * (-len(moments) % 16)
         begins, keys, surfaces, lights = zip(*arrays_of, strict=True)
@@ -167,8 +166,8 @@ class ShadingCells:
         ----------
         around : ShadingField, optional
             Shading from other moments. These cells then only determine by how much the present shading differs from it
-            beyond the noise, and the result has the cells of ``around``. By default, the largest cells have their own
-            means.
+            beyond the noise, and the result has the cells of ``around``. By default, the estimate starts from the means
+            of the largest cells.
         """
         light, significance = self.light, (0, 0.0)
         if around is not None:
@@ -187,15 +186,14 @@ class ShadingCells:
 
 @dataclass(frozen=True)
 class ShadingField:
-    """The shading of every cell of every width, found by the keys of the cells.
+    """The shading of every cell of every width, looked up by the keys of the cells.
 
     Attributes
     ----------
     tiles : ndarray
         Numbers of the tiles that have cells.
     begin : ndarray of int32, shape (TILES + 1,)
-        The cells of each tile begin at LEVELS times this index; they end before those of the next tile, or at a key of
-        0.
+        The cells of each tile begin at LEVELS times this index; they end where the next tile begins, or at a key of 0.
     tables : ndarray of int32, shape (TILES + 1,)
         Where the table of each tile begins.
     slots : ndarray of int32
@@ -223,7 +221,7 @@ class ShadingField:
         return self.tables, self.slots, self.keys, self.shading
 
     def plus(self, other: "ShadingField") -> "ShadingField":
-        """Return the sum with the shading of another field in the same cells, or in those around them; not below 0."""
+        """Return the sum with another field's shading of the same cells, or of the cells around them; not below 0."""
         cells = self.tiles, self.begin, self.keys, self.shading
         return replace(self, shading=estimate.add_found_shading(*cells, *other.content))
 

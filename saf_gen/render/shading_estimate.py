@@ -1,7 +1,7 @@
 """The kernels that estimate shading tile by tile: they add up moments and larger cells, and weigh each estimate.
 
-Arrays are those of :mod:`saf_gen.render.shading_kernels`. Tiles are distributed over the cores. The cells of a tile are
-added in the order in which they came, so that neither the number of cores nor their order changes a bit.
+:mod:`saf_gen.render.shading_kernels` describes the arrays. Tiles are distributed over the cores. The cells of a tile
+are added in the order in which they came, so that neither the number of cores nor their order changes a bit.
 """
 
 import numba as nb
@@ -17,7 +17,7 @@ from saf_gen.render.shading_kernels import (
     tile_of_shading_cell,
 )
 
-MIN_REFLECTANCE = 1e-4  # a cell that reflects less on average is black under any light
+MIN_REFLECTANCE = 1e-4  # a cell that reflects less on average counts as black
 SAME_REFLECTANCE = 1e-6  # of the mean square of ρ; a cell in which ρ varies by less does not show its gloss
 POOL = 2  # levels up: variances are estimated in a neighbourhood four cells wide
 
@@ -40,7 +40,7 @@ def number_shading_cells(tiles, begins, keys, index):
     tiles : ndarray
         Numbers of the tiles that have cells.
     begins, keys : tuple of ndarray
-        Begins and keys of each moment.
+        The arrays ``begin`` and ``keys`` of each moment.
     index : ndarray of int32
         Filled in with the number of each cell in its tile; the cells of the first moment come first.
     """
@@ -91,14 +91,14 @@ def begin_of_shading_tables(begin):
     tables = np.zeros(TILES + 1, dtype=np.int32)
     for tile in range(TILES):
         cells = begin[tile + 1] - begin[tile]
-        # Not full even if every cell had a larger one of each width to itself; a third of that is usual.
+        # Never full, even if no two cells shared a larger one, which would give three times the usual number.
         tables[tile + 1] = tables[tile] + (_table_size(LEVELS * cells // 2 + 1) if cells else 0)
     return tables
 
 
 @nb.njit(parallel=True, cache=True)
 def light_beyond_shading(surface, light, keys, tables, slots, known_keys, shading):
-    """Return the sums of cells for the radiance beyond the known shading, L - matt·ρ - gloss, in place of L."""
+    """Return the cells' sums for the radiance beyond the known shading, L - matt·ρ - gloss, instead of L."""
     out = np.empty_like(light)
     for i in nb.prange(light.shape[0]):
         tile = tile_of_shading_cell(keys[i])
@@ -121,7 +121,7 @@ def _squares_beyond_shading(surface, light, matt, gloss):
 
 @nb.njit(parallel=True, cache=True)
 def add_found_shading(tiles, begin, keys, shading, tables, slots, found_keys, found):
-    """Return shading plus what was found for each cell, or for the smallest known one around it, but not below 0."""
+    """Return each cell's shading plus the found shading of it or of the smallest known cell around it, at least 0."""
     out = np.zeros_like(shading)
     for n in nb.prange(tiles.size):
         tile = tiles[n]
@@ -178,7 +178,7 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
     capacity = LEVELS * cells
     parent, ends = np.empty(capacity, dtype=np.int32), np.zeros(LEVELS + 1, dtype=np.int64)
     sums, lights, rest = np.empty((capacity, 3)), np.empty((capacity, groups, 3)), np.empty((capacity, groups, 2))
-    # The estimates for a cell: its brightness (the radiance at ρ = 1), and the fraction of it that its gloss adds.
+    # The estimates for a cell: its brightness (the radiance at ρ = 1), and the fraction of it that comes from gloss.
     shading, gloss = np.empty((capacity, groups)), np.zeros((capacity, groups))
     ends[1] = cells
     for i in range(cells):
@@ -189,7 +189,7 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
         for g in range(groups):
             for j in range(3):
                 lights[i, g, j] = light[i, g, j]
-            # Squared residuals L - shading·ρ, and their degrees of freedom.
+            # Sum of squared residuals L - shading·ρ, and their degrees of freedom.
             e = _ratio(surface[i], light[i, g, 0], 0.0)
             rest[i, g, 0] = max(light[i, g, 1] + _squares_beyond_shading(surface[i], light[i, g], e, 0.0), 0.0)
             rest[i, g, 1] = surface[i, 0] - 1
@@ -253,14 +253,14 @@ def _weights(surface, gloss):
 
 @nb.njit(inline="always")
 def _ratio(surface, radiance, gloss):
-    """Return the brightness of a cell, its radiance divided by its weights; 0 for a black cell."""
+    """Return the brightness of a cell, its summed radiance divided by its summed weights; 0 for a black cell."""
     weight, _ = _weights(surface, gloss)
     return radiance / weight if weight > MIN_REFLECTANCE * surface[0] else 0.0
 
 
 @nb.njit(inline="always")
 def _pool_of(i, level, pool_level, parent):
-    """Return the cell of the pool's level that contains a cell."""
+    """Return the cell at the level of the pool that contains cell ``i``."""
     for _ in range(level, pool_level):
         i = parent[i]
     return i
@@ -314,7 +314,7 @@ def _shrink(level, ends, parent, sums, lights, rest, shading, gloss, sigmas):
 
 @nb.njit(cache=True)
 def _separate_gloss(level, ends, parent, glossy, sums, lights, rest, shading, gloss):
-    """Separate what the gloss of a level's cells adds from what their texture multiplies, in place.
+    """Separate, in place, the light that gloss adds to a level's cells from the light that their texture multiplies.
 
     The line L = shading·((1 - gloss)·ρ + gloss) of a cell is turned about its mean, towards the slope in ρ that the
     cell's own paths give (least squares), with the same weight τ²/(τ² + v) as in :func:`_shrink`. Neither part goes

@@ -1,11 +1,11 @@
-"""The kernels of shared shading: keys of cells, tables that find them, sums of paths, and what rays look up.
+"""The kernels of shared shading: keys of cells, tables to look them up, sums of paths, and the light that rays bring.
 
-:mod:`saf_gen.render.shading_cells` explains what they are for. Arrays of cells are ``keys``, uint64 (cell,);
-``surface``, float64 (cell, 3): number of paths, Σρ and Σρ²; and ``light``, float64 (cell, light, 3): ΣL, ΣL² and ΣL·ρ.
+:mod:`saf_gen.render.shading_cells` explains the method. Arrays of cells are ``keys``, uint64 (cell,); ``surface``,
+float64 (cell, 3): number of paths, Σρ and Σρ²; and ``light``, float64 (cell, light, 3): ΣL, ΣL² and ΣL·ρ.
 
 A cell is in one tile, the square of the picture that the largest cells cover, and so are all larger cells around it.
-Each tile has its own table, small enough for a processor's cache, and kernels process the cells of a tile without those
-of others. ``begin``, int32 (TILES + 1,), holds where the cells of each tile begin in an array.
+Each tile has its own table, small enough for a processor's cache, and kernels process each tile separately. ``begin``,
+int32 (TILES + 1,), holds the index at which the cells of each tile begin.
 """
 
 import numba as nb
@@ -14,7 +14,7 @@ import numpy as np
 FINEST = 0.5  # width of the smallest cells, in pixels
 LEVELS = 6  # widths of cells: 1/2, 1, 2, 4, 8 and 16 pixels
 NORMAL_BINS = 8  # along each side of the octahedral map of directions
-OUTSIDE = 4096  # smallest cells for which keys have room above, and to the left of, the picture
+OUTSIDE = 4096  # number of smallest cells that fit into keys above, and to the left of, the picture
 
 U = np.uint64
 # A key holds column, row (14 bits each), shape (12), normal (6), depth (13) and level (3); 0 is no key. Shapes whose
@@ -28,7 +28,7 @@ TILES = 1 << (2 * _TILE_BITS)
 
 @nb.njit(inline="always")
 def _mix(word):
-    """Return a word of which each bit depends on all bits of the argument (the finalizer of SplitMix64)."""
+    """Return a word, each bit of which depends on all bits of the argument (the finalizer of SplitMix64)."""
     word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
     return word ^ (word >> U(31))
@@ -45,7 +45,7 @@ def _cell_key(shape, column, row, depth, u, v):
 
 @nb.njit(inline="always")
 def is_glossy_shading_cell(key):
-    """Return whether the shape of a cell is glossy, as the last bit of the shape's number says."""
+    """Return whether the shape of a cell is glossy: the last bit of the shape's number."""
     return (key >> _SHAPE) & U(1) == U(1)
 
 
@@ -94,7 +94,7 @@ def find_shading_slot(slots, first, size, keys, key):
 def find_cell_round_shading(slots, first, size, keys, key):
     """Return the index of a cell, or of the smallest known one around it; -1 if none is known.
 
-    The table is that of :func:`find_shading_slot`.
+    The parameters describe a table as in :func:`find_shading_slot`.
     """
     if size == 0:
         return np.int64(-1)

@@ -1,9 +1,9 @@
-"""The surface whose light a camera ray brings, behind clear surfaces, and whether it may share its shading.
+"""Finds the surface whose light a camera ray brings, behind clear surfaces, and whether it may share its shading.
 
-A surface shares shading if the light that it sends to the lens is the product of the light that falls on it, which
-changes slowly, and of a reflectance, which is its texture. A polished metal or a varnished blend does not, so rays that
-end there are traced on. A black lamp and the sky reflect nothing, and what they emit is known for every ray. Rays look
-through clear surfaces (:mod:`saf_gen.render.line_of_sight`).
+A surface shares shading if it sends to the lens the product of the light that falls on it, which changes slowly, and
+its reflectance, which is its texture. Polished metal or a varnished blend does not, so rays that end there are traced
+on. A black lamp and the sky reflect nothing, and their emission is known for every ray. Rays look through clear
+surfaces (:mod:`saf_gen.render.line_of_sight`).
 """
 
 from collections.abc import Collection
@@ -18,23 +18,24 @@ from saf_gen.render.line_of_sight import OPAQUE, ClearSurfaces, follow_rays_thro
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import SurfaceHits
 
-CELL_DEPTH = 16.0  # depth of a smallest cell, over the width of a pixel at its distance
+CELL_DEPTH = 16.0  # depth of a smallest cell divided by the width of a pixel at its distance
 GEOMETRY_ATTRIBUTES = {"vertex_positions", "vertex_normals", "vertex_texcoords"}
 TEXTURE_KEYS = (".data", ".color0", ".color0.value")  # of a bitmap, and of a checkerboard
 UNSHARED_FLAGS = mi.BSDFFlags.Delta | mi.BSDFFlags.Delta1D
-MIN_CHANCE = 0.05  # least reflectance by which a surface at the end of a line is chosen among others
+MIN_CHANCE = 0.05  # smallest reflectance with which a surface at the end of a line is drawn among others
 MAX_PIXELS_FROM_ORIGIN = 2000  # surfaces whose column or row is farther than this from 0 share no shading
 
 
 class Distances(NamedTuple):
-    """Axial distances (m) of what lines of sight meet, from the lens at the middle position, float32 (ray,).
+    """Axial distances (m) of the surfaces on lines of sight, from the lens at the middle position, float32 (ray,).
 
     Attributes
     ----------
     end : ndarray
         Distance of the end: inf if there is nothing, 0 if the line was bent.
     nearest, farthest : ndarray or None
-        Distances of the clear surfaces in front of the end, inf and 0 if there are none; None if the scene has none.
+        Distances of the clear surfaces in front of the end, inf and 0 if there are none; None if the scene has no clear
+        surface.
     """
 
     end: np.ndarray
@@ -66,19 +67,19 @@ class Sight(NamedTuple):
     Attributes
     ----------
     hits : SurfaceHits
-        Surfaces whose reflected light counts; ``shape`` is 0 if it is not shared.
+        Surfaces whose reflected light counts; ``shape`` is 0 if a surface shares no shading.
     unshared : ndarray of bool
-        Whether the ray must be traced on for that light.
+        Whether the ray must be traced on for the reflected light.
     factor : ndarray of float32, or None
-        Fraction of that light that reaches the lens; None for all of it.
+        Fraction of the reflected light that reaches the lens; None for all of it.
     segment : Ray3f
-        Parts of the lines of sight that meet those surfaces, as Dr.Jit arrays.
+        Parts of the lines of sight that meet the surfaces in ``hits``, as Dr.Jit arrays.
     is_clear_surface : ndarray of bool, or None
-        Whether that surface is a clear one; None if the scene has none.
+        Whether the surface in ``hits`` is clear; None if the scene has no clear surface.
     lights : tuple of EndsInLight
         Ends of lines in a black lamp or the sky.
     distances : Distances
-        Distances of what the lines meet.
+        Distances of the surfaces that the lines meet.
     """
 
     hits: SurfaceHits
@@ -95,10 +96,10 @@ class Sight(NamedTuple):
 
 
 class SurfaceFinder:
-    """Finds what camera rays see in one scene.
+    """Finds the surfaces that camera rays see in one scene.
 
-    A point on a moving shape has the position that it would have if the shape had not moved (rotation is ignored), so
-    that the shading that light paths find at different moments stays on the shape.
+    A point on a moving shape gets the position that it would have if the shape had not moved (rotation is ignored), so
+    that shading found at different moments stays on the shape.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ class SurfaceFinder:
         self._moved: Any = mi.Float(moved.ravel())  # read three at a time
 
     def find(self, rays: CameraRays, focus: np.ndarray, *, seed: int) -> Sight:
-        """Follow rays, cast for these positions, to what they see; ``seed`` is for the random numbers on the way."""
+        """Follow rays, cast for these positions, to the surfaces that they see; ``seed`` is for choices on the way."""
         setup, scene = self._setup, self._setup.mitsuba_scene
         to_camera = mi.Transform4f(setup.to_world).inverse()
         begin = opaque_number_for_rays(setup.drive.shift(float(focus[0] + focus[-1]) / 2))
@@ -164,7 +165,7 @@ class SurfaceFinder:
             ]
             at_end, at_branch = line.clearness * chance, line.branch_fraction * branch_chance
             total = at_end + at_branch + line.reflected_fraction
-            # A draw of 0 must not choose what has a chance of 0.
+            # A draw of 0 must not choose a surface whose chance is 0.
             is_end = line.draw * total < at_end
             is_clear = line.draw * total >= at_end + at_branch
             segment = dr.select(is_end, last, dr.select(is_clear, line.segment, line.branch))
@@ -176,7 +177,7 @@ class SurfaceFinder:
         counts = valid & (factor > 0)
         shape: Any = dr.select(counts, self._look_up(self._number, hit, valid=counts), 0)
         if line is not None:
-            # A clear surface shares only the light that it reflects, and only if it reflects none as a mirror does.
+            # A clear surface shares only the light that it reflects, and only if it reflects none like a mirror.
             clear = self._clear.effect_on_line(hit, counts) != OPAQUE
             shape = dr.select(clear & (~is_clear | self._clear.mirrors(hit, counts & is_clear)), 0, shape)
         # Shading moves along with a shape.
@@ -226,7 +227,7 @@ class SurfaceFinder:
         if self._clear.any:
             shares &= self._clear.effect_on_line(hit, valid) == OPAQUE
         in_light = ~valid | (lamp & (_reflectance(hit, lamp) == 0))
-        reflected = dr.clip(_reflectance(hit, shares), MIN_CHANCE, 1)  # not computed if lines have no choice
+        reflected = dr.clip(_reflectance(hit, shares), MIN_CHANCE, 1)  # not evaluated if lines have no choice
         return in_light, dr.select(in_light, 0, dr.select(shares, reflected, 1))
 
     def _look_up(self, table: Any, hit: Any, *, valid: Any) -> Any:
@@ -241,7 +242,7 @@ def _ends_in_light(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:
 
 
 def _reflectance(hit: Any, active: Any) -> Any:
-    """Return how much light surfaces reflect in all directions alike; 0 for rays that are not ``active``."""
+    """Return the fraction of light that surfaces reflect alike in all directions; 0 for rays not in ``active``."""
     return dr.select(active, dr.maximum(hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0), 0)
 
 
@@ -262,7 +263,7 @@ def _registry_index(shape: Any) -> int:
 def _can_share_shading(bsdf: Any) -> bool:
     flags = int(bsdf.flags())
     glossy = flags & int(mi.BSDFFlags.Glossy)
-    if flags & int(mi.BSDFFlags.Null):  # unless it reflects as a mirror does: see ClearSurfaces.mirrors
+    if flags & int(mi.BSDFFlags.Null):  # unless it reflects like a mirror: see ClearSurfaces.mirrors
         return bool(flags & int(mi.BSDFFlags.Diffuse)) and not glossy
     if "Blend" in str(bsdf) and glossy:
         return False  # Mitsuba gives no reflectance of a blend without its highlights

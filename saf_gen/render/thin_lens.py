@@ -1,4 +1,4 @@
-"""A focal stack rendered with Mitsuba's own thin lens, one render per focus position.
+"""A focal stack rendered with Mitsuba's thin lens, one render per focus position.
 
 The scalar backend renders in this way, and tests compare the one-pass stack with it. The field of view follows the
 image distance (breathing), and the camera follows the stage. A pixel is the mean radiance over aperture and pixel, as

@@ -1,6 +1,6 @@
 """The light that rays bring under one light group: traced on by the integrator, or read from a lamp or the sky.
 
-Each function is a separate kernel, so that no other light group changes its bits.
+Each call runs a separate kernel, so that other light groups do not change its bits.
 """
 
 from typing import Any
@@ -51,7 +51,7 @@ def trace_reflected_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.n
     straight = dr.select(emitter != None, emitter.eval(met, found), 0)  # noqa: E711, an array of pointers
     mirrored = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     aim = scene.pdf_emitter_direction(hit, mi.DirectionSample3f(scene, met, hit), found & ~mirrored)
-    chance = bsdf.pdf(context, hit, sample.wo, found)  # the density in ``sample`` is that of one part of a blend alone
+    chance = bsdf.pdf(context, hit, sample.wo, found)  # ``sample`` holds the density of only one part of a blend
     share = dr.select(mirrored, 1, _power_heuristic(chance, aim))
     return _to_host(aimed + dr.select(found, weight * (traced + straight * (share - 1)), 0))
 

@@ -1,4 +1,4 @@
-"""Converts plain XML to the Mitsuba dictionary that the rest of this package works on, with the file's names."""
+"""Converts plain XML to the Mitsuba dictionary that the rest of this package uses, and keeps the file's names."""
 
 import re
 from pathlib import Path

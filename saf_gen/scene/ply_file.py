@@ -1,4 +1,4 @@
-"""Checks of untrusted PLY meshes before Mitsuba reads them, because its reader does not check indices of vertices."""
+"""Checks of untrusted PLY meshes before Mitsuba reads them, because its reader does not check vertex indices."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +10,7 @@ from saf_gen.errors import BadInput
 
 MAX_HEADER_LINES, MAX_LINE_BYTES, MAX_CORNERS = 1_000, 4_096, 1 << 16
 MIN_ROWS, MAX_ROWS = 16, 1 << 16
-"""Least and most rows of an element that are read at once."""
+"""Smallest and largest number of rows of an element that are read at once."""
 TYPES = {
     **{"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2"},
     **{"uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4"},
@@ -90,7 +90,7 @@ def _read_header(file: BinaryIO) -> tuple[str, list[_Element]]:
 
 
 def _read_corners(file: BinaryIO, element: _Element, *, order: str) -> Iterator[np.ndarray]:
-    """Read an element to its end and yield the indices of vertices in it, in arrays of any shape."""
+    """Read an element to its end and yield its vertex indices, in arrays of any shape."""
     wanted = [n for n, one in enumerate(element.properties) if one.name in CORNERS and element.name == "face"]
     if order == "":
         for _ in range(element.rows):
@@ -113,7 +113,7 @@ def _read_corners(file: BinaryIO, element: _Element, *, order: str) -> Iterator[
 
 
 def _read_lists(file: BinaryIO, element: _Element, *, order: str, wanted: list[int]) -> Iterator[np.ndarray]:
-    """Read rows of lists, and yield indices.
+    """Read the rows of an element that has lists, and yield its vertex indices.
 
     Rows whose lists have the same lengths are read together; their number doubles as long as the lengths do not change.
     """

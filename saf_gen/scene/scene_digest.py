@@ -1,4 +1,4 @@
-"""Digest of a scene folder, which distinguishes a stored focal stack from that of an edited scene."""
+"""Digest of a scene folder, which shows whether a stored focal stack belongs to the scene as it is now."""
 
 import hashlib
 import os
@@ -22,7 +22,7 @@ def scene_folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_ou
     folder : Path
         Folder of the scene.
     contents : mapping of str to bytes
-        Bytes by file name that replace those of a file, or add a file that is not in the folder.
+        Bytes by file name, which replace the content of a file or add a file that is not in the folder.
     allow_outside_links : bool
         Whether links may lead out of the folder.
 

@@ -99,8 +99,8 @@ class SceneCard(FrozenModel):
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
     """Rendered time slices per second, between which a recording interpolates; required if the scene moves."""
     interpolation_error: float | None = Field(default=None, gt=0, lt=1)
-    """Largest error of that interpolation over all members: rms difference to a render half-way between two slices,
-    divided by the mean brightness, in the box around the target. ``saf-gen scenes check`` measures it."""
+    """Largest error of interpolation between slices over all members: rms difference from a render half-way between two
+    slices, divided by the mean brightness, in the box around the target. ``saf-gen scenes check`` measures it."""
     still_s: float = 0.5
     """Time at which a moving scene is rendered if it has to be at rest, s."""
 
@@ -127,10 +127,10 @@ class Scene:
     folder : Path
         Folder of the scene.
     card : SceneCard
-        Its card.
+        Card of the scene.
     digest : str
-        SHA-256 (hex) over everything that can change a pixel, so that a stored focal stack is never mistaken for that
-        of an edited scene.
+        SHA-256 (hex) over everything that can change a pixel, so that a stored focal stack is never used for an edited
+        scene.
     params : mapping of str to object
         All parameters, with a value drawn for every range.
     """
@@ -150,7 +150,7 @@ class Scene:
         return (self.folder / SCRIPT_FILE).is_file()
 
     def build_drive(self, f_number: float | None = None) -> Drive:
-        """Return the drive of the card's lens; ``f_number``, if given, replaces that of the card."""
+        """Return the drive of the card's lens; ``f_number``, if given, replaces the card's."""
         return self.card.lens.build_drive(f_number)
 
     def draw_member(self, *stream: str | int) -> "Scene":
@@ -176,8 +176,8 @@ class Scene:
 def scene_roots() -> list[Path]:
     """Return the folders in which scenes are looked up by name, in the order of precedence.
 
-    They are those of :func:`~saf_gen.scene.trusted_folders.scene_folders_in_use`, and the folder of the scenes that
-    come with saf_gen.
+    These are the folders of :func:`~saf_gen.scene.trusted_folders.scene_folders_in_use`, then the folder of the scenes
+    that come with saf_gen.
     """
     return [*trusted_folders.scene_folders_in_use(), shipped_folder("scenes")]
 
@@ -214,7 +214,7 @@ def load_scene_folder(folder: Path) -> Scene:
     ------
     BadInput
         As :func:`find_scene` does, and for a ``scene.py`` in a folder that is neither registered, nor named by
-        ``SAF_GEN_SCENES``, nor that of the scenes that come with saf_gen.
+        ``SAF_GEN_SCENES``, nor the folder of the scenes that come with saf_gen.
     """
     folder = folder.resolve()
     trusted = {root.resolve() for root in (*trusted_folders.trusted_scene_folders(), shipped_folder("scenes"))}
@@ -269,8 +269,8 @@ def _read(folder: Path) -> Scene:
 def _digest(folder: Path, card: SceneCard) -> str:
     """Return the SHA-256 over everything of a scene that can change a pixel.
 
-    Only those values of the card count that change a pixel, so that a corrected title or a newly measured illuminance
-    does not cause a new render. A library module counts as if it were the file in the folder that the script imports.
+    Card values that change no pixel are left out, so that a corrected title or a newly measured illuminance does not
+    cause a new render. A library module counts as if it were the file in the folder that the script imports.
     """
     values = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
     contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}

@@ -1,7 +1,7 @@
 """Folders of scenes that the user trusts, because a scene may be a script, which runs with the user's rights.
 
-A folder is trusted if ``saf-gen init`` has registered it for this user, or if ``SAF_GEN_SCENES`` names it. A
-``scenes/`` folder is not trusted only because it is in the working directory, as in an archive from somebody else.
+A folder is trusted if ``saf-gen init`` has registered it for this user, or if ``SAF_GEN_SCENES`` names it. Being in the
+working directory does not make a ``scenes/`` folder trusted: it may have come in an archive from somebody else.
 """
 
 import os

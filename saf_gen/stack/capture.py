@@ -19,7 +19,7 @@ from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolv
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import SpikeStream
 
-CACHE_BYTES = 1 << 30  # of a moving scene: methods read it one after the other, most in the same sweep
+CACHE_BYTES = 1 << 30  # planes of a moving scene: methods read them one after another, most in the same sweep
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Capture:
         Number of readouts that can be captured; fewer than recorded if only the first time slices were rendered at all
         focus positions.
     slices : str
-        Digest of the time slices; '' if they are those that the recording was made from.
+        Digest of the time slices; '' if the recording was made from them.
     """
 
     plane_source: PlaneSource
@@ -61,7 +61,7 @@ class Capture:
 
     @classmethod
     def from_stream(cls, stream: SpikeStream, stacks: Path) -> "Capture":
-        """Return the capture behind a stream, from the folder of stacks that it was made from.
+        """Return the capture of a stream, from the folder of stacks that the stream was made from.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class Capture:
         plane_source, frames, slices = PlaneSource.from_folder(time_stack, stacks), len(gain), ""
         if plane_source.digest != provenance["stack_digest"]:
             raise BadInput(
-                f"the focal stacks under {stacks} are not those it was made from",
+                f"the stream was not made from the focal stacks under {stacks}",
                 where=where,
                 hint="run saf-gen generate again",
             )

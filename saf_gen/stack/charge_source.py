@@ -87,7 +87,7 @@ class ChargeSource:
         return j, float(np.clip((frame + 0.5 - starts[j]) / (starts[j + 1] - starts[j]), 0, 1))
 
     def _charge_at(self, j: int, position: float) -> np.ndarray:
-        """Return the charge of stack j at one focus position, (light, row, col), before the exposure."""
+        """Return the charge of stack j at one focus position, (light, row, col), without the exposure."""
         spec = self.time_stack.specs[j]
         last = spec.first_index + spec.rendered_count - 1
         knot = float(np.clip(position * (spec.positions - 1), spec.first_index, last))
@@ -96,7 +96,7 @@ class ChargeSource:
         return charge[:, 0] + np.float32(knot - k) * (charge[:, 1] - charge[:, 0])
 
     def _charge(self, j: int, positions: range, *, summed: bool = False) -> np.ndarray:
-        """Return the charge of stack j at positions, by index, float32 (light, focus, row, col), before the exposure.
+        """Return the charge of stack j at position indices, float32 (light, focus, row, col), without the exposure.
 
         ``summed`` adds up the light groups.
         """

@@ -21,10 +21,10 @@ MAX_FILE_BYTES = 1 << 40
 
 
 def write_stack_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str]) -> None:
-    """Write planes (row, col) of one shape as channels of a scan-line image, in float16 or otherwise float32.
+    """Write planes (row, col) of one shape as channels of a scan-line image.
 
-    The file is not compressed: ZIP would save 1 % of a render and take nine times as long, and single planes could no
-    longer be read alone.
+    Planes of float16 stay float16, all others become float32. The file is not compressed: ZIP would save 1 % of a
+    render and take nine times as long, and single planes could no longer be read alone.
     """
     header: dict[str, object] = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
     channels = {
@@ -39,8 +39,8 @@ def write_stack_plane_blocks(
 ) -> None:
     """Write planes (row, col) of one shape and type, compressed without loss, in blocks that can be read separately.
 
-    EXR's ZIP stores differences of neighbours, and neighbours in focus are more alike than neighbours on the sensor: in
-    this order, the planes of a focal stack take a seventh less space than as separate pictures.
+    EXR's ZIP stores differences between neighbouring values, and neighbouring positions are more alike than
+    neighbouring pixels: in this order, the planes of a focal stack take a seventh less space than as separate pictures.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def write_stack_plane_blocks(
     width = min(block_size, len(planes))
     stored = np.float16 if all(plane.dtype == np.float16 for plane in planes.values()) else np.float32
     parts = []
-    extra: Mapping[str, str] = attributes  # in the first part alone
+    extra: Mapping[str, str] = attributes  # in the first part only
     for block in _batches(planes, width):
         pixels = [np.asarray(planes[name], dtype=stored) for name in block]
         pixels += [pixels[-1]] * (width - len(block))
@@ -81,7 +81,7 @@ def write_stack_plane_blocks(
 def _write(file: Any, path: Path) -> None:
     try:
         file.write(str(path))
-    except RuntimeError as error:  # OpenEXR reports a full disk in this way
+    except RuntimeError as error:  # OpenEXR reports a full disk like this
         for number in (errno.ENOSPC, errno.EDQUOT):
             if os.strerror(number) in str(error):
                 raise OSError(number, os.strerror(number)) from error
@@ -96,7 +96,7 @@ def read_stack_planes(path: Path, names: Iterable[str] | None = None) -> tuple[d
     path : Path
         File to read.
     names : iterable of str, optional
-        Planes to read, by default all. Little else of the file is read: of blocks, only those that hold these planes.
+        Planes to read, by default all. Little else is read: only the blocks that hold these planes.
 
     Raises
     ------

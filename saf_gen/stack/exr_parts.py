@@ -1,8 +1,8 @@
-"""Our own parser of OpenEXR files, because OpenEXR reads all parts or none, and damaged headers end its process.
+"""Our own parser of OpenEXR files, because OpenEXR reads all parts or none, and damaged headers crash it.
 
-The layout is that of *OpenEXR File Layout*, https://openexr.com/en/latest/OpenEXRFileLayout.html: headers, a table of
-offsets for each part, then chunks of 16 lines. ZIP is zlib's deflate of the bytes of a chunk, even bytes before odd
-ones, each stored as its difference from the one before.
+The layout is described in *OpenEXR File Layout*, https://openexr.com/en/latest/OpenEXRFileLayout.html: headers, a table
+of offsets for each part, then chunks of 16 lines. ZIP is zlib's deflate of the bytes of a chunk, even bytes before odd
+ones, each stored as the difference from its predecessor.
 """
 
 import struct
@@ -18,7 +18,7 @@ UNCOMPRESSED, CHANNEL_BYTES = 0, 16
 ZIP, LINES_PER_CHUNK = 3, 16
 STORED = {1: "<f2", 2: "<f4"}
 MAX_HEADER_BYTES = 1 << 20
-MAX_DEFLATE_RATIO = 1100  # bytes that one byte of deflate can expand to, which are at most 1,032
+MAX_DEFLATE_RATIO = 1100  # above the 1,032 bytes to which one byte of deflate expands at most
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class PartHeader:
     texts : dict of str to str
         Text attributes by name.
     dtype : dtype
-        Type of its values, little-endian float16 or float32.
+        Type of the values, little-endian float16 or float32.
     rows, columns : int
         Size of its picture.
     table : int
@@ -61,7 +61,7 @@ class FlatHeader:
     Attributes
     ----------
     line : dtype
-        Type of a scan line: ``y``, ``bytes`` (how many follow), then the columns of each channel by its name.
+        Type of a scan line: ``y``, ``bytes`` (number of bytes that follow), then each channel's columns by its name.
     first : int
         Number of the first scan line.
     count : int
@@ -163,10 +163,10 @@ def _read_chunk(file: BinaryIO, offset: int, *, part: PartHeader, size: int) -> 
 
 
 def _read_attributes(head: bytes) -> tuple[list[dict[str, tuple[str, bytes]]], int, bool]:
-    """Return each part's attributes (type and value), where the headers end, and whether there may be many parts."""
+    """Return each part's attributes (type and value), where the headers end, and whether there may be several parts."""
     magic, version = struct.unpack_from("<2I", head)
     if magic != MAGIC:
-        raise ValueError("it does not begin like one")
+        raise ValueError("its first bytes are wrong")
     multi_part = bool(version & MULTI_PART)
     parts: list[dict[str, tuple[str, bytes]]] = []
     position = 8

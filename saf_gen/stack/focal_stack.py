@@ -1,7 +1,7 @@
-"""Focal stacks, which hold the radiance of a scene at every focus position per light group, and how they are stored.
+"""Focal stacks, which hold the radiance of a scene at every focus position under each light group, and their storage.
 
 On disk a stack is a folder of OpenEXR files. Its name is derived from its content (scene, lens, sensor grid, positions,
-samples), so every sequence that needs it finds it, and nothing is rendered twice. Reading one needs no renderer.
+samples), so every sequence that needs it finds it, and nothing is rendered twice. Reading a stack needs no renderer.
 
 The stack of a static scene is stored as float32. Time slices, of which a moving scene has hundreds, are stored as
 float16, compressed without loss in blocks of neighbouring positions. Rounding changes values by at most 0.05 %, far
@@ -34,7 +34,7 @@ HALF_BITS = 15  # the largest half float is just below 2^16
 
 
 class PixelGrid(Protocol):
-    """The pixels of a sensor: their numbers of rows and columns, and their pitch in metres."""
+    """The pixels of a sensor: numbers of rows and columns, and the pitch in metres."""
 
     @property
     def rows(self) -> int: ...
@@ -65,13 +65,13 @@ class StackSpec:
     positions : int
         Number of focus positions, evenly spaced over the full travel.
     samples : int
-        Light paths per pixel and position, at least.
+        Smallest number of light paths per pixel and position.
     max_depth : int
         Longest light path, in segments.
     params : str, default '{}'
-        The member of the scene's family, as JSON.
+        Parameters of the member of the scene's family, as JSON.
     time_s : float, default 0.0
-        The moment that is seen, in seconds.
+        Moment of the scene, in seconds.
     window : tuple of int, optional
         Index of the first and the last position to render; a time slice needs only some.
     wavelength_m : float, default 0.0
@@ -127,14 +127,14 @@ class StackSpec:
         groups : iterable of str, optional
             Light groups; by default all.
         f_number : float, optional
-            By default that of the card.
+            F-number; by default the card's.
         positions, samples, max_depth, time_s, wavelength_m, estimator, window
             See :class:`StackSpec`.
 
         Raises
         ------
         BadInput
-            If the travel is impossible, or if waves keep all of it in focus.
+            If the travel is impossible, or if diffraction keeps all of it in focus.
         """
         drive = scene.build_drive(f_number)
         drive.check_wave_depth(wavelength_m)
@@ -281,7 +281,7 @@ class StackStore:
         return {str(note["variant"]) for note in map(self._note, self.pieces) if "variant" in note}
 
     def write_group(self, group: str, radiance: np.ndarray, *, backend: str, clipped: int = 0) -> None:
-        """Store the radiance of a light group, (focus, row, col), of which ``clipped`` paths were fireflies."""
+        """Store the radiance of a light group, (focus, row, col), and the number of paths clipped as fireflies."""
         facts = {"unit": UNIT, "light_group": group, "clipped_paths": str(clipped), "variant": backend}
         if self.spec.window:
             radiance, exponent = _to_half_floats(radiance)
@@ -377,7 +377,7 @@ def _to_half_floats(radiance: np.ndarray) -> tuple[np.ndarray, int]:
 
 @lru_cache(maxsize=1 << 14)
 def _sha256(path: Path, *, size: int, changed_ns: int) -> str:
-    """Return the digest of a file; it is read again only if its size or its time of change differs.
+    """Return the digest of a file; it is read again only if its size or modification time differs.
 
     The cache is large because a moving scene has hundreds of stacks, and each method needs all of them.
     """

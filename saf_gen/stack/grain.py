@@ -12,11 +12,12 @@ of focus measures: ``brenner``, ``tenengrad``, ``squared_gradient``, ``energy_of
 and ``contrast``, which is the measure ``variance`` and, divided by the squared mean, ``sd``.
 
 **Intervals** cover 95 %. The region is cut into square blocks, and grain is assumed to be independent between blocks,
-but not within them. The noise energy scatters as its blocks do around their mean, so blocks of uneven noise widen the
-interval. The signal is regarded as fixed, so only the noise of the product scatters: its variance is estimated by the
-sum over blocks of ((energy of first − energy of second)/2)². This has the variance of (s + n)(s + m): 2s²σ² + σ⁴ for
-each pixel of variance σ² (more than that if the two renders differ in samples). A quotient of the two gets Fieller's
-interval, which has no upper end if the signal cannot be distinguished from 0.
+but not within them. The scatter of the noise energy is that of its blocks around their mean, so blocks of uneven noise
+widen the interval. The signal is regarded as fixed, so only the noise of the product scatters: its variance is
+estimated by the sum over blocks of ((energy of first − energy of second)/2)². Half the difference scatters like the
+product (s + n)(s + m): the variance is 2s²σ² + σ⁴ for each pixel of noise variance σ² (for the difference more, if the
+renders differ in samples). A quotient of the two energies gets Fieller's interval, which has no upper end if the signal
+cannot be distinguished from 0.
 
 References
 ----------
@@ -73,7 +74,7 @@ class GrainFigure:
 class Grain:
     """The grain of a picture in a region.
 
-    In a black region every figure is NaN; so is an energy whose filter fits nowhere in the region.
+    In a black region every figure is NaN; so is the figure of an energy whose filter fits nowhere in the region.
 
     Attributes
     ----------
@@ -100,7 +101,7 @@ def estimate_stack_grain(
     first, second : ndarray, shape (row, col)
         The region in two renders with independent noise, all lights mixed.
     mask : ndarray of bool, shape (row, col), optional
-        Pixels of the region that count; by default all. A filter counts at positions at which all of its pixels do.
+        Pixels of the region that count; by default all. A filter counts at positions at which all of its pixels count.
     ratio : float, default 1.0
         Samples of ``first`` divided by those of ``second``.
 
@@ -148,8 +149,8 @@ def mean_energy_of_stack_grain(
 ) -> float:
     """Return the mean product of two pictures after the filters of an energy.
 
-    For a picture and itself, it is the focus measure of that name (``variance`` for ``contrast``). For two renders with
-    independent noise, it is that of the picture without noise.
+    If both are the same picture, this is the focus measure of that name (``variance`` for ``contrast``). For two
+    renders with independent noise, it estimates the measure of the noise-free picture.
 
     Parameters
     ----------
@@ -177,10 +178,10 @@ def mean_energy_of_stack_grain(
 def correlate_stack_grain(
     earlier: tuple[np.ndarray, np.ndarray], later: tuple[np.ndarray, np.ndarray], *, mask: np.ndarray | None = None
 ) -> GrainFigure:
-    """Return the correlation of the grain of two moments.
+    """Return the correlation between the grain at two moments.
 
     The differences of the two renders of each moment are correlated pixel by pixel: 1 for grain that does not change, 0
-    for independent grain. The interval is that of a jackknife over blocks, on Fisher's scale. All figures are NaN if a
+    for independent grain. The interval comes from a jackknife over blocks, on Fisher's scale. All figures are NaN if a
     moment has no noise.
 
     Parameters
@@ -244,7 +245,7 @@ def _relative_rms(noise: _BlockSums, mean: float) -> GrainFigure:
 
 
 def _quotient(noise: _BlockSums, signal: float, *, signal_variance: float, ratio: float) -> GrainFigure:
-    """Return the sum of the noise divided by that of the signal, with Fieller's interval; NaN if there are no pixels.
+    """Return the sum of noise divided by the sum of signal, with Fieller's interval; NaN if there are no pixels.
 
     Both are sums over the same pixels.
     """
@@ -269,7 +270,7 @@ def _quantile(blocks: int) -> float:
 
 
 def filter_stack_grain(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the response of each filter of an energy to an image (row, col), and where all its pixels are in the mask.
+    """Yield each filter's response to an image (row, col), and whether all pixels under the filter are in the mask.
 
     An image smaller than the filter yields nothing.
     """

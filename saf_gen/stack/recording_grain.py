@@ -19,13 +19,13 @@ def stack_grain_along_recording(
 
     A still scene is evaluated at evenly spaced frames, and in the frame in which the lens is nearest to the truth; a
     moving scene at the slices whose grain was measured. Between two rendered positions or slices, a recording mixes
-    pictures, which lowers independent noise. The figure is that of the nearest picture, and so too large rather than
-    too small.
+    pictures, which lowers independent noise. The figure of the nearest picture is used, and is thus too large rather
+    than too small.
 
     Parameters
     ----------
     plane_source : PlaneSource
-        The stacks.
+        Focal stacks of the recording.
     truth : Truth
         True focus; ``position`` and ``track`` are used.
     position : ndarray, shape (T,)

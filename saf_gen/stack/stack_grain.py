@@ -23,7 +23,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.grain import ENERGIES, filter_stack_grain
 
-FILE, FORMAT = "stack.grain.json", "saf-gen grain 1"  # a light group may be called grain, but no name of one has a dot
+FILE, FORMAT = "stack.grain.json", "saf-gen grain 1"  # a light group may be called grain, but not stack.grain
 DIGITS = 7
 
 
@@ -36,13 +36,13 @@ class StackGrain:
     samples : tuple of int
         Samples per pixel of the stack, and of the second render.
     indices : ndarray of int64, shape (focus,)
-        Which of the rendered positions were measured, in rising order.
+        Indices of the measured positions among the rendered ones, in rising order.
     mean : ndarray of float64, shape (focus, light)
-        Mean radiance of the box.
+        Mean radiance in the box.
     square : ndarray of float64, shape (focus, light, light)
         Mean square of the noise.
     noise, signal : mapping of str to ndarray of float64, shape (focus, light, light)
-        Noise and signal by name of the energy.
+        Energies of noise and signal, by name.
     """
 
     samples: tuple[int, int]
@@ -102,7 +102,7 @@ def measure_stack_grain(
     first, second : ndarray, shape (light, focus, row, col)
         Radiance of the two renders.
     target : ndarray of bool, shape (row, col)
-        Target mask; the figures are those of its bounding box.
+        Target mask; the grain in its bounding box is measured.
     samples : tuple of int
         Samples per pixel of ``first`` and of ``second``.
     indices : ndarray of int, optional
@@ -139,14 +139,14 @@ def measure_stack_grain(
 
 
 def _responses(images: np.ndarray, energy: str) -> np.ndarray:
-    """Return the responses (light, response) to images (light, row, col) of all filters that an energy consists of."""
+    """Return the responses of all filters of an energy to images (light, row, col), as an array (light, response)."""
     full_image = np.ones(images.shape[1:], bool)
     found = [[r.ravel() for r, _ in filter_stack_grain(image, energy, mask=full_image)] for image in images]
     return np.array([np.concatenate(one) if one else np.full(1, np.nan) for one in found])
 
 
 def _count_positions(shape: tuple[int, int], energy: str) -> int:
-    """Return at how many positions in an image the filters of an energy count, at least 1."""
+    """Return the number of positions at which the filters of an energy fit into an image, at least 1."""
     full_image = np.ones(shape)
     return max(
         (int(valid.sum()) for _, valid in filter_stack_grain(full_image, energy, mask=full_image > 0)), default=1
@@ -170,7 +170,7 @@ def write_stack_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None
 
 
 def read_stack_grain(root: Path, spec: StackSpec) -> StackGrain | None:
-    """Return the grain stored for a stack as it is now; None if it is missing or cannot be read."""
+    """Return the stored grain of a stack, or None if it is missing, unreadable, or belongs to another digest."""
     try:
         document = load_plain_json(root / spec.key / FILE)
         if document["format"] != FORMAT or document["stack_digest"] != StackStore(root, spec).digest():

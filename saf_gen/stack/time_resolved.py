@@ -17,8 +17,8 @@ import numpy as np
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.stack_grain import StackGrain, read_stack_grain
 
-SHADING_MOMENTS = 9  # whose light paths give the shading of a time slice, including its own moment
-FRAMES_PER_BYTE = 8  # the encoder writes whole bytes, so a pair of stacks can change only between two
+SHADING_MOMENTS = 9  # number of moments whose light paths give the shading of a time slice, including its own
+FRAMES_PER_BYTE = 8  # the encoder writes whole bytes, so a pair of stacks can change only between two bytes
 
 
 class FrameRun(NamedTuple):
@@ -36,7 +36,7 @@ class TimeResolvedStack:
     Attributes
     ----------
     slice_frames : tuple of int
-        Frame of each stack. A static scene has one; those of a moving scene rise from 0 to at least the length of the
+        Frame of each stack. A static scene has one; in a moving scene they rise from 0 to at least the length of the
         recording.
     specs : tuple of StackSpec
         The stacks.
@@ -61,7 +61,7 @@ class TimeResolvedStack:
         return TimeResolvedStack(self.slice_frames, specs)
 
     def without_diffraction(self) -> "TimeResolvedStack":
-        """Return the stacks of the same moments with geometric optics."""
+        """Return the stacks of the same moments without diffraction."""
         return replace(self, specs=tuple(replace(spec, wavelength_m=0.0) for spec in self.specs))
 
     def truncated_to(self, frames: float) -> "TimeResolvedStack":
@@ -112,7 +112,7 @@ class PlaneSource:
     Attributes
     ----------
     time_stack : TimeResolvedStack
-        The stacks.
+        Focal stacks of the recording.
     load_planes : callable
         Called with (j, first, stop); returns the radiance of stack j at its rendered positions first <= k < stop,
         float32 (light, focus, row, col).
@@ -148,7 +148,7 @@ class PlaneSource:
 
     @classmethod
     def from_stack(cls, stack: FocalStack) -> "PlaneSource":
-        """Return a source of one stack in memory, of a static scene."""
+        """Return a source of one stack of a static scene, which is in memory."""
         return cls(
             TimeResolvedStack((0,), (stack.spec,)),
             lambda j, first, stop: stack.radiance[:, first:stop],
@@ -170,7 +170,7 @@ def frames_of_stack_slices(frames: int, *, readout_hz: float, slices_per_s: floa
 def shading_moments_of_stack_slices(times_s: Sequence[float]) -> list[tuple[float, ...]]:
     """Return, for each time slice, the moments (s) whose light paths give its shading: its own and those before it.
 
-    Moments before the first slice do not exist; the first stands in for them, and contributes as much with other paths.
+    The first slice replaces each moment before it, and contributes different paths each time.
     """
     return [tuple(times_s[max(n - back, 0)] for back in reversed(range(SHADING_MOMENTS))) for n in range(len(times_s))]
 
@@ -180,8 +180,8 @@ def focus_windows_of_stack_slices(
 ) -> list[tuple[int, int]]:
     """Return the first and last focus position that a recording needs from each time slice, at least two each.
 
-    ``position`` (T,) is where the lens is, as a fraction of the travel. A stack is used in the readouts from the moment
-    before it to the moment after it.
+    ``position`` (T,) is the position of the lens, 0 to 1. A stack is used in the readouts from the previous slice's
+    moment to the next slice's moment.
     """
     knots = np.clip(np.asarray(position, dtype=np.float64), 0, 1) * (positions - 1)
     windows = []

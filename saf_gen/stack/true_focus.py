@@ -16,13 +16,13 @@ def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) ->
     """Return the true focus for a lens at these positions, without the sharpness.
 
     In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered moments that
-    see the target, and stays constant while the target is out of sight. All other fields hold at the moment at which
-    the lens first meets the focus of a visible target, or comes nearest to it.
+    see the target, and stays constant while the target is out of sight. All other fields hold at the moment when the
+    lens first meets the focus of a visible target, or comes nearest to it.
 
     Parameters
     ----------
     plane_source : PlaneSource
-        The stacks.
+        Focal stacks of the recording.
     position : ndarray, shape (T,)
         Position of the lens in each readout, 0 to 1.
 
@@ -92,8 +92,7 @@ def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: floa
 def noise_free_stack_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
     """Return the noise-free SD (variance divided by squared mean) in the target's box at each rendered position.
 
-    In a moving scene, the value at a position is that of the moment at which the lens first reaches it, or NaN if it
-    never does.
+    In a moving scene, the value at a position is taken when the lens first reaches it, and is NaN if it never does.
 
     Parameters
     ----------

@@ -15,10 +15,10 @@ import numpy as np
 from saf_gen.core.cores import usable_cores
 
 BUDGET_BYTES = 512 << 20
-"""Bytes of time blocks that a process keeps for all its open streams; at least three time blocks are kept."""
+"""Maximum bytes of time blocks that a process keeps for all its open streams; three blocks are kept in any case."""
 
 Block = tuple[np.ndarray, dict[int, Future]]
-"""The planes of a time block, and a future for each chunk that is being or has been filled in, by its first row."""
+"""The planes of a time block, and the futures of its chunks whose filling has begun, by first row."""
 
 
 def make_stream_thread_pool(name: str, count: int | None = None) -> ThreadPoolExecutor:
@@ -47,10 +47,10 @@ class BlockMemory:
             return self._pool
 
     def find(self, stream: int, start: int, *, shape: tuple[int, int, int]) -> Block:
-        """Return a time block of this shape, uint8 (bytes, H, W), which may have been filled only in part.
+        """Return a time block of this shape (bytes, H, W), uint8, which may be empty or filled only in part.
 
-        The two blocks that the stream used last are kept, because a reader that goes forward needs them in addition to
-        the new one.
+        The two blocks that the stream used last are kept, because reading in order needs them in addition to the new
+        one.
         """
         key = stream, start
         with self._lock:
@@ -61,9 +61,9 @@ class BlockMemory:
             return self._blocks[key]
 
     def forget(self, stream: int) -> None:
-        """Free the memory of a stream; if the lock is held, the next search for a block frees it.
+        """Free the memory of a stream; if the lock is held, the next call of :meth:`find` frees it.
 
-        Python's garbage collector may call this for a lost stream at any moment, even on a thread that holds the lock.
+        Python's garbage collector may call this for an unused stream at any time, even on a thread that holds the lock.
         """
         self._forgotten.append(stream)
         if self._lock.acquire(blocking=False):
@@ -85,7 +85,7 @@ class BlockMemory:
             used -= planes.nbytes
             if used <= BUDGET_BYTES and key[0] == stream and planes.shape == shape:
                 wait(filling.values())
-                return planes  # the stream uses its memory again, because fresh pages cost time
+                return planes  # reuse the stream's memory, because fresh pages cost time
             if used <= BUDGET_BYTES:
                 break
         return np.empty(shape, np.uint8)

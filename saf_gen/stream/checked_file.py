@@ -1,4 +1,4 @@
-"""Reads HDF5 files from untrusted sources: follows no link and loads nothing that is large or unknown.
+"""Reading of HDF5 files from untrusted sources, without following links or loading anything large or unknown.
 
 An HDF5 file can contain links and datasets that read other files, filters that run other code, and sizes that fill the
 memory. A stream has a few known datasets, stored inside the file; this is checked before any value is read.
@@ -24,18 +24,18 @@ NAMES = frozenset(["/spikes", "/light/names", *(name for name, _, _ in ARRAY_DAT
 
 MAX_SMALL_BYTES = 1 << 29
 MAX_DEFLATED_BYTES = 1 << 20
-"""Largest stored size of a compressed small dataset, which may expand a thousandfold."""
+"""Largest stored size, in bytes, of a compressed small dataset, which may expand a thousandfold."""
 MAX_CHUNK_BYTES = 1 << 24
 MAX_TEXT_BYTES = 1 << 24
 MAX_NAMES = 1_000
 ALLOWED_FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE)
 _HEAP_HEAD, _HEAP_PIECE = struct.Struct("<5s3xQ"), struct.Struct("<H6xQ")
 _REFERENCE_BYTES = 16
-"""Bytes of each text of variable length in its dataset: four for the length, the others for where it is stored."""
+"""Bytes that a dataset holds for each text of variable length: four for its length, the others for its location."""
 
 
 def read_stream_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
-    """Return an attribute that is a number or text; None if it is missing, an array, or of another type."""
+    """Return an attribute that is a number or text; None if it is missing, an array, too long, or of another type."""
     if not h5py.h5a.exists(item.id, name.encode()):
         return None
     kind = h5py.h5a.open(item.id, name.encode())
@@ -71,8 +71,8 @@ def read_small_stream_datasets(
 ) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of every dataset except ``/spikes``; text is str.
 
-    ``reader`` is the object through which ``file`` is read from an object store. Raises BadInput if the file contains
-    anything that a stream does not, before that is read.
+    ``reader`` is the object through which ``file`` is read from an object store. Raises BadInput before reading
+    anything that a stream does not contain.
     """
     checked_heaps = {0}
     _check_names(file, "", where=where, known=[*GROUPS, "spikes"])
@@ -176,7 +176,7 @@ def _check_text_length(
 
 
 def _check_text_heap(raw: IO[bytes] | ObjectReader, begin: int, *, where: str) -> None:
-    """Raise BadInput if the pieces of a text heap do not follow each other to its end: HDF5 would search it for ever.
+    """Raise BadInput if the pieces of a text heap do not follow each other to its end; HDF5 would read it for ever.
 
     References
     ----------

@@ -33,9 +33,8 @@ def count_stream_windows(
     arguments are not checked.
     """
     begun = 0
-    counts = np.zeros(
-        (0, *region_shape(region)), type_of_stream_counts(window)
-    )  # of windows that have begun and not ended
+    # Counts of the windows that have begun but not ended.
+    counts = np.zeros((0, *region_shape(region)), type_of_stream_counts(window))
     for start, low, high in time_blocks.split_frames(int(firsts[0]), int(firsts[-1]) + window):
         new = int(np.searchsorted(firsts, 8 * start + high)) - begun
         begun += new
@@ -64,8 +63,8 @@ def _add_chunk(
 class KeptCounts:
     """Counts of windows in a .npy file, unsigned (windows, h, w), read one window at a time.
 
-    The file is open only while it is read, so that thousands of such files, in any number of processes, use neither
-    file handles nor memory.
+    The file is open only while it is read, so that thousands of them use neither file handles nor memory, in any number
+    of processes.
     """
 
     path: Path

@@ -9,9 +9,9 @@ from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, writ
 from saf_gen.stream.stream_file import open_stream
 
 SEQUENCE_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[a-z0-9_]+)-(?P<repeat>\d+)")
-"""How this package names a sequence.
+"""Names of sequences as this package writes them.
 
-If a name has another form, the whole name becomes that of the scene, and the light is called ``recorded``.
+Any other name is taken as the name of the scene, and its light is called ``recorded``.
 """
 
 

@@ -1,4 +1,4 @@
-"""Descriptions of streams in words: what they contain and how they were made."""
+"""Descriptions of streams in words: their content and their provenance."""
 
 import math
 from itertools import pairwise
@@ -12,11 +12,11 @@ from saf_gen.stream.readable import ReadableStream
 from saf_gen.stream.recorded_grain import read_grain_of_stream
 
 RATE_BLOCKS = 50
-"""Largest number of parts of a recording whose mean rates are compared."""
+"""Largest number of parts into which a recording is divided to compare their mean rates."""
 
 
 def describe_stream_content(stream: ReadableStream, *, with_rates: bool = True) -> dict[str, str]:
-    """Return what a stream contains as texts by name: length, rates, light, lens and truth.
+    """Return facts about a stream's content as texts by name: length, rates, light, lens and truth.
 
     All spikes are read if ``with_rates`` is true, and none otherwise.
     """
@@ -55,7 +55,7 @@ def describe_stream_content(stream: ReadableStream, *, with_rates: bool = True) 
 
 
 def describe_stream_provenance(stream: ReadableStream) -> dict[str, str]:
-    """Return how a stream was made as texts by name: size on the disk, versions, seeds and digests."""
+    """Return facts about a stream's provenance as texts by name: size on the disk, versions, seeds and digests."""
     facts = {"size": f"{stream.path.stat().st_size * 8 / math.prod(stream.shape):.3f} bit per pixel and frame"}
     for name, text in stream.metadata.provenance.items():
         if name == "versions":
@@ -67,7 +67,7 @@ def describe_stream_provenance(stream: ReadableStream) -> dict[str, str]:
 
 
 def describe_stream_file(stream: ReadableStream) -> dict[str, str]:
-    """Return facts about a stream as texts by name: first what it contains, then how it was made."""
+    """Return facts about a stream as texts by name: first its content, then its provenance."""
     return {**describe_stream_content(stream), **describe_stream_provenance(stream)}
 
 
@@ -99,18 +99,18 @@ def _describe_rates(stream: ReadableStream) -> dict[str, str]:
 
 
 def _describe_time_in_focus(stream: ReadableStream) -> str:
-    """Return as text in how many frames the lens is within the depth of focus; '' if that is unknown."""
+    """Return as text the fraction of frames in which the lens is within the depth of focus; '' if it is unknown."""
     lens, truth = stream.focus_position, stream.truth
     if lens is None or not truth.known:
         return ""
     offset = lens.astype(np.float64) - (truth.position if truth.track is None else truth.track)
     near, far = sorted(truth.depth_of_focus)
     within = (offset >= near - truth.position) & (offset <= far - truth.position)
-    return f", the lens is there in {np.mean(within):.1%} of the frames"
+    return f", where the lens is in {np.mean(within):.1%} of the frames"
 
 
 def _describe_range(values: np.ndarray | None, unit: str) -> str:
-    """Return the first and last value as text, with the extremes if the values turn back in between."""
+    """Return the first and last value as text, with the extremes if the values are not monotonic."""
     if values is None:
         return "not recorded"
     low, high, ends = values.min(), values.max(), (values[0], values[-1])
@@ -119,11 +119,11 @@ def _describe_range(values: np.ndarray | None, unit: str) -> str:
     steps = np.diff(values)
     once = (steps >= 0).all() or (steps <= 0).all()
     text = f"{ends[0]:.4g} to {ends[1]:.4g} {unit}"
-    return text if once else f"{text} with turns, within {low:.4g} to {high:.4g}"
+    return text if once else f"{text}, reversing within {low:.4g} to {high:.4g}"
 
 
 def _describe_grain(stream: ReadableStream) -> str:
-    """Return as text how much noise of the renderer the pictures behind a stream contain."""
+    """Return as text the grain of the pictures from which a stream was recorded."""
     grain = read_grain_of_stream(stream.metadata.provenance)
     if grain is None or not math.isfinite(grain.rms_in_focus):
         return "unknown"

@@ -10,7 +10,7 @@ from saf_gen.stream.manifest import read_manifest, verify_manifest_entry
 def verify_streams_of_dataset(folder: str | Path | StorePath) -> tuple[int, dict[str, str]]:
     """Read every sequence of a dataset and compare it with the manifest.
 
-    Returns the number of sequences, and the problem of each faulty one by id. Raises BadInput if the manifest is
+    Returns the number of sequences, and the problems of faulty sequences by id. Raises BadInput if the manifest is
     missing or cannot be used.
     """
     manifest = read_manifest(folder)

@@ -14,7 +14,7 @@ from saf_gen.core.stopwatch import Stopwatch
 Read = Callable[[int, int], np.ndarray]
 
 FIRST_BYTES = 8
-"""Bytes along time that are read first on each side of the middle; each further read is twice as long."""
+"""Bytes along time that are read first on each side of the middle; each further read covers twice as many."""
 OPEN = -1
 """Marks a pixel whose spike has not been found yet."""
 
@@ -109,8 +109,8 @@ def texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) 
 def time_texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) -> tuple[np.ndarray, float]:
     """Return the texture from intervals and the seconds that it took, not counting calls of ``read`` and ``count``.
 
-    If a loop had to be compiled or loaded, the texture is computed once more, so that this time is not counted. The
-    parameters are those of :func:`texture_of_stream_window`.
+    If a loop had to be compiled or loaded, the texture is computed once more, so that compilation is not counted. See
+    :func:`texture_of_stream_window` for the parameters.
     """
     compiled = _count_compiled_loops()
     total, camera = Stopwatch(), Stopwatch()

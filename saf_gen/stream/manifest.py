@@ -40,7 +40,7 @@ class SequenceEntry:
     lens_motion : str
         Kind of lens motion.
     file : str
-        Path of the stream within the dataset folder, with '/'.
+        Path of the stream in the dataset folder, with '/'.
     fingerprint : str
         SHA-256 of the plan from which the sequence was made.
     content_sha256 : str
@@ -66,7 +66,7 @@ class SequenceEntry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """A dataset: its name, the fingerprint of its recipe, what rendered it (``variant``), and its sequences."""
+    """A dataset: its name, the fingerprint of its recipe, its backend (``variant``), and its sequences."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -113,7 +113,7 @@ def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
 
 
 def verify_manifest_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> None:
-    """Read the complete stream of ``entry``; raise BadInput if it is missing, damaged or not as listed."""
+    """Read the complete stream of ``entry``; raise BadInput if it is missing, damaged or differs from ``entry``."""
     with open_stream(find_path(folder) / entry.file) as stream:
         frames = stream.shape[0]
         if stream.content_sha256 != entry.content_sha256 or frames != entry.frames:

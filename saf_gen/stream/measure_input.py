@@ -1,4 +1,4 @@
-"""The region in which a focus measure looks, and its input from a window of frames."""
+"""The region that a focus measure scores, and its input from a window of frames."""
 
 from typing import Protocol
 
@@ -21,15 +21,15 @@ class WindowSource(Protocol):
 def stream_input_for_measure(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
     """Return the input of a measure from a window of n frames.
 
-    It is counts (h, w); or, for a half-window measure, the counts (2, h, w) of the first n // 2 frames and of the rest;
-    or, for a measure of intervals, interval texture (h, w). Raises BadInput if a half-window measure would be given a
-    single frame.
+    The input is counts (h, w); for a measure of intervals, interval texture (h, w); for a half-window measure, the
+    counts (2, h, w) of the first n // 2 frames and of the rest. Raises BadInput if a half-window measure is called for
+    a single frame.
     """
     if not wants_halves(measure):
         return source.intervals(first, stop) if wants_intervals(measure) else source.window(first, stop)
     if stop - first < 2:
         raise BadInput(
-            f"the window of frame {first} alone has no halves",
+            f"a window of one frame (frame {first}) has no halves",
             allowed="windows of 2 frames or more for a measure that compares halves",
         )
     middle = first + (stop - first) // 2
@@ -37,7 +37,7 @@ def stream_input_for_measure(source: WindowSource, measure: object, *, first: in
 
 
 def choose_stream_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
-    """Return the box of a region and its name; without a target that is the whole frame, whose box is None."""
+    """Return the box and the name of a region; (None, "frame") if ``region`` is "frame" or no target is known."""
     target = stream.truth.target
     if region == "target" and target is not None and np.any(target):
         return mask_bounding_box(target), "target"

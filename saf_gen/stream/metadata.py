@@ -23,7 +23,7 @@ from saf_gen.errors import BadInput, unknown
 FORMAT = "saf-gen stream"
 LAYOUT = 1
 MAX_PIXELS = 1 << 22
-"""Largest number of pixels of a frame: a time block of 2,000 frames with as many takes a gigabyte."""
+"""Largest number of pixels per frame; a time block of 2,000 frames of this size takes a gigabyte."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Truth:
     position : float, default NaN
         Optical best focus of the target, as a fraction of the travel.
     depth_of_focus : tuple of float, default (NaN, NaN)
-        The two positions at which the blur of the target is as wide as what the camera resolves in focus.
+        The two positions at which the blur of the target equals the resolution of the camera in focus.
     frame : float, default NaN
         Fractional frame, from 0, at which the lens first passes ``position``.
     depth : ndarray of float32, shape (H, W), optional
@@ -45,9 +45,10 @@ class Truth:
     best_position : ndarray of float32, shape (H, W), optional
         Position that brings each pixel into focus, as a fraction of the travel.
     sharpness : ndarray of float64, shape (K,), optional
-        Noise-free SD (variance divided by squared mean) of the box around the target at K evenly spaced positions.
+        Variance of the box around the target, divided by its squared mean, without noise, at K evenly spaced positions;
+        in a moving scene, each at the time when the lens first reaches the position.
     track : ndarray of float32, shape (T,), optional
-        ``position`` in each frame of a moving scene; all other fields then hold at ``frame``.
+        ``position`` in each frame of a moving scene; the fields before ``sharpness`` then hold at ``frame``.
     """
 
     position: float = math.nan
@@ -75,7 +76,7 @@ class Truth:
         return f"<table>{rows}</table>"
 
     def _known_fields(self) -> dict[str, str]:
-        """Return the known fields as text: numbers by value, arrays by dtype and shape, which fit on a screen."""
+        """Return the known fields as text: numbers by value, arrays by dtype and shape."""
         held = {field.name: getattr(self, field.name) for field in fields(self)}
         known = {n: v for n, v in held.items() if v is not None and not np.isnan(np.asarray(v, float)).all()}
         return {n: f"{v.dtype} {v.shape}" if isinstance(v, np.ndarray) else repr(v) for n, v in known.items()}
@@ -151,7 +152,7 @@ def _check_finite(name: str, array: np.ndarray) -> None:
     bad = np.flatnonzero(~np.isfinite(array))
     if bad.size:
         raise BadInput(
-            f"{name} is not finite in {bad.size} of {len(array)} frames, the first is frame {bad[0]}",
+            f"{name} is not finite in {bad.size} of {len(array)} frames, first in frame {bad[0]}",
             allowed="a finite position in every frame",
             hint="fill the gaps, or leave the field out",
         )
@@ -160,7 +161,7 @@ def _check_finite(name: str, array: np.ndarray) -> None:
 def stream_metadata_to_datasets(
     metadata: Metadata, shape: tuple[int, int, int]
 ) -> dict[str, np.ndarray | tuple[str, ...] | str]:
-    """Return every dataset except ``/spikes`` by name, after checking it.
+    """Check all datasets except ``/spikes`` and return them by name.
 
     Raises BadInput, naming the field, if a dtype, shape or text is not allowed, if a number is too large for its dtype,
     or if a position is not finite.
@@ -188,7 +189,7 @@ def stream_metadata_to_datasets(
 
 def _check_lights(gain: np.ndarray | None, lights: tuple[str, ...]) -> None:
     if gain is not None and lights and gain.shape[1] != len(lights):
-        raise BadInput(f"gain has {gain.shape[1]} lights, light_names {len(lights)}", allowed="the same number of both")
+        raise BadInput(f"gain has {gain.shape[1]} lights, light_names has {len(lights)}", allowed="the same number")
 
 
 def _is_unicode(text: str) -> bool:
@@ -236,8 +237,8 @@ def stream_digests(
 ) -> tuple[str, str]:
     """Return ``content_sha256`` and ``provenance_sha256``.
 
-    ``datasets`` are the names and values of all datasets except ``/spikes``, of which ``shape`` is the shape and
-    ``spikes`` the SHA-256.
+    ``datasets`` are the names and values of all datasets except ``/spikes``; ``shape`` and ``spikes`` are the shape and
+    the SHA-256 of ``/spikes``.
     """
     spikes_line = _format_digest_line("/spikes", "uint8", shape=shape, sha256=spikes)
     lines = [_stream_digest_line(name, value) for name, value in datasets]
@@ -269,7 +270,7 @@ def _check_names(what: str, names: Iterable[str], *, known: type) -> None:
 def stream_metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
     """Return metadata from the small datasets of a file: the inverse of :func:`stream_metadata_to_datasets`.
 
-    Raises BadInput, naming the field, if a shape does not fit (T, H, W).
+    Raises BadInput, naming the field, if a dtype, shape or value is not allowed.
     """
     stored = {f: values[name] for f, (name, _, _) in ARRAY_DATASETS.items() if name in values}
     found: dict[str, Any] = {f: _checked_array(f, value, shape=shape) for f, value in stored.items()}

@@ -1,7 +1,7 @@
-"""The grain of the pictures behind a recording, which a stream file keeps as JSON text in ``/provenance/grain``.
+"""The grain of the pictures from which a stream was recorded, stored as JSON text in ``/provenance/grain``.
 
 Grain is the noise that the renderer's finite number of light paths leaves; it does not include the noise of the sensor.
-A file without this text, such as a file of another program, can still be read: its grain is unknown.
+A file without this text, such as a file from another program, can still be read; its grain is unknown.
 """
 
 import json
@@ -27,12 +27,13 @@ class GrainMoment:
     frame : int
         The frame, from 0.
     position : float
-        Position of the rendered focus plane nearest to that of the lens, 0 to 1.
+        Position, 0 to 1, of the rendered focus plane nearest to the lens.
     rms : float
         Root mean square of the noise, divided by the mean.
     noise, signal : mapping of str to float
-        Energies divided by the squared mean, by the names in :data:`saf_gen.stack.grain.ENERGIES`: what a focus measure
-        of that name, divided by the squared brightness, returns for the noise and for the picture without it.
+        Energies of the noise and of the picture without noise, divided by the squared mean, by the names in
+        :data:`saf_gen.stack.grain.ENERGIES`. Focus measures of these names, divided by the squared brightness, return
+        the same numbers.
     """
 
     frame: int
@@ -51,7 +52,7 @@ class RecordedGrain:
     moments : tuple of GrainMoment
         Grain at some frames, in ascending order.
     focus : int
-        Index of the moment nearest to that at which the lens is at the truth.
+        Index of the moment at which the lens is nearest to the truth.
     samples : tuple of int
         Samples per pixel of the pictures, and of the second render with which they were compared.
     """
@@ -62,7 +63,7 @@ class RecordedGrain:
 
     @property
     def rms_in_focus(self) -> float:
-        """The rms of the noise, divided by the mean, at the known moment nearest to best focus."""
+        """The rms of the noise, divided by the mean, at the moment at which the lens is nearest to the truth."""
         return self.moments[self.focus].rms
 
     @property
@@ -75,7 +76,7 @@ class RecordedGrain:
         """Return the largest noise energy along the recording, divided by the range of the focus curve of that energy.
 
         ``curve_range`` is in units of the squared mean; by default it is the range of the signal along the recording.
-        The result is NaN if nothing is known of the energy, and infinite if its curve is flat despite noise.
+        The result is NaN if the energy is unknown; if its curve is flat, it is infinite with noise and NaN without.
         """
         noise = [m.noise[energy] for m in self.moments if math.isfinite(m.noise.get(energy, math.nan))]
         signal = [m.signal[energy] for m in self.moments if math.isfinite(m.signal.get(energy, math.nan))]
@@ -87,7 +88,7 @@ class RecordedGrain:
         return max(noise) / reach
 
     def to_text(self) -> str:
-        """Return the JSON text that a stream file keeps."""
+        """Return the grain as the JSON text that a stream file stores."""
         return json.dumps(_rounded(asdict(self)), indent=1)
 
 

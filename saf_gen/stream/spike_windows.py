@@ -60,15 +60,15 @@ class SpikeWindows:
     window : int, default 100
         Frames per window.
     stride : int, optional
-        Frames from the start of one window to that of the next; by default ``window``, so that each frame is in one
-        window.
+        Frames from the start of one window to the start of the next; by default ``window``, so that windows do not
+        overlap.
     crop : tuple of int, optional
-        Rows and columns of the box that is cut out around the middle of the target, shifted so that it lies within the
-        frame; if the stream has no target, around the middle of the frame. By default the whole frame.
+        Rows and columns of the box to cut out around the middle of the target, or of the frame if the stream has no
+        target; the box is shifted into the frame. By default the whole frame is used.
     target : str or callable, default "error"
-        ``error`` is how far the lens has to move: the truth minus the position of the lens in the middle of the window.
-        ``position`` is the truth. In a moving scene the truth is that of the same moment. Both are fractions of the
-        travel, float32 (). A function of (stream, first, stop) may return anything else.
+        ``error`` is the move that brings the lens into focus: the truth minus the position of the lens. ``position`` is
+        the truth. Both are fractions of the travel in the middle of the window, float32 (). A function of (stream,
+        first, stop) may return anything.
     counts : str or Path, optional
         Folder that keeps the counts: one byte per window and pixel, or two for windows of more than 255 frames. By
         default ``counts`` in the dataset. It may be deleted when nothing reads it.
@@ -82,8 +82,8 @@ class SpikeWindows:
     ------
     BadInput
         If the folder is not a dataset, the split or target is unknown, or a number is not allowed; and, when a window
-        is read, if the stream lacks the truth or the lens positions that its target needs, if ``crop`` does not fit
-        the frame, or if the folder for the counts cannot be written.
+        is read, if the stream lacks the truth or the lens positions that its target needs, if ``crop`` is not
+        within the frame, or if the folder for the counts cannot be written.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class SpikeWindows:
         if split is not None and split not in manifest.splits:
             raise unknown("split", split, allowed=manifest.splits, where=str(dataset))
         if isinstance(target, str) and target not in TARGETS:
-            raise unknown("target", target, allowed=TARGETS, hint="or a function of (stream, first, stop)")
+            raise unknown("target", target, allowed=TARGETS, hint="or pass a function of (stream, first, stop)")
         entries = [entry for entry in manifest.sequences if split in (None, entry.split)]
         shortest = min((entry.frames for entry in entries), default=0)
         self.window = _positive_integer("window", window, max_value=shortest)
@@ -130,13 +130,13 @@ class SpikeWindows:
         return {**self.__dict__, "_sequences": {}}
 
     def close(self) -> None:
-        """Close all open streams; they are opened again when they are read."""
+        """Close all open streams, which are opened again when needed."""
         for sequence in self._sequences.values():
             sequence.stream.close()
         self._sequences.clear()
 
     def _sequence(self, entry: SequenceEntry) -> _Sequence:
-        """Return the counts and targets of a sequence, whose windows are counted now unless a file of counts exists."""
+        """Return the counts and targets of a sequence; its windows are counted now unless a file of counts exists."""
         if entry.id not in self._sequences:
             firsts = np.arange(0, entry.frames - self.window + 1, self.stride)
             with ExitStack() as undo:
@@ -179,7 +179,7 @@ class SpikeWindows:
         return slice(begins[0], begins[0] + self.crop[0]), slice(begins[1], begins[1] + self.crop[1])
 
     def _targets_at(self, stream: SpikeStream, moments: np.ndarray) -> np.ndarray:
-        """Return what a network should predict at these frames: the truth, or the truth minus the position, float32."""
+        """Return the targets at these frames, float32: the truth, or the truth minus the position of the lens."""
         track, position = stream.truth.track, stream.focus_position
         if not stream.truth.known:
             raise _missing_metadata_error(stream, "its true focus")
@@ -193,10 +193,7 @@ class SpikeWindows:
 
 def _missing_metadata_error(stream: SpikeStream, what: str) -> BadInput:
     return BadInput(
-        f"does not state {what}",
-        where=str(stream.path),
-        allowed="streams that do",
-        hint="or use a target function of your own",
+        f"does not state {what}", where=str(stream.path), allowed="streams that do", hint="or pass a function as target"
     )
 
 

@@ -2,10 +2,10 @@
 
 Spikes are packed along time, uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of
 byte t div 8; unused bits of the last byte are 0. A chunk holds a band of rows, all columns and 250 bytes (2,000
-frames), so that a window of all pixels is read without other times, and a band of rows without other rows. isa-l
-compresses chunks with deflate on threads, outside HDF5's lock; every HDF5 library reads the result without a
-plug-in. :mod:`saf_gen.stream.time_blocks` decompresses and transposes chunks. :mod:`saf_gen.stream.metadata` defines
-the other datasets and ``content_sha256`` (over names, dtypes, shapes and values, not over the file).
+frames), so that reading a window or a band of rows does not decompress the rest of the file. isa-l compresses chunks
+with deflate on threads, outside HDF5's lock; every HDF5 library reads the result without a plug-in.
+:mod:`saf_gen.stream.time_blocks` decompresses and transposes chunks. :mod:`saf_gen.stream.metadata` defines the other
+datasets and ``content_sha256`` (over names, dtypes, shapes and values, not over the file).
 """
 
 import hashlib
@@ -70,7 +70,9 @@ def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None
             start = raw.read(8)
             if start != HDF5_SIGNATURE:
                 problem = "is empty" if not start else "is not an HDF5 file"
-                raise BadInput(problem, where=str(where), allowed="a saf-gen stream", hint="import foreign files first")
+                raise BadInput(
+                    problem, where=str(where), allowed="a saf-gen stream", hint="use saf-gen import for other files"
+                )
             reader = raw if isinstance(raw, ObjectReader) else None
             if reader is None:
                 raw.close()
@@ -176,7 +178,7 @@ class SpikeStream:
         return f"<SpikeStream {self.path.name}: {size}, {focus}{state}>"
 
     def _repr_html_(self) -> str | None:
-        """Return HTML with pictures and facts; None if the stream is closed, so that a notebook shows its text."""
+        """Return HTML with pictures and facts; None if the stream is closed, so that a notebook shows its repr."""
         from saf_gen.stream.pictures.notebook import format_stream_as_html
 
         return format_stream_as_html(self) if self._file else None
@@ -368,7 +370,7 @@ class SpikeStream:
             raise _damaged(self.path, error, reader=self._reader) from error
 
     def _has_standard_chunks(self) -> bool:
-        """Return whether chunks can be read as stored: they have our shape, only deflate, and none is missing."""
+        """Return whether chunks can be read as stored: of the standard shape, with deflate only, and none missing."""
         chunk = time_blocks.stream_chunk_shape(self._spikes.shape)
         grid = math.prod(-(-n // c) for n, c in zip(self._spikes.shape, chunk, strict=True))
         filters = self._spikes.id.get_create_plist()
@@ -385,7 +387,7 @@ class SpikeStream:
         return np.frombuffer(data, np.uint8).reshape(self._spikes.chunks) if skipped else data
 
     def _read_any_chunk(self, top: int, start: int) -> np.ndarray:
-        """Return one of our chunks from a file of other software, which has chunks of any shape or none."""
+        """Return a chunk of the standard shape from a file of other software, which has chunks of any shape or none."""
         ends = zip((top, 0, start), time_blocks.stream_chunk_shape(self._spikes.shape), self._spikes.shape, strict=True)
         window = [slice(first, min(first + size, total)) for first, size, total in ends]
         if (chunk := self._spikes.chunks) is None:

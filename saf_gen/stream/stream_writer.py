@@ -31,7 +31,7 @@ from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
 
 class _WriteAborted(Exception):
-    """Makes a writer undo its work, in place of the caller's exception, which may be an OSError of another file."""
+    """Makes a writer undo its work; the caller's exception is not used, as it may be an OSError of another file."""
 
 
 class _ErrorRecordingFile:

@@ -103,7 +103,7 @@ class TimeBlockAssembler:
             raise BadInput(
                 "the last byte holds spikes after the last frame",
                 where=self._where,
-                allowed=f"0 in bits {unused} to 7, as T = {self._frames}",
+                allowed=f"0 in bits {unused} to 7, because T = {self._frames}",
             )
 
     def add(self, piece: np.ndarray) -> Iterator[np.ndarray]:
@@ -164,7 +164,7 @@ class TimeBlocks:
         self._forget()
 
     def split_frames(self, a: int, b: int) -> Iterator[tuple[int, int, int]]:
-        """Yield the first byte of each time block with frames ``a <= t < b``, and the first and stop bit in it."""
+        """Yield, for each time block with frames ``a <= t < b``, its first byte and the first and stop bit to read."""
         time_block = 8 * self.chunk[2]
         for start in range(a // time_block * time_block, b, time_block):
             yield start // 8, max(a - start, 0), min(b - start, time_block)
@@ -193,11 +193,11 @@ class TimeBlocks:
         return self.map_chunks(start, slice(0, rows), work=band)
 
     def planes(self, start: int, rows: slice) -> np.ndarray:
-        """Return the time block at byte ``start`` as uint8 (bytes, H, W); only ``rows`` are sure to be filled."""
+        """Return the time block at byte ``start`` as uint8 (bytes, H, W); only ``rows`` are guaranteed to be filled."""
         planes, filling = self._time_block(start, rows)
         after = start + self.chunk[2]
         if start - self._last == self.chunk[2] and after < self.shape[2]:
-            self._time_block(after, rows)  # read in order: decompress the next block while this one is used
+            self._time_block(after, rows)  # blocks are read in order: decompress the next one while this one is used
         self._last = start
         for top in self._tops(rows):
             filling[top].result()

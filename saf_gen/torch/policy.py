@@ -1,4 +1,4 @@
-"""Networks as policies of the closed loop, and a digest of a network that serves as its version."""
+"""Networks as policies of the closed loop, and digests that serve as their versions."""
 
 import hashlib
 
@@ -9,12 +9,12 @@ import torch
 class NetworkPolicy:
     """A network that commands the lens, for :func:`saf_gen.benchmark.gym.evaluate_policy`.
 
-    Create a new policy for each sequence, and reset a network that has a memory.
+    Create a new policy for each sequence, and reset the network if it keeps state between calls.
 
     Parameters
     ----------
     network : torch.nn.Module
-        Called with the observation as a dict of float32 tensors, a batch of one: ``image`` (1, 1, pixels, pixels),
+        Called with the observation as a dict of float32 tensors of batch size 1: ``image`` (1, 1, pixels, pixels),
         ``lens`` (1, 1) and ``left`` (1, 1). It returns a tensor (1, 2) of position and stop, which are clipped to
         0...1. The network is set to evaluation mode and runs without gradients.
     """

@@ -12,9 +12,8 @@ class SpikeWindows(spike_windows.SpikeWindows, Dataset):
     """Map-style dataset that returns windows as tensors, for any sampler and any number of workers.
 
     ``windows[i]`` is (counts, target): counts is a float32 tensor (1, h, w) of spikes per pixel; target is a float32
-    tensor (), or whatever the function returns if ``target`` is a function. A ``torch.utils.data.DataLoader`` may fork
-    or spawn its workers, even after windows have been read. Parameters and errors are those of
-    :class:`saf_gen.SpikeWindows`.
+    tensor () or, if ``target`` is a function, its result. A ``torch.utils.data.DataLoader`` may fork or spawn its
+    workers, even after windows have been read. See :class:`saf_gen.SpikeWindows` for the parameters and errors.
     """
 
     def __getitem__(self, number: int) -> tuple[torch.Tensor, Any]:

@@ -115,10 +115,10 @@ def thin(radius):
     ("pairs", "message"),
     [
         ([('<sensor type="perspective"', '<sensor type="orthographic"')], "no perspective camera"),
-        ([('target="0.000000, 0.157000', 'target="0.000000, 9.157000')], "nothing lies in the middle"),
+        ([('target="0.000000, 0.157000', 'target="0.000000, 9.157000')], "nothing is in the middle"),
         ([("meshes/Ball.ply", "../Ball.ply")], "is outside the scene's folder"),
         ([(FOV, "wide")], "scene.xml:16: Mitsuba does not understand this"),
-        ([(FOV, "0.1")], "no card can have this camera: the lens of 506.6 mm cannot focus at 0.4271 m; allowed"),
+        ([(FOV, "0.1")], "no card can describe this camera: the lens of 506.6 mm cannot focus at 0.4271 m; allowed"),
         ([(FOV, "180")], "the camera's field of view: "),
         ([(FOV, "nan")], "the camera's field of view is nan degrees; allowed: above 0, below 180"),
         ([('name="fov_axis" value="x"', 'name="fov_axis" value="longest"')], "The 'fov_axis' parameter"),
@@ -149,7 +149,7 @@ def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
         create_scene_from_template("other", here / "scenes")
     kept = sorted(here.rglob("*"))
     error = refusal(create_scene_from_export, path, "bench", root=here / "scenes")
-    assert "no card can have this camera" in error.problem
+    assert "no card can describe this camera" in error.problem
     assert sorted(here.rglob("*")) == kept
     path.write_text(path.read_text().replace('value="0.1"', 'value="18"'))
     written = create_scene_from_export(path, "bench", root=here / "scenes")

@@ -219,7 +219,7 @@ BROKEN_SEARCHES = [
     ("described", "it cites no source", search_of(source="")),
     ("stated", "whether it is causal: 'yes'", search_of(causal="yes")),
     ("stated", "it uses 'sdd': .*'sd'", search_of(measures=("sdd",))),
-    ("ends", "did not end within 50,000 scores; the rest", search_of(endless)),
+    ("ends", "did not end within 50,000 scores; the remaining", search_of(endless)),
     ("answers", "did not end within 50,000 scores", search_of(endless_on_ties)),
     ("ends", "it refuses .*frames 5 to 5 were", search_of(lambda s, v: Answer(v.score(5, 5)))),
     ("ends", "it refuses .*0 to 100001 were", search_of(lambda s, v: Answer(v.score(0, v.frames + 1)))),
@@ -256,10 +256,10 @@ def test_a_broken_search_is_caught(name, words, plug_in):
 @pytest.mark.parametrize(
     ("check", "name", "words", "plug_in"),
     [
-        (check_measure_conformance, "sharp over blurred", "above the", measure_of(lambda s, c: -sum_of_squares(s, c))),
+        (check_measure_conformance, "sharp over blurred", "more than", measure_of(lambda s, c: -sum_of_squares(s, c))),
         (check_measure_conformance, "speed", "RuntimeWarning: it is late", measure_of(warning)),
-        (check_search_conformance, "finds a bell", "0.3 as 0.500", answering(lambda a, view: Answer(view.frames // 2))),
-        (check_search_conformance, "finds a bell", "0.3 as nothing", search_of(lambda s, v: Answer(None))),
+        (check_search_conformance, "finds a bell", "0.3 → 0.500", answering(lambda a, view: Answer(view.frames // 2))),
+        (check_search_conformance, "finds a bell", "0.3 → no answer", search_of(lambda s, v: Answer(None))),
         (check_search_conformance, "stops early", "answers a later one", search_of(extrapolated, causal=True)),
     ],
 )
@@ -361,7 +361,7 @@ def test_a_broken_search_with_the_lens_is_caught(name, words, plug_in):
 
 def test_a_search_with_the_lens_that_finds_nothing_is_warned_of():
     plug_in = moving(lambda answer: Answer(position=None if answer.position is None else 0.5))
-    assert_caught(check_search_conformance(plug_in), "finds the focus", "warn", "0 as 0.5.*, 1 as 0.5")
+    assert_caught(check_search_conformance(plug_in), "finds the focus", "warn", "0 → 0.5.*, 1 → 0.5")
 
 
 def test_the_plug_ins_that_the_broken_ones_are_made_of_conform():
@@ -491,7 +491,7 @@ def test_a_synthetic_recording_scores_the_mean_of_its_curve_and_named_measures_b
     ],
 )
 def test_a_plug_in_that_hangs_is_stopped_by_the_clock(findings, name):
-    found = assert_caught(findings, name, "fail", "did not end within 0.5 s; the rest")
+    found = assert_caught(findings, name, "fail", "did not end within 0.5 s; the remaining")
     assert found[-1].check == name
 
 

@@ -569,4 +569,4 @@ def test_there_is_no_judgement_before_the_end(dataset):
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.array([0.5, 0.0], np.float32))
     env.reset(seed=1)
-    assert "still going on" in refusal(env.episode.judge).problem
+    assert "is not over" in refusal(env.episode.judge).problem

@@ -103,7 +103,7 @@ def test_a_file_runs_no_code_that_the_command_line_does_not_name(tmp_path, monke
         return read_method_list(file) if kind == "list" else parse_method(f"@{file}")
 
     error = refusal(read)
-    assert_says(error, "names the code | registered names in files | name it in a --method of its own")
+    assert_says(error, "names the code | registered names in files | name it in a separate --method")
     assert not trace.exists()
     if form.startswith("{code}") or form == "module":  # code that the command line has named before may be used
         get_measure(method.split("+")[0].removesuffix("_n"))

@@ -184,7 +184,7 @@ ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | di
         ({"status": "failed"}, "failed, but position is 0.5", "null if there is no answer"),
         ({**ABSTAINED, "status": "failed"}, "failed, but success is true", "null if the truth is unknown"),
         ({**ABSTAINED, "error_dof": 0.0}, "abstained, but error_dof is 0", "null if there is no answer"),
-        ({**ABSTAINED, "success_half_dof": False}, "abstained, right within a larger limit", "other way round"),
+        ({**ABSTAINED, "success_half_dof": False}, "abstained, right within a larger limit", "the smaller, too"),
         ({**ABSTAINED, "frame": 3.0}, "abstained, but frame is 3.0", "a frame if there is an answer"),
         ({"frame": None}, "answered, but frame is None", "a frame if there is an answer"),
         ({"frame": 900.0}, "frame is 900 of 800 frames", "-0.5 to 800"),

@@ -76,9 +76,9 @@ def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path
     assert found["threshold_noise_rms"]["low"] < 0.02 * 1.02
     assert re.search(r"^pitch_m: \S+  # assumed", text, re.MULTILINE)
     assert re.search(r"^threshold_e: 29900  # given", text, re.MULTILINE)
-    assert re.search(r"^threshold_spread_rms: \S+  # not told; at most ", text, re.MULTILINE)
+    assert re.search(r"^threshold_spread_rms: \S+  # not determined; at most ", text, re.MULTILINE)
     assert set(yaml.safe_load(text)) == set(yaml.safe_load((tmp_path / "out/mine.yaml").read_text()))
-    assert "cannot be told apart by rates" in shown
+    assert "rates cannot separate white response from threshold spread" in shown
     assert "dark_rate" in shown
     assert "dark_rate" in (tmp_path / "out/mine.html").read_text()
 
@@ -93,7 +93,7 @@ def test_the_page_stands_alone_and_has_a_plot_of_each_kind(without_theta):
     assert len(ids) == len(set(ids))
     used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', page))
     assert used <= set(ids)
-    for word in ("What could not be told", "interval_noise", "Linearity", "dim.h5"):
+    for word in ("<h2>Notes</h2>", "interval_noise", "Linearity", "dim.h5"):
         assert word in page
 
 

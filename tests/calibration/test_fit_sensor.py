@@ -133,7 +133,7 @@ def test_without_theta_shot_noise_and_threshold_noise_are_one():
     assert fit.estimates["threshold_e"].low == pytest.approx(1 / fit.estimates["threshold_noise_rms"].high ** 2)
     together = np.sqrt(1 / fit.sensor.threshold_e + fit.sensor.threshold_noise_rms**2)
     assert together == pytest.approx(joint.value)
-    assert any("cannot be told apart without --threshold-e" in note for note in fit.notes)
+    assert any("cannot be separated without --threshold-e" in note for note in fit.notes)
 
 
 @pytest.mark.slow
@@ -152,7 +152,8 @@ def test_reset_jitter_is_separated_from_threshold_noise(small):
 def test_one_level_gives_bounds_and_a_note():
     fit = fit_small([cameras.flat(CAMERA, 0.3, **SMALL)])
     assert "loss" not in fit.estimates
-    assert any("with one level the law of saturation and the reset loss cannot be told" in note for note in fit.notes)
+    words = "with one level the law of saturation and the reset loss cannot be determined"
+    assert any(words in note for note in fit.notes)
     assert fit.estimates["interval_noise"].value == pytest.approx(np.hypot(0.02, 29_900**-0.5), rel=0.05)
 
 
@@ -263,7 +264,7 @@ def test_a_bad_flat_field_is_refused_in_one_line(case):
 def test_a_dark_that_is_none_is_refused():
     lit = cameras.flat(CAMERA, 0.4, name="lit.h5", **SMALL)
     flats = [cameras.flat(CAMERA, 0.1, **SMALL)]
-    assert_says(refusal(fit_small, flats, unlit=lit), "flat_0.1.h5 | check whether the two recordings are exchanged")
+    assert_says(refusal(fit_small, flats, unlit=lit), "flat_0.1.h5 | check whether the two recordings were swapped")
     short = cameras.dark(CAMERA, shape=(24, 40), frames=160)
     assert_says(refusal(fit_small, flats, unlit=short), "spikes per pixel in 160 readouts | record at least")
 

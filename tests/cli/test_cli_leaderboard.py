@@ -86,7 +86,7 @@ def test_a_method_that_ran_later_joins_the_table(call, runs, tmp_path):
     code, printed, err = call("leaderboard", *runs, "--out", out)
     assert (code, err) == (0, "")
     assert "3 methods, 2 sequences, 2 evaluations" in printed
-    assert "There are no intervals: 2 of at least 3 scenes" in " ".join(printed.split())
+    assert "There are no intervals: only 2 of 3 required scenes" in " ".join(printed.split())
     for name in [*FILES, "records.jsonl"]:
         assert (out / name).is_file()
         assert name in printed

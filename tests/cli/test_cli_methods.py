@@ -256,7 +256,7 @@ def test_a_failure_is_exit_code_1_with_what_to_do(call, own):
     assert code == 1
     cells = next(line for line in out.splitlines() if " degree " in line and " fail " in line)
     assert "state the" in cells
-    assert "not run: its measure or its search fails" in out
+    assert "not run: the measure or the search fails" in out
 
 
 def test_findings_come_as_json_and_nothing_else_does(call, own):

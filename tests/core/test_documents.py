@@ -149,8 +149,8 @@ TOO_MANY = "1" * 5000  # more digits than Python converts
         ('x: 1\ny: "\\UFFFFFFFF"\n', "doc.yaml:2: this is not YAML: "),
         ('x: 1\ny: "\\U00110000"\n', "doc.yaml:2: this is not YAML: chr() arg not in range(0x110000)"),
         (f"%YAML {TOO_MANY}.1\n---\nx: 1\n", "doc.yaml:1: this is not YAML: Exceeds the limit"),
-        ("x: 1\n" + "y: " + "[" * 700 + "]" * 700, "doc.yaml:2: this is nested too deep, or in a circle"),
-        ("y: 1\nx: &a [1, *a]\nz: 2\n", "doc.yaml:2: this is nested too deep, or in a circle"),
+        ("x: 1\n" + "y: " + "[" * 700 + "]" * 700, "doc.yaml:2: this is nested too deep, or contains itself"),
+        ("y: 1\nx: &a [1, *a]\nz: 2\n", "doc.yaml:2: this is nested too deep, or contains itself"),
         ("x: 1\n? [a, b]\n: 2\n", "doc.yaml:2: a key must be a name"),  # not hashable in Python
         ("x: 1\n? {a: b}\n: 2\n", "doc.yaml:2: a key must be a name"),
         ("x: 1\ny: =\n", "doc.yaml:2: this is not YAML: could not determine a constructor"),

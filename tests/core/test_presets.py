@@ -87,7 +87,7 @@ def test_a_device_names_its_sources(presets, name, sources, tmp_path):
             "",
             "",
             "the key 'dark_hot_exponent' is missing",
-            "how fast hot pixels become rarer",
+            "the number of hot pixels above x medians is proportional to",
         ),
         (
             "[0.9123, 0.0866]",

@@ -9,7 +9,7 @@ from small_dataset import SCENES
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.tracks import recorded_benchmark
 from saf_gen.benchmark.tracks.recorded_benchmark import name_benchmark_for_record
-from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_benchmarks
+from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_digests
 from saf_gen.generate import benchmark_digest
 from saf_gen.generate.benchmark_digest import digest_resolved_recipe, name_generated_benchmark
 from saf_gen.generate.resolve import resolve_recipe
@@ -19,9 +19,9 @@ from saf_gen.scene.trusted_folders import register_scene_folder
 from saf_gen.stream.stream_file import open_stream
 
 
-@pytest.mark.parametrize("name", sorted(read_frozen_benchmarks()))
+@pytest.mark.parametrize("name", sorted(read_frozen_digests()))
 def test_a_frozen_recipe_gives_the_spikes_that_it_gave(name):
-    resolved, frozen = resolve_recipe(name), read_frozen_benchmarks()[name]
+    resolved, frozen = resolve_recipe(name), read_frozen_digests()[name]
     assert digest_resolved_recipe(resolved) == frozen.digest, "a benchmark with other spikes needs another name"
     counted = [s.planned.split for s in resolved.plan]
     assert {split: counted.count(split) for split in counted} == frozen.sequences
@@ -59,7 +59,7 @@ def frozen_small(small_recipe, test_scenes, monkeypatch):
     digest = digest_resolved_recipe(resolve_recipe(small_recipe))
     benchmark = FrozenBenchmark(digest=digest, since=date(2026, 11, 23), sequences={"test": 3})
     for module in (benchmark_digest, recorded_benchmark, table_formats):
-        monkeypatch.setattr(module, "read_frozen_benchmarks", lambda: {"small": benchmark})
+        monkeypatch.setattr(module, "read_frozen_digests", lambda: {"small": benchmark})
     return digest
 
 

@@ -272,7 +272,7 @@ def test_a_stopped_run_lists_the_complete_sequences(work, made, monkeypatch, end
         generate(work, made.folder, variant=VARIANT)
     assert [entry.file for entry in read_manifest(made.folder).sequences] == [first, second]
     if isinstance(end, SchedulerLost):
-        assert "2 of 3 sequences are whole and listed; start a scheduler and run the same command" in str(stopped.value)
+        assert "2 of 3 sequences are complete and listed; start a scheduler and run the same" in str(stopped.value)
     monkeypatch.setattr(run, "run_jobs", run_all)
     assert digests(generate(work, made.folder, variant=VARIANT).folder) == complete
 
@@ -327,7 +327,7 @@ def test_scalar_renders_geometric_stacks_and_says_so(work, small_recipe, tmp_pat
     """The file states that diffraction is off, has the geometric depth of focus, and is kept by the next run."""
     code, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--variant", "scalar")
     assert code == 0
-    assert "rendered without diffraction: only the variants llvm and cuda have it" in out
+    assert "rendered without diffraction: only the variants llvm and cuda support it" in out
     (spec,) = work.without_diffraction().sequences_by_stack().popitem()[0].specs
     assert StackStore(tmp_path / "ds" / "stacks", spec).missing_pieces() == []
     with saf_gen.open_stream(tmp_path / "ds" / "test" / "plane-constant-00.h5") as stream:

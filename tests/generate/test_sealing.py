@@ -73,7 +73,7 @@ def test_the_split_that_was_sealed_has_the_digests_of_the_split_that_was_opened(
 @pytest.mark.parametrize(
     ("secret", "message"),
     [
-        ("0" * 64, "the secret 00000000… is not the one that was sealed; allowed: that of "),
+        ("0" * 64, "the secret 00000000… is not the sealed secret; allowed: the secret of "),
         ("my secret", "'my secret' is not a secret; allowed: 64 hexadecimal digits"),
     ],
 )
@@ -111,4 +111,4 @@ def test_a_secret_whose_run_was_stopped_before_it_sealed_may_be_removed(call, se
     sealed[0].unlink()
     _, _, err = call("recipes", "seal", small_recipe)
     assert "small.secret exists already" in err
-    assert "or remove it, if no recipe was ever published with it" in err
+    assert "or remove it if no recipe was published with it" in err

@@ -31,7 +31,7 @@ RECORDS = [
 
 def test_the_warning_counts_sequences_and_names_the_worst():
     (warning,) = compose_leaderboard_grain_notes(RECORDS)
-    assert "more than 10% of the range of a focus curve on 1 of 2 sequences" in warning
+    assert "exceeds 10% of the range of a focus curve on 1 of 2 sequences" in warning
     assert "(brenner; at worst 3.1 times the range, brenner on b)" in warning
     assert warning in compose_leaderboard_notes(rank_methods(RECORDS), RECORDS)
 

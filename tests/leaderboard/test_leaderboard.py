@@ -212,24 +212,24 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     some = [*over("a+s", [0, 0]), *over("b+s", [9, 9])]
     rows = rank_methods(some)
     assert (rows[0].rank_best, rows[0].success_1dof_low, rows[0].level_with_best) == (None,) * 3
-    assert rows[0].missing_reason == "2 of at least 3 scenes"
+    assert rows[0].missing_reason == "2 of 3 required scenes"
     assert "rank_best" not in {c.name for c in list_shown_leaderboard_columns(rows)}
     assert any(
-        note.startswith("There are no intervals: 2 of at least 3 scenes")
+        note.startswith("There are no intervals: only 2 of 3 required scenes")
         for note in compose_leaderboard_notes(rows, some)
     )
     write_leaderboard(tmp_path, rows=rows, records=some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
-    assert document["intervals"]["unknown"] == "2 of at least 3 scenes"
+    assert document["intervals"]["unknown"] == "2 of 3 required scenes"
     assert document["rows"][0]["success_1dof_low"] is None
     assert "There are no intervals" in (tmp_path / "leaderboard.md").read_text()
 
 
 def test_notes_mention_few_scenes_and_two_machines(twelve):
-    assert any("over 12 scenes, each alone" in note for note in compose_leaderboard_notes(rank_methods(twelve), twelve))
+    assert any("over 12 scenes holds alone" in note for note in compose_leaderboard_notes(rank_methods(twelve), twelve))
     few = over("a+s", [0, 0, 0])
     assert any(
-        "with so few scenes, almost no rank can be told from another." in note
+        "with so few scenes, almost no methods can be told apart." in note
         for note in compose_leaderboard_notes(rank_methods(few), few)
     )
     mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
@@ -329,6 +329,6 @@ def test_columns_that_may_seem_out_of_order_explain_it():
     (row,) = rank_methods(records)
     assert row.success_half_dof > row.success_1dof
     meanings = {c.name: c.meaning for c in list_leaderboard_columns([row])}
-    rule = "An abstention is right if no answer could be so near, so this can be"
-    assert meanings["success_half_dof"].endswith(f"{rule} above ≤1 DoF.")
-    assert meanings["success_2dof"].endswith(f"{rule} below ≤1 DoF.")
+    rule = "An abstention is right if no answer could be that near, so the value can be"
+    assert meanings["success_half_dof"].endswith(f"{rule} higher than ≤1 DoF.")
+    assert meanings["success_2dof"].endswith(f"{rule} lower than ≤1 DoF.")

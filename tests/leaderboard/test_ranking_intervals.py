@@ -160,7 +160,7 @@ def test_among_several_best_the_nearest_counts():
 @pytest.mark.parametrize("scenes", range(MIN_SCENES))
 def test_with_fewer_than_three_scenes_nothing_is_made_up(scenes):
     found = intervals(m=np.ones(scenes), n=np.zeros(scenes))
-    assert all(one == MethodIntervals(missing_reason=f"{scenes} of at least 3 scenes") for one in found.values())
+    assert all(one == MethodIntervals(missing_reason=f"{scenes} of 3 required scenes") for one in found.values())
 
 
 def test_outcomes_weigh_the_lights_of_a_scene_alike_and_count_what_is_no_answer():

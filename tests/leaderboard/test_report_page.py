@@ -165,7 +165,7 @@ def test_the_page_contains_the_table_the_columns_the_failures_and_the_digests(re
     assert "sha-camel-ramp" in text
     assert "<code>bad</code>: truncated" in text
     assert "<code>sd+" in text.split('class="lead"')[1][:60]
-    assert "Intervals hold at 95 % over 3 scenes, each alone" in text
+    assert "Each 95 % interval over 3 scenes holds alone" in text
 
 
 def test_the_page_opens_with_what_is_judged_and_what_a_depth_of_focus_is(report):
@@ -284,7 +284,7 @@ def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
     drawn = plot_report_figures(made, rank_methods(records))
     shown = [p for p in drawn if p.kind == "light-ratio"]
     assert len(shown) == MAX_SEARCHES
-    note = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure"
+    note = f"Drawn: the first {MAX_SEARCHES} of {len(searches)} searches"
     text = build_report_page(rank_methods(records), title="x", records=records, report_figures=drawn)
     assert text.count(note) == 1
     assert text.count("Drawn: 2 of the scene&#39;s 3 sequences.") == 1
@@ -295,7 +295,7 @@ def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
         records=few,
         report_figures=plot_report_figures(replace(made, records=tuple(few)), rank_methods(few)),
     )
-    assert "searches have a figure" not in text
+    assert "Drawn: the first" not in text
 
 
 def test_ways_of_the_lens_come_in_the_leaderboards_order():
@@ -405,7 +405,7 @@ def test_of_many_scenes_the_largest_have_columns_figures_and_selections(monkeypa
     drawn = plot_report_figures(Evaluation(tuple(records), (make_sweep(scene="scene59"),), ()), rows)
     text = build_report_page(rows, title="x", records=records, report_figures=drawn)
     assert len([s for s in list_report_selections(records) if s.axis == "Scene"]) == MAX_SHOWN_BINS
-    assert f"Here are the {MAX_SHOWN_BINS} of 60 with the most sequences; axes.csv has all." in text
+    assert f"Shown: the {MAX_SHOWN_BINS} of 60 bins with the most sequences; axes.csv has all." in text
     errors = [figure for figure in drawn if figure.kind == "errors"]
     assert len(errors) == 3
     assert errors[0].scene == "scene59 (test)"  # its sweep is drawn

@@ -136,7 +136,7 @@ def test_the_command_writes_the_ranking_and_says_what_is_not_known(call, saf, tm
     shown = " ".join(shown.split())
     assert "3 methods on 3 recordings of 3 scenes" in shown
     assert "state neither a limit within which an answer is right" in shown
-    assert "no depth of focus is known" in shown
+    assert "the depth of focus and success within it are unknown" in shown
     document = json.loads((tmp_path / "out/ranking.json").read_text())
     assert [row["method"] for row in document["rows"]][-1] == "er_count+argmax"
     with (tmp_path / "out/answers.csv").open() as file:

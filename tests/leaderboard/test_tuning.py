@@ -10,7 +10,7 @@ from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method, read_tuned_method
+from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method, read_method_with_constants
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_evaluation_report
 from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_tuning_grid, tune_method
@@ -67,9 +67,9 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     tuned, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
     path = tmp_path / "tuned.json"
     path.write_text(format_tuned_method(tuned))
-    assert read_tuned_method(path)[0] == tuned
+    assert read_method_with_constants(path)[0] == tuned
     method = parse_method(f"@{path}")
-    assert (method.name, method.tuning) == ("sd+argmax:window=200", read_tuned_method(path)[1])
+    assert (method.name, method.tuning) == ("sd+argmax:window=200", read_method_with_constants(path)[1])
     result = evaluate(dataset, methods=[f"@{path}", "sd+argmax"], split="test")
     record = result.records[0]
     assert record.tuning == method.tuning
@@ -87,11 +87,11 @@ def test_a_flipped_bit_is_found_and_an_older_file_is_read(tmp_path):
     content = path.read_bytes()
     for at in range(0, len(content), 5):  # each bit of a byte in turn
         path.write_bytes(content[:at] + bytes([content[at] ^ 1 << at % 8]) + content[at + 1 :])
-        assert str(path) in str(refusal(read_tuned_method, path))
+        assert str(path) in str(refusal(read_method_with_constants, path))
     before = json.loads(content)
     del before["checksum"]
     path.write_text(json.dumps(before))
-    assert read_tuned_method(path)[0] == tuned
+    assert read_method_with_constants(path)[0] == tuned
 
 
 def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
@@ -125,7 +125,7 @@ def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
     steps = []
     result = evaluate(dataset, methods=specs, split="test", progress=lambda *step: steps.append(step))
     assert [r.method for r in result.records] == ["sd+argmax:window=200", "sd+argmax"]
-    assert result.records[0].tuning == read_tuned_method(tmp_path / "a.json")[1]
+    assert result.records[0].tuning == read_method_with_constants(tmp_path / "a.json")[1]
     assert [row.method for row in rank_methods(result.records)] == ["sd+argmax:window=200", "sd+argmax"]
     assert {of for _, of, _ in steps} == {2}
 

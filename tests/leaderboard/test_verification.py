@@ -92,7 +92,7 @@ def test_rows_of_registered_methods_are_found_again_and_others_are_claimed(call,
         "theirs.py:Spread+argmax": "claimed",
         "a_net": "claimed",
     }
-    assert "no method on this machine makes this row: " in rows["a_net"]["why"]
+    assert "no method on this machine can reproduce this row: " in rows["a_net"]["why"]
     assert states(evaluation) == {name: row["row"] for name, row in rows.items()}
     assert "re-run here" in call("leaderboard", evaluation)[1]
 

@@ -31,7 +31,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
     assert facts["light lamp"] == "gain 0.5 to 2"
     assert facts["true focus"] == "0.25000 of the travel, at frame 19.5"
     # 8 of 80 steps of 1/79 are between 0.2 and 0.3.
-    assert facts["depth of focus"] == "0.20000 to 0.30000 of the travel, the lens is there in 10.0% of the frames"
+    assert facts["depth of focus"] == "0.20000 to 0.30000 of the travel, where the lens is in 10.0% of the frames"
     assert facts["variant"] == "llvm"
 
 
@@ -41,7 +41,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
         ({"kind": "sweep", "from": 0.8, "to": 0.0}, "0.795 to 0.005 of the travel", "at frame 54.5"),
         (
             {"kind": "sweep_and_return"},
-            "0.0125 to 0.0125 of the travel with turns, within 0.0125 to 0.9875",
+            "0.0125 to 0.0125 of the travel, reversing within 0.0125 to 0.9875",
             "at frame 9.5, the first of 2 times",
         ),
         ({"kind": "hold", "position": 0.5}, "0.5 of the travel throughout", "never passed"),

@@ -159,6 +159,7 @@ def write_two_sizes(folder):
         (write_two_sizes, {}, "frame_9.png has (4, 10) pixels | (8, 10), like the first"),
         (lambda p: write_images(p, PICTURES), {"rate_hz": None}, "does not state how many pictures | --rate HZ"),
         (lambda p: write_images(p, PICTURES), {"rate_hz": 0.0}, "0 pictures per second"),
+        (lambda p: write_images(p, PICTURES[:1]), {"rate_hz": -1.0, "frames": 9}, "-1 pictures per second"),
         (lambda p: write_images(p, PICTURES), {"frames": 221}, "221 readouts were requested of 12 pictures | 1 to 220"),
         (lambda p: write_images(p, PICTURES[:1]), {}, "is a single picture | --frames"),
         (lambda p: write_images(p, PICTURES[:2] * 0), {}, "all pictures are black"),

@@ -231,6 +231,10 @@ def test_a_folder_of_saf_becomes_a_dataset_that_is_evaluated(tmp_path, call, raw
     before = (tmp_path / "mine" / "desk-recorded-02.h5").stat().st_mtime_ns
     list(import_saf_folder(folder, tmp_path / "mine"))
     assert (tmp_path / "mine" / "desk-recorded-02.h5").stat().st_mtime_ns == before
+    write_stream(tmp_path / "mine" / "desk-recorded-02.h5", np.zeros((16, 250, 400), bool), provenance={"import": "[]"})
+    list(import_saf_folder(folder, tmp_path / "mine"))  # replaces a stream of another origin
+    with open_stream(tmp_path / "mine" / "desk-recorded-02.h5") as stream:
+        assert stream.truth.frame == 0
     write_xlsx(folder / "config.xlsx", [*rows[:2], (2, "desk", 16, 5, 4, "desk/a.dat")])
     list(import_saf_folder(folder, tmp_path / "mine"))
     with open_stream(tmp_path / "mine" / "desk-recorded-02.h5") as stream:

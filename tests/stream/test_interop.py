@@ -145,7 +145,7 @@ def test_a_file_is_not_written_over_itself(tmp_path):
     raw = raw_file(tmp_path / "a.dat", "416", 2)
     (tmp_path / "link.dat").symlink_to(tmp_path / "a.dat")
     error = refusal(import_raw_frames, tmp_path / "a.dat", tmp_path / "link.dat")
-    assert_says(error, "a.dat: would be written over itself | choose another name")
+    assert_says(error, "a.dat: would be written over itself | choose another output file")
     assert (tmp_path / "a.dat").read_bytes() == raw
     import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
     assert "a.h5: would be written over itself" in str(refusal(export_raw_frames, tmp_path / "a.h5", tmp_path / "a.h5"))

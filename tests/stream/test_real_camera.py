@@ -134,7 +134,7 @@ def test_the_layout_of_an_own_file_is_found(tmp_path, layout):
     if layout == "sps1000":  # 125 of its frames are 1,280 of the dense ones
         error = refusal(sniff_imported_layout, tmp_path / "a.dat")
         assert error.problem == "its 16000000 bytes fit dense and sps1000"
-        assert error.hint == "say which with --layout"
+        assert error.hint == "name one with --layout"
         export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout)
         (tmp_path / "a.dat").write_bytes((tmp_path / "a.dat").read_bytes()[: 3 * raw.frame_bytes])
     assert sniff_imported_layout(tmp_path / "a.dat") == layout

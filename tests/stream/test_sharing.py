@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import assert_says, refusal
 
 import saf_gen
 from saf_gen.errors import BadInput
@@ -387,6 +388,12 @@ def test_the_commands_print_the_digest_and_the_next_step(call, dataset, tmp_path
     code, _, err = call("fetch", "ftp://example.org/x")
     assert code == 2
     assert err == "saf-gen: ftp://example.org/x cannot be fetched; allowed: an http or https address, or a folder\n"
+
+
+def test_an_address_with_a_query_is_refused_as_it_would_not_hold_for_the_shards(tmp_path):
+    error = refusal(fetch_dataset, "https://example.org/x/index.json?signature=1", tmp_path / "again")
+    assert_says(error, "has a query | an address without '?'")
+    assert not (tmp_path / "again").exists()
 
 
 def test_an_address_where_nothing_is_says_so(packed, tmp_path):

@@ -308,7 +308,7 @@ def test_a_lens_and_a_track_are_known_in_every_frame_or_refused(tmp_path, field,
     held = np.linspace(0, 1, 10)
     held[[4, 7, 8]] = value
     error = refusal(write_stream, tmp_path / "a.h5", np.zeros((10, 2, 3)), **optional(held))
-    assert error.problem == f"{field} is not finite in 3 of 10 frames, the first is frame 4"
+    assert error.problem == f"{field} is not finite in 3 of 10 frames, first in frame 4"
     assert error.allowed == "a finite position in every frame"
     assert not list(tmp_path.iterdir())
 
@@ -316,7 +316,7 @@ def test_a_lens_and_a_track_are_known_in_every_frame_or_refused(tmp_path, field,
 def test_lights_and_names_must_agree(tmp_path):
     lights = {"gain": np.zeros((3, 2)), "light_names": ("a",)}
     error = refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)), **lights)
-    assert_says(error, "gain has 2 lights, light_names 1")
+    assert_says(error, "gain has 2 lights, light_names has 1")
 
 
 @pytest.mark.parametrize("readout_hz", [0, -1, np.nan, np.inf])
@@ -337,7 +337,7 @@ def written(path, pieces, shape=(20, 2, 3)):
         ([np.zeros((2, 3, 2), np.uint8)] * 2, "4 bytes along time were written; allowed: 3 for 20 frames"),
         ([np.zeros((3, 2, 3), np.uint8)], r"dtype uint8 and shape \(3, 2, 3\); allowed: uint8 \(2, 3, bytes\)"),
         ([np.zeros((2, 3, 3))], "dtype float64"),
-        ([np.full((2, 3, 3), 16, np.uint8)], "spikes after the last frame; allowed: 0 in bits 4 to 7, as T = 20"),
+        ([np.full((2, 3, 3), 16, np.uint8)], "spikes after the last frame; allowed: 0 in bits 4 to 7, because T = 20"),
     ],
 )
 def test_wrong_pieces_are_refused_and_leave_nothing(tmp_path, pieces, message):

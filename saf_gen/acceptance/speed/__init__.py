@@ -32,7 +32,7 @@ PEAK_MEMORY, MAX_MEMORY_GIB = "peak memory of a process", 2.0
 
 @dataclass(frozen=True)
 class BenchResults:
-    """The results of benches.
+    """The results of a run of benches.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ def run_benches(
     folder : Path, optional
         Folder in which the bench ``grain`` saves the results of each scene, so that an interrupted run can be resumed.
     report : callable, optional
-        Called with what is being measured and the fraction of it that is done, 0 to 1.
+        Called with the name of the current measurement and the fraction of it that is done, 0 to 1.
     show : callable, optional
         Called with the results of the bench ``grain`` for each scene.
 

@@ -18,11 +18,11 @@ from saf_gen.core.execution.job import ReportProgress
 RUNS = 3
 LONGER = 10
 FAST_CAMERA_HZ = 40_000
-MAX_GROWTH = 1.1  # of the time per frame
+MAX_GROWTH = 1.1  # largest factor by which the time per frame may grow
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield the rates of our encoder and of public ones, and the time and memory of ours at ten times the length."""
+    """Yield the rates of our encoder and of public encoders, and our time and memory at ten times the length."""
     sensor = get_sensor(size.sensor)
     charge = synthetic_recording.make_bench_charge(sensor, size.positions[0])
     _encode(sensor, charge, frames=16)  # compiles
@@ -42,7 +42,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     report(f"{LONGER} times the length", 0.0)
     _, longer = time_benched_call(_encode, sensor, charge, frames=LONGER * size.frames)
     report(f"{LONGER} times the length", 1.0)
-    what = f"time per frame of {LONGER * size.frames:,} frames over that of {size.frames:,}"
+    what = f"time per frame of {LONGER * size.frames:,} frames, relative to {size.frames:,}"
     yield BenchFigure("encode", what, longer / LONGER / usual, "×", MAX_GROWTH, at_most=True)
     yield from _bench_memory(size, report)
 

@@ -18,7 +18,7 @@ class BenchFigure:
     unit : str
         Unit of all numbers of the figure.
     target : float, optional
-        Upper limit of the value if ``at_most``, else its lower limit; None without a target.
+        Upper limit of the value if ``at_most`` is true, otherwise its lower limit; None without a target.
     at_most : bool, default False
         Whether the target is an upper limit.
     low, high : float, optional
@@ -72,7 +72,7 @@ class BenchSize:
     jobs : int
         Jobs that do nothing, on which the scheduler is measured.
     recipe : str
-        Recipe of the bench ``job``; '' stands for sad_core.
+        Recipe of the bench ``job``; '' means sad_core.
     """
 
     sensor: str = "vidar_400x250"

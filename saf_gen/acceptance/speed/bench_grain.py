@@ -107,7 +107,7 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
 def _position_figures(
     scene: str, picture: str, *, found: Mapping[str, Any], max_rms: float | None, max_contrast: Mapping[str, float]
 ) -> Iterator[BenchFigure]:
-    """Yield the rms and the energies of a scene's stills or slices at each position, in per cent, with their goals."""
+    """Yield the rms and the energies of grain in a scene's stills or slices, by position, in per cent, with goals."""
     for position_name, grain in found.items():
         row, label = f"{picture}, {position_name}", f"{scene}, {picture}, {position_name}"
         yield _percent(f"{label}: rms over mean", grain.box.rms, goal=max_rms, cell=(row, "rms"))
@@ -154,7 +154,7 @@ def _time_slices(renderer: Any, *, size: BenchSize, position: float) -> float:
     with TemporaryDirectory() as folder:
         options: dict[str, Any] = {"root": Path(folder), "backend_name": renderer.backend_name}
         render_missing_stacks(scene, specs[:1], **options)  # compiles
-        # A recording builds its scene only once; the difference between several slices and one leaves this time out.
+        # A recording builds its scene only once; this time cancels in the difference between several slices and one.
         _, one_s = time_benched_call(render_missing_stacks, scene, specs[1:2], **options)
         _, several_s = time_benched_call(render_missing_stacks, scene, specs[2:], **options)
     return max(several_s - one_s, 0.0) / (TIMED_SLICES - 1)

@@ -1,4 +1,4 @@
-"""Ten methods on six recordings: the time from file to answer, and its ratio to the time of the measures alone."""
+"""Ten methods on six recordings: the time from file to answer, also relative to the time of the measures alone."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -54,5 +54,5 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     yield BenchFigure("score", what, total, "s", MAX_S, at_most=True)
     measures = sum(record.seconds for record in records)
     yield BenchFigure("score", "of which in the measures", measures, "s")
-    what = "cost of a method over its measure's, reading and counting included"
+    what = "time of the methods, relative to their measures, reading and counting included"
     yield BenchFigure("score", what, total / measures, "×")

@@ -1,7 +1,7 @@
 """One pass over all focus positions, compared with Mitsuba's thin lens rendered at each position.
 
-Plain paths are compared at equal samples, and shared shading at equal error: the thin lens would need more samples by
-the ratio of the squared errors.
+Plain paths are compared at equal samples, and shared shading at equal error: to reach it, the thin lens needs more
+samples by the ratio of the squared errors.
 
 Both renderers use the same scene, sensor grid and number of samples, and geometric optics, because the thin lens has no
 waves. The thin lens has a box filter, and its focus distance is a variable, so that it is compiled once. Both errors
@@ -162,7 +162,7 @@ def _compare_errors(
     yield BenchFigure("stack", f"error of one pass {at}", 100 * float(np.mean(ours)), "% of mean radiance")
     yield BenchFigure("stack", f"error of the thin lens {at}", 100 * float(np.mean(theirs)), "% of mean radiance")
     worst = max(20 * math.log10(max(a, MIN_ERROR) / max(b, MIN_ERROR)) for a, b in zip(ours, theirs, strict=True))
-    what = "error of one pass over the thin lens's at equal samples, worst position"
+    what = "error of one pass, relative to the thin lens at equal samples, worst position"
     yield BenchFigure("stack", what, worst, "dB", MAX_ERROR_DB, at_most=True)
 
 

@@ -83,9 +83,9 @@ def _bench_reading(path: Path) -> Iterator[BenchFigure | str]:
             rate = frames * rows * columns / seconds / 1e9
             yield BenchFigure("stream", f"read: {what}", rate, "10⁹ pixel·frames/s")
         if fraction is None:
-            yield f"stream: how much of the file was read for {what} is left out: the system does not count"
+            yield f"stream: the fraction of the file read for {what} is left out, because the system does not count it"
         else:
-            yield BenchFigure("stream", f"of the file read for {what}", 100 * fraction, "%")
+            yield BenchFigure("stream", f"fraction of the file read for {what}", 100 * fraction, "%")
 
 
 def _centred(length: int) -> slice:

@@ -1,4 +1,4 @@
-"""Random windows for training: how many per second two processes read, in the first pass and afterwards.
+"""Random windows for training: the number that two processes read per second, in the first pass and afterwards.
 
 The processes start together. Files are in the page cache, so that the work of reading is measured and not the disk.
 """
@@ -42,7 +42,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     first, later = (sum(rates) for rates in zip(*((a, b) for a, b, _ in found), strict=True))
     windows = f"windows of {WINDOW} frames, {format_bench_shape((sensor.rows, sensor.columns))}, {PROCESSES} processes"
     yield BenchFigure("windows", f"random {windows}", later, "/s", MIN_PER_SECOND)
-    yield BenchFigure("windows", "of the first pass, which counts and keeps them", first, "/s")
+    yield BenchFigure("windows", "random windows in the first pass, which counts and caches them", first, "/s")
     memory = max(gib for *_, gib in found)
     yield BenchFigure("windows", "peak memory of a process that reads", memory, "GiB", MAX_GIB, at_most=True)
 

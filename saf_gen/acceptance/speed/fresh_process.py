@@ -1,4 +1,4 @@
-"""Calls of functions in a fresh process, and measurements of time, peak memory and bytes read."""
+"""Function calls in a fresh process, and measurements of time, peak memory and bytes read."""
 
 import resource
 import sys

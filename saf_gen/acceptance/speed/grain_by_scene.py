@@ -1,4 +1,4 @@
-"""The bench ``grain``, scene by scene: the results of each scene are yielded, and saved, as soon as it is measured.
+"""The bench ``grain``, scene by scene: the results of a scene are yielded and saved as soon as it has been measured.
 
 All scenes together take minutes. An interrupted run is resumed from the saved results, which are used only for the same
 code, scene, sensor and numbers of positions and samples.
@@ -48,7 +48,7 @@ class SceneResult:
 def bench_each_scene(
     size: BenchSize, *, measure: Callable[[BenchSize], Sequence[BenchFigure | str]], folder: Path | None = None
 ) -> Iterator[SceneResult]:
-    """Yield the results of ``measure`` for each scene, or those that an earlier run has saved in ``folder``.
+    """Yield the results of ``measure`` for each scene, or the results that an earlier run has saved in ``folder``.
 
     A scene that fails is left out, with a remark; the others continue, and the next run tries it again. Raises BadInput
     if a requested scene or the sensor is unknown, or if the folder cannot be written.

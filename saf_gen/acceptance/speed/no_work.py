@@ -1,6 +1,6 @@
-"""A job that does nothing, on which the scheduler is measured.
+"""A job that does nothing, for measuring the scheduler.
 
-It has its own module, so that a process that is started for it does not import what other benches need.
+It is alone in this module, so that the processes that run it do not import the code of other benches.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from saf_gen.core.execution.job import ReportProgress
 
 @dataclass(frozen=True)
 class NoWork:
-    """A job that only reports, as every job does."""
+    """A job that does nothing but report its end."""
 
     number: int
     takes_all_cores: bool = False

@@ -43,7 +43,7 @@ def all_validation_checks() -> dict[str, Check]:
 
 
 def choose_validation_checks(names: list[str]) -> list[Check]:
-    """Return the checks with these names, or all checks if ``names`` is empty; a subject stands for all its checks.
+    """Return the checks with these names, or all checks if ``names`` is empty; a subject selects all its checks.
 
     Raises BadInput if a name is neither a check nor a subject.
     """

@@ -71,7 +71,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve of a plot: a line, or points with error bars. All sequences that are given have the same length."""
+    """A curve of a plot: a line, or points with error bars. All its sequences have the same length, or are empty."""
 
     label: str
     x: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""Convergence: at our recipes' settings, errors from samples, positions and slices are below the sensor's noise."""
+"""Convergence: with our recipes' settings, errors from samples, positions and slices are below the sensor's noise."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ number of frames of the blocks that focus measures look at."""
 
 
 def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the grain at the samples of our recipes with the sensor's noise; too few samples must give a warning."""
+    """Compare the grain at our recipes' number of samples with sensor noise; too few samples must cause a warning."""
     scenes = ("usaf_target",) if quick else ("usaf_target", "low_texture", "bookshelf", "camel", "two_planes")
     size: dict[str, Any] = {"rows": 50, "columns": 80, "pitch_m": 1e-4}
     sensor = get_sensor("vidar_400x250", **(size if quick else {"rows": 125, "columns": 200, "pitch_m": 4e-5}))
@@ -46,7 +46,7 @@ def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
         with dataset.open(scene=scene) as stream:
             grain = read_grain_of_stream(stream.metadata.provenance)
         rms = float("nan") if grain is None else grain.rms_in_focus
-        comparisons.append(Comparison(f"{scene}: grain in focus over the mean", rms, at_least=0.0, at_most=noise))
+        comparisons.append(Comparison(f"{scene}: relative grain in focus", rms, at_least=0.0, at_most=noise))
         shown.append(rms)
     enough = compose_leaderboard_grain_notes(evaluate(dataset.folder, methods=["sd+argmax"]).records)
     comparisons.append(Comparison("warnings of evaluate at the default", float(len(enough)), 0.0, 0.0, 0.0))
@@ -57,11 +57,11 @@ def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
     )
     x = tuple(map(float, range(len(scenes))))
     curves = (Curve("sensor", x, tuple(noise for _ in x)), Curve("grain", x, tuple(shown), "points"))
-    return Finding(tuple(comparisons), Plot(f"scene: {', '.join(scenes)}", "rms over the mean", curves))
+    return Finding(tuple(comparisons), Plot(f"scene: {', '.join(scenes)}", "relative rms", curves))
 
 
 def _check_positions(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the SD along a sweep rendered at the positions of our recipes with the SD at four times as many."""
+    """Compare the SD along a sweep rendered at our recipes' number of positions with the SD at four times as many."""
     repeats, frames, samples = (4, 2000, 32) if quick else (12, 4000, 256)
     sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
     lens = {"drive": "image_distance", "f_number": F_NUMBER, **DRIVES["image_distance"]}
@@ -85,11 +85,11 @@ def _check_positions(maker: DatasetMaker, quick: bool) -> Finding:
         curves_of[positions] = np.array(found)
     coarse, fine = curves_of.values()
     scatter = np.sqrt((coarse.var(axis=0, ddof=1) + fine.var(axis=0, ddof=1)) / 2)
-    # Bias of each window over the scatter of one recording; up to 1, the bias is below the sensor's noise.
+    # Bias of each window divided by the scatter of one recording; up to 1, the bias is below the sensor's noise.
     off = (coarse - fine.mean(axis=0)) / np.sqrt(np.mean(scatter**2))
     comparisons = (
         Comparison(
-            "rms difference of the curves over the scatter of one recording",
+            "rms difference of the curves, divided by the scatter of one recording",
             float(np.sqrt(max(np.mean(off.mean(axis=0) ** 2) - 2 / repeats, 0.0))),
             at_least=0.0,
             at_most=1.0,
@@ -145,12 +145,12 @@ def _check_slices(maker: DatasetMaker, quick: bool) -> Finding:
         # remains.
         first, second = (a - b for a, b in zip(by_card, finer, strict=True))
         error = float(np.sqrt(max(np.mean(first * second), 0.0)) / np.mean(finer))
-        what = f"{scene}: error over the mean at {per_s:g} slices per second"
+        what = f"{scene}: relative error at {per_s:g} slices per second"
         comparisons.append(Comparison(what, error, 0.0, 0.0, noise))
         shown.append(error)
     x = tuple(map(float, range(len(shown))))
     curves = (Curve("sensor", x, tuple(noise for _ in x)), Curve("slices", x, tuple(shown), "points"))
-    return Finding(tuple(comparisons), Plot(f"scene: {', '.join(scenes)}", "rms over the mean", curves))
+    return Finding(tuple(comparisons), Plot(f"scene: {', '.join(scenes)}", "relative rms", curves))
 
 
 def _noise_of_block(sensor: Sensor) -> float:
@@ -202,8 +202,8 @@ CHECKS = (
     ),
     Check(
         "convergence_slices",
-        "At the time slices per second of their cards, mixing two slices changes the pictures of moving scenes by "
-        "less than the noise of the sensor; `recipes check` warns of a recipe with fewer slices.",
+        "At the time slices per second that their cards state, mixing two slices changes the pictures of moving scenes "
+        "by less than the noise of the sensor; `recipes check` warns of a recipe with fewer slices.",
         "rms(counts at the card's slices − at four times as many) / mean ≤ √(fixed pattern² + (1/6 + F·m)/m²)",
         "Linear interpolation between slices (docs/explanation/physics.md, *What is not modelled*)",
         "The middle of the picture of two moving scenes, swept, at 16 samples per pixel as in our recipes, compared "

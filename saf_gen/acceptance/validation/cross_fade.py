@@ -68,7 +68,7 @@ def _check_dip(maker: DatasetMaker, quick: bool) -> Finding:
         seen = []
         for part in parts[1:]:
             law = _mixed(part, turn, half=half) / at_slice
-            # Turned back by the phase that the law predicts, the amplitude is real.
+            # Rotated back by the phase that the law predicts, the amplitude is real.
             back = np.exp(-1j * (sign * np.angle(law)))
             ratios = [rows / mean * back for rows, mean in zip(found[part], slice_means, strict=True)]
             samples = np.mean([ratio.real for ratio in ratios], axis=0)
@@ -78,7 +78,7 @@ def _check_dip(maker: DatasetMaker, quick: bool) -> Finding:
                 )
             )
             one = compare_mean_with_law(
-                f"{d:g} pixels per slice, {part:g} of the way: amplitude over that at a slice",
+                f"{d:g} pixels per slice, {part:g} of the way: amplitude relative to a slice",
                 samples,
                 expected=float(abs(law)),
                 figures=figures,

@@ -1,4 +1,4 @@
-"""Spike dispersion: noise at few counts, offset by dark charge, and where golden fast search cannot answer."""
+"""Spike dispersion: noise at few counts, offset by dark charge, and the part of a sweep that golden search excludes."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -72,7 +72,7 @@ def _check_dark_end(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _check_dark_offset(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the SD of an even field with dark charge with the prediction from a dark recording of the same device."""
+    """Compare the SD of an even field over dark charge to the prediction from a dark recording of the same device."""
     rows, columns = (100, 160) if quick else (250, 400)
     sensor = workload_sensor_with_noise("shot", "threshold_noise", "dark", rows=rows, columns=columns)
     frames, rates = 2000, (0.002, 0.005, 0.01, 0.03, 0.1)
@@ -102,7 +102,7 @@ def _check_dark_offset(maker: DatasetMaker, quick: bool) -> Finding:
         samples = ((counts - mean) ** 2 - (expected_counts - mean) ** 2) / mean**2
         comparisons.append(
             compare_mean_with_law(
-                f"{mean / n:.3g} spikes per readout: SD minus that of the dark recording",
+                f"{mean / n:.3g} spikes per readout: SD minus the dark recording's",
                 samples,
                 expected=(noise - rounding * (n / frames) ** 2) / mean**2,
                 figures=len(rates),
@@ -129,7 +129,7 @@ THRESHOLD = 10.0
 
 
 def _check_dead_zone(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the answers of golden fast search with 9.55 % of the sweep, for a focus before and after that point."""
+    """Compare the answers of golden fast search with the law, for a focus before and after 9.55 % of the sweep."""
     sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
     frames, focal, travel = 4000, 0.025, 0.001
     focus_positions, repeats = ((0.04, 0.4), 6) if quick else ((0.02, 0.04, 0.06, 0.08, 0.2, 0.3, 0.4, 0.5), 12)
@@ -184,9 +184,9 @@ def _find_undecided_width(streams: list[Path], frames: int) -> float:
     """Return the width (frames) of the widest interval at which noise may change the choice of golden search.
 
     If the focus is before the interval, golden search should always choose the earlier part. A choice is certain if the
-    scores of its two windows, in recordings with different noise, predict (by Student's t distribution) that another
-    recording changes it less than once in 10,000 times. The answer cannot leave the widest interval that is not
-    certain. If all choices are certain, the width is that of the last interval, THRESHOLD.
+    scores of its two windows, in recordings with different noise, predict (by Student's t distribution) that less than
+    one in 10,000 other recordings changes it. The answer cannot leave the widest interval whose choice is not certain.
+    If all choices are certain, the width is THRESHOLD, the width of the last interval.
     """
     measure, n = saf_gen.get_measure("sd"), len(streams)
     sure = deviations_by_law(FALSE_ALARM, freedom=n - 1) * np.sqrt(1 + 1 / n)
@@ -235,8 +235,8 @@ CHECKS = (
         "Sweeps of 4,000 frames over a chequered plane whose focus is before or after that border, each recorded with "
         "twelve draws of noise; `evaluate` runs sd+sgfs_code.",
         "For a focus before the border, answers may be one frame before the border, and after it by the widest "
-        "interval in which noise may change a choice (predicted from recordings with other noise, once in 10,000). For "
-        "a focus after it, half a depth of focus.",
+        "interval in which noise may change a choice (predicted from recordings with other noise, once in 10,000), at "
+        "most half a depth of focus. For a focus after the border, they may differ from it by half a depth of focus.",
         _check_dead_zone,
     ),
 )

@@ -174,12 +174,12 @@ def _check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
     )
     return Finding(
         tuple(comparisons),
-        Plot("thousand photons per pixel and window", "counts over dark", curves),
+        Plot("thousand photons per pixel and window", "counts above dark", curves),
         (
             "DSNU: the standard assumes that the mean of L images has 1/L of the noise variance of one image. "
             "Neighbouring windows share the charge that is left over at their border, so the mean of L windows has "
             "little more than 1/L² of it, and the standard subtracts too much. The law column shows our spread minus "
-            "what the standard subtracts.",
+            "the amount that the standard subtracts.",
             "The standard's gain K, in counts per electron, is the slope of variance against mean. The variance of "
             "counts comes mostly from counting whole spikes and hardly grows with light, so K, and every figure that "
             "is divided by it, is meaningless here.",
@@ -188,7 +188,7 @@ def _check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 def _law_of_series(anchors: np.ndarray, photons: dict[str, float], *, sensor: Sensor) -> np.ndarray:
-    """Return the counts above dark at every bright level, by the law of rates through one bright level and dark."""
+    """Return the counts above dark at every bright level, by the law of rates, fitted to one bright level and dark."""
     bright = f"rate_{round(1000 * BRIGHT):03d}"
     efficiency = sensor.quantum_efficiency * sensor.fill_factor
     dark, bright_charge = charge_of_rate_by_law(anchors[::-1] / WINDOW, sensor)
@@ -201,7 +201,7 @@ def _law_of_series(anchors: np.ndarray, photons: dict[str, float], *, sensor: Se
 def _linearity(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the deviations (per cent) from the standard's line, which is fitted from 5 to 95 % of the highest level.
 
-    The line has the least squares of relative residuals.
+    The line minimises the sum of squared relative residuals.
     """
     used = (y >= 0.05 * y[-1]) & (y <= 0.95 * y[-1])
     slope, offset = np.polyfit(x[used], y[used], 1, w=1 / y[used])
@@ -251,7 +251,7 @@ def _temporal_noise(images: list[np.ndarray], mean: np.ndarray, *, per_spike: fl
 
 def _compare_figure(name: str, found: float, *, ours: tuple[float, float], figures: int) -> Comparison:
     words = {
-        "prnu": "photo-response non-uniformity, over the mean",
+        "prnu": "photo-response non-uniformity, relative to the mean",
         "dsnu": "dark-signal non-uniformity, counts",
         "temporal_bright": "temporal variance at half saturation, counts²",
         "temporal_dark": "temporal variance in the dark, counts²",

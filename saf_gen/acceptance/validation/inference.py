@@ -1,4 +1,4 @@
-"""From samples to comparisons: 95 % intervals, and how far a figure may deviate from its law.
+"""From samples to comparisons: 95 % intervals, and the deviation from its law that a figure is allowed.
 
 A check must neither fail by chance nor pass because its tolerance is wide. Therefore all its figures together fail
 correct code with the probability :data:`FALSE_ALARM` (Bonferroni: each of n figures gets 1/n of it), and the tolerance
@@ -17,7 +17,7 @@ FALSE_ALARM = 1e-4
 
 
 def deviations_by_law(probability: float, *, freedom: float = math.inf) -> float:
-    """Return the number of standard errors that is exceeded upwards with a given probability.
+    """Return the upper limit, in standard errors, that the error of an estimate exceeds with a given probability.
 
     The distribution is Student's t, or the normal distribution if ``freedom`` is infinite. The functions behind
     ``scipy.stats`` are called directly, because importing ``scipy.stats`` takes longer than running a check.

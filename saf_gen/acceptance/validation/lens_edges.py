@@ -25,7 +25,8 @@ POSITIONS, FRAMES = 65, 8000
 def lens_by_law(drive: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Return image distance v, object distance u and stage motion z at each position, and aperture radius R, in metres.
 
-    z is how far the stage has moved the scene towards the lens. The formulas are those of docs/explanation/physics.md.
+    z is the distance by which the stage has moved the scene towards the lens. docs/explanation/physics.md has the
+    formulas.
     """
     keys, p = DRIVES[drive], np.asarray(position, np.float64)
     if drive == "image_distance":
@@ -154,10 +155,10 @@ def compare_edges_with_law(maker: DatasetMaker, quick: bool, *, breathing: bool)
 
 
 def _mixing_error(drive: str, *, breathing: bool, pitch_m: float) -> float:
-    """Return the error of fitting one disc to a mixture of two neighbouring positions' discs, in pixels.
+    """Return the error of fitting one disc to a mixture of the discs of two neighbouring positions, in pixels.
 
     It is at most a tenth of the difference between the two: the mixture has the second moment of the law, and its shape
-    differs by the square of the difference, divided by c.
+    differs by the square of the difference, divided by the diameter c.
     """
     v, u, z, radius = lens_by_law(drive, np.arange(POSITIONS) / (POSITIONS - 1))
     blur = 2 * radius * v * (1 / (DEPTH_M - z) - 1 / u) / pitch_m

@@ -19,7 +19,7 @@ DEPTH = 0.8
 
 
 def _check_flicker(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the amplitude of a lamp's flicker in windows of several lengths with sinc, 0 for whole periods."""
+    """Compare the amplitude of a lamp's flicker in windows of several lengths with sinc (0 for whole periods)."""
     size: dict[str, Any] = {"rows": 50, "columns": 80} if quick else {"rows": 125, "columns": 200}
     sensor, frames, rate = workload_sensor_with_noise("shot", "threshold_noise", **size), 1600, 0.2
     level = gain_of_rate_by_law(rate, sensor)
@@ -43,7 +43,7 @@ def _check_flicker(maker: DatasetMaker, quick: bool) -> Finding:
                 amplitude = 2 * np.mean([image * w for image, w in zip(images, turned, strict=True)], axis=0)
                 law = _flicker_amplitude(n, hz=hz, readout_hz=sensor.readout_hz)
                 found = compare_mean_with_law(
-                    f"{hz} Hz in windows of {n} frames: amplitude over mean",
+                    f"{hz} Hz in windows of {n} frames: amplitude / mean",
                     amplitude / (n * rate),
                     expected=law,
                     figures=figures,
@@ -59,7 +59,7 @@ def _check_flicker(maker: DatasetMaker, quick: bool) -> Finding:
             Curve(f"law, {hz} Hz", tuple(fine.tolist()), tuple(shown)),
             Curve(f"stream, {hz} Hz", tuple(map(float, sizes)), tuple(map(abs, seen)), "points"),
         ]
-    return Finding(tuple(comparisons), Plot("frames of a window", "amplitude over mean", tuple(curves)))
+    return Finding(tuple(comparisons), Plot("frames of a window", "amplitude / mean", tuple(curves)))
 
 
 def _flicker_amplitude(frames: int, *, hz: float, readout_hz: float) -> float:
@@ -86,7 +86,7 @@ def _check_ramp(maker: DatasetMaker, quick: bool) -> Finding:
             law = float(rates[start : start + step].sum())
             counts = stream.counts(start, start + step)
             found = compare_mean_with_law(
-                f"frames {start:,} to {start + step:,}: count over law",
+                f"frames {start:,} to {start + step:,}: count / law",
                 counts / law,
                 expected=1.0,
                 figures=len(starts),
@@ -108,11 +108,11 @@ def _check_ramp(maker: DatasetMaker, quick: bool) -> Finding:
             tuple(one.high - one.measured for one in seen),
         ),
     )
-    return Finding(tuple(comparisons), Plot("rate", "count over law", curves))
+    return Finding(tuple(comparisons), Plot("rate", "count / law", curves))
 
 
 def _check_additivity(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare two light groups recorded separately with both in one stream, and the latter with one render of both."""
+    """Compare a stream of two light groups with the sum of a stream of each, and with one render of all lamps."""
     size: dict[str, Any] = (
         {"rows": 50, "columns": 80, "pitch_m": 1e-4} if quick else {"rows": 125, "columns": 200, "pitch_m": 4e-5}
     )
@@ -135,9 +135,14 @@ def _check_additivity(maker: DatasetMaker, quick: bool) -> Finding:
     mean = float(both.mean())
     comparisons = (
         compare_mean_with_law(
-            "difference, pixel by pixel, over the mean", (lamp + room - both) / mean, expected=0.0, figures=2
+            "relative difference, pixel by pixel", (lamp + room - both) / mean, expected=0.0, figures=2
         ),
-        compare_mean_with_law("to one render, in blocks", _blocks((both - one_render) / mean), expected=0.0, figures=2),
+        compare_mean_with_law(
+            "relative difference from one render, in blocks",
+            _blocks((both - one_render) / mean),
+            expected=0.0,
+            figures=2,
+        ),
     )
     row = both.shape[0] // 2
     x = tuple(map(float, range(both.shape[1])))

@@ -135,7 +135,7 @@ def _check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
         x = tuple((numbers[shown] / mean).tolist())
         curves.append(Curve(f"rate {rate:g}", x, tuple(found.tolist()), "points"))
         curves.append(Curve(f"law, {rate:g}", x, tuple(probabilities[shown].tolist())))
-    return Finding(tuple(comparisons), Plot("interval over its mean", "probability", tuple(curves)))
+    return Finding(tuple(comparisons), Plot("interval / mean", "probability", tuple(curves)))
 
 
 def _spikes_per_frame(stream: SpikeStream) -> np.ndarray:
@@ -150,7 +150,7 @@ def _spikes_per_frame(stream: SpikeStream) -> np.ndarray:
 
 
 def _check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the periodogram of spikes per frame with that of the exact law; their quotient must be white."""
+    """Compare the periodogram of spikes per frame with the prediction of the exact law; the quotient must be white."""
     frames, shape = _size(quick)
     workload = _even_light(RATES, frames=frames, shape=shape)
     dataset = maker.make(workload)
@@ -168,7 +168,7 @@ def _check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
         law = pixels * _expected_periodogram(taper, rate=rate, per_spike=per_spike)[chosen]
         quotient = seen / law
         for n, band in enumerate(np.array_split(quotient, bands), start=1):
-            name = f"rate {rate:g}, band {n} of {bands}: power over law"
+            name = f"rate {rate:g}, band {n} of {bands}: power / law"
             comparisons.append(
                 compare_chi_squared_with_law(name, float(2 * band.sum()), freedom=2 * band.size, figures=figures)
             )
@@ -254,8 +254,8 @@ _BY_CHANCE = (
 CHECKS = (
     Check(
         "noise_photon_transfer",
-        "The variance of counts between windows is that of shot and threshold noise, plus that of counting whole "
-        "spikes.",
+        "The variance of counts between windows is the variance of shot and threshold noise, plus the variance from "
+        "counting whole spikes.",
         "E[(A − B)²]/2 = 2·V(n) − V(2n)/2; V = s² + 1/6 − π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k², m = n·rate, s² = "
         "(1/θ + σ²)·m",
         COX,
@@ -277,8 +277,8 @@ CHECKS = (
     ),
     Check(
         "noise_spectrum",
-        "Spikes per frame have the spectrum that follows from the exact law, without further lines: divided by it, "
-        "they are white.",
+        "Spikes per frame have the spectrum that follows from the exact law, without further lines: divided by the "
+        "law, the spectrum is white.",
         "S(f) = Σⱼ γ(j)·e^(2πifj), γ(j) = (V(j + 1) − 2·V(j) + V(j − 1))/2",
         COX,
         "The streams of noise_photon_transfer: spikes of 100,000 pixels in each of 20,000 frames, with a Hann taper.",

@@ -24,7 +24,7 @@ from saf_gen.optics.exact_otf import exact_lens_otf
 
 
 def _check_blur(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the width of a blurred edge with that of the thin lens, for each drive, on both sides of focus."""
+    """Compare the width of a blurred edge with the law of the thin lens, for each drive, on both sides of focus."""
     return compare_edges_with_law(maker, quick, breathing=False)
 
 
@@ -34,14 +34,14 @@ def _check_breathing(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 MODEL_OF_WAVES = 0.039
-"""Largest error of the transfer by ray bending, below Nyquist, at R/v = 0.024 and 0 to 1.5 waves of defocus:
-docs/explanation/waves.md."""
+"""Largest error of the transfer computed by ray bending, below Nyquist, at R/v = 0.024 and 0 to 1.5 waves of defocus
+(docs/explanation/waves.md)."""
 WAVE_LENS = {"focal_length_mm": 50.0, "f_number": 15.63, "focus_range_m": [0.2313, 0.1777]}
 ANGLE_DEG = 5.0
 
 
 def _check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare the transfer of a slanted edge, in and out of focus, with the exact one of a round lens with waves."""
+    """Compare the transfer of a slanted edge, in and out of focus, with the exact wave-optical law of a round lens."""
     rows, frames = 144, 5000 if quick else 20_000
     sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=rows, columns=64)
     depth = 2 / (1 / 0.2313 + 1 / 0.1777)
@@ -161,7 +161,7 @@ def _check_occlusion(maker: DatasetMaker, quick: bool) -> Finding:
         profile = []
         for column in range(columns):
             found = compare_mean_with_law(
-                f"position {stop:g}, column {column}: difference over the mean",
+                f"position {stop:g}, column {column}: relative difference",
                 (radiance[:, column] - reference[:, column]) / mean,
                 expected=0.0,
                 figures=len(stops) * columns,
@@ -221,8 +221,8 @@ CHECKS = (
     ),
     Check(
         "optics_breathing",
-        "The scale of the picture follows the drive: it goes as v (image distance), is constant (focal length), or "
-        "goes as 1/(d − z) (stage).",
+        "The scale of the picture follows the drive: it is proportional to v (image distance), constant (focal "
+        "length), or proportional to 1/(d − z) (stage).",
         "x = v·X/(d − z)",
         "The thin lens: the ray through its centre is straight",
         "The streams of optics_blur; the edge is 6 mm off the axis.",
@@ -231,7 +231,8 @@ CHECKS = (
     ),
     Check(
         "optics_transfer",
-        "With waves, a slanted edge has the transfer of a round lens, in and out of focus, times that of the pixel.",
+        "With waves, a slanted edge has the transfer of a round lens times the transfer of the pixel, in and out of "
+        "focus.",
         "transfer(ν) = OTF(ν·λv/(2R), W)·sinc(ν·cos α)·sinc(ν·sin α), W·λ = R²·|1/d − 1/u|/2",
         "H. H. Hopkins, 1955, doi:10.1098/rspa.1955.0158; slanted edge: ISO 12233",
         "A half plane, turned by 5 degrees, swept at f/15.6 with R/v = 0.024; windows at 0 to 1.5 waves of defocus, 12 "
@@ -248,7 +249,7 @@ CHECKS = (
         "doi:10.1145/800031.808590",
         "Stripes at 0.55 m behind a bar at 0.45 m, at f/1.4 and three positions; the radiance from the spikes of 4,000 "
         "frames is compared with renders of 16,384 samples.",
-        "The scatter between rows, which all show the same (one false alarm in 10,000 runs), column by column.",
+        "The scatter between rows, which are all alike (one false alarm in 10,000 runs), column by column.",
         _check_occlusion,
     ),
 )

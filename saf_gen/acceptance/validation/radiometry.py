@@ -30,7 +30,7 @@ F_NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)
 SETTLED = 100
 """Frames that are left out at the beginning of a recording."""
 UNEVEN = 1e-5
-"""Relative unevenness that the bends by waves leave in even light: docs/explanation/waves.md."""
+"""Relative unevenness that bends by waves leave in even light (docs/explanation/waves.md)."""
 
 
 def rounding_error_of_law(rate: float) -> float:
@@ -77,7 +77,7 @@ def _check_f_number(maker: DatasetMaker, quick: bool) -> Finding:
         rate = float(expected.mean())
         comparisons.append(
             compare_mean_with_law(
-                f"f/{n:g}: rate over law",
+                f"f/{n:g}: rate / law",
                 seen / expected,
                 expected=1.0,
                 figures=len(numbers),
@@ -106,7 +106,7 @@ def _check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
     x = off_axis_distances_for_validation((sensor.rows, sensor.columns), sensor.pitch_m)
     windows = [(start, start + frames // 20) for start in range(frames // 20, frames, frames // 20)]
     comparisons, magnifications, seen, law = [], [], [], []
-    # Charge is interpolated linearly between positions; the chord is above 1/v² by at most 3/4·(step/v)², relatively.
+    # Charge is interpolated linearly between positions; relative to 1/v², the chord is too high by ≤ 3/4·(step/v)².
     chord = 0.75 * ((farthest - nearest) / (positions - 1) / nearest) ** 2
     with dataset.open() as stream:
         for start, stop in windows:
@@ -128,7 +128,7 @@ def _check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
             counts = stream.counts(start, stop) / (stop - start)
             magnification = float(v.mean()) / focal - 1
             found = compare_mean_with_law(
-                f"M = {magnification:.2f}: rate over law",
+                f"M = {magnification:.2f}: rate / law",
                 counts / rates,
                 expected=1.0,
                 figures=len(windows),
@@ -169,7 +169,7 @@ def _check_field_angle(maker: DatasetMaker, quick: bool) -> Finding:
         ring = (angle >= first) & (angle < last)
         comparisons.append(
             compare_mean_with_law(
-                f"{first:.1f} to {last:.1f} degrees: rate over law",
+                f"{first:.1f} to {last:.1f} degrees: rate / law",
                 seen[ring] / expected[ring],
                 expected=1.0,
                 figures=len(rings) - 1,
@@ -204,7 +204,7 @@ def _check_decades(maker: DatasetMaker, quick: bool) -> Finding:
                 seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
             comparisons.append(
                 compare_mean_with_law(
-                    f"{saturation}, {q:.3g} thresholds per readout: rate over law",
+                    f"{saturation}, {q:.3g} thresholds per readout: rate / law",
                     seen / expected,
                     expected=1.0,
                     figures=2 * light.size,
@@ -221,12 +221,12 @@ def _check_decades(maker: DatasetMaker, quick: bool) -> Finding:
             Curve(f"law, {saturation}", x, tuple(law)),
             Curve(f"stream, {saturation}", x, tuple(rates), "points"),
         ]
-    plot = Plot("charge over threshold, per readout", "rate", tuple(curves), log_x=True, log_y=True)
+    plot = Plot("charge per readout, in thresholds", "rate", tuple(curves), log_x=True, log_y=True)
     return Finding(tuple(comparisons), plot)
 
 
 def _end_effect(charge: float, saturation: str) -> float:
-    """Return how many spikes per pixel the ends of a window may add or remove, on average.
+    """Return the mean number of spikes per pixel that the ends of a window may add or remove.
 
     ``charge``, q, is in thresholds per readout. With ``subtract``, phases are uniformly distributed at the start and
     remain so. With ``dead_readout``, no pixel is dead at the start. For N spikes in W readouts, conservation of charge

@@ -97,7 +97,7 @@ def _run_check(check: Check, maker: DatasetMaker, *, quick: bool) -> Verdict:
 
 
 def fingerprint_validated_source() -> str:
-    """Return the SHA-256 (hex) of all code and presets of saf_gen, by which results of other code are recognised."""
+    """Return the SHA-256 (hex) of all code and presets of saf_gen, which identifies results of other code."""
     package = Path(saf_gen.__file__).resolve().parent
     digest = hashlib.sha256()
     for path in sorted(p for p in package.rglob("*") if p.suffix in (".py", ".yaml")):

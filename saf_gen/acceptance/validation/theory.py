@@ -1,4 +1,4 @@
-"""Closed forms that several checks compare with, written from docs/explanation and not from the code under test.
+"""Closed forms with which several checks compare, written from docs/explanation and not from the code under test.
 
 Lengths are in metres, charge in electrons per readout, rates in spikes per readout.
 """
@@ -56,7 +56,7 @@ def off_axis_columns_for_validation(shape: tuple[int, int], pitch_m: float) -> n
 
 
 def count_variance_by_law(mean: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
-    """Return the variance of a count, or of an interval in readouts, from a pixel whose phase is uniform.
+    """Return the variance of a count, or of an interval in readouts, of a pixel with a uniformly distributed phase.
 
     A continuous quantity X, such as the charge of a window in thresholds, is counted as one of the two nearest
     integers. For a normal X with mean m and variance s², Var N = s² + 1/6 − π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k²
@@ -65,7 +65,7 @@ def count_variance_by_law(mean: float | np.ndarray, variance: float | np.ndarray
     Parameters
     ----------
     mean, variance : float or ndarray
-        m, and s², which must be above 0; they are broadcast against each other.
+        Mean m, and variance s², above 0; they are broadcast against each other.
     """
     m, damping = np.asarray(mean, np.float64), 2 * np.pi**2 * np.asarray(variance, np.float64)
     total = damping / (2 * np.pi**2) + 1 / 6 + np.zeros_like(m)

@@ -1,4 +1,4 @@
-"""Truth: the focus and depth that a file states, compared with closed forms and with where its spikes are sharpest."""
+"""Truth: the focus and depth that a file states, compared with closed forms and with the sharpest spikes."""
 
 import math
 
@@ -48,7 +48,7 @@ def _depths(kind: str, drive: str, *, position: float, pitch_m: float) -> np.nda
 
 
 def _check_depths(maker: DatasetMaker, quick: bool) -> Finding:
-    """Compare truth and depth with closed forms, for a target at two depths, a slanted one and a roof, by drive."""
+    """Compare truth and depth with closed forms, for a target at two depths, a slanted plane and a roof, by drive."""
     sensor = workload_sensor_with_noise(rows=SHAPE[0], columns=SHAPE[1], pitch_m=6e-5)
     across, back = (f"rotate([0, 1, 0], {angle})" for angle in (TILT_DEG, -TILT_DEG))
     kinds: dict[str, dict[str, str]] = {
@@ -228,15 +228,15 @@ def _check_sharpest(maker: DatasetMaker, quick: bool) -> Finding:
             )
         )
         curves.append(Curve(drive, tuple(positions.tolist()), tuple((scores / scores.max()).tolist())))
-    return Finding(tuple(comparisons), Plot("position", "SD over its peak", tuple(curves)))
+    return Finding(tuple(comparisons), Plot("position", "SD / peak", tuple(curves)))
 
 
 _EXACT = "Nothing is random: a few operations in single precision, 0.5 µm of depth, and its effect on the position"
 CHECKS = (
     Check(
         "truth_depths",
-        "At the true focus the mean of c² over the pixels of the target is smallest, and the depth of a pixel is that "
-        "of its ray.",
+        "At the true focus, the mean of c² over the pixels of the target is smallest, and the depth of a pixel is the "
+        "depth of the point that its ray meets.",
         "v = mean(w)/mean(w²), w = 1/f − 1/d; 1/u = mean(1/d); mean((y − u)/y³) = 0, y = d − z",
         "Least squares of c = 2R·v·|1/d − 1/u| (docs/explanation/physics.md, *The lens and its drive*)",
         "A target at two depths in front of a wall, a plane tilted by 20 degrees, and a roof, with each drive; the "
@@ -247,9 +247,10 @@ CHECKS = (
     ),
     Check(
         "truth_moving",
-        "The truth of a moving target is that of each moment, interpolated linearly between time slices.",
+        "The truth of a moving target follows the target at each time slice, and is interpolated linearly between "
+        "slices.",
         "p(t) by the formulas of truth_depths, at the depth 0.53 m − 0.6 m/s·t",
-        "Same as for truth_depths",
+        "Least squares of c, as in truth_depths",
         "A card that approaches by 6 cm in 0.1 s, at 100 time slices per second, swept by each drive.",
         f"{_EXACT}; for the frame, this divided by the speed of the lens relative to the target.",
         _check_moving,

@@ -52,13 +52,13 @@ class Workload:
     frames : int
         Frames per recording.
     lights : mapping, optional
-        Light schedules by name; by default one, which is constant.
+        Light schedules by name; by default, a single constant light.
     exposure, focus, render : mapping, optional
         Sections of the recipe; by default absolute exposure, a lens at rest at position 0, and 4 samples per pixel.
     split : mapping, optional
         Additional keys of the split ``test``, which holds all scenes.
     saturation : str, optional
-        Law of saturation in the recipe; by default that of the sensor.
+        Law of saturation in the recipe; by default, the law of the sensor.
     seed : int, default 15
         Seed of the recipe.
     shipped : tuple of str, optional
@@ -119,7 +119,7 @@ class MadeDataset:
     sequences: tuple[SequenceEntry, ...]
 
     def find(self, *, scene: str | None = None, light: str | None = None, repeat: int | None = None) -> SequenceEntry:
-        """Return the only sequence with this scene, light and repeat; an argument that is None matches anything."""
+        """Return the only sequence with this scene, light and repeat; None matches anything."""
         wanted = {"scene": scene, "light": light, "repeat": repeat}
         wanted_values = {key: value for key, value in wanted.items() if value is not None}
         (found,) = (s for s in self.sequences if all(getattr(s, k) == v for k, v in wanted_values.items()))
@@ -132,14 +132,14 @@ class MadeDataset:
 
 @dataclass(frozen=True)
 class DatasetMaker:
-    """Writes workloads to a folder and generates their datasets; a complete dataset that is there is used again.
+    """Writes workloads to a folder and generates their datasets, or reuses those that are complete there.
 
     Parameters
     ----------
     folder : Path
         Folder with a subfolder for each workload.
     report : callable, optional
-        Called with the name of the work that is being done.
+        Called with the name of the current job.
     datasets : dict, optional
         Datasets of this maker, by the key of their workload; they are not read and checked again.
     """

@@ -1,4 +1,4 @@
-"""Scenes of the checks, as the two files of a scene folder: a glowing panel, edges, planes at known depths."""
+"""Scenes of the checks, as the content of scene folders: a glowing panel, edges, planes at known depths."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -130,7 +130,7 @@ def glowing_edge_of_workload(
 
 
 def strips_behind_bar_of_workload(name: str, *, lens: Mapping[str, Any]) -> WrittenScene:
-    """Return a scene with vertical strips at 0.55 m behind a vertical bar at 0.45 m, in even light; rows are alike."""
+    """Return a scene with vertical strips at 0.55 m behind a vertical bar at 0.45 m, evenly lit; rows are alike."""
     build = """    def strip(left, right, depth, reflectance):
         place = t.translate([(left + right) / 2, 0, depth]).rotate([0, 1, 0], 180)
         return {

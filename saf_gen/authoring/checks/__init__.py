@@ -54,7 +54,7 @@ def check_scene(
 ) -> Iterator[SceneFinding]:
     """Yield the findings of all checks as they are made.
 
-    If something stops a check, such as a scene that cannot be built, the finding is an error of that check, and checks
+    If a check cannot be completed, for example because the scene cannot be built, its finding is an error, and checks
     that need its result do not run.
 
     Parameters
@@ -62,7 +62,7 @@ def check_scene(
     scene : Scene
         Scene to check.
     sensor : Sensor
-        Sensor in front of which the scene is checked.
+        Sensor for which the scene is checked.
     backend : {'auto', 'cuda', 'llvm', 'scalar'}, default 'auto'
         Backend of the renderer.
     progress : callable, optional

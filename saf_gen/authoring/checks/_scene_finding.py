@@ -6,7 +6,7 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class SceneFinding:
-    """One line of a check: its level, and what was measured or what to do."""
+    """One line of a check: its level, and the value that was measured or the advice."""
 
     check: str
     level: Literal["ok", "warning", "error"]
@@ -14,7 +14,7 @@ class SceneFinding:
 
 
 def scene_check_ok(check: str, text: str) -> SceneFinding:
-    """Return a finding that all is well; ``text`` states the value that shows it."""
+    """Return a finding that a check passed; ``text`` states the measured value."""
     return SceneFinding(check, "ok", text)
 
 

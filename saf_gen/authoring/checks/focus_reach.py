@@ -12,12 +12,12 @@ from saf_gen.core.config.ranges import is_config_range
 from saf_gen.errors import BadInput
 
 MARGIN = 0.1  # of the travel, at either end
-MIN_BLUR = 4.0  # pixels; with less at both ends of the travel there is nothing to search for
+MIN_BLUR = 4.0  # pixels; with less blur at both ends of the travel, a search has nothing to find
 MEMBERS = 3
 
 
 def scene_check_out_of_reach(subject: SceneUnderTest, problem: BadInput) -> SceneFinding:
-    """Return the finding for a target out of sight or out of reach, with the unit that would explain it, if any."""
+    """Return the finding for a target out of sight or reach, with advice on a wrong unit if that explains it."""
     unit = suggest_scene_check_unit(subject)
     return scene_check_error("reach", f"{problem}; {unit}" if unit else str(problem))
 
@@ -40,7 +40,7 @@ def check_scene_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         )
     elif max(ends) < MIN_BLUR:
         yield scene_check_warning(
-            "reach", f"{text}: this is too little blur, open the lens or widen {subject.drive.travel_key}"
+            "reach", f"{text}: the blur is too small, open the lens or widen {subject.drive.travel_key}"
         )
     else:
         positions = 2 ** math.ceil(math.log2(1 / half)) + 1  # spaced by at most half the depth of focus

@@ -15,7 +15,7 @@ from saf_gen.authoring.scene_grain import BEST_FOCUS, PositionGrain
 from saf_gen.render.scene_renderer import SceneRenderer
 
 SAMPLES = scene_grain.STILL_SAMPLES // 8
-POSITIONS = 33  # in a stack over the whole travel, the number of positions has little effect on the grain at each
+POSITIONS = 33  # in a stack over the whole travel, their number has little effect on the grain at each position
 
 
 def check_scene_grain(subject: SceneUnderTest) -> Iterator[SceneFinding]:
@@ -27,7 +27,7 @@ def check_scene_grain(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     )
     seen = renderer.trace_depth_and_target()
     measured_positions = scene_grain.list_scene_grain_positions(subject.true_focus)
-    if renderer.is_slow:  # renders position by position, so two positions have the same grain as a whole stack
+    if renderer.is_slow:  # it renders position by position, so two positions have the same grain as in a full stack
         still_samples = slice_samples = SLOW_SAMPLES
         still = scene_grain.measure_scene_grain_of_slices(
             renderer, seen, measured_positions=measured_positions, positions=POSITIONS, samples=still_samples
@@ -71,10 +71,10 @@ def _compare_with_goals(found: Mapping[str, PositionGrain], *, samples: int, usu
 def _figures_with_goals(
     found: Mapping[str, PositionGrain], *, fraction: float, moving: bool
 ) -> Iterator[tuple[float, str]]:
-    """Yield, for each figure that has a goal, the ratio of its variance to that of the goal, and the figure in words.
+    """Yield, for each figure that has a goal, its variance divided by the goal's variance, and the figure in words.
 
-    ``fraction`` is the ratio of the samples used for the measurement to the usual ones. A contrast that noise hides has
-    no figure.
+    ``fraction`` is the number of samples in the measurement divided by the usual number. A contrast that noise hides
+    gives no figure.
     """
     for position_name, grain in found.items():
         at = (

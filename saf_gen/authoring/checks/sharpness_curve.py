@@ -11,7 +11,7 @@ from saf_gen.stack.focal_stack import FocalStack
 
 CLOSE, FAR = 0.5, 1.5  # depths of focus
 MIN_RIVAL = 0.8  # of the peak
-MIN_CONTRAST = 1.2  # of the peak over the lowest value
+MIN_CONTRAST = 1.2  # the peak divided by the lowest value
 
 
 def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
@@ -35,7 +35,7 @@ def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         yield scene_check_warning("curve", f"{text}: {other}")
     elif contrast < MIN_CONTRAST:
         yield scene_check_warning(
-            "curve", f"{text}, but only {contrast:.2f} times the lowest value: add contrast, or open the lens"
+            "curve", f"{text}; the peak is only {contrast:.2f} times the lowest value: add contrast, or open the lens"
         )
     else:
         yield scene_check_ok("curve", f"{text}; the peak is {contrast:.3g} times the lowest value")

@@ -78,7 +78,7 @@ def check_scene_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         )
     found = {time_s: error for time_s, error in found.items() if time_s not in dark}
     if not found:
-        return  # this check or check_motion has reported it
+        return  # this check or check_scene_motion has reported the reason
     worst = max(found, key=lambda time_s: found[time_s].mean_square)
     error = found[worst]
     text = f"half way between two time slices the error is {error.rms():.2%} (rms, at {worst:.3g} s)"

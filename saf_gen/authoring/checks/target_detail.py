@@ -1,4 +1,4 @@
-"""Detail: is the target fine enough to show defocus, and not so fine that it is noise?
+"""Detail: is the target's detail fine enough to show defocus, and not so fine that it is noise?
 
 Blur loss and noise are measured on the rendered image, so they apply to bitmaps, formulas and geometry alike. The blur
 loss is the fraction of the variance of the target's brightness that a blur of three pixels removes. A surface with only
@@ -24,7 +24,7 @@ MIN_CONTRAST = 0.01
 MIN_LOSS, WEAK_LOSS = 0.005, 0.03  # of the variance; below these, the focus cannot be found, or only just
 USUAL_SAMPLES = 64  # per pixel, as in the full-size recipes
 MAX_NOISE = 0.1  # of the target's contrast
-SIGNIFICANT = 4.0  # standard errors; so many, because the largest of a few neighbouring positions is used
+SIGNIFICANT = 4.0  # standard errors; many, because the largest of a few neighbouring positions is used
 MIN_TEXEL, MAX_TEXEL = 0.2, 1.0  # pixels per texel; smaller texels alias
 
 
@@ -99,11 +99,11 @@ def _check_noise(subject: SceneUnderTest, detail: TargetDetail, *, texel: float)
 
 
 def _measure_detail(first: FocalStack, second: FocalStack, *, truth: float, offset: float) -> TargetDetail:
-    """Return the target's detail, from two stacks with independent noise, at the true focus and on either side of it.
+    """Return the target's detail, from two stacks with independent noise.
 
-    ``offset`` is the distance from the true focus on either side, as a fraction of the travel. The squared contrast is
-    the covariance of both stacks over the target's pixels, divided by the squared mean; the larger of the losses on
-    both sides counts.
+    The squared contrast is the covariance of both stacks over the target's pixels, divided by the squared mean. It is
+    compared at the true focus and, on either side, ``offset`` (a fraction of the travel) away from it; the larger loss
+    counts.
     """
     mask, focus = first.target, first.spec.focus
     a, b = (stack.radiance.sum(axis=0)[:, mask].astype(np.float64) for stack in (first, second))

@@ -10,10 +10,10 @@ from saf_gen.camera.exposure import sensor_firing_rate
 from saf_gen.core.config.ranges import is_config_range
 
 LUMENS_PER_WATT = 683.0
-"""Luminous efficacy of light of 555 nm, by the definition of the candela. All light is taken to have the wavelength at
-which the sensors convert it to electrons, so that lux and electrons correspond."""
+"""Luminous efficacy of light of 555 nm, by the definition of the candela. All light is assumed to have the wavelength
+at which the sensors convert it to electrons, so that lux and electrons correspond."""
 TOLERANCE, FAMILY_TOLERANCE = 0.1, 0.3  # of the card's value, which is a mean for a family
-DARKEST, BRIGHTEST = 0.1, 2e5  # lux: light of the full moon, and more than that of the sun at noon
+DARKEST, BRIGHTEST = 0.1, 2e5  # lux: the light of the full moon, and more than the light of the sun at noon
 MAX_DARK_FRACTION = 0.05
 
 

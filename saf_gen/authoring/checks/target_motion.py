@@ -81,8 +81,8 @@ def _times(subject: SceneUnderTest) -> list[float]:
 def _find_fastest_shape(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:
     """Return the shape that moves fastest in the image, and its speed in pixels per second; ('', 0) if none moves.
 
-    The speed is that of the corners of the shape's bounding box over a millisecond at each of the times, seen through
-    the middle of the lens at the true focus. Lamps without geometry do not count.
+    The speed is measured at the corners of the shape's bounding box over a millisecond at each of the times, seen
+    through the middle of the lens at the true focus. Lamps without geometry do not count.
     """
     card, drive = subject.scene.card, subject.drive
     origin = np.array(card.camera.origin_m)

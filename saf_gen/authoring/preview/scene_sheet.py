@@ -16,7 +16,7 @@ from saf_gen.scene.scene_folder import Scene
 
 POSITIONS, SAMPLES, SHARP_SAMPLES = 33, 8, 12
 SLOW_POSITIONS, SLOW_SAMPLES = 9, 4
-SHRINK, SMALL_IMAGES = 2, 2  # factor by which small images are smaller on each side; small images of each kind
+SHRINK, SMALL_IMAGES = 2, 2  # factor by which the sides of small images are shorter; number of images of each kind
 RECORDING_S = 1.0
 
 
@@ -46,7 +46,7 @@ def make_preview_sheet(scene: Scene, sensor: Sensor, *, backend: str) -> Contact
 def render_preview_images(
     renderer: SceneRenderer, position: float, *, samples: int, count: int
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield captions and small sharp images of members of the family, and of moments of a moving scene."""
+    """Yield captions and small, sharp images of members of the family and of moments of a moving scene."""
     scene, grid = renderer.scene, renderer.grid
     grid = SensorGrid(grid.rows // SHRINK, grid.columns // SHRINK, grid.pitch_m * SHRINK)
     if any(is_config_range(value) for value in scene.card.params.values()):

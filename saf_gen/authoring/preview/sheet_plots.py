@@ -45,15 +45,15 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
         return  # the sharpness of a black image is undefined
     right = axes.twinx()
     right.plot(stack.spec.focus, seen.var(axis=(1, 2)) / mean**2, ".-", color=ORANGE)
-    right.set_ylabel("sharpness, variance over mean²", color=ORANGE)
+    right.set_ylabel("sharpness, variance / mean²", color=ORANGE)
     right.set_ylim(bottom=0)
     hide_plot_spines(right, "top", "left")
 
 
 def draw_preview_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, best: int) -> None:
-    """Draw histograms of the spikes per readout of target and frame at best focus, for a mean of 0.2 on the target.
+    """Draw histograms of the firing rates of target and frame at best focus, for a mean of 0.2 on the target.
 
-    If the target is out of sight, or part of it is dark, that mean cannot be reached and the exposure is absolute.
+    If the target is out of sight, or part of it is dark, this mean cannot be reached, and the exposure is absolute.
     """
     charge = _charge(stack, sensor)[best]
     try:

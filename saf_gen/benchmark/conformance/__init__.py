@@ -1,8 +1,8 @@
-"""Checks of third-party methods: whether a method ends, keeps to travel and budget, and repeats its answers.
+"""Checks of third-party methods: whether a method ends, stays in travel and budget, and repeats its answers.
 
 >>> for result in check_conformance_by_name("my_measure.py:Mine+argmax"): ...  # doctest: +SKIP
 
-Every registered measure and search passes the checks; the tests of this project run them on all of these.
+Every registered measure and search passes these checks in the tests of this project.
 """
 
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ def check_conformance_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterat
     Raises
     ------
     BadInput
-        If the name is none of these. It is raised by the call, before the first result.
+        If the name is none of these; the call itself raises it, before the first result.
     """
     found = resolve_method_name(name)
     if isinstance(found, Method):
@@ -80,6 +80,6 @@ def check_method_conformance(method: Method, limits: CheckLimits = LIMITS) -> It
             failed |= result.level == "fail"
             yield result
     if failed:
-        yield CheckResult("method", "whole", "warn", "not run: its measure or its search fails", "correct that first")
+        yield CheckResult("method", "whole", "warn", "not run: the measure or the search fails", "correct that first")
         return
     yield from run_conformance_checks("method", list_method_conformance_checks(method, limits), limits=limits)

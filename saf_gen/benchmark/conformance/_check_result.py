@@ -1,4 +1,4 @@
-"""The result of a check, and the exceptions with which a check reports a fault."""
+"""The result of a check, and the exceptions by which a check reports a fault."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -15,8 +15,8 @@ class CheckResult:
     check : str
         Name of the check.
     level : str
-        ``pass``; ``warn`` if the part can be ranked but behaves in a way that users would not expect; or ``fail`` if
-        the benchmark would refuse it or its results would be meaningless.
+        ``pass``; ``warn`` if the part can be ranked but behaves unexpectedly; or ``fail`` if the benchmark would refuse
+        it or its results would be meaningless.
     seen : str
         The observation of the check, on one line.
     to_do : str
@@ -31,7 +31,7 @@ class CheckResult:
 
 
 class CheckFailure(BaseException):
-    """Error that a failing check raises, with what it saw and how to correct the fault.
+    """Error that a failing check raises, with its observation and the correction of the fault.
 
     It is a BaseException, so that no ``except Exception`` in a plug-in or in the benchmark catches it.
     """
@@ -44,6 +44,6 @@ class CheckFailure(BaseException):
 
 
 class CheckWarning(CheckFailure):
-    """Error that a check raises to warn."""
+    """Error that a check raises if a warning is enough."""
 
     level = "warn"

@@ -16,7 +16,7 @@ import numpy as np
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckResult, CheckWarning
 
 Check = Callable[[], str]
-"""A function that returns what it saw if all is well, and otherwise raises CheckFailure or CheckWarning."""
+"""A function that returns its observation if all is well, and otherwise raises CheckFailure or CheckWarning."""
 
 PACKAGE = Path(__file__).parents[2]
 PLUGIN_FOLDERS = (PACKAGE / "plugins/measures", PACKAGE / "plugins/searches")
@@ -59,12 +59,12 @@ def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: Ch
         except CheckFailure as fault:
             yield CheckResult(part, name, fault.level, fault.seen, fault.to_do)
         except LimitExceededError as late:
-            seen = f"{late}; the rest of the checks was skipped"
-            yield CheckResult(part, name, "fail", seen, "make all loops end, whatever the scores are")
+            seen = f"{late}; the remaining checks were skipped"
+            yield CheckResult(part, name, "fail", seen, "make every loop end, whatever the scores are")
             return
         except (Exception, SystemExit) as error:  # noqa: BLE001 a third-party plug-in may raise anything
             seen = describe_method_crash(error)
-            yield CheckResult(part, name, "fail", seen, "no input of the benchmark may raise this: handle the case")
+            yield CheckResult(part, name, "fail", seen, "handle this case: no input may raise an exception")
 
 
 def describe_method_crash(error: BaseException) -> str:
@@ -83,7 +83,7 @@ def _is_plugin_code(file: Path) -> bool:
 
 
 def _run_within(check: Check, limits: CheckLimits) -> str:
-    """Return what the check saw; a Python warning becomes a CheckWarning, so that warnings do not fill the screen."""
+    """Return the check's observation; a Python warning becomes a CheckWarning, instead of filling the screen."""
     with warnings.catch_warnings(record=True) as caught, _time_limit(limits.seconds):
         warnings.simplefilter("always")
         seen = check()

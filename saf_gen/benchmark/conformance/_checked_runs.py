@@ -33,7 +33,7 @@ LIGHT_FACTORS = {"a usual light": 1.0, "no light": 0.0, "50 times too much": OVE
 
 
 Runner = Callable[..., ClosedLoopRun]
-"""run_method_on_conformance_scene for one method; called with the name of an actuator and the conditions."""
+"""Runs one method by run_method_on_conformance_scene, given the name of an actuator and the conditions."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class LimitedMeasure:
 
 @dataclass(frozen=True)
 class CheckedSearch:
-    """A search that turns its exceptions into a CheckFailure, which names the line that raised and the camera."""
+    """A search that turns an exception into a CheckFailure, which names the camera and the line of the exception."""
 
     search: Search
     camera: str

@@ -1,4 +1,4 @@
-"""A small scene for trying methods, and recordings of it, without a renderer or a dataset.
+"""A small scene on which methods are tried, and recordings of it, without a renderer or a dataset.
 
 The scene is a flat texture with the spectrum of natural scenes, in front of a sensor with realistic noise. It is
 blurred by a Gaussian whose sigma grows with the distance of the lens from the best focus.
@@ -21,7 +21,7 @@ ROWS, COLUMNS, POSITIONS = 32, 48, 33
 BLUR = 8.0  # sigma in pixels at a distance of one travel from the best focus
 BEST_FOCUS = 0.4
 TARGET_RATE = 0.2  # spikes per pixel and readout
-OVEREXPOSURE = 50.0  # factor on that light at which every pixel fires at nearly every readout
+OVEREXPOSURE = 50.0  # multiple of that light at which every pixel fires at nearly every readout
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 
 
@@ -40,7 +40,7 @@ class ConformanceScene:
     sensor : Sensor
         The sensor.
     exposure : float
-        Factor with which the sensor fires TARGET_RATE spikes per pixel and readout at best focus.
+        Factor that scales the light so that the sensor fires TARGET_RATE spikes per pixel and readout at best focus.
     """
 
     best: float
@@ -50,7 +50,7 @@ class ConformanceScene:
     exposure: float
 
     def charge(self) -> np.ndarray:
-        """Return the charge at this exposure, in electrons per readout, float32 (focus, row, col)."""
+        """Return the charge at the scene's exposure, in electrons per readout, float32 (focus, row, col)."""
         return _charge(self.radiance, self.sensor)[0] * np.float32(self.exposure)
 
 
@@ -67,7 +67,7 @@ def make_conformance_scene(best: float) -> ConformanceScene:
 
 
 def write_conformance_recordings(folder: Path, frames: int) -> dict[str, Path]:
-    """Write recordings with this number of frames and return their paths by name.
+    """Write recordings of ``frames`` frames and return their paths by name.
 
     The names are ``empty``, ``full``, ``saturated`` and ``swept``; the first two have no lens positions.
     """

@@ -1,4 +1,4 @@
-"""Checks of what a plug-in states about itself."""
+"""Checks of a plug-in's class, docstring and source."""
 
 import inspect
 from dataclasses import is_dataclass

@@ -16,7 +16,7 @@ def make_conformance_counts(*shape: int, highest: int = 50) -> np.ndarray:
 
 @lru_cache
 def make_conformance_texture(rows: int, columns: int) -> np.ndarray:
-    """Return a random image whose amplitudes fall as 1/frequency, the average over natural scenes.
+    """Return a random image with amplitudes proportional to 1/frequency, as they are on average in natural scenes.
 
     Returns
     -------

@@ -27,14 +27,14 @@ def conformance_bell_curve(frames: int, peak: float, *, width: float = 0.1) -> n
 class SyntheticRecording:
     """A :class:`saf_gen.parts.View` of a recording in which each score is the mean of ``curve`` over the window.
 
-    The counts, which measures named by the search score, are a texture whose contrast follows the curve.
+    Measures that the search names score counts, which are a texture whose contrast follows the curve.
 
     Parameters
     ----------
     curve : ndarray of float
         Focus curve, one value per frame.
     unit : float, optional
-        Factor of the scores by the method's own measure.
+        Factor by which scores of the method's own measure are multiplied.
     light : float, optional
         Mean rate, in spikes per pixel and readout.
     limits : CheckLimits, optional
@@ -43,7 +43,7 @@ class SyntheticRecording:
     Attributes
     ----------
     seen : int
-        End of the latest window or position that was looked at.
+        Number of frames up to the last one that was looked at.
     scores : int
         Number of windows that were scored or looked at.
     """

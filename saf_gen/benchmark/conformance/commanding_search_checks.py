@@ -1,6 +1,6 @@
-"""Checks of a search that commands the lens: it keeps to travel and budget, whatever actuator moves the lens.
+"""Checks of a search that commands the lens: it stays in travel and budget with every actuator.
 
-The measure is ``sd``, unless the search uses a measure of its own.
+The measure is ``sd``, unless the search names other measures.
 """
 
 from functools import partial
@@ -52,7 +52,7 @@ def list_commanding_conformance_checks(search: Search, limits: CheckLimits) -> d
 
 
 def _check_refuses_recording(search: Search, limits: CheckLimits) -> str:
-    """Check that the search does not catch the error that the lens of a recording cannot be moved."""
+    """Check that the search does not catch the error that it gets for moving the lens of a recording."""
     try:
         answer = search(SyntheticRecording(np.ones(2000), limits=limits))
     except BadInput as refusal:
@@ -64,12 +64,12 @@ def _check_refuses_recording(search: Search, limits: CheckLimits) -> str:
 
 
 def _check_actuators(run: Runner) -> str:
-    """Check that the search ends in time with every actuator of saf_gen and answers with a position in the travel."""
+    """Check that the search ends in time with every actuator of saf_gen, and answers with a position in the travel."""
     return "; ".join(f"{name}: {describe_closed_loop_run(run(name))}" for name in actuator_names())
 
 
 def _check_small_budgets(run: Runner) -> str:
-    """Check that the search ends within its budget even if that is too small."""
+    """Check that the search ends within a budget that is too small."""
     answers = []
     for frames in SMALL_BUDGETS:
         position = run(STEADY, frames=frames).answer.position
@@ -85,7 +85,7 @@ def _check_lights(run: Runner) -> str:
 
 
 def _check_repeatable(run: Runner) -> str:
-    """Check that the search moves the lens along the same path if the camera is the same."""
+    """Check that the search moves the lens along the same path if it runs again on the same camera."""
     run_method_twice(run, STEADY)
     return "the same answer along the same path of the lens"
 
@@ -104,8 +104,8 @@ def _check_finds_focus(run: Runner) -> str:
     for seed, best in enumerate(BEST_POSITIONS):
         end = run(STEADY, best=best, seed=seed)
         found.append((best, end.answer.position, float(end.path[-1])))
-    words = ", ".join(f"{best:g} as {'nothing' if at is None else f'{end:.3f}'}" for best, at, end in found)
-    seen = f"the focus, fractions of the travel: {words}"
+    words = ", ".join(f"{best:g} → {'no answer' if at is None else f'{end:.3f}'}" for best, at, end in found)
+    seen = f"best focus → final position, as fractions of the travel: {words}"
     if any(at is None or abs(end - best) > TOLERANCE for best, at, end in found):
         expected = f"an error within {TOLERANCE:g} is expected in {BUDGET_FRAMES / 20_000:g} s with {STEADY}"
         raise CheckWarning(seen, f"{expected}; wait until the lens rests, and score longer windows if they are noisy")

@@ -1,4 +1,4 @@
-"""Checks of a search that estimates on a recording: it ends, answers with a frame of it, and ignores the unit."""
+"""Checks of a search that estimates on a recording: it ends, answers with a recorded frame, and ignores the unit."""
 
 from collections.abc import Callable
 from functools import partial
@@ -16,7 +16,7 @@ from saf_gen.parts import Search, wants_measures
 from saf_gen.plugins.measures import get_measure
 
 LENGTHS = 2000, 5000, 20_000, 100_000
-"""Lengths of the recordings in frames; the first that the search does not refuse as too short is used."""
+"""Lengths of recordings in frames, of which the first is used that the search does not refuse as too short."""
 SHORT_LENGTHS = 1, 2, 5, 20, 100
 PEAK_FRACTIONS = 0.3, 0.5, 0.7
 TOLERANCE = 0.05  # fraction of the recording
@@ -88,7 +88,7 @@ def _check_ends(search: Search, record: ViewFactory) -> str:
 
 
 def _check_answers(search: Search, record: ViewFactory) -> str:
-    """Check that for any curve the search returns an Answer that is a frame of the recording or an abstention."""
+    """Check that for any curve the search returns an Answer, with a frame of the recording or an abstention."""
     curves = _curves(find_recording_length_for_method(search, record))
     for name, curve in curves.items():
         check_method_answer_frame(search(record(curve)), len(curve), recording=name)
@@ -96,7 +96,7 @@ def _check_answers(search: Search, record: ViewFactory) -> str:
 
 
 def _check_flat(search: Search, record: ViewFactory) -> str:
-    """Check that the search does not crash without spikes, with equal scores, or if the curve has a flat top."""
+    """Check that the search does not crash without spikes, if all scores are equal, or if the curve is flat on top."""
     frames = find_recording_length_for_method(search, record)
     answers = []
     for name, (curve, light) in {
@@ -131,15 +131,15 @@ def _check_finds_peak(search: Search, record: ViewFactory) -> str:
     """Check that the search finds a smooth peak without noise."""
     frames = find_recording_length_for_method(search, record)
     found = [(peak, search(record(conformance_bell_curve(frames, peak))).frame) for peak in PEAK_FRACTIONS]
-    words = ", ".join(f"{peak} as {'nothing' if at is None else f'{at / frames:.3f}'}" for peak, at in found)
-    seen = f"peaks of the curve, fractions of the recording: {words}"
+    words = ", ".join(f"{peak} → {'no answer' if at is None else f'{at / frames:.3f}'}" for peak, at in found)
+    seen = f"peak of the curve → answer, as fractions of the recording: {words}"
     if any(at is None or abs(at / frames - peak) > TOLERANCE for peak, at in found):
         raise CheckWarning(seen, f"an error within {TOLERANCE:g} is expected for a smooth peak without noise")
     return seen
 
 
 def _check_stops_early(search: Search, record: ViewFactory) -> str:
-    """Check that a search that states that it is causal does not ask for the end of a sweep with an early peak.
+    """Check that a search that is stated to be causal does not ask for the end of a sweep with an early peak.
 
     In the closed loop the lens moves on until the end of the last window that the search asks for. The answer must
     therefore be among the frames recorded until then.
@@ -147,7 +147,7 @@ def _check_stops_early(search: Search, record: ViewFactory) -> str:
     frames = LENGTHS[-1] // 2
     view = record(conformance_bell_curve(frames, PEAK_FRACTIONS[0]))
     answer = search(view)
-    seen = f"on a peak at {PEAK_FRACTIONS[0]} of the sweep it asked for frames up to {view.seen / frames:.3f}"
+    seen = f"for a peak at {PEAK_FRACTIONS[0]} of the sweep, it asks for frames up to {view.seen / frames:.3f}"
     if getattr(search, "causal", False) and view.seen >= frames:
         raise CheckFailure(
             f"it states that it is causal, but {seen}",

@@ -146,15 +146,15 @@ def _check_repeatable(measure: Measure) -> str:
 
 
 def _check_degree(measure: Measure) -> str:
-    """Check that tripling the counts multiplies the score by 3**degree, where degree is the stated one."""
-    # A measure of halves corrects for the rounding to whole spikes by a constant, which is negligible for large counts.
+    """Check that tripling the counts multiplies the score by 3 to the power of the stated degree."""
+    # A half-window measure corrects for rounding to whole spikes by a constant, which is negligible for large counts.
     counts = make_conformance_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
     scorer = _window_scorer(measure)
     one, three = scorer(counts), scorer(counts * np.uint32(3))
     if not math.isclose(three, one * 3.0**measure.degree, rel_tol=1e-9, abs_tol=1e-12):
         measured = f"degree {math.log(three / one, 3):.4g}" if one * three > 0 else "no power of brightness"
         raise CheckFailure(
-            f"counts times 3 give {three:g} instead of {one:g}: {measured}, but it states {measure.degree}",
+            f"counts times 3 score {three:g}, the counts {one:g}: {measured}, but it states {measure.degree}",
             "state the actual degree; if the score is no power of brightness, divide by the mean count first",
         )
     return f"counts times 3 give the score times {3**measure.degree}"
@@ -167,14 +167,14 @@ def _check_sharp_over_blurred(measure: Measure) -> str:
     high, low = scorer(sharp), scorer(gaussian_filter(sharp, BLUR, mode="wrap"))
     if not low <= high * (1 + 1e-9):
         raise CheckWarning(
-            f"a texture blurred by {BLUR:g} pixels scores {low:.4g}, above the sharp one's {high:.4g}",
+            f"a texture blurred by {BLUR:g} pixels scores {low:.4g}, more than the sharp texture, {high:.4g}",
             "larger must mean sharper: change its sign, or say in its docstring when it fails",
         )
-    return f"a texture blurred by {BLUR:g} pixels scores {low:.4g}, the sharp one {high:.4g}"
+    return f"a texture blurred by {BLUR:g} pixels scores {low:.4g}, the sharp texture {high:.4g}"
 
 
 def _check_speed(measure: Measure) -> str:
-    """Return how long a score of 100,000 pixels takes, in words; a measure never fails because it is slow."""
+    """Return the time that a score of 100,000 pixels takes, as text; a slow measure does not fail."""
     halves = (2,) if wants_halves(measure) else ()
     counts = make_conformance_counts(*halves, *IMAGE)
     measure(make_conformance_counts(*halves, 37, 52))  # triggers compilation on first use
@@ -187,7 +187,7 @@ def _check_speed(measure: Measure) -> str:
 
 
 def _window_scorer(measure: Measure) -> Scorer:
-    """Return a function that scores counts; a measure of halves gets them twice, and a timed measure also a length."""
+    """Return a function that scores counts, used as both halves if necessary; scores with a length are only checked."""
 
     def score(counts: np.ndarray) -> float:
         scored_counts = np.stack([counts, counts]) if wants_halves(measure) else counts

@@ -28,7 +28,7 @@ def list_method_conformance_checks(method: Method, limits: CheckLimits) -> dict[
 
 
 def _check_on_recordings(method: Method) -> str:
-    """Check that the method repeats its answers on recordings that are empty, full or saturated, or show a sweep."""
+    """Check that the method repeats its answers on empty, full and saturated recordings, and on a sweep."""
     frames = max(find_recording_length_for_method(method.search), MIN_FRAMES)
     answers: dict[str, Answer] = {}
     with tempfile.TemporaryDirectory(prefix="saf-gen-") as folder:
@@ -47,7 +47,7 @@ def _check_on_recordings(method: Method) -> str:
 
 
 def _check_on_running_camera(method: Method, limits: CheckLimits) -> str:
-    """Check that the method keeps to travel and budget and repeats its run: in usual light, too much light and none."""
+    """Check that the method stays in travel and budget and repeats its run, in usual light, excess light and none."""
     # Imported here because this loads the reader of OpenEXR files.
     from saf_gen.benchmark.conformance import _checked_runs as checked_runs
 

@@ -51,7 +51,7 @@ def _find_kind(name: str) -> str:
 
 
 def _has_view_parameter(plain: Any) -> bool:
-    """Return whether a parameter of a plain function, or of calls of a plain class, has the name ``view``."""
+    """Return whether one of the first two parameters of a plain function, or of a plain class's calls, is ``view``."""
     called = plain.__call__ if isinstance(plain, type) else plain
     return "view" in list(signature(called).parameters)[:2]
 
@@ -59,8 +59,8 @@ def _has_view_parameter(plain: Any) -> bool:
 def _load_class(name: str, bare: str) -> type:
     """Return the class called ``name`` or, if it does not exist, the class called ``bare``.
 
-    ``bare`` is ``name`` without the suffixes ``_n`` and ``_tfi``. The full name is tried first, because a
-    class may have a name with this ending.
+    ``bare`` is ``name`` without the suffixes ``_n`` and ``_tfi``. The full name is tried first, because the name of a
+    class may end like this.
     """
     try:
         return plugin_class("measures", name)

@@ -37,7 +37,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     sequences : sequence of str, optional
         Ids of the sequences to use; by default all.
     protocol : ClosedLoopProtocol, optional
-        Actuator and budget; by default a voice coil and as long as can be captured.
+        Actuator and budget; by default a voice coil, and the longest time that can be captured.
     region : str, default 'target'
         Where the policy looks: ``target``, the box around the target, or ``frame``.
     control_s : float, default 0.005
@@ -61,7 +61,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     -----
     An observation describes the last control period:
 
-    - ``image``, float32 (pixels, pixels), 0...1: counts per pixel and frame, averaged over equal areas of the box
+    - ``image``, float32 (pixels, pixels), 0...1: counts per pixel and frame, averaged over equal areas of the box,
       whatever its shape.
     - ``lens``, float32 (1,), 0...1: the last reading of the position sensor, clipped to the travel.
     - ``left``, float32 (1,), 0...1: the fraction of the budget that is left.
@@ -79,9 +79,9 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     The info has ``sequence`` and ``seconds`` (the time that has passed) and, at the end, the result of
     :func:`saf_gen.benchmark.tracks.closed_loop_judgement.judge_closed_loop_run`.
 
-    ``reset(seed=n)`` draws the sequence, the initial lens position and the noise of camera and lens; the draws are
-    determined by n and by the number of episodes since then. ``reset(options={"sequence": ID})`` uses that sequence
-    and starts as the benchmark does.
+    ``reset(seed=n)`` draws the sequence, the initial lens position and the noise of camera and lens; n and the number
+    of episodes since then determine them. ``reset(options={"sequence": ID})`` uses that sequence, and the initial
+    position and noise of the benchmark.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
@@ -129,7 +129,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._episode: Episode | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without sequences and episode: a copy reads sequences again and starts with ``reset``."""
+        """Return the state without sequences and episode, so that a copy reads sequences again and needs ``reset``."""
         return {**self.__dict__, "_sequences": OrderedDict(), "_episode": None}
 
     @property
@@ -221,7 +221,7 @@ def _select_tasks(tasks: Sequence[SequenceTask], sequences: Sequence[str] | None
     if sequences is None:
         return list(tasks)
     if isinstance(sequences, str) or not sequences:
-        raise BadInput(f"sequences are {sequences!r}", allowed="a list of at least one id, or None for all")
+        raise BadInput(f"the sequences are {sequences!r}", allowed="a list of at least one id, or None for all")
     for sequence in sequences:
         if sequence not in known:
             raise unknown("sequence", sequence, allowed=known)

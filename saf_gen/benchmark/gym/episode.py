@@ -1,4 +1,4 @@
-"""One episode: a policy controls a running camera, one control period at a time, and earns rewards.
+"""An episode, in which a policy controls a running camera, one control period at a time, and earns rewards.
 
 This module does not use Gymnasium. The camera, the start, the end and the judgement are those of the benchmark.
 """
@@ -27,7 +27,7 @@ FOCUS_BONUS = 1.0
 
 
 class Episode:
-    """A running camera that a policy controls; initially its lens is at rest before the first control period.
+    """A running camera that a policy controls; its lens is at rest before the first control period.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Episode:
     Attributes
     ----------
     run : ClosedLoopRun or None
-        The run after the episode is over; None before.
+        The run, once the episode is over; None before.
     rate : ndarray of float64, shape (h, w)
         Counts per pixel and frame in the last control period, in the entire box.
     observations : int
@@ -145,7 +145,7 @@ class Episode:
         Raises BadInput before the end of the episode.
         """
         if self.run is None:
-            raise BadInput("the episode is still going on", hint="stop it, or let its time run out")
+            raise BadInput("the episode is not over", hint="stop it, or let its time run out")
         return judge_closed_loop_run(self.run, self._truth, readout_hz=self._hz)
 
     def _finish(self, position: float | None) -> None:
@@ -153,7 +153,7 @@ class Episode:
         self.run = finish_closed_loop_run(self._camera, answer, to=position, budget=self._budget)
 
     def _make_observation(self) -> dict[str, np.ndarray]:
-        """Return what a policy sees; the image always covers a full period, even if the last one was cut short."""
+        """Return the observation; its image covers a full period, even if the last period was cut short."""
         camera = self._camera
         first = camera.now - self.period
         counts = camera.run_until(first, camera.now).window(first, camera.now)

@@ -1,4 +1,4 @@
-"""Evaluation of a policy as a method of the benchmark: it is run on every sequence, judged and recorded."""
+"""Evaluation of a policy as a method of the benchmark: it runs on every sequence, and each answer is judged."""
 
 import hashlib
 import inspect
@@ -45,7 +45,7 @@ def evaluate_policy(
     env : gymnasium.Env
         An :class:`AutofocusEnv`, in any wrappers; the policy sees and acts through them.
     make_policy : callable
-        Returns a policy. It is called for each sequence, so that nothing is carried over from one to the next.
+        Returns a policy. It is called for each sequence, so that a policy carries nothing over to the next sequence.
     method : str
         Name in the leaderboard.
     code : str, optional
@@ -62,8 +62,7 @@ def evaluate_policy(
     Raises
     ------
     BadInput
-        If the name is not allowed, if the source or the focal stacks cannot be read, or if the environment refuses
-        something.
+        If the name is not allowed, if the source or the focal stacks cannot be read, or if the environment raises it.
     """
     inner = env.unwrapped
     if not isinstance(inner, AutofocusEnv):
@@ -116,7 +115,7 @@ def _run_policy(
 
 
 def _digest_source(make_policy: Callable[[], Policy], parameters: str) -> str:
-    """Return 12 digits of a SHA-256 over the source of the module that defines a policy and over what it observes."""
+    """Return 12 digits of a SHA-256 over a policy's name, the observation parameters and the source of its module."""
     module = sys.modules.get(getattr(make_policy, "__module__", ""))
     try:
         source = inspect.getsource(module) if module else ""

@@ -13,7 +13,7 @@ from saf_gen.stream.metadata import Truth
 ARRIVAL_TOLERANCE_DOF = 0.25
 """Distance from its last position, in depths of focus, within which the lens counts as arrived."""
 DEFAULT_DEPTH_OF_FOCUS = 0.01
-"""Depth of focus, as a fraction of the travel, that takes its place in this distance if it is unknown."""
+"""Depth of focus, as a fraction of the travel, that is assumed for ARRIVAL_TOLERANCE_DOF if it is unknown."""
 
 
 def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float
 
 
 def count_reversals_of_closed_loop_run(positions: Sequence[float]) -> int:
-    """Return how often a lens that is sent to one of these positions after the other changes its direction."""
+    """Return the number of times that a lens changes direction if it is sent to these positions in turn."""
     directions = np.sign(np.diff(positions))
     directions = directions[directions != 0]
     return int((directions[1:] != directions[:-1]).sum())

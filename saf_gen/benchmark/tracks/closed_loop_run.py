@@ -1,9 +1,9 @@
 """A run of a method in the closed loop, where it moves the lens of a running camera within a budget of time.
 
-On a sequence, the lens starts at the same position for all methods, drawn with the seed of the sequence. A search that
-commands the lens then moves it itself. A search that estimates on a recording is given a sweep: the lens goes to the
-nearer end of its travel, then towards the other end, and back to the answer of the search; the sweep ends with the last
-window that the search looks at. The run is judged by the position of the lens at the end.
+On each sequence, the lens starts at the same position for all methods, drawn with the seed of the sequence. A search
+that commands the lens then moves it itself. A search that estimates on a recording is given a sweep: the lens goes to
+the nearer end of its travel, then towards the other end until the last window that the search looks at, and back to the
+answer. The run is judged by the final position of the lens.
 """
 
 from collections.abc import Callable
@@ -105,7 +105,7 @@ def finish_closed_loop_run(
 
 
 def explain_spent_method_budget(budget: int) -> str:
-    """Return why a method failed: it spent its budget, in frames, without giving an answer."""
+    """Return the reason for failure of a method that spent its budget, in frames, without an answer."""
     return f"the budget of {budget} frames was spent"
 
 

@@ -21,7 +21,7 @@ from saf_gen.stream.stream_file import SpikeStream
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopSequence:
-    """The scene in front of the camera and the region where methods look, equal for all methods.
+    """The scene in front of the camera, and the region where methods look; both are equal for all methods.
 
     It does not keep the stream open.
 
@@ -38,7 +38,7 @@ class ClosedLoopSequence:
     charge_source : ChargeSource
         Charge of the rows that the box needs.
     data : str
-        content_sha256 of the stream, or a digest of it and of the time slices if these are not those of the recording.
+        content_sha256 of the stream, or a digest of stream and time slices if the recording has other time slices.
     """
 
     task: SequenceTask

@@ -65,11 +65,11 @@ def evaluate_closed_loop_sequence(
         rate = measure_rate_of_evaluated_stream(WindowCounts(stream, choose_stream_region(stream, rate_region)[0]))
         budget = protocol.count_frames(sequence.capture)[0]
         common = describe_evaluated_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
-        if sequence.capture.truth.track is None:  # in a moving scene the slices here differ from the recording's
+        if sequence.capture.truth.track is None:  # in a moving scene, the recording has other slices
             common["grain_rms"] = describe_grain_for_record(stream)["grain_rms"]
     if not all(commands(method.search) for method in methods):  # methods that do not command the lens need a sweep
         protocol.check_sweep(sequence.capture)
-    captured = {commanding: sequence.make_captured_frames() for commanding in (False, True)}  # all sweeps are equal
+    captured = {commanding: sequence.make_captured_frames() for commanding in (False, True)}  # sweeps share frames
     for done, method in enumerate(methods, start=1):
         run = run_closed_loop_method(captured[commands(method.search)], method, protocol=protocol)
         records.append(

@@ -13,7 +13,7 @@ REACH_LIMIT_DOF = SUCCESS_LIMITS_DOF[1]
 
 
 def judge_focus_crossing(truth: Truth, focus_position: np.ndarray | None) -> tuple[float | None, float | None]:
-    """Return when the lens of a recording first meets the focus, and its smallest distance from the focus.
+    """Return the time at which the lens of a recording first meets the focus, and its smallest distance from the focus.
 
     Parameters
     ----------
@@ -28,8 +28,8 @@ def judge_focus_crossing(truth: Truth, focus_position: np.ndarray | None) -> tup
         Time of the first meeting, as a fraction of the recording, 0...1. A lens that comes near without crossing the
         focus meets it where it is nearest. None if the lens stays farther away than REACH_LIMIT_DOF, or if unknown.
     distance : float or None
-        Smallest distance over all readouts, in depths of focus. It determines whether an abstention is right, see
-        :func:`saf_gen.benchmark.judgement.judge_method_answer`. None if unknown.
+        Smallest distance over all readouts, in depths of focus, by which
+        :func:`saf_gen.benchmark.judgement.judge_method_answer` judges abstentions. None if unknown.
     """
     best = _find_best_focus(truth)
     lens = np.asarray([] if focus_position is None else focus_position, dtype=np.float64)
@@ -46,9 +46,7 @@ def judge_focus_crossing(truth: Truth, focus_position: np.ndarray | None) -> tup
 
 
 def judge_focus_location(truth: Truth) -> tuple[float | None, float | None]:
-    """Return the position of the focus in the travel, and its distance from the travel.
-
-    This is for a lens that may move anywhere in its travel.
+    """Return the position of the focus in the travel, and its distance from the travel, if the lens may move freely.
 
     Parameters
     ----------
@@ -60,7 +58,7 @@ def judge_focus_location(truth: Truth) -> tuple[float | None, float | None]:
     position : float or None
         Fraction of the travel, clipped to 0...1. None if unknown, or if the distance exceeds REACH_LIMIT_DOF.
     distance : float or None
-        How far the focus is beyond the ends of the travel, in depths of focus; in a moving scene, the smallest
+        Distance of the focus beyond the ends of the travel, in depths of focus; in a moving scene, the smallest
         distance at any time. None if unknown.
     """
     best = _find_best_focus(truth)
@@ -74,7 +72,8 @@ def judge_focus_location(truth: Truth) -> tuple[float | None, float | None]:
 def truncate_truth_to_judge(truth: Truth, frames: int) -> Truth:
     """Return the truth of the first ``frames`` frames of a recording.
 
-    In a moving scene whose focus the recorded lens met later, the position is that of the last of these frames.
+    If the target moves and the recorded lens met the focus later, the position is the best focus in the last of these
+    frames.
     """
     if truth.track is None or frames >= len(truth.track):
         return truth

@@ -4,8 +4,8 @@ A file has one line of JSON per method and sequence::
 
     {"method": "my_net", "sequence": "camel-sudden-00", "frame": 8213.5, "frames_seen": 9000}
 
-``frame`` counts from 0 and may be fractional; null abstains. The lens positions are those of the recording. The cost
-of an answer is what its author states; impossible numbers, such as more frames than were recorded, are refused.
+``frame`` counts from 0 and may be fractional; null abstains. The lens positions are taken from the recording. The cost
+of an answer is stated by its author; impossible numbers, such as more frames than were recorded, are refused.
 """
 
 import hashlib
@@ -23,9 +23,9 @@ from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput, unknown
 
 EXAMPLE = '{"method": "my_net", "sequence": "ID", "frame": 8213.5} in each line'
-FRAMES_HINT = "set frames_seen to how far the method looked, at least up to its answer, or leave frames_seen out"
+FRAMES_HINT = "set frames_seen to the number of frames seen, at least up to the answer, or leave frames_seen out"
 METHOD_NAME = r"[A-Za-z0-9][A-Za-z0-9_.:=,+-]{0,79}"
-"""Regular expression of the names that a method that runs elsewhere, or a policy, may have."""
+"""Regular expression for the names of policies and of methods that run elsewhere."""
 
 
 def _check_method_name(name: str) -> str:
@@ -54,7 +54,7 @@ class Prediction(FrozenModel):
     trace : tuple of float, optional
         Steps of the method.
     note : str, optional
-        A line for the reader.
+        One line for the reader.
     data : str, optional
         content_sha256 of the stream, which is checked if given.
     """
@@ -69,7 +69,7 @@ class Prediction(FrozenModel):
     data: str | None = None
 
     def describe_frames_fault(self, frames: int) -> str:
-        """Return what is wrong with ``frames_seen`` for a recording of ``frames`` frames, or ''."""
+        """Return the fault of ``frames_seen`` for a recording of ``frames`` frames, or ''."""
         if self.frames_seen is None or self.frames_seen <= frames:
             return ""
         return f"frames_seen is {self.frames_seen}, but {frames} frames were recorded"
@@ -82,7 +82,7 @@ class PredictionSet:
         self.path, self.code, self._found = path, code, found
 
     def only(self, sequence: str) -> "PredictionSet":
-        """Return the set of the answers on one sequence."""
+        """Return a set of the answers on one sequence."""
         found = {name: {sequence: answers[sequence]} for name, answers in self._found.items()}
         return PredictionSet(self.path, self.code, found=found)
 
@@ -96,14 +96,15 @@ class PredictionSet:
         Parameters
         ----------
         tasks : sequence of SequenceTask
-            The sequences. If a task states the digest or the length of its stream, the answers are checked for them.
+            The sequences. If a task states the digest or the length of its stream, the answers are checked against it.
         running_methods : iterable of str, optional
             Names of the methods that run here, which predictions must not use.
 
         Raises
         ------
         BadInput
-            If an answer is missing, superfluous, made from another stream, or has the name of a method that runs here.
+            If an answer is missing, superfluous, made from another stream or from more frames than were recorded, or
+            has the name of a method that runs here.
         """
         sequences = {task.id: task for task in tasks}
         for name in running_methods:

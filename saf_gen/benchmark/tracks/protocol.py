@@ -1,4 +1,4 @@
-"""Protocol of the closed loop: what moves the lens, and how long a method may take."""
+"""Protocol of the closed loop: the actuator, the budget and the sweep."""
 
 import math
 from dataclasses import dataclass, replace
@@ -24,8 +24,8 @@ class ClosedLoopProtocol:
     actuator : Actuator
         Motor that moves the lens.
     budget_s : float, optional
-        Time until the lens is judged, in seconds, above 0. By default it is as long as the recording can be captured
-        again.
+        Time until the lens is judged, in seconds, above 0. By default it is the longest time for which the recording
+        can be captured again.
     sweep_s : float, optional
         Duration of a sweep from end to end, in seconds, for searches that need one. By default it is half the budget,
         but at least what the actuator needs, and at most what is left after the lens has come to rest at the start of
@@ -49,7 +49,7 @@ class ClosedLoopProtocol:
     def count_frames(self, capture: Capture) -> tuple[int, int]:
         """Return the number of frames of the budget and of a sweep.
 
-        This does not check that the actuator gets from end to end within a sweep; ``check_sweep`` does.
+        Whether the actuator gets from end to end within a sweep is checked by ``check_sweep``, not here.
 
         Parameters
         ----------
@@ -121,9 +121,9 @@ class ClosedLoopProtocol:
         return f"{self.actuator.label}, {_ms(budget, hz)} ms, {sweep_text}"
 
     def _count_sweep_frames(self, hz: float) -> int:
-        """Return the length of the shortest sweep, in frames: latency, the travel, and the lens following its motor."""
+        """Return the length of the shortest sweep, in frames: latency, motion, and the trailing of the lens."""
         frames = self.actuator.end_to_end_s * hz
-        return max(MIN_FRAMES, math.ceil(frames - 0.01))  # 500.007 frames are 500
+        return max(MIN_FRAMES, math.ceil(frames - 0.01))  # 500.007 counts as 500
 
     def _count_rest_frames(self, hz: float) -> int:
         """Return the number of frames until a lens that starts at the middle of the travel rests at an end."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_benchmarks
+from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
 
 _DIGITS = 12
 """Number of digits of the digest that a record contains."""
@@ -14,5 +14,5 @@ def name_benchmark_for_record(provenance: Mapping[str, str]) -> str | None:
     The benchmark that a recording states is accepted only if this version of saf_gen knows its name and digest.
     """
     name, _, digest = provenance.get(BENCHMARK_KEY, "").partition(" ")
-    frozen = read_frozen_benchmarks().get(name)
+    frozen = read_frozen_digests().get(name)
     return f"{name} {digest[:_DIGITS]}" if frozen is not None and digest == frozen.digest else None

@@ -1,7 +1,7 @@
 """Fields of a record that describe grain, the noise that the renderer left in the pictures of a sequence.
 
-A focus measure mistakes grain for texture. How much that matters depends on the measure: its energy in the grain is
-compared with the range of its focus curve, for those measures whose energy is stored in the recording.
+A focus measure mistakes grain for texture. For each measure whose energy is stored in the recording, its energy in the
+grain is compared with the range of its focus curve.
 """
 
 import math
@@ -24,9 +24,9 @@ ENERGY_OF_MEASURE: Mapping[str, str] = {
 def describe_grain_for_record(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
     """Return the fields of a record that describe the grain of a recording; None if unknown.
 
-    The range of the curve is that of the noise-free sharpness in the file for ``contrast``, and that of the signal
-    along the recording for the other energies. Grain is known only in the box around the target, and hence not for a
-    method that looks at the frame.
+    The focus curve is the noise-free sharpness in the file for ``contrast``, and the signal along the recording for the
+    other energies. Grain is known only in the box around the target, and hence not for a method that looks at the
+    frame.
     """
     grain = read_grain_of_stream(stream.metadata.provenance)
     if grain is None:

@@ -1,4 +1,4 @@
-"""Name of the sensor that made a recording, which distinguishes sensors with different numbers."""
+"""Name of the sensor that made a recording, with a digest that distinguishes sensors with different numbers."""
 
 import hashlib
 import json

@@ -200,7 +200,7 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
         truth_frame=truth.frame,
         ends=truth.depth_of_focus,
     )
-    # A failure must not count as an abstention, which is right if the focus is outside the travel.
+    # A failure must not count as an abstention, which is a success if the focus is out of reach.
     half, one, two = (success and not attempt.problem for success in judged.success)
     return Record(
         method=attempt.method,

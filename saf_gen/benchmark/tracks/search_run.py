@@ -27,7 +27,7 @@ def run_search_of_method(
     BudgetSpentError
         If the search asks for more frames than its budget has left.
     BadInput
-        If the error concerns the file ``stream_path`` and is hence not the fault of the method.
+        If the error concerns the file ``stream_path`` and is therefore not the method's fault.
     """
     total_time, view_time = Stopwatch(), Stopwatch()
     try:
@@ -41,7 +41,7 @@ def run_search_of_method(
         if stream_path and isinstance(error, BadInput) and error.where == stream_path:
             raise
         return Answer(), describe_method_exception(error)
-    finally:  # the times inside the view may add up to more than the total if a search uses threads
+    finally:  # with threads, the times inside the view may add up to more than the total
         scorer.add_seconds(max(total_time.seconds - view_time.seconds, 0.0))
 
 
@@ -55,7 +55,7 @@ def describe_method_exception(error: Exception) -> str:
 
 
 def find_method_answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
-    """Return what is wrong with an answer and how to correct it, or None if the answer can be judged.
+    """Return the fault of an answer and its correction, or None if the answer can be judged.
 
     A valid answer is an Answer with a finite trace and a note of at most one line. A search that commands the lens
     gives a finite position and no frame; a search that estimates gives a finite frame and no position. An answer with

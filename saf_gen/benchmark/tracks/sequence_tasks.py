@@ -19,7 +19,7 @@ from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
 
 RATE_BLOCKS = 200
-"""Minimum number of blocks in which mean counts are measured; a shorter recording has one block per frame."""
+"""Minimum number of blocks in which mean counts are measured; a recording of fewer frames has one block per frame."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _make_stream_task(path: AnyPath, *, split: str | None, scene_motion: str | N
         if value is not None:
             raise BadInput(
                 f"{what} {value!r} cannot be selected from the single stream {str(path)!r}",
-                allowed=f"a dataset, or a stream without a selected {what}",
+                allowed=f"a dataset, or a stream and no {what}",
             )
     name = file_name_as_text(path.stem)
     return SequenceTask(name, None, name, None, path, None)
@@ -124,7 +124,7 @@ def check_stream_to_evaluate(task: SequenceTask, stream: SpikeStream) -> None:
 
 
 def measure_rate_of_evaluated_stream(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centres of blocks, in frames, and the mean counts in each, in spikes per pixel and readout."""
+    """Return the centre of each block, in frames, and its mean counts, in spikes per pixel and readout."""
     window = max(1, counts.frames // RATE_BLOCKS)
     first = np.arange(0, counts.frames - window + 1, window)
     rate = np.array([float(np.mean(counts.window(a, a + window))) / window for a in first.tolist()])

@@ -34,9 +34,9 @@ class CapturedFrames:
     Attributes
     ----------
     frames : int
-        Number of frames that are encoded.
+        Number of frames that are encoded so far.
     textures_s : float
-        Time in seconds in which interval textures were computed.
+        Computing time of all interval textures so far, in seconds.
     """
 
     def __init__(

@@ -13,13 +13,13 @@ from saf_gen.stream.measure_input import WindowSource, stream_input_for_measure
 
 
 class TimedWindowSource(WindowSource, Protocol):
-    """A source of windows that also measures the time in which interval textures were computed.
+    """A source of windows that also measures the computing time of interval textures.
 
     Attributes
     ----------
     textures_s : float
-        Time in seconds of all interval textures so far, without reading and counting. A texture that was kept from an
-        earlier request counts with the time that it took to compute.
+        Computing time of all interval textures so far, in seconds, without reading and counting. A texture that is kept
+        from an earlier request counts again with its original time.
     """
 
     textures_s: float
@@ -29,8 +29,8 @@ class MeteredScorer:
     """Scores windows for one method, and measures the cost.
 
     The cost in ``seconds`` is the computing time of the measure and of its interval textures; run_search_of_method adds
-    that of the search. Reading, encoding and counting of spikes are excluded: they represent the camera, they depend on
-    how spikes are stored, not on the method, and counted windows are shared between methods.
+    the time of the search. Reading, encoding and counting of spikes are excluded: they represent the camera, depend on
+    the storage of the spikes rather than on the method, and give windows that methods share.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ class RecordingView:
         Scorer that measures the cost.
     """
 
-    lag_s = 0.0  # the positions of a recording are those of the lens itself
+    lag_s = 0.0  # a recording stores the positions of the lens itself
 
     def __init__(self, counts: WindowCounts, measure: Callable[..., float]) -> None:
         self._counts, self.scorer = counts, MeteredScorer(measure)

@@ -21,7 +21,7 @@ class RestrictedView:
     view : View
         Recording, sweep or running camera.
     within : Stopwatch
-        Measures the time that is spent inside the view; the search is charged for its remaining time.
+        Measures the time that is spent inside the view, which the search is not charged for.
     """
 
     __slots__ = ("_view", "_within")

@@ -1,4 +1,4 @@
-"""The closed loop: a camera that runs while a method moves its lens.
+"""The camera of the closed loop, which runs while a method moves its lens.
 
 Every readout is encoded with the light, the scene and the lens position of that moment, and the charge of every pixel
 carries over from readout to readout. Time passes when a method scores a window, waits, or lets the lens settle. Frames
@@ -73,9 +73,9 @@ class RunningCamera:
         self.commanded_positions = [start]
         """The start position, followed by every position to which the lens was sent."""
         self.commanded_trajectory: Callable[[int], float] | None = None
-        """Function that returns the commanded position at each frame of a sweep; None if there is no sweep."""
+        """Function that returns the commanded position at a frame of a sweep; None outside a sweep."""
         self.stack_error: Exception | None = None
-        """Error of reading the focal stacks, which is not the method's fault; None if all could be read."""
+        """Error in reading the focal stacks, which is not the method's fault; None if there was no error."""
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
         """Return the score of frames ``first <= t < stop``, after running the camera until they have passed.
@@ -110,7 +110,7 @@ class RunningCamera:
         return self._captured
 
     def position(self, frame: int) -> float:
-        """Return what the position sensor read at a frame that has passed, as a fraction of the travel."""
+        """Return the reading of the position sensor at a frame that has passed, as a fraction of the travel."""
         if not 0 <= frame < max(self.now, 1):
             raise BadInput(f"frame {frame} has not passed", allowed=f"0 to {max(self.now - 1, 0)}")
         return float(self._sensed[frame])
@@ -123,7 +123,7 @@ class RunningCamera:
         self.commanded_positions.append(float(to))
 
     def sweep_command_frames(self, sweep: int) -> float:
-        """Return the number of frames for which commands must run from end to end so that the lens takes ``sweep``."""
+        """Return how many frames commands must take from end to end so that the lens takes ``sweep`` frames."""
         return self._actuator.command_sweep_s(sweep / self.readout_hz) * self.readout_hz
 
     @property

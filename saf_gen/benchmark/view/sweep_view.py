@@ -1,4 +1,4 @@
-"""A sweep of the lens of a running camera, as the view of a search that would otherwise run on a recording."""
+"""A sweep of the lens of a running camera, as a view for searches that estimate on recordings."""
 
 import math
 
@@ -12,8 +12,8 @@ from saf_gen.errors import BadInput
 class SweepView:
     """The view of a lens that goes from one end of its travel to the other; see :class:`saf_gen.parts.View`.
 
-    Frames count from the beginning of the sweep. A search that looks only at frames that have passed stops the sweep
-    when it answers; a search that first scores the last window completes the sweep.
+    Frames count from the beginning of the sweep. The sweep ends after the last window that the search asks for, so a
+    search that works in order of time can stop it early.
 
     Parameters
     ----------
@@ -22,8 +22,8 @@ class SweepView:
     begin, end : float
         First and last lens position, as fractions of the travel.
     frames : int
-        Number of readouts in which the lens goes from ``begin`` to ``end``. The lens trails its commands, so
-        the commands run a little faster, in ``camera.sweep_command_frames(frames)``.
+        Number of readouts in which the lens goes from ``begin`` to ``end``. The lens trails its commands, which
+        therefore run a little faster, in ``camera.sweep_command_frames(frames)``.
     """
 
     def __init__(self, camera: RunningCamera, *, begin: float, end: float, frames: int) -> None:
@@ -41,7 +41,7 @@ class SweepView:
         return self._camera.now - self._offset
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        """Return the score of a window of the sweep; the lens goes on moving until the window is over.
+        """Return the score of a window of the sweep; the lens moves on until the window is over.
 
         Raises BadInput if the window is empty, begins before the sweep or ends after it.
         """
@@ -57,7 +57,7 @@ class SweepView:
         return self._camera.counts(self._offset + window.start, self._offset + window.stop)
 
     def position(self, frame: int) -> float:
-        """Return what the position sensor read at a frame of the sweep, as a fraction of the travel.
+        """Return the reading of the position sensor at a frame of the sweep, as a fraction of the travel.
 
         Raises BadInput if the frame has not passed.
         """
@@ -69,9 +69,8 @@ class SweepView:
     def position_at(self, frame: float) -> float:
         """Return the lens position at a fractional frame, as a fraction of the travel, from the position sensor.
 
-        The reading is interpolated linearly between frames. A sensor at the motor reads ahead of the lens by the time
-        by which the lens trails the motor; this is corrected. If no frame has passed, the last reading before the sweep
-        is returned.
+        The reading is interpolated linearly between frames. A sensor at the motor reads ahead of the lens, which trails
+        the motor; this is corrected. If no frame has passed, the last reading before the sweep is returned.
         """
         last = self.now - 1
         frame -= self._camera.sensor_lead_frames

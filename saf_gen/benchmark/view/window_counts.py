@@ -1,7 +1,7 @@
 """Fast spike counts of any window of a recording.
 
 A search looks at hundreds of windows, which are often half as long as the recording, and several methods look at the
-same windows. Long windows are therefore computed from running sums at knots, and windows already counted are kept.
+same windows. Long windows are therefore computed from running sums up to some frames (knots), and counted windows kept.
 """
 
 from collections import OrderedDict
@@ -73,7 +73,7 @@ class WindowCounts:
         return image
 
     def _compute_once(self, kind: str, compute: Callable[[int, int], np.ndarray], *, window: range) -> np.ndarray:
-        """Return the kept image of a window, or compute and keep it; beyond WINDOW_BYTES the oldest are dropped."""
+        """Return the kept image of a window, or compute and keep it; beyond WINDOW_BYTES, drop the longest unused."""
         key = kind, window.start, window.stop
         if key in self._cache:
             self._cache.move_to_end(key)

@@ -1,1 +1,1 @@
-"""Readers of what users write: strict YAML and JSON, ranges of numbers, and plug-ins by name."""
+"""Readers of configuration: strict YAML and JSON, ranges of numbers, and plug-ins found by name."""

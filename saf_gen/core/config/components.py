@@ -28,10 +28,10 @@ def read_config_component(
     common: Iterable[str] = (),
     build: Callable[..., object] | None = None,
 ) -> Component:
-    """Return the component at these keys of a recipe, checked and with the text of its file.
+    """Return the component at these keys of a recipe, after checking it and reading the file that it names.
 
-    ``common`` are keys that every kind takes in addition to its options. ``build(kind, **options)`` builds the plug-in
-    at one corner of the ranges; by default the registry builds it.
+    ``common`` lists keys that every kind takes in addition to its options. ``build(kind, **options)`` builds the
+    plug-in at one corner of the ranges; by default the registry builds it.
 
     Raises BadInput, with file and line, for the first entry that is wrong.
     """
@@ -68,7 +68,7 @@ def read_config_component(
 
 
 def _with_text(value: Any, document: Document, *, where: str) -> Any:
-    """Return the path of a file, or each path of a choice, together with the text, which a recording stores."""
+    """Return the path of a file, or each path of a choice, with the text of the file, which a recording stores."""
     if is_config_range(value) and isinstance(value.get("choice"), list):
         return {"choice": [_with_text(one, document, where=where) for one in value["choice"]]}
     if not isinstance(value, str):
@@ -79,7 +79,7 @@ def _with_text(value: Any, document: Document, *, where: str) -> Any:
 def draw_config_component(
     plugin_kind: str, component: Component, *, name: tuple[str | int, ...], purpose: tuple[str, ...]
 ) -> Component:
-    """Return the component of one recording, with open numbers drawn, and with a ``seed`` if the plug-in takes one.
+    """Return the component of one recording: open numbers drawn, and a ``seed`` added if the plug-in takes one.
 
     ``name`` names the random streams of the recording, and ``purpose`` identifies this component among them.
     """

@@ -25,7 +25,8 @@ Lines = Mapping[tuple[Key, ...], int]
 Model = TypeVar("Model")
 
 STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-"""Immutable, without unknown keys, with finite numbers; a dataclass sets it as its ``__pydantic_config__``."""
+"""Settings of immutable models that refuse unknown keys and numbers that are not finite; a dataclass sets them as its
+``__pydantic_config__``."""
 
 
 class FrozenModel(BaseModel):
@@ -56,18 +57,18 @@ class Document:
         return str(self.path)
 
     def only(self, key: str) -> "Document":
-        """Return the document with only this key of its mapping."""
+        """Return a document that holds only this key of the mapping."""
         return Document({key: self.data[key]}, self.path, find_lines=lambda: self._lines)
 
 
 MAX_DATA_FILE_BYTES = 1 << 30
-"""Largest number of bytes of a file that programs write, such as the manifest of a dataset."""
+"""Largest size, in bytes, of a file that programs write, such as the manifest of a dataset."""
 MAX_LINE = 1 << 24
 """Largest number of characters per line of a file that programs write, such as the records of an evaluation."""
 
 
 def read_text(path: AnyPath, *, max_bytes: int = MAX_DATA_FILE_BYTES, encoding: str = "utf-8", hint: str = "") -> str:
-    """Return the text of a file, with every line end as a newline.
+    """Return the text of a file, with every line end converted to a newline.
 
     Raises BadInput if the file is missing (the error then suggests the nearest name), cannot be read, is not a regular
     file, or has more than ``max_bytes`` bytes.
@@ -98,7 +99,7 @@ def check_plain_file(path: AnyPath, *, max_bytes: int = MAX_DATA_FILE_BYTES, hin
 
 
 def read_lines(path: Path, *, hint: str = "") -> Generator[str, None, None]:
-    """Yield the lines of a text file of any size, without their ends; only one line is in memory at a time.
+    """Yield the lines of a text file of any size, without line ends, keeping only one line in memory.
 
     Raises BadInput if the file cannot be read, is not a regular file, or has a line of more than MAX_LINE characters.
     """
@@ -118,7 +119,7 @@ def read_lines(path: Path, *, hint: str = "") -> Generator[str, None, None]:
 
 
 def check_valid_unicode(text: str, *, where: str) -> None:
-    """Raise BadInput for a text with an unpaired surrogate, as an escape may give: it cannot be written to a file."""
+    """Raise BadInput for a text with an unpaired surrogate, which an escape may produce and no file can hold."""
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -134,10 +135,10 @@ _adapter = cache(TypeAdapter)
 def validate_document(model: type[Model], document: Document, *, hint: str = "") -> Model:
     """Return the document as a value of ``model``, a pydantic model or a dataclass.
 
-    Raises BadInput for the first error, with file, line, value, and what is allowed. ``hint`` is the next step if users
-    should not edit the file, because a program wrote it.
+    Raises BadInput for the first error, with its file, line and value, and what is allowed. ``hint`` is the next step
+    for a file that users should not edit because a program wrote it.
     """
-    checked: Any = model  # to mypy a type[Model] is not hashable
+    checked: Any = model  # mypy does not regard a type[Model] as hashable
     if not isinstance(document.data, dict):
         allowed = ", ".join(_fields(model))
         raise BadInput("the file holds no keys", where=document.locate(), allowed=allowed, hint=hint)
@@ -217,7 +218,7 @@ def _expectation(error: ErrorDetails) -> str:
 
 
 def _fields(model: Any) -> dict[str, Any]:
-    """Return the keys of a model in a file, each with its annotation; empty if ``model`` is not a model."""
+    """Return the annotation of each key that a model has in a file; empty if ``model`` is not a model."""
     for candidate in _alternatives(model):
         if isinstance(candidate, type) and issubclass(candidate, BaseModel):
             return {f.alias or name: f.annotation for name, f in candidate.model_fields.items()}
@@ -228,14 +229,14 @@ def _fields(model: Any) -> dict[str, Any]:
 
 
 def _annotation_at(model: Any, loc: tuple[Key, ...]) -> Any:
-    """Return the annotation at one of pydantic's paths within a model."""
+    """Return the annotation to which one of pydantic's paths leads within a model."""
     for key in loc:
         model = _annotation_inside(model, key)
     return model
 
 
 def _meaning(model: Any, loc: tuple[Key, ...]) -> str:
-    """Return the text in the annotation of a key, Annotated[…, "what it means"]; '' if it has no text."""
+    """Return the text in the annotation of a key, Annotated[…, "its meaning"]; '' if it has no text."""
     return next((note for note in get_args(_annotation_at(model, loc))[1:] if isinstance(note, str)), "")
 
 

@@ -1,4 +1,4 @@
-"""The docstrings of fields: the text below a field of a model or dataclass says what the field is.
+"""Docstrings of fields: the texts below the fields of a model or dataclass, which describe them.
 
 Python discards them, so they are read from the source when needed. Reference pages and JSON Schemas show them.
 """

@@ -36,7 +36,7 @@ class _FrozenFile(FrozenModel):
 
 
 @cache
-def read_frozen_benchmarks() -> dict[str, FrozenBenchmark]:
+def read_frozen_digests() -> dict[str, FrozenBenchmark]:
     """Return the frozen benchmarks by the names of their recipes.
 
     Raises BadInput, with the line, if the file that lists them is damaged.

@@ -14,7 +14,7 @@ from saf_gen.errors import BadInput
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 CONSTANTS = ("NaN", "Infinity", "-Infinity")
 CHECKSUM = "checksum"
-"""Last key of an object that programs write: the first 16 digits of the SHA-256 of the text before them."""
+"""Last key of an object that programs write; its value is the first 16 digits of the SHA-256 of the text before it."""
 _CHECKSUM_AT_END = re.compile(rf'"{CHECKSUM}": "([0-9a-f]{{16}})"\n?\}}\n?\Z')
 
 
@@ -76,9 +76,9 @@ def _digits(text: str) -> str:
 
 
 def load_plain_json(source: str | Path) -> Any:
-    """Return the plain data of a JSON text, or of a file, which the caller ignores if it cannot be read.
+    """Return the plain data of a JSON text or file that the caller ignores if it cannot be read.
 
-    Raises ValueError whatever is wrong: a missing file, text that is not JSON, or nesting too deep for Python. Unlike
+    Raises ValueError for every problem: a missing file, text that is not JSON, or nesting too deep for Python. Unlike
     :func:`read_json` it does not look for the nearest name, because a plan tries thousands of files that do not exist.
     """
     try:
@@ -102,7 +102,7 @@ def _refuse_constant(constant: str) -> NoReturn:
 
 
 def _find_problem(text: str, line: int) -> tuple[str, int]:
-    """Return what is refused although JSON's grammar allows it or Python can read it, and its line."""
+    """Return the first problem that JSON's grammar or Python allows but this module refuses, and its line."""
     seen = set()
     for keys, at, token in _walk(text, line):
         if token == ":" and keys in seen:

@@ -1,7 +1,7 @@
 """JSON Schemas of the YAML files that users write, so that an editor completes keys and marks mistakes.
 
 A schema accepts everything that the strict models accept. It refuses unknown keys, wrong types and numbers out of
-range. It does not check what depends on other files, such as the names of scenes; ``saf-gen recipes check`` does.
+range. Only ``saf-gen recipes check`` checks entries that depend on other files, such as the names of scenes.
 """
 
 import typing
@@ -37,7 +37,7 @@ RANGE: Schema = {
 }
 PLAIN_SCHEMA: Schema = {"type": ["number", "string", "boolean"]}
 OPEN: Schema = {"$ref": "#/$defs/Range"}
-"""A value that is left open; every schema of :func:`model_to_json_schema` contains its definition."""
+"""A value that is left open as a range; :func:`model_to_json_schema` adds the definition to every schema."""
 PARAMETER: Schema = {"anyOf": [PLAIN_SCHEMA, {"type": "array", "items": PLAIN_SCHEMA}, OPEN]}
 """A parameter of a scene: a plain value, a list of them, or a range."""
 
@@ -68,9 +68,10 @@ def _models_in(model: type[BaseModel]) -> Iterable[type[BaseModel]]:
 
 
 def define_config_schema(schema: Schema, plugin_kind: str, *, common: Mapping[str, Schema] | None = None) -> Schema:
-    """Add a definition of ``{kind: ..., ...}`` for each plug-in of a kind, and return a reference to any of them.
+    """Add a definition of ``{kind: ..., ...}`` for each plug-in of a kind, and return a reference to their union.
 
-    ``common`` are keys that all of them take. Each value may be left open, and the component itself may be a choice.
+    ``common`` maps further keys, which all of them take, to schemas. Each value may be left open, and the component
+    itself may be a choice.
     """
     kinds = []
     for name in registry.names(plugin_kind):

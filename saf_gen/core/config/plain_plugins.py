@@ -1,4 +1,4 @@
-"""Conversion of plain functions and classes to plug-ins, with their parameters as options."""
+"""Conversion of plain functions and classes to plug-ins whose options are their parameters."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ from saf_gen.parts import wants_frames, wants_halves
 
 PROTOCOL_METHODS = {"measures": "__call__", "searches": "__call__", "lights": "integral", "motions": "positions"}
 DECLARED = "saf_gen_declared"
-"""Attribute of a function that holds what its decorator declares."""
+"""Attribute of a function that holds the declarations of its decorator."""
 
 
 def wrap_plain_code(found: object, plugin_kind: str) -> type | None:
@@ -37,7 +37,7 @@ def wrap_plain_code(found: object, plugin_kind: str) -> type | None:
 
 
 def declare_measure(function: Callable[..., float], **declared: Any) -> None:
-    """Attach to a function what it declares about itself as a measure."""
+    """Attach declarations, such as the degree of a measure, to a function."""
     setattr(function, DECLARED, declared)
 
 
@@ -79,7 +79,7 @@ def _list_options(found: Callable[..., Any]) -> list[tuple[str, Any, Any]]:
     options: list[tuple[str, Any, Any]] = []
     try:
         parameters = signature(found).parameters.values()
-    except (TypeError, ValueError) as error:  # such as those of a function that is written in C
+    except (TypeError, ValueError) as error:  # such as for a function written in C
         raise BadInput(f"the parameters of {found!r} cannot be read: {error}", hint="wrap it in a function") from error
     for parameter in parameters:
         if parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
@@ -91,7 +91,7 @@ def _list_options(found: Callable[..., Any]) -> list[tuple[str, Any, Any]]:
 
 
 def _return_default(default: object) -> object:
-    """Return a default without copying it, as Python does with the defaults of functions."""
+    """Return a default uncopied, as Python shares the defaults of functions between calls."""
     return default
 
 
@@ -112,7 +112,7 @@ def _make_plugin(
 
 
 def _find_degree(measure: Any) -> int:
-    """Return the power of brightness in a score, found by quadrupling counts; 0 if it is not a whole number."""
+    """Return the power of brightness in a score, found by quadrupling counts; 0 unless it is a positive integer."""
     counts = (np.arange(48 * 64, dtype=np.uint32).reshape(48, 64) * 7919 % 97 % 23 + 1).astype(np.uint32)
     window = np.stack([counts, counts[::-1]]) if wants_halves(measure) else counts
     frames = {"frames": 200} if wants_frames(measure) else {}

@@ -1,4 +1,4 @@
-"""Devices described in YAML files: those that come with saf_gen, by name, and those of users, by path."""
+"""Devices described in YAML files: those that come with saf_gen have a name, those of users a path."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -18,7 +18,7 @@ Device = TypeVar("Device")
 def checked(
     fits: Callable[[Any], bool], allowed: str, *, convert: Callable[[Any], Any] = lambda value: value
 ) -> Callable[[Any], Any]:
-    """Return a check for pydantic that converts a value that ``fits`` and raises ValueError for any other value."""
+    """Return a pydantic validator that converts a value if ``fits`` accepts it, and else raises ValueError."""
 
     def check(value: Any) -> Any:
         if not fits(value):
@@ -37,7 +37,7 @@ def _is_exponent(value: Any) -> bool:
 
 
 def between(low: float, high: float, *, unit: str, integer: bool = False) -> PlainValidator:
-    """Return a check for pydantic of a number from ``low`` to ``high``, inclusive; ``integer`` requires an integer."""
+    """Return a pydantic validator of numbers from ``low`` to ``high``, inclusive; ``integer`` allows only integers."""
     kind = "a whole number " if integer else ""
     return PlainValidator(
         checked(
@@ -68,8 +68,8 @@ Sources = Annotated[
 def change_preset_fields(device: Device, changes: Mapping[str, Any], *, where: str) -> Device:
     """Return a copy of a device with some fields changed.
 
-    If a field has fields itself, a mapping changes only those that it names. Raises BadInput, with ``where``, for an
-    unknown field or a value that is not allowed.
+    In a field that has fields itself, a mapping changes only the fields that it names. Raises BadInput, with
+    ``where``, for an unknown field or a value that is not allowed.
     """
     data: dict[str, Any] = asdict(device)  # type: ignore[call-overload]
     for key, value in changes.items():

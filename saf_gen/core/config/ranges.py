@@ -49,7 +49,7 @@ def check_config_parameter(value: Any, *, what: str = "the value", where: str = 
     """Raise BadInput for a parameter that is neither a plain value nor a range of plain values.
 
     Finite numbers, text, true, false and lists of these are plain. A YAML date or ``.nan`` is not, because it could not
-    be stored with the recording that it leads to.
+    be stored with the recording.
     """
     for end in config_range_extremes(value, where=where):
         for one in end if isinstance(end, list) else [end]:

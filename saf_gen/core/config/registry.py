@@ -117,7 +117,7 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
             raise BadInput(
                 f"{where} names the code {name!r}",
                 allowed="registered names in files; code is run only if the command line names it",
-                hint="read the code; if you trust it, name it in a --method of its own before that of the file",
+                hint="read the code; if you trust it, name it in a separate --method before the one with the file",
             )
         path, _, member = name.rpartition(":")
 
@@ -164,7 +164,7 @@ def _import_file(path: Path) -> ModuleType:
 
 
 def registered_option_fields(plugin_kind: str, name: str) -> dict[str, str]:
-    """Return the keys that a plug-in takes, each with the name of its dataclass field."""
+    """Return the name of the dataclass field for each key that a plug-in takes."""
     return {f.name.rstrip("_"): f.name for f in fields(plugin_class(plugin_kind, name)) if f.init}
 
 

@@ -65,7 +65,7 @@ class _DigestedCode(ast.NodeTransformer):
 
     def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.ImportFrom:
         if node.module and node.module.startswith("saf_gen.plugins."):
-            node.module = node.module.replace(".plugins", "", 1)  # the folder when records were first published
+            node.module = node.module.replace(".plugins", "", 1)  # the package when records were first published
         return node
 
 

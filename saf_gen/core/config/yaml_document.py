@@ -9,19 +9,19 @@ import yaml
 from saf_gen.core.config.document import Document, Key, check_valid_unicode, read_text
 from saf_gen.errors import BadInput
 
-TOO_DEEP = "this is nested too deep, or in a circle"
+TOO_DEEP = "this is nested too deep, or contains itself"
 MAX_YAML_BYTES, MAX_VALUES = 1 << 22, 100_000
-"""Limits of a file that people write. A value that is repeated by its name counts each time: a few lines can hold
+"""Limits of a file that users write. Each repetition of a value by an alias counts, because a few lines can hold
 millions."""
 _YAML_ERRORS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
-"""Exceptions that Python raises through PyYAML for values and escapes of the right form that have no meaning."""
+"""Exceptions that Python raises through PyYAML for values and escapes that are well formed but have no meaning."""
 
 
 def read_yaml(path: str | Path) -> Document:
     """Read a YAML file.
 
-    Raises BadInput for a missing or unreadable file, broken YAML, a value that is not what it looks like (such as a
-    date in the 13th month), or a key given twice.
+    Raises BadInput for a missing or unreadable file, broken YAML, an impossible value (such as a date in the 13th
+    month), or a key given twice.
     """
     return parse_yaml(read_text(Path(path), max_bytes=MAX_YAML_BYTES), path)
 
@@ -62,7 +62,7 @@ def _compose(text: str, path: Path) -> yaml.Node | None:
 def _to_plain(
     node: yaml.Node, at: tuple[Key, ...], *, lines: dict[tuple[Key, ...], int], path: Path, loader: yaml.SafeLoader
 ) -> Any:
-    """Return the plain data of a node and add its lines; PyYAML would silently keep the second of two equal keys."""
+    """Return the plain data of a node and note its lines; refuse a repeated key, which PyYAML would silently accept."""
     lines[at] = node.start_mark.line + 1
     if len(lines) > MAX_VALUES:
         raise BadInput("this holds too many values", where=f"{path}:{lines[at]}", allowed=f"at most {MAX_VALUES:,}")

@@ -1,9 +1,10 @@
 """Jobs on a Dask cluster: many machines that share one folder.
 
-Differences between machines could silently make wrong data, so each worker must have the same versions as the machine
-that hands out the jobs, and see its folder. This is checked on all workers before the first job, and again before every
-job, because workers may join later. A worker that dies costs only time: the scheduler gives its jobs to others, and a
-line of text reports it. If the scheduler itself is lost, finished work is kept, and :class:`SchedulerLost` is raised.
+Differences between machines could silently produce wrong data, so each worker must have the same versions as the
+machine that hands out the jobs, and see its folder. This is checked on all workers before the first job, and again
+before every job, because workers may join later. A worker that dies costs only time: the scheduler gives its jobs to
+others, and a line of text reports it. If the scheduler is lost, finished work is kept, and :class:`SchedulerLost` is
+raised.
 """
 
 import hashlib
@@ -69,7 +70,7 @@ class _Conditions:
             f"{name} {here[name]}, not {expected}" for name, expected in self.versions.items() if here[name] != expected
         ]
         if other:
-            return f"has {'; '.join(other)} (install what constraints.txt lists on all machines)"
+            return f"has {'; '.join(other)} (install the versions in constraints.txt on all machines)"
         if _digest_file(self.witness) != self.digest:
             return f"does not see {self.witness.parent} (it must be the same folder, under this path, on all machines)"
         return ""
@@ -140,7 +141,7 @@ def run_jobs_on_dask(
         If no scheduler answers at the address, if it has another version of Dask, or if a worker has other versions,
         does not see the folder, or has a file system that cannot hold a dataset.
     SchedulerLost
-        If the scheduler ends or cannot be reached any more; the jobs that had ended before were yielded.
+        If the scheduler ends or can no longer be reached; jobs that ended earlier have been yielded.
     """
     require_extra("cluster", "distributed", of="--cluster")
     with _silence_dask(), _connect(cluster.address) as client, _agree_on_conditions(cluster) as conditions:
@@ -196,7 +197,7 @@ def _connect(address: str) -> Iterator[Any]:
         if other:
             raise BadInput(
                 f"the scheduler at {address} has {'; '.join(other)}",
-                hint="install what constraints.txt lists on all machines",
+                hint="install the versions in constraints.txt on all machines",
             )
         yield client
     finally:
@@ -282,7 +283,7 @@ class _Dispatcher:
             self._notify_of_lost_worker(message)
             return None
         job, future = self._running.pop(message)
-        if future.cancelled():  # Dask cancels futures when the connection is lost; nothing here does
+        if future.cancelled():  # only Dask cancels futures, when the connection is lost
             raise CancelledError
         if future.status == "error":
             return job, (None, _describe_dask_error(future.exception()))
@@ -299,7 +300,7 @@ class _Dispatcher:
                 self._notify(f"again: {self._running[key][0].name} (its worker {event['worker']} {why})")
 
     def _look_for_workers(self) -> None:
-        """Report once, until a worker appears, that there are none; a batch system may take hours to start one."""
+        """Report a lack of workers once, until a worker appears; a batch system may take hours to start one."""
         has_workers = bool(self._client.nthreads())
         if not has_workers and not self._waits_for_workers:
             self._notify(f"waiting: the scheduler at {self._address} has no workers; {len(self._running)} jobs wait")

@@ -36,7 +36,7 @@ def run_jobs(
     follow_up : callable, optional
         Called with a job that succeeded and its result; returns the jobs that may start then.
     cluster : Cluster, optional
-        Dask cluster that runs the jobs instead, as :func:`saf_gen.core.execution.dask_cluster.run_jobs_on_dask` says.
+        Dask cluster that runs the jobs instead, see :func:`saf_gen.core.execution.dask_cluster.run_jobs_on_dask`.
     notify : callable, optional
         Called with a line of text for each job that is run again, with the reason.
 

@@ -1,4 +1,4 @@
-"""Jobs, and what they return.
+"""Jobs and their results.
 
 A job is a picklable value with a method ``run(report)``. It is idempotent and leaves its result on disk, so a job that
 runs twice, or a worker that dies, does no harm. Its return value is small.

@@ -1,8 +1,8 @@
 """A pool of processes that runs jobs, and survives the death of one of its processes.
 
-If one of its processes is killed, by a person or by the kernel for its memory, a ``ProcessPoolExecutor`` ends and loses
-all its jobs. Here these jobs are put into a new executor, each alone, so that a second death shows which job caused it;
-the others are done.
+If one of its processes is killed (by a user, or by the kernel for its memory), a ``ProcessPoolExecutor`` breaks and
+loses all its jobs. This pool runs each of them again alone, in a new executor, so that a second death shows which job
+caused it, and the other jobs succeed.
 """
 
 import multiprocessing

@@ -12,13 +12,13 @@ from saf_gen.leaderboard.figures._figure import PREDICTIONS_LABEL, shorten_figur
 from saf_gen.leaderboard.figures._sweep_axis import frames_to_figure_axis
 
 MAX_ROW_CHARACTERS = 18
-"""Largest length of the name of a row, in characters."""
+"""Largest length of the label of a row, in characters."""
 AnswersBySearch = Mapping[str, Mapping[str, float]]
 """Frame of each answer, by search, then by measure."""
 
 
 def group_figure_answers(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> dict[str, dict[str, float]]:
-    """Return the frames of the answers of all measures in ``styles``, in the order of ``records``."""
+    """Return the frame of each answer of the measures in ``styles``, in the order of ``records``."""
     answers: dict[str, dict[str, float]] = {}
     for record in records:
         measure, search = split_figure_label(record.method)
@@ -30,7 +30,7 @@ def group_figure_answers(records: Sequence[Record], styles: Mapping[str, PlotSty
 def draw_figure_answer_rows(
     axes: Axes, answers: AnswersBySearch, *, shown: Sequence[str], styles: Mapping[str, PlotStyle], sweep: SweepSummary
 ) -> None:
-    """Draw one row per search; in each row the measures of ``shown`` come first, in their order."""
+    """Draw one row per search; in each row, the measures of ``shown`` come first, in the order of ``shown``."""
     to_axis = frames_to_figure_axis(sweep)
     for row, by_measure in enumerate(answers.values()):
         axes.axhline(row + 0.5, color=GREY, lw=0.6, zorder=0.1)

@@ -1,4 +1,4 @@
-"""Common parts of the figures of a leaderboard: an empty figure with a title, labels, and output as PDF."""
+"""Common parts of a leaderboard's figures: an empty figure with a title, labels, and output as PDF."""
 
 import io
 import textwrap
@@ -11,9 +11,9 @@ from saf_gen.core.figure_style import COLUMN, PAPER, STYLE, WIDTH, use_plot_styl
 
 PDF_CREATOR = "saf-gen"
 PREDICTIONS_LABEL = "predictions"
-"""Label that replaces the search of methods that have no search."""
+"""Label in place of a search, for answers of another program."""
 MAX_LABEL_CHARACTERS = 34
-"""Largest length of the name of a method that labels a row, in characters."""
+"""Largest length of a method name that labels a row, in characters."""
 TITLE, TITLE_LINE = 52, 0.16  # characters per line of the title; height of each further line, in inches
 
 
@@ -27,7 +27,7 @@ def create_leaderboard_figure(inches: float, *, title: str) -> Figure:
 
 
 def describe_figure_omissions(*counts: tuple[int, int, str]) -> str:
-    """Return a sentence on how many items a figure shows, from (drawn, all, noun) of each kind; '' if it shows all."""
+    """Return a note on items that a figure leaves out, from (drawn, all, noun) of each kind; '' if it draws all."""
     parts = [f"{drawn} of {total} {noun}" for drawn, total, noun in counts if drawn < total]
     return f"Drawn: the first {', the first '.join(parts)}" if parts else ""
 
@@ -47,7 +47,7 @@ def split_figure_label(method: str) -> tuple[str, str]:
 
 
 def figure_to_pdf(figure: Figure) -> bytes:
-    """Return the figure as PDF with embedded fonts, with all its parts scaled to a column of a paper (3.5 inches)."""
+    """Return the figure as PDF with embedded fonts, scaled to the width of a column of a paper (3.5 inches)."""
     width, height = (72 * side for side in figure.get_size_inches())
     scale, buffer = 72 * COLUMN / width, io.BytesIO()
     with use_plot_style({**STYLE, "pdf.fonttype": 42}):

@@ -46,7 +46,7 @@ def add_figure_legend(
 
 
 def _count_columns(names: Sequence[str], limit: int) -> int:
-    """Return how many columns fit; matplotlib fills one after the other, and each is as wide as its widest name."""
+    """Return the number of columns that fit; matplotlib fills them in turn, each as wide as its widest name."""
     size = STYLE["legend.fontsize"]
     font = FontProperties(family=STYLE["font.family"], size=size)
     widths = [
@@ -57,7 +57,7 @@ def _count_columns(names: Sequence[str], limit: int) -> int:
         rows, extra = divmod(len(widths), columns)
         ends = [rows * c + min(c, extra) for c in range(columns + 1)]
         widest = [max(widths[a:b]) for a, b in pairwise(ends)]
-        # The font of a page may be up to a tenth wider.
+        # The browser may use a font that is up to a tenth wider.
         if sum(1.1 * w + size * (HANDLE + GAP + 0.8) for w in widest) <= 72 * WIDTH:
             return columns
     return 1

@@ -1,4 +1,4 @@
-"""Common parts of figures of a sweep: the horizontal axis, and the truth on it."""
+"""Common parts of the figures of a sweep: the horizontal axis, and the truth on it."""
 
 import math
 from collections.abc import Callable
@@ -17,7 +17,7 @@ LENS_LINE: dict[str, Any] = {"color": SOFT, "lw": 0.9, "ls": (0, (7, 2))}
 
 
 def find_figure_position_axis(sweep: SweepSummary) -> np.ndarray | None:
-    """Return the focus position (T,) if it can be the axis: if the lens neither comes back nor rests; else None."""
+    """Return the focus position (T,) if it can be the axis, because the lens never turns back or rests; else None."""
     lens = sweep.focus_position
     if lens is None or len(lens) < 2:
         return None
@@ -36,10 +36,10 @@ def frames_to_figure_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndar
 
 
 def plot_figure_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
-    """Draw the truth as a line in a band, its depth of focus; on an axis of frames, at every crossing.
+    """Draw the truth as a line in a band that shows its depth of focus; on an axis of frames, at every crossing.
 
-    With ``note``, the position of the lens is drawn too on an axis of frames; on an axis of positions, a text states
-    the truth if it is outside the axis.
+    With ``note``, an axis of frames also gets the position of the lens, and an axis of positions gets a text if the
+    truth is outside it.
     """
     over_frames = find_figure_position_axis(sweep) is None
     if over_frames and sweep.focus_position is not None:
@@ -86,7 +86,7 @@ def _focus_offset(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
 def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray, draw_lens: bool) -> None:
     """Draw each crossing of the truth and the frames in which the lens is in focus.
 
-    With ``draw_lens``, draw the position of the lens too, and that of a truth that moves.
+    With ``draw_lens``, also draw the position of the lens and, if the truth moves, the position of the truth.
     """
     all_frames, height = np.arange(len(lens)), axes.get_xaxis_transform()
     frames = np.linspace(0, len(lens) - 1, min(len(lens), 400))

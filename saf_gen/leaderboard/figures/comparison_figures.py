@@ -24,7 +24,7 @@ from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend
 from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
 
 BANDS = 3
-"""Number of methods, from the first, that have a band; more bands would hide each other."""
+"""Number of methods, best first, that have a band; more bands would hide each other."""
 MAX_PAIRS = 30
 """Largest number of pairs of neighbours in a figure; the first pairs are drawn."""
 AXIS_LABELS: Mapping[str, str] = {
@@ -36,8 +36,8 @@ AXIS_LABELS: Mapping[str, str] = {
 def plot_profile_figure(profiles: Sequence[Profile], *, title: str) -> Figure:
     """Return the figure of the profiles of one quantity: the fraction of answers within each limit.
 
-    The first MAX_MEASURES methods are drawn, the first BANDS of them with a band for the interval. If methods are left
-    out, the figure says so.
+    The first MAX_MEASURES methods are drawn, the first BANDS of them with a band for the interval. The figure says if
+    methods are left out.
     """
     shown = list(profiles[:MAX_MEASURES])
     note = describe_figure_omissions((len(shown), len(profiles), "methods"))
@@ -70,7 +70,7 @@ def plot_profile_figure(profiles: Sequence[Profile], *, title: str) -> Figure:
 
 
 def plot_neighbour_figure(neighbours: Sequence[NeighbourComparison], *, title: str) -> Figure:
-    """Return the figure of the probability of improvement, with its interval, of each pair of neighbours."""
+    """Return the figure of the probability of improvement between neighbours in rank, with intervals."""
     shown = list(neighbours[:MAX_PAIRS])
     note = describe_figure_omissions((len(shown), len(neighbours), "pairs"))
     with use_plot_style():
@@ -89,7 +89,7 @@ def plot_neighbour_figure(neighbours: Sequence[NeighbourComparison], *, title: s
         axes.set_ylim(len(shown) - 0.5, -0.5)
         axes.set_xlim(0, 1)
         axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
-        axes.set_xlabel("probability that the upper one is nearer" + (f" ({note})" if note else ""))
+        axes.set_xlabel("probability that the upper method is nearer" + (f" ({note})" if note else ""))
         axes.grid(axis="x", color=GREY, lw=0.6)
         axes.set_axisbelow(True)
         hide_plot_spines(axes, "top", "right")

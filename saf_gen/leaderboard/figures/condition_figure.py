@@ -1,4 +1,4 @@
-"""Success and error against a condition of the recordings: the light ratio or the photon budget."""
+"""Figure of success and error against a condition of the recordings: the light ratio or the photon budget."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -37,7 +37,7 @@ CONDITIONS = (
     Condition(
         "light-ratio",
         "Error against light ratio",
-        "brightest over darkest light of the recording",
+        "brightest light of the recording divided by its darkest",
         lambda r: r.light_ratio,
         1.2,
     ),
@@ -79,8 +79,8 @@ def plot_condition_figure(
 ) -> Figure | None:
     """Return the figure of one search: success within 1 DoF above, median error below, with one line per measure.
 
-    ``styles`` gives the order of the measures, of which the first MAX_MEASURES are drawn; if others are left out, the
-    figure says so. The result is None if bin_sequences_for_figure returns no group or no error is known.
+    ``styles`` gives the order of the measures, of which the first MAX_MEASURES are drawn; the figure says if
+    others are left out. The result is None if bin_sequences_for_figure returns no group or no error is known.
     """
     groups = bin_sequences_for_figure(records, condition)
     present = {split_figure_label(r.method)[0] for r in records}

@@ -17,7 +17,7 @@ from saf_gen.leaderboard.figures.sweep_strip import WHITE_QUANTILE
 OFFSETS_DOF = (-4.0, -1.0, 0.0, 1.0, 4.0)
 """Wanted distances of the pictures from the true focus, in depths of focus."""
 REACH_DOF = 5.0
-"""Half the width of the plot of blur, in depths of focus."""
+"""Half the width of the blur plot, in depths of focus."""
 DETAIL_PX = 56
 """Side length of the square detail that the pictures show, in pixels."""
 PICTURES, PLOT = 1.05, 1.5  # inches: the row of pictures; the plot with its title and labels
@@ -27,9 +27,9 @@ def plot_depth_of_focus_figure(sweeps: Sequence[SweepSummary]) -> Figure:
     """Return the figure that explains the depth of focus.
 
     The lower part plots the blur of the target against the distance from the focus: within the depth of focus the blur
-    is at most 1 pixel wide, and one depth of focus away from the focus it is 2 pixels wide. The upper part shows what
-    the camera saw at some distances, in the sweep under the steadiest light of those that have pictures and a known
-    focus that does not move. If there is no such sweep, the upper part is left out.
+    is at most 1 pixel wide, and one depth of focus away from the focus it is 2 pixels wide. The upper part shows
+    pictures of the target at some distances. They come from a sweep that has pictures and a known focus that does not
+    move; among several, from the one under the steadiest light. If no sweep qualifies, the upper part is left out.
     """
     found = _choose_pictures(sweeps)
     with use_plot_style():
@@ -66,7 +66,7 @@ def _draw_blur(axes: Axes) -> None:
 
 
 def _choose_pictures(sweeps: Sequence[SweepSummary]) -> list[tuple[float, np.ndarray]]:
-    """Return offset from the focus (DoF) and picture of a detail at a few moments of the sweep in steadiest light."""
+    """Return (offset from the focus in DoF, picture of a detail) at some moments of the sweep in steadiest light."""
     known = [sweep for sweep in sweeps if sweep.thumbnails is not None and _offsets_in_dof(sweep) is not None]
     if not known:
         return []

@@ -23,7 +23,7 @@ from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend
 
 NO_LIGHT = "recording"
 MANY_ROWS, MAX_ROWS = 30, 80
-"""Numbers of methods above which rows are closer together, and above which the rest is left out."""
+"""Numbers of methods above which rows are drawn closer together, and above which further methods are left out."""
 ROW, CLOSE_ROW = 0.2, 0.14  # inches
 MAX_MARKS = 600
 """Largest number of answers in a scene for which every answer has its own mark."""
@@ -34,7 +34,7 @@ def plot_error_figure(records: Sequence[Record], *, title: str) -> Figure:
 
     Each answer has a mark in the style of its light schedule. If there are more than MAX_MARKS answers, a mark is the
     median of the answers of a method under one light, and a line covers the middle 90 %. At most the first
-    MAX_ROWS methods are drawn. A note in the figure states if either limit applies.
+    MAX_ROWS methods are drawn. A note in the figure says if either limit applies.
     """
     all_methods = list(dict.fromkeys(r.method for r in records))
     methods = all_methods[:MAX_ROWS]

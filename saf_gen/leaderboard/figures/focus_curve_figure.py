@@ -35,7 +35,7 @@ CURVES = "curves"
 
 @dataclass(frozen=True)
 class Cursor:
-    """Positions of frames in the image of a figure of focus curves, as fractions of its width and height."""
+    """Positions of frames in a figure of focus curves, as fractions of its width and height."""
 
     across: tuple[float, ...]
     """Position of each frame, from the left."""
@@ -59,13 +59,13 @@ def plot_focus_curve_figure(
 ) -> Figure:
     """Return the figure of the focus curves of ``sweep`` with, above them, the answers in ``records``.
 
-    There is one row of answers per search. Curves are drawn over the focus position or, if the lens comes back or
-    rests, over frames, with the position as a line. Each curve is scaled to its range. The light (mean counts) is a
-    grey area behind the curves, and the truth is a line in a band, its depth of focus. Measures whose curves coincide
-    share a line. For a sweep without curves the figure shows light, lens, truth and answers.
+    There is one row of answers per search. Curves are drawn against the focus position or, if the lens turns back
+    or rests, against frames, with the position as a line. Each curve is scaled to its range. The light (mean counts) is
+    a grey area behind the curves, and the truth is a line in a band that shows its depth of focus. Measures
+    whose curves coincide share a line. For a sweep without curves, the figure shows light, lens, truth and answers.
 
-    At most MAX_MEASURES lines and measures without a curve are drawn, in the order of ``styles``, those with curves
-    first, and answers of the first MAX_SEARCHES searches.
+    At most MAX_MEASURES lines and measures without a curve are drawn, lines first, in the order of ``styles``, and the
+    answers of the first MAX_SEARCHES searches.
     """
     answers = group_figure_answers(records, styles)
     curved = {curve.measure for curve in sweep.curves}
@@ -105,7 +105,7 @@ def plot_focus_curve_figure(
 
 
 def locate_figure_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndarray) -> Cursor:
-    """Return the positions of ``frames`` (n,) in the image of the figure of focus curves of ``sweep``."""
+    """Return the positions of ``frames`` (n,) in ``figure``, which plot_focus_curve_figure drew for ``sweep``."""
     with use_plot_style():
         figure.draw_without_rendering()
     axes = next(a for a in figure.axes if a.get_label() == CURVES)
@@ -116,7 +116,7 @@ def locate_figure_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndar
 
 
 def _group_coincident(sweep: SweepSummary, styles: Mapping[str, PlotStyle]) -> list[list[str]]:
-    """Return the measures, in the order of their styles, in groups with the same curve."""
+    """Return groups of measures with the same curve, in the order of ``styles``."""
     drawn = {c.measure: normalise_figure_curve(c.scores) for c in sweep.curves}
     groups: list[list[str]] = []
     for measure in (name for name in styles if name in drawn):
@@ -137,7 +137,7 @@ def _choose_answers(answers: AnswersBySearch, shown: Sequence[str]) -> dict[str,
 
 
 def _set_height(axes: Axes, sweep: SweepSummary, *, has_curves: bool) -> None:
-    """Label the vertical axis as scores or, without curves, as a focus position drawn as a line; otherwise hide it."""
+    """Label the vertical axis as scores or, without curves, as the drawn focus position; otherwise hide it."""
     axes.set_ylim(0, 1.03)
     over_frames = find_figure_position_axis(sweep) is None and sweep.focus_position is not None
     if has_curves or over_frames:

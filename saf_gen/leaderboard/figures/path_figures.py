@@ -33,15 +33,15 @@ from saf_gen.leaderboard.figures._sweep_axis import (
 T = TypeVar("T")
 MAX_COLUMNS, MAX_SEARCHES = 3, 9
 MAX_PANEL_CHARACTERS = 19
-"""Largest length of the name of a panel, in characters."""
+"""Largest length of the title of a panel, in characters."""
 MIN_STEPS = 3
-"""Smallest number of steps of a trace that is drawn; a shorter one has narrowed nothing down."""
+"""Smallest number of steps of a trace that is drawn; a shorter trace has narrowed nothing down."""
 
 
 def plot_search_step_figure(
     sweep: SweepSummary, records: Sequence[Record], *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure | None:
-    """Return the figure of the positions that each search examined, step by step, on the recording ``sweep``.
+    """Return the figure of the positions that each search examined on the recording ``sweep``, step by step.
 
     There is one panel per search and one line per measure; the truth is drawn across each panel. The result is None if
     no search has at least MIN_STEPS steps.
@@ -99,7 +99,7 @@ def plot_lens_path_figure(paths: Sequence[LensPath], *, styles: Mapping[str, Plo
 
 
 def _by_search(items: Sequence[tuple[str, T]], styles: Mapping[str, PlotStyle]) -> tuple[dict[str, dict[str, T]], str]:
-    """Return the items by search, then by measure, and a sentence about those that are left out.
+    """Return the items by search, then by measure, and a note on searches and measures that are left out.
 
     At most MAX_SEARCHES searches are kept, in the order given, and MAX_MEASURES measures, in the order of ``styles``.
     """

@@ -1,4 +1,4 @@
-"""The pictures of a sweep as one image, laid out row by row, of which a page can show one picture at a time."""
+"""The pictures of a sweep in one image, laid out row by row, so that a page can show one picture at a time."""
 
 import itertools
 
@@ -12,8 +12,8 @@ WIDTH = 280
 WHITE_QUANTILE = 0.998  # glints, the brightest pixels, are clipped
 QUALITIES, SHRINKAGES = (60, 40, 25, 15), (1, 1.5, 2, 3)
 TRIED_FIRST, MARGIN = 8, 1.2
-"""Every eighth picture is encoded first. If these exceed their part of the bytes by more than this factor, all pictures
-would be too large, and the next quality is tried."""
+"""Every eighth picture is encoded first. If these exceed their part of the bytes by more than a factor of 1.2, the next
+quality or size is tried, because all pictures would be too large."""
 
 
 def build_figure_image_strip(images: np.ndarray, *, max_bytes: int) -> ImageStrip:

@@ -3,7 +3,7 @@
 from saf_gen.leaderboard.axes import BLOCK_READOUTS
 
 _SWEEP = (
-    "Grey: the light, as mean counts. Yellow: the depth of focus round the true focus. At the top: the "
+    "Grey: the light, as mean counts. Yellow: the depth of focus around the true focus. At the top: the "
     "answers of each search with each measure. Each picture shows a part of the sweep: TFP counts its spikes, TFI "
     "shows the time between two spikes in its middle, and spikes is one readout of a part of the sensor, magnified. "
     "Measures look inside the outlined box."
@@ -21,16 +21,16 @@ FIGURE_CAPTIONS = {
         "The curve of each measure, scaled by its minimum and maximum. A curve that follows the grey area follows the "
         f"light, not the focus. {_SWEEP}",
     ),
-    "sweep": ("Sweeps", f"No method computed a complete focus curve of these, as the search argmax does. {_SWEEP}"),
+    "sweep": ("Sweeps", f"No method computed a complete focus curve of these, as the search argmax would. {_SWEEP}"),
     "errors": (
         "Errors",
-        "Answer minus truth of each method, with one mark per sequence; if there are many, their median, with a line "
-        "over the middle 90 %. The yellow band is success within one depth of focus.",
+        "Answer minus truth of each method, with one mark per sequence; if there are many, a mark shows their median "
+        "and a line the middle 90 %. The yellow band is success within one depth of focus.",
     ),
     "steps": ("Steps of the searches", "The position that a search examined at each step, and the true focus."),
     "lens": (
         "Path of the lens",
-        "Where methods moved the lens, and the true focus. A line ends where the lens was judged; "
+        "The position of the lens over time, and the true focus. A line ends where the lens was judged; "
         "a cross marks a method that failed.",
     ),
     "profile": (
@@ -41,14 +41,14 @@ FIGURE_CAPTIONS = {
     ),
     "neighbours": (
         "Probability of improvement",
-        "How often the upper of two neighbours in rank is nearer to the truth on a sequence, ties counted half, with"
-        " 95 % intervals of each pair alone. One half means no improvement; because methods are ranked by success, the"
-        " probability may be lower.",
+        "Probability that the upper of two neighbours in rank is nearer to the truth on a sequence (ties count"
+        " half), with 95 % intervals of each pair alone. One half means no improvement; because methods are ranked by"
+        " success, the probability may be lower.",
     ),
     "light-ratio": (
         "Against the light ratio",
-        "Success within one depth of focus (above) and median error (below) against how much the light changed. "
-        "Dots are single answers.",
+        "Success within one depth of focus (above) and median error (below) against the light ratio "
+        "(brightest divided by darkest light). Dots are single answers.",
     ),
     "photon-budget": (
         "Against the photon budget",
@@ -60,19 +60,20 @@ FIGURE_CAPTIONS = {
 NEIGHBOUR_CAPTION = (
     "Methods that follow each other in rank: their difference in success within 1 DoF, and the probability that the"
     " first is nearer to the truth on a sequence, with 95 % intervals of each pair alone. Told apart: whether the"
-    " difference is too large for chance among all neighbours together."
+    " difference is too large for chance, among all pairs at once."
 )
 AGREEMENT_CAPTION = (
     "How much the ranking depends on a condition: Kendall's τ of the rankings under two of its bins is 1 if both order"
-    " the methods alike. The table also gives the interval of τ over scenes, the τ to expect by chance if the condition"
-    " changed nothing, and how often τ would then be as low (p, for this pair alone)."
+    " the methods alike. The table also gives the interval of τ over scenes, the τ to expect if the condition had no"
+    " effect, and the probability that τ would then be as low (p, for this pair alone)."
 )
 GRAIN_CAPTION = (
-    "Noise that the renderer left in the pictures: its root mean square over the mean in the box round the target, at"
-    " best focus, and its largest energy over the range of each measure's focus curve. An energy above a tenth of the"
-    " range may move the peak of the curve. Only measures for which the recordings state this energy are listed."
+    "Noise that the renderer left in the pictures: its root mean square divided by the mean, in the box around the"
+    " target at best focus, and its largest energy divided by the range of each measure's focus curve. An energy above"
+    " a tenth of the range may move the peak of the curve. Only measures for which the recordings state this energy are"
+    " listed."
 )
 MEASURES_CAPTION = (
     "Quality of the focus curve of each measure, regardless of the search: medians over the sequences. The"
-    " criteria are those used in microscopy; curves.csv has every sequence."
+    " criteria are common in microscopy; curves.csv has every sequence."
 )

@@ -1,4 +1,4 @@
-"""Choice, drawing and naming of the figures of an evaluation."""
+"""Selection, drawing and naming of the figures of an evaluation."""
 
 import re
 from collections import Counter
@@ -48,7 +48,7 @@ class ReportFigure:
     """A figure of the page."""
 
     name: str
-    """Name of its file and id in the page, unique."""
+    """Unique name of its file, and its id in the page."""
     scene: str
     """Scene, with its split, to which the figure belongs; '' for a figure of all scenes."""
     kind: str
@@ -107,7 +107,7 @@ def _plot_opening(evaluation: Evaluation) -> list[ReportFigure]:
     if all(record.error_dof is None for record in evaluation.records):
         return []
     figure = plot_depth_of_focus_figure(evaluation.sweeps)
-    label = "Width of the blur against the distance from the true focus, with what the camera saw at some distances"
+    label = "Width of the blur against the distance from the true focus, with pictures of the target at some distances"
     return [ReportFigure(OPENING, "", OPENING, label, plot_to_svg(figure, name=OPENING), figure)]
 
 
@@ -129,7 +129,7 @@ def _plot_conditions(records: Sequence[Record], styles: Mapping[str, PlotStyle])
     searches = list(dict.fromkeys(split_figure_label(r.method)[1] for r in records))
     omission = ""
     if len(searches) > MAX_SEARCHES:
-        omission = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure, in the leaderboard's order."
+        omission = f"Drawn: the first {MAX_SEARCHES} of {len(searches)} searches, in the leaderboard's order."
     figures = []
     for condition in CONDITIONS:
         for search in searches[:MAX_SEARCHES]:
@@ -224,7 +224,7 @@ def _plot_paths(
 
 
 def _describe_omissions_by_scene(records: Sequence[Record], drawn: Sequence[tuple[str | None, str]]) -> dict[Any, str]:
-    """Return, by scene, a sentence that gives how many of its sequences are drawn; '' if all are."""
+    """Return, by scene, a sentence with the number of its sequences that are drawn; '' if all are drawn."""
     counts = Counter(scene for scene, _ in {((r.split, r.scene), r.sequence) for r in records})
     return {
         scene: f"Drawn: {number} of the scene's {counts[scene]} sequences." if number < counts[scene] else ""

@@ -1,9 +1,9 @@
-"""Output of an evaluation to a folder, which replaces an earlier evaluation there and leaves other files alone.
+"""Output of an evaluation to a folder, which replaces an earlier evaluation there and keeps other files.
 
 All files of a new evaluation are first written to a staging folder. Renaming it to ``.evaluation.ready`` is the moment
 at which the new evaluation replaces the earlier one. A run that is killed before this moment leaves the earlier
 evaluation intact. After it, records are read from the renamed folder until all files have been moved; if the run is
-killed, the next run moves the rest. The figures of an evaluation are those that its page lists.
+killed, the next run moves the rest. A page lists the figures of its evaluation, so that the next one can remove them.
 """
 
 import json
@@ -45,7 +45,7 @@ _FIGURE = re.compile(r'<figure id="([\w.-]+)">')
 
 @dataclass(frozen=True)
 class WrittenEvaluation:
-    """Paths that were written, and a line about what they replaced; '' if they replaced nothing."""
+    """Paths that were written, and a line that names the replaced evaluation; '' if nothing was replaced."""
 
     paths: tuple[Path, ...]
     replaced: str
@@ -75,7 +75,7 @@ def write_evaluation_report(
     Returns
     -------
     WrittenEvaluation
-        Paths that were written, and what they replaced.
+        Paths that were written, and a line that names the replaced evaluation.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def write_report(
     out = Path(folder)
     original = evaluation
     evaluation, rows, title = (escape_all_text(item) for item in (evaluation, tuple(rows), title))
-    if tables is None or evaluation is not original:  # names that were escaped are escaped in the tables too
+    if tables is None or evaluation is not original:  # the tables need the escaped names
         tables = compute_leaderboard_tables(rows, evaluation.records)
     report_figures = plot_report_figures(evaluation, rows, comparison=tables.comparison)
     for figure in report_figures:
@@ -192,7 +192,7 @@ def _finish_publishing(final: Path) -> None:
     ready = final / READY
     if not ready.is_dir():
         return
-    if (ready / STALE).is_file():  # removed last: without it only an empty folder is left
+    if (ready / STALE).is_file():  # this file is removed last; without it, only an empty folder is left
         for name in _read_text(ready / STALE).splitlines():
             if name in CURVES or _FIGURE_FILE.fullmatch(name):  # the folder may be untrusted
                 (final / name).unlink(missing_ok=True)
@@ -203,7 +203,7 @@ def _finish_publishing(final: Path) -> None:
             sync_folder(folder)
         (ready / STALE).unlink()
     shutil.rmtree(ready)
-    with suppress(OSError):  # it holds files of others, or does not exist
+    with suppress(OSError):  # the folder holds other files, or does not exist
         (final / FIGURES).rmdir()
 
 

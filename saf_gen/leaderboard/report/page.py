@@ -1,4 +1,4 @@
-"""The page of an evaluation: one HTML file with its style, script and figures, which needs no network."""
+"""The page of an evaluation: one HTML file that contains its style, script and figures, and needs no network."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -180,16 +180,16 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
 
 
 def _say_what_is_judged(records: Sequence[Record]) -> str:
-    """Return sentences that say what the methods see and do, and what is judged."""
+    """Return sentences about the task of the methods and what is judged."""
     if {record.track for record in records} == {"closed_loop"}:
         return (
-            "Each method commands the lens of a running spike camera, sees only its spikes, and moves the lens to where"
-            " the target is sharp. The final position of the lens is judged."
+            "Each method commands the lens of a running spike camera, sees only its spikes, and moves the lens to the"
+            " position where the target is sharp. The final position of the lens is judged."
         )
     return (
         "While its lens sweeps through the focus, a spike camera records the light. Each method, a focus measure with a"
         " search for its peak, estimates from the spikes alone where the lens was when the target was sharp."
-        " The distance of this answer from the true focus, which is known from the optics, is judged."
+        " The distance between this answer and the true focus, which is known from the optics, is judged."
     )
 
 
@@ -199,7 +199,7 @@ def _group_plugins(plugins: Sequence[PluginDescription]) -> list[tuple[str, list
 
 
 def _list_code(plugins: Sequence[PluginDescription]) -> dict[tuple[str, str], str]:
-    """Return the id in the page of each file of code (name, text), files of the measures first."""
+    """Return the page's id of each file of code (name, text), files of measures first."""
     files = dict.fromkeys(file for plugin in plugins for file in plugin.code)
     return {file: f"code-{number}" for number, file in enumerate(files, start=1)}
 

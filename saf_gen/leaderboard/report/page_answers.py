@@ -1,4 +1,4 @@
-"""The single answers that the page holds: all those of a small evaluation, a readable selection of a large one."""
+"""The answers that the page holds: all answers of a small evaluation, or a selection from a large one."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -120,7 +120,7 @@ def tabulate_leaderboard(ranked: Sequence[Sequence[LeaderboardRow]]) -> PageTabl
 
 
 def tabulate_axis_for_report(table: AxisTable) -> PageTable:
-    """Return the table of success within 1 DoF and median error in DoF, by method and by bin of one axis."""
+    """Return the table of success within 1 DoF and median error in DoF, by method and bin of one axis."""
     counts = zip(table.bins, table.scenes, table.sequences, strict=True)
     return PageTable(
         f"{table.axis.title}: success within 1 DoF, median error in DoF",
@@ -152,7 +152,7 @@ def tabulate_ranked_neighbours(neighbours: Sequence[NeighbourComparison]) -> Pag
 
 
 def tabulate_rank_agreement(found: Sequence[RankAgreement]) -> PageTable | None:
-    """Return the table of the agreement of rankings under two bins of a condition; None if there is no pair of bins."""
+    """Return the table of the agreement of rankings under two bins of a condition; None if no bins are compared."""
     if not found:
         return None
     texts = (0, 1, 2, len(AGREEMENT_HEADERS) - 1)
@@ -169,7 +169,7 @@ def tabulate_measures_for_report(curves: Sequence[AssessedCurve]) -> PageTable |
     rows = rank_measures_by_curves(curves)
     if not rows:
         return None
-    counted = "Curves with a known quality; in brackets, curves that are constant or whose lens came back or rested."
+    counted = "Curves of known quality; in brackets, those constant or too short, or whose lens turned back or rested."
     return PageTable(
         "Focus curves of each measure: medians over sequences",
         [
@@ -212,9 +212,12 @@ def tabulate_grain_for_report(records: Sequence[Record]) -> PageTable | None:
             PageColumn("scene", kind="name"),
             PageColumn("motion", kind="text"),
             PageColumn("sequences", "Sequences that state their grain, out of all sequences."),
-            PageColumn("rms", "Root mean square of the noise over the mean at best focus: median over sequences."),
-            PageColumn("worst", "The largest such value of a sequence."),
-            *(PageColumn(measure, "Largest energy of the noise over the range of the curve.") for measure in measures),
+            PageColumn("rms", "Rms of the noise divided by the mean, at best focus: median over sequences."),
+            PageColumn("worst", "Rms of the noise divided by the mean, at best focus: largest value of any sequence."),
+            *(
+                PageColumn(measure, "Largest energy of the noise divided by the range of the curve.")
+                for measure in measures
+            ),
         ],
         [
             [
@@ -244,7 +247,7 @@ def tabulate_names_for_report(values: Mapping[str, str], *, name: str, value: st
 
 
 def list_answers_for_report(held: HeldAnswers) -> list[list[str]]:
-    """Return the texts of the row of each answer, the worst first; missing answers come before all errors."""
+    """Return the texts of each answer's row, the worst first; answers without an error count as the worst."""
     return [
         [
             record.method,
@@ -282,7 +285,7 @@ def tabulate_answers_for_report(answers: Sequence[Sequence[str]]) -> PageTable:
 
 
 def _find_shown_on(columns: Sequence[Column]) -> dict[str, str]:
-    """Return by key which screens show each column at first; columns of lights are hidden if their names are long."""
+    """Return the screens that show each column at first, by key; columns of lights with long names are hidden."""
     characters = sum(len(column.header) + 3 for column in columns if column.light)
     shown_on_by_key = {}
     for column in columns:

@@ -41,7 +41,7 @@ def read_report_asset(*names: str) -> Markup:
 
 
 def hash_report_script(script: str) -> str:
-    """Return the base64-encoded SHA-256 with which the content security policy of a page allows its script."""
+    """Return the base64-encoded SHA-256 by which the content security policy of a page allows its script."""
     return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 

@@ -1,4 +1,4 @@
-"""The sequence viewer: it shows one picture of a sweep at a time, with a cursor on the focus curves below."""
+"""The sequence viewer, which shows one picture of a sweep at a time, and a cursor on the focus curves below."""
 
 import math
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class SequenceViewer:
     cursor: Cursor
     descriptions: tuple[str, ...]
     start: int
-    """Number of the picture that is shown first, which is the one nearest to the focus."""
+    """Number of the picture shown first: the nearest to the focus or, if the focus is unknown, the middle one."""
     region_box: tuple[float, float, float, float]
     """Top, left, bottom and right edges of the region where measures look, as fractions of the picture."""
 

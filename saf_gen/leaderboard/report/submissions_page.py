@@ -1,4 +1,4 @@
-"""The page of all submissions, as HTML and Markdown: who submitted what and when, and whether it was verified."""
+"""The page of all submissions, as HTML and Markdown: rankings, cards, and whether answers were reproduced."""
 
 import os
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ STATE_MEANINGS = {
     "re-run here": "this user ran the method again on this machine, and it gave every answer again",
     "re-run elsewhere": "a verification from another machine or user says that the method gave every answer again",
     "differs": "the method was run again, and at least one answer was different",
-    "claimed": "nobody has run the method again, another program made the answers, or they have changed since",
-    "no answers": "there are no answers that can be read",
+    "claimed": "nobody has run the method again, another program made the answers, or they changed after a re-run",
+    "no answers": "no answers can be read",
 }
 
 
@@ -107,7 +107,7 @@ def _head(table: SubmissionTable) -> str:
 
 
 def _list_columns(table: SubmissionTable) -> list[Column]:
-    """Return the columns of the leaderboard that a table of submissions has: rank and success first, then others."""
+    """Return the leaderboard columns of a table of submissions: rank, success within 1 DoF, then others."""
     shown = list_shown_leaderboard_columns(table.rows)
     return [c for c in shown if (c.detail == ESSENTIAL and c.key != "method") or c.key == "time_to_focus_s"]
 
@@ -121,7 +121,7 @@ def _tabulate(table: SubmissionTable, ids: dict[str, str]) -> PageTable:
             PageColumn(rank.header, rank.meaning),
             PageColumn("submission", kind="name"),
             PageColumn(success.header, success.meaning, "main"),
-            PageColumn("row", "Whether running the method again gave its answers.", "text"),
+            PageColumn("row", "Whether a repeated run gave the same answers.", "text"),
             PageColumn("date", "Date of the submission, as stated in its card.", "text"),
             *(PageColumn(column.header, column.meaning) for column in others),
             *(PageColumn(name, kind="note") for name in ("title", "authors", "licence", "constants")),
@@ -223,7 +223,7 @@ def _format_table(table: SubmissionTable, addresses: dict[str, str]) -> str:
 
 
 def _format_facts(one: ListedSubmission, addresses: dict[str, str]) -> list[str]:
-    """Return the contents of a card as Markdown cells, from the name with a link to the number of errors."""
+    """Return the Markdown cells of a submission: its name as a link, its card, and the number of its errors."""
     card = one.card
     facts = (card.title, ", ".join(card.authors), card.date, card.licence, card.constants, one.state)
     to_do = str(len(one.to_do)) if one.to_do else ""

@@ -14,7 +14,7 @@ _TEMPLATE = Path(__file__).with_name("submission.yaml.in")
 
 
 class Statements(FrozenModel):
-    """Statements that the authors confirm, because they cannot be checked from the folder alone."""
+    """Statements that the authors confirm, because the folder alone cannot prove them."""
 
     no_test_data_in_training: bool
     """Neither training nor tuning has seen the split ``test``."""
@@ -44,7 +44,7 @@ class SubmissionCard(FrozenModel):
     track: Literal["recorded", "closed_loop"]
     """``recorded`` if the method answered on recordings, ``closed_loop`` if it moved the lens."""
     method: str = ""
-    """Method as MEASURE+SEARCH, each registered or ``file.py:Class`` of a file in the folder; or empty."""
+    """Method as MEASURE+SEARCH, each a registered name or ``file.py:Class`` of a file in the folder; or empty."""
     predictions: str = ""
     """File of answers that another program computed; or empty."""
     constants: str = ""

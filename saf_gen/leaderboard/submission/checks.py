@@ -1,4 +1,4 @@
-"""Checks of a submission for missing or inconsistent parts. No code of the folder is run."""
+"""Checks of a submission for missing or inconsistent parts. No code in the folder is run."""
 
 import ast
 import re
@@ -12,7 +12,7 @@ from saf_gen.benchmark.method_spec import split_method_options, split_method_reg
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
 from saf_gen.benchmark.tracks.predictions import read_method_predictions
 from saf_gen.benchmark.tracks.sequence_tasks import list_sequences_to_evaluate
-from saf_gen.benchmark.tuned_method import read_tuned_method
+from saf_gen.benchmark.tuned_method import read_method_with_constants
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.config.registry import names
 from saf_gen.errors import BadInput, unknown
@@ -153,7 +153,7 @@ def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[SubmissionF
     if not card.constants:
         return
     try:
-        tuned = read_tuned_method(_file_of(folder, card.constants))[0]
+        tuned = read_method_with_constants(_file_of(folder, card.constants))[0]
     except BadInput as error:
         yield SubmissionFinding("constants", "error", str(error))
         return
@@ -213,7 +213,7 @@ def _check_records(group: list[Record], card: SubmissionCard, *, tasks: set[str]
 def select_records_of_submission(records: Iterable[Record], card: SubmissionCard) -> list[Record]:
     """Return the records of the submission's method.
 
-    If its name begins with the path of a file, that path may have more folders in the records than on the card.
+    If its name begins with the path of a file, the records may have a longer path than the card.
     """
     name = card.name if card.predictions else card.method
     group = [record for record in records if record.method == name or record.method.endswith(f"/{name}")]

@@ -1,6 +1,6 @@
 """Ranking of all submissions in a folder; those that answered the same sequences share a table.
 
-Files of submissions are read, but none of their code is run.
+No code of a submission is run.
 """
 
 from collections.abc import Sequence
@@ -67,7 +67,7 @@ class SubmissionTable:
 
 @dataclass(frozen=True)
 class SubmissionList:
-    """The tables, the submissions without answers, and the folders whose card cannot be read, with the reason."""
+    """The tables, the submissions without answers, and the folders whose cards cannot be read, with the reasons."""
 
     tables: tuple[SubmissionTable, ...]
     unanswered: tuple[ListedSubmission, ...]

@@ -27,7 +27,8 @@ class Actuator:
     name : str
         Name of the actuator.
     speed, acceleration : float
-        Limits of the motor, which moves as fast as both allow and brakes to rest, travels per second (squared).
+        Limits of the motor, in travels per second and per second squared. It moves as fast as both allow, and brakes to
+        rest.
     resonance_hz, damping : float
         The lens at x follows its seat at y by x″ + 2ζω·x′ + ω²·x = ω²·y, with ω = 2π·resonance_hz and the damping ζ.
         Below ζ = 1 it rings at resonance_hz·√(1 - ζ²).
@@ -71,7 +72,7 @@ class Actuator:
 
     @property
     def label(self) -> str:
-        """The name if all numbers are those of the preset of that name; otherwise the name with a digest of them.
+        """The name if all numbers equal those of the preset; otherwise the name with a digest of the numbers.
 
         Examples are ``voice_coil`` and ``voice_coil (own, 1a2b3c4d5e6f)``. Two actuators with the same label move a
         lens in the same way, whatever their sources say.
@@ -89,7 +90,7 @@ class Actuator:
         )
 
     def move_s(self, distance: float) -> float:
-        """Return the seconds that the motor takes for a move from rest to rest, without latency and settling."""
+        """Return the time, in seconds, of a move of the motor from rest to rest, without latency and settling."""
         if distance * self.acceleration < self.speed**2:
             return 2 * sqrt(distance / self.acceleration)
         return distance / self.speed + self.speed / self.acceleration
@@ -104,18 +105,18 @@ class Actuator:
         return self.latency_s + self.move_s(1) + 3 * self._trail_s + 1 / (2 * self.resonance_hz)
 
     def command_sweep_s(self, sweep_s: float) -> float:
-        """Return the seconds for which commands must run uniformly from end to end so that the lens takes ``sweep_s``.
+        """Return the duration, in seconds, of uniform commands from end to end for which the lens takes ``sweep_s``.
 
-        Commands at a speed v reach the end before the lens does: by the latency, by the time v/a in which the motor
-        brakes, and by three times 2ζ/ω, in which the lens catches up with the motor. A sweep shorter than
-        ``end_to_end_s`` is replaced by one of that length.
+        If commands move at a speed v, the lens reaches the end later: by the latency, by the time v/a in which the
+        motor brakes, and by three times 2ζ/ω, in which the lens catches up with the motor. A ``sweep_s`` shorter than
+        ``end_to_end_s`` is replaced by ``end_to_end_s``.
         """
         left = max(sweep_s, self.end_to_end_s) - self.latency_s - 3 * self._trail_s
         return (left + sqrt(max(left * left - 4 / self.acceleration, 0.0))) / 2
 
     @property
     def sensor_lead_s(self) -> float:
-        """Seconds by which a uniformly moving lens trails the reading of its sensor; 0 if the sensor reads the lens."""
+        """Seconds by which a uniformly moving lens trails its sensor reading; 0 if the sensor reads the lens."""
         return 0.0 if self.reads == "lens" else self._trail_s
 
     @property

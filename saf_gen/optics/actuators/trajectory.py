@@ -1,4 +1,4 @@
-"""Trajectories with piecewise constant acceleration: of the motor, and of the lens seat behind its backlash.
+"""Trajectories with piecewise constant acceleration, of the motor and of the lens seat that it moves with backlash.
 
 A piece is (begin, position, speed, acceleration), in seconds and travels. It lasts until the next piece begins; the
 last piece does not end. The direction does not change within a piece. Only the four basic operations and square roots
@@ -53,7 +53,7 @@ def move_actuator_fastest(
 
 
 def apply_actuator_backlash(motor: Trajectory, seat: float, *, backlash: float) -> Trajectory:
-    """Return the trajectory of a seat that a motor moves, where the seat starts at ``seat``.
+    """Return the trajectory of the lens seat, which starts at ``seat`` and which the motor moves with backlash.
 
     The motor moves freely until it is half the backlash ahead of the seat; from there on it moves the seat along.
     """

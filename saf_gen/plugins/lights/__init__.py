@@ -1,4 +1,4 @@
-"""Light schedules: how the gain of each light group of a scene changes over a recording.
+"""Light schedules: the gain of each light group of a scene over the course of a recording.
 
 Each kind of schedule is a file of this folder, or comes from a package with the entry point ``saf_gen.lights``.
 """

@@ -1,4 +1,4 @@
-"""Light schedules, from reading them in a recipe to the gain of every readout.
+"""Light schedules: reading them from a recipe, and computing the gain of every readout.
 
 A recipe gives one schedule for all light groups of a scene, or a schedule for each group by its name. A group without a
 schedule keeps gain 1::
@@ -6,10 +6,10 @@ schedule keeps gain 1::
     {kind: flicker, depth: 0.3, offset: 0.5}
     {lamp: {kind: flash, at_s: 0.1, peak: 20}, ...}
 
-Every kind takes the keys of its class and those of ``COMMON_KEYS``. ``offset`` is constant light added to the schedule,
+Every kind takes the keys of its class and those in ``COMMON_KEYS``. ``offset`` is constant light added to the schedule,
 such as daylight in a room with a flickering lamp. With ``unit: lux``, all gains of the schedule and the offset are
 illuminances of the target in lux. They are divided by ``lux_at_gain_1``, the illuminance of the target at gain 1, which
-the scene card gives.
+the scene card states.
 """
 
 import re
@@ -41,8 +41,8 @@ RESERVED_GROUP_NAMES = frozenset({"geometry", "kind", *RANGE_FORMS})
 """Names that a light group cannot have, because files of a stack or keys of a schedule use them."""
 
 GAIN_GRID = 2.0**-20
-"""Gains are rounded to multiples of this step, so that a cosine whose last digit differs between machines does not
-change a spike."""
+"""Gains are rounded to multiples of this step, so that spikes are the same on machines whose cosines differ in the last
+digit."""
 
 
 def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) -> None:
@@ -89,7 +89,7 @@ def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) 
 
 
 def read_light_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[str, ...]) -> dict[str, Any]:
-    """Return the light schedule at these keys of a recipe, checked and with the text of its files.
+    """Check the light schedule at ``keys`` of a recipe, and return it with the text of the files that it names.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def read_light_schedule(schedule: dict[str, Any], document: Document, *, keys: t
     Returns
     -------
     dict
-        The schedule in the same form.
+        The schedule, in the form in which it was given.
 
     Raises
     ------
@@ -123,14 +123,14 @@ def _read(component: Component, document: Document, *, keys: tuple[str, ...]) ->
 
 
 def _build_without_scene(kind: str, /, **options: Any) -> Light:
-    """Build a schedule before the scene, and so its illuminance at gain 1, is known."""
+    """Return a schedule whose scene, and therefore the illuminance at gain 1, is not known yet."""
     if options.get("unit") == "lux":
         options.setdefault("lux_at_gain_1", 1.0)
     return get_light(kind, **options)
 
 
 def split_schedule_by_light_group(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
-    """Return a light schedule as {light group: component}; the key '' stands for all groups at once.
+    """Return a light schedule as {light group: component}; the key '' means all groups at once.
 
     Raises BadInput, located at ``where``, if a light group has no kind.
     """
@@ -164,7 +164,7 @@ def draw_light_schedule(
     Returns
     -------
     dict
-        Component of each light group; the key '' stands for all groups at once.
+        Component of each light group; the key '' means all groups at once.
     """
     drawn = {}
     for group, component in split_schedule_by_light_group(schedule).items():
@@ -183,8 +183,8 @@ def get_light(
     Parameters
     ----------
     name : str
-        Kind of schedule: a file of ``saf_gen/plugins/lights``, a kind that a package offers, ``package.module:Class``
-        or ``file.py:Class``.
+        Kind of schedule: a file of ``saf_gen/plugins/lights``, a kind that another package offers,
+        ``package.module:Class`` or ``file.py:Class``.
     offset : float, default 0
         Constant light added to the schedule, in ``unit``, 0 or more.
     unit : {"ratio", "lux"}, default "ratio"
@@ -192,7 +192,7 @@ def get_light(
     lux_at_gain_1 : float, optional
         Illuminance of the target at gain 1 in lux, above 0; required if ``unit`` is "lux".
     **options
-        Fields of the class of that kind.
+        Fields of the schedule's class.
 
     Returns
     -------
@@ -297,7 +297,8 @@ def light_group_gains(
     Raises
     ------
     BadInput
-        If the scene does not have one of the groups, if a gain falls below 0, or if float32 cannot hold a gain.
+        If the schedule names a group that the scene does not have, if a gain falls below 0, or if float32 cannot hold
+        a gain.
     """
     for name in schedule:
         if name and name not in groups:

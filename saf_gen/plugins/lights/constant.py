@@ -10,10 +10,10 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Constant:
-    """The gain is ``level`` throughout, 0 or more; 0 is a lamp that is off."""
+    """The gain is ``level`` throughout the recording; at 0, the lamp is off."""
 
     level: float = 1.0
-    """Gain, 0 or more: the gain throughout; 0 is a lamp that is off."""
+    """Gain, 0 or more: the gain throughout the recording; at 0, the lamp is off."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.level < inf:

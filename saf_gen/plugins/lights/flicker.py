@@ -54,7 +54,7 @@ class Flicker:
         return self.level * (seconds + self._scale() * wave)
 
     def _scale(self) -> float:
-        """Return the factor s with which 1 + s·low and 1 + s·high have the modulation depth ``depth``."""
+        """Return the factor s for which gains from 1 + s·low to 1 + s·high have the modulation depth ``depth``."""
         low, high = _extremes(np.asarray(self.harmonics, dtype=np.float64))
         return 2 * self.depth / ((high - low) - self.depth * (high + low))
 

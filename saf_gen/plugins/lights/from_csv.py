@@ -15,12 +15,12 @@ class FromCsv:
     """The gain is interpolated linearly between the points of a table, and is constant before and after them.
 
     In a recipe, ``file`` is the path of a CSV file in the recipe's folder or below it. Its columns are ``time_s``
-    (seconds from the beginning of the recording, increasing) and ``gain`` (0 or more). The file is read with the
-    recipe, and this class gets ``{"path": ..., "text": ...}``.
+    (seconds from the beginning of the recording, increasing) and ``gain`` (0 or more). The file is read together with
+    the recipe, and passed to this class as ``{"path": ..., "text": ...}``.
     """
 
     file: Mapping[str, str] = field(repr=False)
-    """Path of a CSV file with ``time_s``, ``gain``: the gain is interpolated linearly between its points."""
+    """Path of a CSV file with ``time_s``, ``gain``: the gain is interpolated linearly between these points."""
 
     def __post_init__(self) -> None:
         times, gains = parse_csv_table(self.file, ("time_s", "gain"))

@@ -10,7 +10,7 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Pwm:
-    """The gain is ``high`` for the first ``duty`` of each period of 1/``hz`` seconds, ``low`` for the rest.
+    """The gain is ``high`` for the fraction ``duty`` of each period of 1/``hz`` seconds, then ``low``.
 
     The mean over whole periods is low + duty·(high - low). ``phase``, in radians, shifts the pattern to earlier times;
     at 0 the recording begins when the light is switched on.

@@ -32,7 +32,7 @@ class RandomWalk:
     sd: float
     """Logarithm of gain, 0 to 3: the standard deviation after one second, or at all times if ``return_s`` is given."""
     return_s: float | None = None
-    """Seconds, 0.005 or more, or never: the time in which the walk returns to its mean, with correlation
+    """Seconds, 0.005 or more, or never: the time constant with which the walk returns to its mean; its correlation is
     exp(−lag/return_s)."""
     level: float = 1.0
     """Gain, 0 or more: the expected gain at any time."""

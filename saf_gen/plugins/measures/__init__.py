@@ -4,8 +4,8 @@ Each measure is a file of this folder, or comes from a package with the entry po
 ``halves`` takes the counts of the two halves of a window, (2, row, col).
 
 If the light changes, a score that grows with brightness follows the light instead of the focus. Every measure of degree
-d > 0 therefore has a brightness-normalised form, ``NAME_n``, divided by mean count**d. Measures that do not compare
-half windows, normalised or not, can also score the texture from intervals instead of counts, ``NAME_tfi``.
+d > 0 therefore has a brightness-normalised form, ``NAME_n``, divided by mean count**d. All measures and normalised
+forms except half-window measures also have a form ``NAME_tfi``, which scores the texture from intervals, not counts.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ Function = TypeVar("Function", bound=Callable[..., float])
 class BrightnessNormalised:
     """A measure divided by mean count**degree; 0.0 if no pixel counted a spike.
 
-    The score does not change if counts are multiplied by a factor, as with spike dispersion.
+    Like spike dispersion, the score does not change if all counts are multiplied by the same factor.
     """
 
     measure: Measure
@@ -75,11 +75,11 @@ class BrightnessNormalised:
 class IntervalTexture:
     """A measure of the texture from intervals (TFI) instead of counts (TFP).
 
-    A pixel of this texture holds the count that the window would have at the rate of a single interval between spikes,
-    the one around the middle of the window. It is a real number in the unit of counts, 0.0 if there is no such
-    interval. Degree, cost and range are those of the measure. Motion within the window does not blur the texture,
-    however long the window is, but the rest of the window is not used. An interval is a whole number of readouts, so
-    bright pixels have few levels.
+    A pixel of this texture holds the count that the window would have if the interval between spikes around the middle
+    of the window repeated throughout it. It is a real number in the unit of counts, 0.0 if there is no such interval.
+    The measure keeps its degree, cost and range. Motion within the window does not blur the texture, however long the
+    window is, but the rest of the window is not used. An interval is a whole number of readouts, so bright pixels have
+    few levels.
 
     References
     ----------
@@ -92,7 +92,7 @@ class IntervalTexture:
 
     @property
     def degree(self) -> int:
-        """The degree of the measure that is wrapped, because textures are proportional to the light, like counts."""
+        """The degree of the wrapped measure, because textures are proportional to the light, like counts."""
         return self.measure.degree
 
     @property
@@ -102,12 +102,12 @@ class IntervalTexture:
 
     @property
     def score_range(self) -> str:
-        """The range of the measure that is wrapped; '' if it states no range."""
+        """The range of the wrapped measure; '' if it states no range."""
         return str(getattr(self.measure, "score_range", ""))
 
     @property
     def cost(self) -> float | None:
-        """The cost of the measure, without that of making the texture; None if the measure states no cost."""
+        """The cost of the wrapped measure, without making the texture; None if it states no cost."""
         return getattr(self.measure, "cost", None)
 
     def __call__(self, counts: np.ndarray) -> float:
@@ -137,7 +137,7 @@ def measure(function: Function | None = None, /, **stated: Any) -> Any:
         sharper picture.
     **stated
         Any of ``degree``, ``cost``, ``source``, ``score_range``, ``halves``, ``intervals`` and ``timed``, which
-        :class:`saf_gen.parts.Measure` explains. If no degree is stated, it is determined by trying.
+        :class:`saf_gen.parts.Measure` explains. If no degree is stated, it is found by trial.
 
     Returns
     -------
@@ -183,7 +183,7 @@ def measure_names() -> list[str]:
 
 
 def _grows_with_brightness(name: str) -> bool:
-    """Return whether the degree of a measure, as its class or an instance without options states it, is above 0."""
+    """Return whether a measure has a degree above 0, as stated by its class or by an instance without options."""
     degree = getattr(plugin_class(KIND, name), "degree", 0)
     if isinstance(degree, property):
         degree = getattr(build_plugin(KIND, name), "degree", 0)
@@ -199,7 +199,7 @@ def get_measure(name: str, **options: Any) -> Measure:
         One of :func:`measure_names`, ``file.py:Class`` or ``package.module:Class``, optionally followed by ``_n``
         (brightness-normalised), ``_tfi`` (texture from intervals) or ``_n_tfi`` (both).
     **options
-        Fields of the measure's dataclass; with a suffix, those of the measure that is wrapped.
+        Fields of the measure's dataclass; with a suffix, the fields of the wrapped measure.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Counts of any number type, converted to one in which the sums of measures are exact, and dark counts."""
+"""Conversion of counts to a number type in which the sums of measures are exact, and subtraction of dark counts."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ def counts_as_integers(counts: np.ndarray, *, halves: bool = False) -> np.ndarra
 
     ``counts`` is an array of any number type, (row, col), or (2, row, col) with ``halves``, for the two halves of a
     window. The result is in C order, so that sums of floats do not depend on the memory layout of the input. Raises
-    BadInput if the axes are others, if there is no pixel, or if values are not finite numbers.
+    BadInput if the array has other axes or no pixel, or if values are not finite numbers.
     """
     given = np.asarray(counts)
     if halves and (given.ndim != 3 or len(given) != 2 or given.size == 0):

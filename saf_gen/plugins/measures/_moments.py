@@ -30,10 +30,10 @@ def variance(numbers: np.ndarray) -> float:
 
 
 def squared_contrast(counts: np.ndarray, *, pixels: bool = False) -> float:
-    """Return variance / squared mean of counts (row, col), multiplied by N if ``pixels``; 0.0 for a mean of 0.
+    """Return the variance of counts (row, col) divided by their squared mean, times N if ``pixels``.
 
-    For whole numbers, N·Σc² − (Σc)² is computed in Python integers, so that only the quotient is rounded. Deviations
-    from a mean in floats would leave the score of a constant image slightly above 0.
+    Returns 0.0 for a mean of 0. For whole numbers, N·Σc² − (Σc)² is computed in Python integers, so that only the
+    quotient is rounded. Deviations from a mean in floats would leave the score of a constant image slightly above 0.
     """
     numbers = counts_as_integers(counts)
     size, total = numbers.size, numbers.sum().item()

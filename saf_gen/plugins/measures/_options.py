@@ -21,6 +21,6 @@ def check_measure_range(key: str, value: object, *, lowest: float, highest: floa
 
 
 def check_measure_dark_options(dark: float, dark_rms: float) -> None:
-    """Raise BadInput unless a camera can have this dark rate and this rms of it over pixels, relative to its mean."""
+    """Raise BadInput unless a camera can have this mean dark rate, with this rms over pixels relative to the mean."""
     check_measure_range("dark", dark, lowest=0, highest=0.5, unit=" spikes per pixel and readout")
     check_measure_range("dark_rms", dark_rms, lowest=0, highest=10, unit=" times the mean dark rate")

@@ -13,9 +13,9 @@ from saf_gen.plugins.measures._moments import mean_square_of_counts
 class Brenner:
     """Mean of (c(x+2) − c(x))² along rows.
 
-    A ramp of s counts per pixel scores 4s², and white noise scores twice its variance. A period of four pixels scores
-    highest, and stripes along the rows score 0, as published. The score is 0.0 for fewer than three columns, and never
-    rises when a periodic scene is blurred further.
+    A ramp of s counts per pixel scores 4s², and white noise scores twice its variance. A pattern with a period of four
+    pixels scores highest, and stripes along the rows score 0, as published. The score is 0.0 for fewer than three
+    columns, and never rises when a periodic scene is blurred further.
 
     Range from 0, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
 

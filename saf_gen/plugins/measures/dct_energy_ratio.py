@@ -1,4 +1,4 @@
-"""Energy of a tile's cosine transform, divided by that of its mean."""
+"""Energy of a tile's cosine transform, divided by the energy of its mean."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -10,7 +10,7 @@ from saf_gen.plugins.measures._spectrum import FFT_COST, check_band, power_in_ba
 
 @dataclass(frozen=True)
 class MidBandPower:
-    """Variance of the spatial frequencies from ``lowest`` to ``highest`` cycles per pixel, Σ |FFT(c − ū)|²/N².
+    """Variance in the spatial frequencies from ``lowest`` to ``highest`` cycles per pixel, Σ |FFT(c − ū)|²/N².
 
     Over all frequencies this is the variance. High frequencies are mostly noise, and low ones change little with focus;
     contrast reversals of a lens limit the band from below. The default band, periods of 4 to 8 pixels, was not tuned;

@@ -13,8 +13,8 @@ from saf_gen.plugins.measures._moments import variance
 class NormalisedVariance:
     """Variance divided by the mean, V/ū; 0.0 if there is no spike.
 
-    The purpose of the division is that Poisson counts of an even field score 1 at any brightness. The score of a
-    texture still grows with the light; V/ū² is ``sd``. The score never rises when a periodic scene is blurred further.
+    Because of the division, Poisson counts of an even field score 1 at any brightness. The score of a texture still
+    grows with the light; V/ū² is ``sd``. The score never rises when a periodic scene is blurred further.
 
     Range 0 to (N − 1)ū for N pixels, in counts; degree 1; cost 4: three additions and a multiplication per pixel.
 

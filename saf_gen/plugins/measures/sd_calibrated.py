@@ -22,9 +22,9 @@ class SpikeDispersionCalibrated:
     rate, in spikes per pixel and readout, so that d is the mean dark count of a half. ``dark_rms`` is the rms of that
     rate over pixels, relative to its mean. Both follow from one recording with the lens cap on; the defaults are those
     of the sensor ``vidar_400x250``. The score does not change with the light as long as each half counts a few spikes
-    per pixel; see the search ``photon_aware``. If the length of the window is not given, the score is that of
-    ``sd_debiased``, with the same 1/12, an average over the fractions of a count. The score is 0.0 if the light of a
-    half is at most a tenth of its dark counts.
+    per pixel; see the search ``photon_aware``. The 1/12 is an average over the fractions of a count, as in
+    ``sd_debiased``. If the length of the window is not given, d is 0, and both measures give the same score. The score
+    is 0.0 if the light of a half is at most a tenth of its dark counts.
 
     Range: expected value 0 without contrast, otherwise about the squared contrast; degree 0 apart from the 1/12;
     cost 4: one multiplication and three additions per pixel.

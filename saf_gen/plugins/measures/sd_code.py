@@ -14,7 +14,7 @@ class SpikeDispersionCode:
 
     It is N times ``sd``, and exactly er_sumsq/ū² − N. The score never rises when a periodic scene is blurred further.
 
-    Range 0 to N(N − 1) for N pixels; degree 0; cost 3, the same as that of ``sd``.
+    Range 0 to N(N − 1) for N pixels; degree 0; cost 3, as for ``sd``.
 
     References
     ----------

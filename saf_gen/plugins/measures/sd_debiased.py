@@ -13,12 +13,12 @@ class SpikeDispersionDebiased:
     """Squared contrast from two half windows A and B: (cov(A, B) + 1/12)/(ū_A·ū_B) over pixels.
 
     The counts, (2, row, col), are those of the first half of the frames and of the rest. Noise that the halves do not
-    share cancels in the covariance. They share the charge that is left over at the end of the first half. It adds −1/12
-    (the average of the exact law, docs/explanation/spike-camera.md) if fractions of a count are distributed evenly over
-    the pixels, which is so if the counts of a half span one count or more. Over a narrower span, it adds 0 to −1/4,
-    which 1/12 does not balance: the error may exceed that of ``sd``, and an even field may score below 0. Odd and even
-    frames cannot replace the halves: they divide one train of spikes, and their covariance is far lower. The score is
-    0.0 if a half has no spike.
+    share cancels in the covariance. They do share the charge that is left over at the end of the first half. It adds
+    −1/12 (the average of the exact law, docs/explanation/spike-camera.md) if fractions of a count are distributed
+    evenly over the pixels, as they are if the counts of a half span one count or more. Over a narrower span, it adds 0
+    to −1/4, which 1/12 does not balance: the error may exceed the error of ``sd``, and an even field may score below 0.
+    Odd and even frames cannot replace the halves: they divide one train of spikes, and their covariance is far lower.
+    The score is 0.0 if a half has no spike.
 
     Range above −1, to N − 1 + N²/12 (one spike per half, in the same pixel); degree 0 apart from the 1/12,
     which is in squared counts; cost 4: three additions and a multiplication per pixel.

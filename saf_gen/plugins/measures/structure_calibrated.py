@@ -19,8 +19,8 @@ class StructureCalibrated:
         S(l) = Σ over rows and columns of  mean(Δ_l A · Δ_l B) + 2/12 − 2·dark_rms²·d_A·d_B
 
     S is the second-order structure function. The two halves count independently, so shot noise cancels as in
-    ``sd_debiased``, except for the spike that they share where they meet. It is corrected by twice 1/12, an average
-    over the fractions of a count, as in that measure. Dark spikes and their fixed pattern are subtracted as in
+    ``sd_debiased``, except for the spike that they share where they meet. Twice 1/12, an average over the fractions of
+    a count, corrects for this spike, as in that measure. Dark spikes and their fixed pattern are subtracted as in
     ``sd_calibrated``, with the same ``dark`` and ``dark_rms``.
 
     The variance, as in ``sd``, is dominated by the longest scales, which blur barely changes: its focus curve is a low

@@ -1,4 +1,4 @@
-"""Vollath's F4: how fast the autocorrelation falls from one pixel to two."""
+"""Vollath's F4: the fall of the autocorrelation from one pixel to two."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -13,9 +13,9 @@ class VollathF5:
     """Mean of c(x)·c(x+1) along rows minus the squared mean ū²: the covariance of neighbours.
 
     White noise adds nothing, apart from chance. In the published formula, the sum of products has one column less than
-    the mean, which leaves −c² per row of a constant image. Here both are means over their own columns, so on small
-    images one column more or less at the border matters. The score is 0.0 for a single column. Blur may raise the score
-    if most power is above 1/4 cycle per pixel.
+    the mean, which leaves −c² per row of a constant image. Here each is a mean over its columns, so on small images one
+    column more or less at the border matters. The score is 0.0 for a single column. Blur may raise the score if most
+    power is above 1/4 cycle per pixel.
 
     Range: any sign, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
 

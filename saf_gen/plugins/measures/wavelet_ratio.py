@@ -1,4 +1,4 @@
-"""Energy of wavelet details, divided by that of the smooth remainder."""
+"""Energy of wavelet details, divided by the energy of the smooth remainder."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -20,11 +20,11 @@ HIGH = LOW[::-1] * [1, -1, 1, -1, 1, -1]
 
 @dataclass(frozen=True)
 class WaveletRatio:
-    """Energy of details of ``levels`` octaves divided by that of the smooth remainder, with Daubechies' D6 wavelet.
+    """Energy of the details of ``levels`` octaves divided by the energy of the remainder, with Daubechies' D6 wavelet.
 
     Energies are means per pixel over the coefficients whose six taps fit into the image. Second-order surfaces have no
-    details. The remainder contains the brightness. One level covers the finest octave, which is mostly noise if counts
-    are low. The score is 0.0 if the filter does not fit at every level, or if the remainder is 0.
+    details. The smooth remainder contains the brightness. One level covers the finest octave, which is mostly noise if
+    counts are low. The score is 0.0 if the filter does not fit at every level, or if the remainder is 0.
 
     Range from 0; degree 0; cost 38: two passes of six taps for each of four bands, at a half and a quarter of
     the pixels; many levels cost up to a third more.

@@ -16,8 +16,8 @@ __all__ = ["get_motion", "motion_positions_at_readouts"]
 
 BLOCK_FRAMES = 1 << 19  # positions computed at a time, so that long recordings need little memory
 POSITION_GRID = 2.0**-24
-"""Positions are rounded to multiples of this step, which float32 holds exactly. A file therefore has the positions that
-made its spikes, and a cosine whose last digit differs between machines does not change them."""
+"""Positions are rounded to multiples of this step, which float32 holds exactly. A file therefore stores exactly the
+positions behind its spikes, and they are the same on machines whose cosines differ in the last digit."""
 
 
 def get_motion(name: str, /, **options: Any) -> Motion:
@@ -26,10 +26,10 @@ def get_motion(name: str, /, **options: Any) -> Motion:
     Parameters
     ----------
     name : str
-        Kind of motion: a file of ``saf_gen/plugins/motions``, a kind that a package offers, ``package.module:Class`` or
-        ``file.py:Class``.
+        Kind of motion: a file of ``saf_gen/plugins/motions``, a kind that another package offers,
+        ``package.module:Class`` or ``file.py:Class``.
     **options
-        Fields of the class of that kind.
+        Fields of the motion's class.
 
     Returns
     -------

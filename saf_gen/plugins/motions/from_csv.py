@@ -17,13 +17,13 @@ class FromCsv:
 
     In a recipe, ``file`` is the path of a CSV file in the recipe's folder or below it. Its columns are ``time_s``
     (seconds from the beginning of the recording, increasing) and ``position`` (fraction of the travel, 0 to 1). The
-    times must reach from the middle of the first readout to the middle of the last. The file is read with the recipe,
-    and this class gets ``{"path": ..., "text": ...}``.
+    times must reach from the middle of the first readout to the middle of the last. The file is read together with the
+    recipe, and passed to this class as ``{"path": ..., "text": ...}``.
     """
 
     file: Mapping[str, str] = field(repr=False)
-    """Path of a CSV file with ``time_s``, ``position``: the position is interpolated linearly between its points, which
-    must reach from the middle of the first readout to the middle of the last."""
+    """Path of a CSV file with ``time_s``, ``position``: the position is interpolated linearly between these points,
+    which must reach from the middle of the first readout to the middle of the last."""
 
     def __post_init__(self) -> None:
         times, positions = parse_csv_table(self.file, ("time_s", "position"))

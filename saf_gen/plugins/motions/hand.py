@@ -17,13 +17,13 @@ POINTS_PER_PERIOD = 32  # per period of ``bandwidth_hz``; the speed is interpola
 class Hand:
     """The lens moves from ``from`` to ``to`` during the recording, at a speed that varies by ``irregularity``.
 
-    The speed divided by its mean has the standard deviation σ = ``irregularity``. It is computed from noise n of
-    mean 0 and variance 1, a random sum of sines that each have a whole number of periods in the recording:
+    The relative speed (the speed divided by its mean) has the standard deviation σ = ``irregularity``. It is computed
+    from noise n of mean 0 and variance 1, a sum of random sines with a whole number of periods in the recording:
 
-    - If ``reversals`` is true, it is 1 + σ·n, with frequencies up to ``bandwidth_hz``. The lens moves back a little
-      in about Φ(-1/σ) of the time, as far as the stops at the ends of the travel allow.
+    - If ``reversals`` is true, the relative speed is 1 + σ·n, with frequencies up to ``bandwidth_hz``. The lens moves
+      back a little in about Φ(-1/σ) of the time, as far as the stops at the ends of the travel allow.
     - If ``reversals`` is false, it is (1 + s·n)² divided by its mean, with frequencies up to half of ``bandwidth_hz``.
-      The lens never moves back. The standard deviation is σ for Gaussian n if s² = √(2/(2 - σ²)) - 1.
+      The lens never moves back. With s² = √(2/(2 - σ²)) - 1, the standard deviation is σ for Gaussian n.
 
     The default bandwidth is below that of physiological tremor, 6 to 12 Hz [1]_. ``seed`` selects the noise; if a
     recipe gives no seed, each sequence gets a different one.
@@ -68,7 +68,7 @@ class Hand:
         return np.clip(self.from_ + (self.to - self.from_) * fraction, 0.0, 1.0)
 
     def _speed(self, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return times in seconds and relative speeds over the recording, each float64 (n,)."""
+        """Return times in seconds, and the speed at these times up to a constant factor, each float64 (n,)."""
         periods = self.bandwidth_hz * duration_s
         waves = floor(periods * (1 if self.reversals else 0.5) + 1e-9)
         if waves < 1:

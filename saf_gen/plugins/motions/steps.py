@@ -91,7 +91,7 @@ class Steps:
         return off_all, speed_all
 
     def _ringing(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return x of the free oscillator after ``seconds``, started from x = 1 at rest and from x = 0 at speed 1."""
+        """Return x of the free oscillator after ``seconds`` for two starts: x = 1 at rest, and x = 0 with speed 1."""
         omega, damping = 2 * pi * self.natural_hz, self.damping
         if damping <= 1:
             turn = omega * sqrt(1 - damping**2)

@@ -50,7 +50,7 @@ def count_search_blocks(view: View, dt: int) -> tuple[int, int]:
 
 
 def golden_search_feedback(view: View, end: int) -> float:
-    """Return the score of the later half of the first ``end`` frames minus that of the earlier half.
+    """Return the score of the later half of the first ``end`` frames minus the score of the earlier half.
 
     The windows are those of the released code: frames h−1 to end and frames 1 to h−1, both inclusive and counted from
     1, with h = ⌊(end + 1)/2⌋.

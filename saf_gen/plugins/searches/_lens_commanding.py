@@ -13,7 +13,7 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 READING_S = 0.001
 """Seconds over which one reading of the lens position is averaged."""
 READINGS_AT_TARGET, READINGS_OFF_TARGET = 4, 50
-"""Number of readings that must agree if the lens is at its target, and if it came to rest elsewhere."""
+"""Numbers of readings that must agree if the lens is at its target, and if it has come to rest elsewhere."""
 START_S = 0.3
 """Longest time from a command to the first motion, in seconds; a hand takes 0.2 s."""
 
@@ -40,9 +40,9 @@ class FocusSampler:
     dt : int
         Frames per score.
     still : float
-        How far a resting lens may move, as a fraction of the travel.
+        Largest motion of a lens that counts as at rest, as a fraction of the travel.
     lag_s : float or None
-        Seconds in which a motion that the position sensor does not see falls to 1/e; None stands for ``view.lag_s``.
+        Seconds in which a motion that the position sensor does not see decays to 1/e; if None, ``view.lag_s``.
     timeout_s : float
         Seconds after which the window is scored even if the lens is not at rest. Without a position sensor, the wait
         always takes this time.
@@ -161,9 +161,10 @@ class LensCommandingSearch:
     dt : int, default 100
         Frames that are scored per sample, once the lens rests.
     still : float, default 0.002
-        How far a resting lens may move, as its sensor reads it over some milliseconds; a fraction of the travel.
+        Largest motion of a lens that counts as at rest, as its sensor reads it over some milliseconds; a fraction of
+        the travel.
     lag_s : float, optional
-        Seconds, 0 to 1, in which ringing that a sensor at the motor does not see falls to 1/e. The search waits until
+        Seconds, 0 to 1, in which ringing that a sensor at the motor does not see decays to 1/e. The search waits until
         it has decayed. By default, the value that the maker of the drive states.
     timeout_s : float, default 1.5
         Longest time to wait for the lens, in seconds, above 0 and at most 60.
@@ -201,7 +202,7 @@ class LensCommandingSearch:
         return Answer(None, trace, note, position=best.position)
 
     def seek_focus(self, sample: FocusSampler) -> str:
-        """Call ``sample`` at one or more lens positions, the best of which is the answer, and return a note on it."""
+        """Call ``sample`` at one or more lens positions, and return a note; the best sample becomes the answer."""
         raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""Windows of equal light along a sweep, cut by spikes and not by time."""
+"""Windows of equal light along a sweep: their length is set by the number of spikes, not by time."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from saf_gen.parts import View
 
 
 class LightWindow(NamedTuple):
-    """A window, ``first <= t < stop``, of ``light`` spikes per pixel, which spans ``steps`` steps of the recording."""
+    """A window, ``first <= t < stop``, with ``light`` spikes per pixel, ``steps`` steps of the recording long."""
 
     first: int
     stop: int
@@ -19,9 +19,9 @@ class LightWindow(NamedTuple):
 def follow_windows_of_equal_light(view: View, light: float, *, steps: int, longest: float) -> Iterator[LightWindow]:
     """Yield a trailing window after each of ``steps`` equal steps of a recording, while it runs.
 
-    The window is the shortest one with ``light`` spikes per pixel that ends there, and no longer than the fraction
-    ``longest`` of the recording. Nothing is yielded as long as the recording has fewer spikes than that, or if the
-    longest window has less than a quarter of them. Raises BadInput if a step would have fewer than two frames.
+    The window is the shortest one with ``light`` spikes per pixel that ends there, but no longer than the fraction
+    ``longest`` of the recording. No window is yielded while all frames so far have fewer spikes than that, or later if
+    the longest window has less than a quarter of them. Raises BadInput if a step would have fewer than two frames.
     """
     step = view.frames // steps
     if step < 2:

@@ -43,16 +43,16 @@ class ScoreCurve:
         return bool(y.max() - y[-1] > max(of_range * np.ptp(y), of_largest * abs(y.max())))
 
     def is_peak(self, of_range: float) -> bool:
-        """Return whether the curve falls by more than ``of_range`` of its range on both sides of its largest value."""
+        """Return whether the curve falls on both sides of its largest value by more than ``of_range`` of its range."""
         y, order = self.smoothed, np.argsort(self.frames, kind="stable")
         y = y[order]
         k, least = int(y.argmax()), of_range * np.ptp(y)
         return bool(min(y[k] - y[: k + 1].min(), y[k] - y[k:].min()) > least > 0)
 
     def top(self) -> float:
-        """Return the frame of the top of the parabola through the scores around the largest.
+        """Return the frame of the top of a parabola fitted to the scores around the largest.
 
-        If they have no such top, return the frame of the largest score.
+        If these scores are too few, or if the parabola has no top, return the frame of the largest score.
         """
         frames, y = self.frames, self.smoothed
         best = self.best()

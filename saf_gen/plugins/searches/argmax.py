@@ -60,7 +60,7 @@ class Argmax:
         return Answer(centre + self._offset(scores, best) * self.window, (centre,))
 
     def _offset(self, scores: list[float], best: int) -> float:
-        """Return how far the refined maximum is from the best block, in blocks."""
+        """Return the distance from the centre of the best block to the refined maximum, in blocks."""
         if self.refine == "parabola" and best > 0:
             return _parabola_vertex(scores[best - 1 : best + 2])
         return _centroid(scores, best, near=self.near) if self.refine == "centroid" else 0.0

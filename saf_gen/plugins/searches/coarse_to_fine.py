@@ -21,8 +21,8 @@ class CoarseToFine(LensCommandingSearch):
     if the image is far out of focus. The second pass scores ``dt`` frames with the method's measure, from one coarse
     step before the best position to one after it; a gradient measure, with a narrow and steep curve, suits this pass.
     With ``far: own``, both passes use the method's measure. Each pass moves in one direction, so that backlash is the
-    same for all its positions. The search takes at most 1/coarse + 2·coarse/fine + 2 samples, whatever the curve. Only
-    noise at the maximum misleads it.
+    same for all its positions. The search takes at most 1/coarse + 2·coarse/fine + 2 samples for any curve. Only noise
+    at the maximum misleads it.
 
     References
     ----------

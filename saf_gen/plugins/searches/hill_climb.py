@@ -8,14 +8,14 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 
 @dataclass(frozen=True)
 class HillClimb(LensCommandingSearch):
-    """Climbs from the initial lens position in steps of ``coarse``, and at the top halves the steps down to ``fine``.
+    """Climbs from the initial lens position in steps of ``coarse``; at the top, it halves the step, down to ``fine``.
 
     The first climb goes towards the longer part of the travel, continues while the score rises, and ends after
     ``falls`` consecutive samples that are not better. If it finds nothing better, the other direction is tried. Finer
-    climbs start from the best position, try both sides, and end with the first sample that is not better. This is the
-    only search here that need not cross the travel, so it is quick near the focus. On a flat and noisy curve it stays
-    at a chance maximum, up to ``falls``·``coarse`` from where it began. It takes up to 1/coarse + 3·log2(coarse/fine)
-    samples.
+    climbs start from the best position, try both sides, and end with the first sample that is not better. Unlike the
+    other searches that move the lens, this one need not cross the travel, so it is quick near the focus. On a flat and
+    noisy curve it stays at a chance maximum, up to ``falls``·``coarse`` from its start. It takes up to 1/coarse +
+    3·log2(coarse/fine) samples.
 
     References
     ----------

@@ -11,10 +11,10 @@ from saf_gen.plugins.searches._windows import check_search_frame_count, check_se
 class Naive:
     """Scores a window of ``dt`` frames every ``step`` frames, and answers with the centre of the best.
 
-    This is the first of the three searches of Su et al.: the score at time t is that of t − Δt/2 ... t + Δt/2, and the
-    focus is where it is largest. Windows overlap if ``step`` is less than ``dt``; the search on consecutive blocks is
-    ``argmax``. Only complete windows are scored, so the answer cannot be within dt/2 of either end. The first of equal
-    windows wins. The search takes (frames − dt)/step + 1 scores. The trace holds the answer.
+    This is the first of the three searches of Su et al.: the score at time t is the score of the window from t − Δt/2
+    to t + Δt/2, and the focus is where it is largest. Windows overlap if ``step`` is less than ``dt``; ``argmax``
+    searches consecutive blocks instead. Only complete windows are scored, so the answer cannot be within dt/2 of either
+    end. The first of equal windows wins. The search takes (frames − dt)/step + 1 scores. The trace holds the answer.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Peak fit: a bell fitted to the focus curve while the lens moves gives the focus, passed or just outside the sweep."""
+"""Peak fit: a bell fitted to the focus curve while the lens moves locates a focus in or just outside the sweep."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -15,14 +15,14 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 
 BROAD, FINEST = "sd_calibrated", "vollath_f4_n"
 LEAST_SCORES = 8
-"""Least number of scores of a bell: noise alone very rarely puts that many neighbouring scores on a bell."""
+"""Smallest number of scores for a bell: noise alone very rarely puts that many neighbouring scores on a bell."""
 SMOOTH, UNTIL, LEAST, FALL = 2.0, 0.5, 0.2, 0.03
 """Options ``smooth``, ``until``, ``least`` and ``fall`` of photon_aware, used for a curve that is not a bell."""
 FINEST_WITHIN = 1.5
 """Distance from the focus, in half widths of the bell, within which the finest differences are scored."""
 BLOCKS, LIGHT_RATIO, MOST_DARK = 4, 1.3, 0.9
-"""Blocks of a picture along each axis; least ratio of light from which a dark rate is estimated; largest dark rate as a
-fraction of the lowest rate."""
+"""Blocks of a picture along each axis; smallest ratio of the highest to the lowest rate from which a dark rate is
+estimated; largest dark rate as a fraction of the lowest rate."""
 
 
 class Bell(NamedTuple):
@@ -44,15 +44,15 @@ class PeakFit:
     w, even from one side of the bell.
 
     Windows have equal light: after each of ``steps`` steps of a recording, the window that ends there is the shortest
-    one with ``counts`` spikes per pixel, and no longer than ``longest`` of the recording. Its score belongs to the mean
-    position of the lens during the window. The fit uses the scores around the largest, in order of position, as far as
-    they stay above ``above`` times the largest. Its weights are those of scores with equal errors, and are larger for
-    windows with more spikes.
+    one with ``counts`` spikes per pixel, but no longer than the fraction ``longest`` of the recording. Its score
+    belongs to the mean position of the lens during the window. The fit uses the scores around the largest, in order of
+    position, as far as they stay above ``above`` times the largest. Its weights assume scores with equal errors, and
+    are larger for windows with more spikes.
 
-    Dark spikes reduce contrast, and more so if there is less light, so a change of the light changes the curve even if
-    the focus stays the same. Therefore, the search estimates the dark rate d from the contrast of coarse blocks of the
-    picture, which changes little with focus and which dark spikes lower to c·(1 − d/rate). The fit uses the score
-    divided by (1 − d/rate)². If ``dark`` is false, it uses the score itself, for a measure that is calibrated.
+    Dark spikes reduce contrast, more so in less light, so a change of the light changes the curve even if the focus
+    stays the same. Therefore, the search estimates the dark rate d from the contrast c of coarse blocks of the picture,
+    which changes little with focus and which dark spikes lower to c·(1 − d/rate). The fit uses the score divided by
+    (1 − d/rate)². If ``dark`` is false, it uses the score itself, as is right for a calibrated measure.
 
     A bell is accepted if its misfit, the relative residual, is below ``rough``. The search stops if three windows in a
     row are past the top by more than the margin (``beyond`` + ``doubt``·misfit)·w, and some score is below ``low``
@@ -67,8 +67,8 @@ class PeakFit:
 
     The answer is the frame at which the lens was nearest to x₀. The focus x₀ may be up to ``reach``·w outside the
     positions that the lens passed: on most scenes w is 1.2 to 2.2 depths of focus for ``structure_calibrated`` and 1.9
-    to 3.8 for ``octave_structure``, so that the end of the sweep is about in focus. Without a bell, the answer is that
-    of ``photon_aware``, which abstains if the curve does not fall on both sides. If lens positions are not recorded,
+    to 3.8 for ``octave_structure``, so that the end of the sweep is about in focus. Without a bell, the search answers
+    like ``photon_aware``, which abstains if the curve does not fall on both sides. If lens positions are not recorded,
     frames are used in their place.
 
     Choose a measure that has no floor of noise; ``octave_structure`` needs no calibration either. Each step takes three
@@ -193,7 +193,7 @@ def estimate_dark_rate(rate: np.ndarray, contrast: np.ndarray) -> float:
     """Return the rate of dark spikes in n windows, in spikes per pixel and frame.
 
     ``rate`` (n,) holds the spikes per pixel and frame of the windows, and ``contrast`` (n,) their contrast. Dark spikes
-    lower the contrast to c·(1 − dark/rate), a line over 1/rate, which is fitted by least squares. The result is 0 if
+    lower the contrast to c·(1 − dark/rate), which is fitted by least squares as a line in 1/rate. The result is 0 if
     the light changes by less than the factor LIGHT_RATIO, or if contrast does not fall with the light. It is at most
     MOST_DARK of the lowest rate.
     """

@@ -17,17 +17,17 @@ BROAD = "sd_calibrated"
 class PhotonAware:
     """Follows the sweep with trailing windows of equal light, and stops once the focus has been passed.
 
-    Scores from few spikes are uncertain and biased. Windows are therefore cut by spikes and not by time: after each of
-    ``steps`` steps of a recording, the window that ends there is the shortest one with twice ``counts`` spikes per
-    pixel, about ``counts`` in each half, and no longer than ``longest`` of the recording. Its score belongs to its
-    centre. Scores are smoothed by a Gaussian of ``smooth`` steps, and the answer is the top of the parabola through the
-    scores around the largest.
+    Scores from few spikes are uncertain and biased. The number of spikes, not time, therefore sets the length of a
+    window: after each of ``steps`` steps of a recording, the window that ends there is the shortest one with twice
+    ``counts`` spikes per pixel, about ``counts`` in each half, but no longer than the fraction ``longest`` of the
+    recording. Its score belongs to its centre. Scores are smoothed by a Gaussian of ``smooth`` steps, and the answer is
+    the top of a parabola fitted to the scores around the largest.
 
     The sweep stops once the curve has been below its largest value, by ``until`` of its range and by ``least`` of that
     value, for longer than a window, and has both risen and fallen by ``until``/2 of its range. With ``far``, the curve
-    of ``sd_calibrated`` over the same windows must have done so, too: a steep measure has small local maxima far from
-    the focus, where contrast is still a broad hill. If the curve does not fall by ``fall`` of its range on both sides
-    of its largest value, the focus is not in the sweep, and the search abstains.
+    of ``sd_calibrated`` in the same windows must do the same: a steep measure has small local maxima far from the
+    focus, where contrast is still a broad hill. If the curve does not fall by ``fall`` of its range on both sides of
+    its largest value, the focus is not in the sweep, and the search abstains.
 
     Each step takes two to four scores, one of them with the method's measure. The trace holds the frame of the largest
     value so far, whenever it changes, in frames from 0.
@@ -74,7 +74,7 @@ class PhotonAware:
                 trace.append(best)
             falling = falling + 1 if all(each.has_fallen(self.until, self.least) for each in curves) else 0
             if falling > max(2, steps) and all(each.is_peak(self.until / 2) for each in curves):
-                break  # it has fallen for longer than a window, so the first and the last share no spike
+                break  # low for longer than a window, so the first and the last of these windows share no spike
         note = f"stopped after {view.now} of {view.frames} frames"
         if not trace:
             return Answer(None, (), "too dark")

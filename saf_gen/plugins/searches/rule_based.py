@@ -21,8 +21,8 @@ class RuleBased(LensCommandingSearch):
     the travel. A slope of at least ``steep`` selects the ``fine`` step, a slope of at least ``gentle`` the ``middle``
     step, and any other slope the ``coarse`` step. After the first slope of at least ``steep``, the step is not
     enlarged once it is ``fine``, and the pass ends at the first score below the fraction ``drop`` of the range from the
-    lowest to the highest score so far.
-    If the samples next to the best one are more than a fine step away from it, fine steps fill these gaps at the end.
+    lowest to the highest score so far. If the samples next to the best one are more than a fine step away from it, fine
+    steps fill these gaps at the end.
 
     The lens moves in one direction nearly all the time, so backlash matters little. The thresholds are relative, so a
     score that has a large constant part (er_count) or changes its sign misleads them. The search takes about 1/coarse +

@@ -23,7 +23,7 @@ class GoldenFastSearchCausal:
     or at its end. A golden search (``egs``) then runs on the last 0.618 of the frames so far. The first s is taken
     after a quarter of the sweep, so the answer is never before the fraction 0.0955 + 0.382·falls/blocks of the sweep.
     Noise and steps of the light can make s fall that often before the focus; larger ``falls`` make this rarer. The
-    search takes two scores per block and two per golden step. The trace is that of the golden search: centres, in
+    search takes two scores per block and two per golden step. The trace holds the centres of the golden search, in
     frames from 0.
 
     References

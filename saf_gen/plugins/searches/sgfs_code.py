@@ -22,7 +22,8 @@ class GoldenFastSearchCode:
     far is compared with that of the earlier half: s = score(h−1 ... E) − score(1 ... h−1), with h = ⌊(E + 1)/2⌋. The
     sweep stops at the largest s, which is known only at its end, so the search is not causal. A golden search then runs
     on the last 0.618 of the frames before the stop. The answer cannot be in the first 9.55 % of a sweep. The search
-    takes two scores per block and two per golden step. The trace is that of the golden search, in frames from 1.
+    takes two scores per block and two per golden step. The trace holds the midpoints of the golden search, in frames
+    from 1.
 
     References
     ----------

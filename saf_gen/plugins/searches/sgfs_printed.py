@@ -24,7 +24,7 @@ class GoldenFastSearchPrinted:
     ``turned``, the sign is reversed: the sweep stops once the earlier window scores more, which is at T = 2p for a
     curve symmetric about the focus p. A golden search (``egs``) then runs on the last αT/2 frames, 1.38p ... 2p, which
     do not contain the focus. The search abstains if the sweep ends first. It takes two scores per round and two per
-    golden step. The trace is that of the golden search: centres, in frames from 0.
+    golden step. The trace holds the centres of the golden search, in frames from 0.
 
     References
     ----------

@@ -30,8 +30,8 @@ class SignChange:
     ``past`` growths before it by less than ``near`` of the largest magnitude so far is replaced by the mean that
     includes it. The published window, threshold and factor were not available; the values here were not tuned. Far from
     the focus the sign is noise. A change therefore counts only if, since it last fell, the score had grown by ``above``
-    times the median difference of neighbouring growths, and only after at least 8 blocks. This condition is this
-    project's; with it, 2 % of sweeps of 40 blocks of noise stop.
+    times the median absolute difference of neighbouring growths, and only after at least 8 blocks. This condition was
+    added in this project; with it, 2 % of sweeps of 40 blocks of noise stop.
 
     The answer is the frame where the line between the last growth above 0 and the first one below 0 crosses 0. The
     search abstains if the sweep has no such change. It takes two scores per block. The trace holds the centres of both
@@ -79,7 +79,7 @@ class SignChange:
         return Answer(None, (), "no change from growing to falling that stands out")
 
     def _smooth(self, raw: float, *, before: deque[float], growths: list[float]) -> float:
-        """Return a growth, smoothed if it is similar to those in ``before``, and append it to ``before``."""
+        """Return the growth ``raw``, smoothed if it is similar to those in ``before``; append ``raw`` to ``before``."""
         largest = max(map(abs, [raw, *growths]))
         is_like = before and abs(raw - float(np.mean(before))) < self.near * largest
         smooth = float(np.mean([*before, raw])) if is_like else raw

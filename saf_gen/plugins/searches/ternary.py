@@ -1,4 +1,4 @@
-"""Ternary search with the lens."""
+"""Ternary search, which moves the lens."""
 
 import math
 from dataclasses import dataclass

@@ -21,10 +21,11 @@ class Valley:
     by more than ``jump`` times the larger of their neighbours move by the fraction ``weight`` towards the mean of both
     neighbours. The search finds the highest peak, and the highest other peak that is far enough from it.
 
-    The paper does not state two values that are set here: peaks are at least ``apart`` of the curve from each other,
-    and at least ``stand_out`` of its range high. It also demands, without a number, that the second peak not be "too
-    close in amplitude", which is left out. Published samples are 1 ms long; ``window`` is that of the other searches
-    instead, because half windows of 1 ms count very few spikes.
+    The paper does not state two values that are set here: peaks are at least the fraction ``apart`` of the curve's
+    length from each other, and their prominence is at least the fraction ``stand_out`` of its range. The paper also
+    demands, without a number, that the second peak not be "too close in amplitude", which is left out. Published
+    samples are 1 ms long; ``window`` has the same default as in the other searches instead, because half windows of
+    1 ms count very few spikes.
 
     The search abstains if the curve has fewer than two peaks. It takes one score per block. The trace holds the centres
     of the peaks.

@@ -91,7 +91,7 @@ def resolve_scene_xml_file(element: Element, key: str, *, folder: Path) -> Scene
     name = posixpath.normpath(value.replace("\\", "/"))
     try:
         file = (folder / value.replace("\\", "/")).resolve()
-    except (OSError, RuntimeError) as error:  # a link in a circle
+    except (OSError, RuntimeError) as error:  # a circular link
         raise BadInput(f"the file {value!r} cannot be resolved: {error}", where=element.where) from error
     if not file.is_relative_to(folder) or name.startswith("../"):
         raise BadInput(

@@ -84,7 +84,7 @@ def require_scene_xml_attribute(element: Element, key: str) -> str:
 def format_scene_xml(elements: list[Element], *, version: str, first: int, keep_lines: bool) -> str:
     """Return a scene of these elements as text.
 
-    ``keep_lines`` puts each element on its own line number, and <scene> on line ``first``.
+    With ``keep_lines``, each element stays on the line that it has in its file, and <scene> is on line ``first``.
     """
     lines: list[str] = []
     _put(lines, f"<scene version={quoteattr(version)}>", line=first if keep_lines else 0)

@@ -1,7 +1,7 @@
 """Arrays in untrusted files, NumPy's .npy and .npz and MATLAB's .mat, read a few slices at a time.
 
-Nothing in such a file is executed: pickled objects are refused. The size in a header is compared with that of the file
-before memory is allocated.
+Nothing in such a file is executed: pickled objects are refused. The size in a header is compared with the size of
+the file before memory is allocated.
 """
 
 import os
@@ -32,7 +32,7 @@ DAMAGE = (
 
 
 class SlicedArray(Protocol):
-    """An array that is read by slices along its first axis; reading it from front to end is cheapest."""
+    """An array that is read by slices along its first axis; reading it from start to end is cheapest."""
 
     @property
     def shape(self) -> tuple[int, ...]: ...
@@ -100,7 +100,7 @@ def _choose_array(found: Mapping[str, tuple[int, ...]], key: str | None, *, wher
 
 
 class _ArchivedArray:
-    """An array in a .npz, which is a zip of .npy files; it is decompressed from front to end."""
+    """An array in a .npz, which is a zip of .npy files; it is decompressed from start to end."""
 
     def __init__(self, path: Path, *, key: str | None) -> None:
         self._path, self._archive = path, zipfile.ZipFile(path)
@@ -151,7 +151,7 @@ class _HdfArray:
         found: dict[str, Any] = {}
         for name in self._file:
             link = self._file.get(name, getlink=True)
-            item: Any = self._file[name] if isinstance(link, h5py.HardLink) else None  # other links lead to other files
+            item: Any = self._file[name] if isinstance(link, h5py.HardLink) else None  # others may leave the file
             plain = isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external
             if plain and item.dtype.kind in "buif" and _is_safely_stored(item):
                 found[name] = item
@@ -167,7 +167,7 @@ class _HdfArray:
 
 
 def _is_safely_stored(item: Any) -> bool:
-    """Return whether an array has only filters that MATLAB uses, and chunks that fit into the memory.
+    """Return whether an array has only filters that MATLAB uses, and chunks of at most MAX_CHUNK_BYTES.
 
     Other filters could run other code.
     """

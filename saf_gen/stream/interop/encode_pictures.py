@@ -18,7 +18,7 @@ from saf_gen.stream.metadata import stream_metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
 BLOCK_FRAMES, BLOCK_KNOTS, BLOCK_BYTES = 2_000, 64, 256 << 20
-"""Readouts, pictures, and bytes of pictures that are in memory at a time."""
+"""Largest numbers of readouts, pictures, and bytes of pictures in memory at a time."""
 SLOW_READOUTS = 10
 """Readouts per picture from which a camera counts as slow: motion then looks like a fade."""
 
@@ -69,7 +69,7 @@ def prepare_stream_of_pictures(
     mean_rate: float = 0.2,
     frames: int | None = None,
 ) -> PictureEncoding:
-    """Return how pictures become spikes.
+    """Return a plan for encoding pictures as spikes.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def prepare_stream_of_pictures(
         Spikes per pixel and readout of the mean picture. Light in pictures has no unit; this sets one factor for all
         pictures.
     frames : int, optional
-        Number of readouts, at most up to the last picture, which is the default; required for a single picture.
+        Number of readouts; by default, and at most, those up to the last picture. Required for a single picture.
 
     Returns
     -------
@@ -105,16 +105,15 @@ def prepare_stream_of_pictures(
     if count == 1:
         if frames is None:
             raise BadInput("is a single picture", where=where, hint="state the number of readouts with --frames N")
-        rate = rate or sensor.readout_hz
-    elif rate is None:
+        rate = sensor.readout_hz if rate is None else rate
+    if rate is None:
         raise BadInput("does not state how many pictures it has per second", where=where, hint="add --rate HZ")
-    elif not 0 < rate < np.inf:
+    if not 0 < rate < np.inf:
         raise BadInput(f"{rate:g} pictures per second", where=where, allowed="above 0")
-    assert_rate: float = rate
-    max_frames = floor((count - 1) / assert_rate * sensor.readout_hz) if count > 1 else None
+    max_frames = floor((count - 1) / rate * sensor.readout_hz) if count > 1 else None
     if max_frames is not None and (max_frames < 1 or (frames is not None and frames > max_frames)):
         raise BadInput(
-            f"{frames or 1} readouts were requested of {count} pictures at {assert_rate:g} Hz", where=where,
+            f"{frames or 1} readouts were requested of {count} pictures at {rate:g} Hz", where=where,
             allowed=f"1 to {max_frames}" if max_frames else f"pictures that last a readout, 1/{sensor.readout_hz:g} s",
         )  # fmt: skip
     length = frames if frames is not None else max_frames
@@ -123,7 +122,7 @@ def prepare_stream_of_pictures(
         raise BadInput("all pictures are black", where=where, allowed="pictures with light")
     everywhere = np.ones(pictures.shape, bool)
     scale = camera_exposure_scale(mean, everywhere, sensor=sensor, mean_rate=mean_rate)
-    return PictureEncoding(pictures, sensor, count, assert_rate, int(length or 1), scale, mean_rate)
+    return PictureEncoding(pictures, sensor, count, rate, int(length or 1), scale, mean_rate)
 
 
 def encode_pictures_as_stream(

@@ -17,8 +17,8 @@ def import_lens_log(path: str | Path, *, frames: int, readout_hz: float) -> np.n
     """Return the position of the lens at each readout, float32 (frames,), as a fraction of its travel.
 
     The file is a CSV table with the heading ``frame,position`` or ``seconds,position``, in which the first column
-    rises. A frame number means the middle of that readout. Positions between two rows are interpolated linearly; the
-    lens rests before the first row and after the last.
+    increases. A frame number means the middle of that readout. Positions between two rows are interpolated linearly;
+    the lens rests before the first row and after the last.
 
     Raises BadInput if the heading differs, a row does not match it, a position is outside 0 to 1, or no part of the
     log is within the recording.
@@ -36,7 +36,7 @@ def import_lens_log(path: str | Path, *, frames: int, readout_hz: float) -> np.n
 
 
 def import_light_log(path: str | Path, *, frames: int, readout_hz: float) -> dict[str, np.ndarray]:
-    """Return the gain of each light at each readout, float32 (frames,), by name; 1 is the light's usual strength.
+    """Return the gain of each light at each readout, float32 (frames,), by name; 1 is nominal.
 
     The file is a CSV table like that of :func:`import_lens_log`, with one column for each light: ``seconds,lamp`` or
     ``frame,lamp,window``.
@@ -52,7 +52,7 @@ def import_light_log(path: str | Path, *, frames: int, readout_hz: float) -> dic
 
 
 def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float) -> dict[str, np.ndarray]:
-    """Return the columns after the times, at each readout, by name; if ``column`` is given, no other is allowed."""
+    """Return the columns after the first at each readout, by name; if ``column`` is given, no other is allowed."""
     text = read_text(path)
     lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
     heading = tuple(cell.strip() for cell in next(lines, "").split(","))
@@ -81,8 +81,8 @@ def import_truth_from_text(
 ) -> Truth:
     """Return the true focus that a user states: a position such as "0.42", or a frame of the lens log, "frame:812".
 
-    ``depth_of_focus`` holds the two positions between which the target is sharp. With it answers can be counted as
-    successes; without it they have only errors.
+    ``depth_of_focus`` holds the two positions between which the target is sharp. With it, answers can be counted as
+    successes; without it, they have only errors.
 
     Raises BadInput if the text is neither a position nor a frame, a value is not allowed, a frame is stated without a
     log, or the depth of focus does not contain the truth.

@@ -85,7 +85,7 @@ def list_imported_arrays(path: Path) -> dict[str, MatlabArray]:
 def _read_head(
     head: bytes, order: str, *, available: int, begin: int, packed_at: int | None
 ) -> tuple[str, MatlabArray] | None:
-    """Return the name and position of the array that begins with ``head``; None if it is not of real numbers."""
+    """Return the name and position of the array that begins with ``head``; None if its values are not real numbers."""
     (flags, _), at = _read_element(head, 0, order=order)
     kind, flag = int(flags[0]) & 0xFF, int(flags[0]) >> 8 & 0xFF
     if kind not in CLASSES or flag & COMPLEX:
@@ -105,15 +105,15 @@ def _read_head(
 def _read_element(
     head: bytes, at: int, *, order: str, with_values: bool = True
 ) -> tuple[tuple[np.ndarray, np.dtype], int]:
-    """Return the values of an element with their type, and where the next element begins.
+    """Return the values of an element with their type, and the offset of the next element.
 
-    If ``with_values`` is False, no values are read and the second result is where they begin.
+    If ``with_values`` is False, no values are read, and the offset is where they begin.
     """
     words = np.frombuffer(head[at : at + TAG_BYTES], f"{order}u4")
     if words.size != 2:
         raise ValueError("an array is truncated")
     first, count = int(words[0]), int(words[1])
-    small = first >> 16  # up to four bytes of values are stored in place of their number
+    small = first >> 16  # values of up to four bytes are stored in place of their byte count
     kind, count, begin = (first & 0xFFFF, small, at + 4) if small else (first, count, at + TAG_BYTES)
     if kind not in STORED:
         raise ValueError(f"an array holds values of the unknown type {kind}")

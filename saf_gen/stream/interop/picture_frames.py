@@ -18,7 +18,7 @@ from saf_gen.stream.metadata import MAX_PIXELS
 
 IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm"})
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-"""Weights of linear red, green and blue (ITU-R BT.709): a spike camera sees no colour."""
+"""Weights of linear red, green and blue (ITU-R BT.709), since a spike camera sees no colour."""
 
 
 def decode_imported_srgb(values: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ def _open_image(path: Path) -> Image.Image:
     try:
         if not path.is_file():  # opening a pipe would wait for ever
             raise ValueError("not a file on a disk")
-        # What Pillow warns of is either reported as an error below or harmless.
+        # Pillow's warnings are harmless or reported as errors below.
         with catch_warnings(action="ignore"), Image.open(path) as image:
             if image.width * image.height > MAX_PIXELS:
                 size = f"has {image.width} × {image.height} pixels"

@@ -62,7 +62,7 @@ RAW_LAYOUTS = {
 
 
 READERS = {"saf": "416", "rsir": "416", "spikecv": "dense", "spike-zoo": "dense"}
-"""The layout that other software reads, by its name; a layout flips frames if these readers do."""
+"""Layout that each program reads, by the name of the program; ``flip`` of the layout is as in these programs."""
 
 _SNIFFED_FRAMES = 200  # frames that are examined to recognise a layout
 
@@ -83,7 +83,7 @@ def sniff_imported_layout(source: str | os.PathLike[str]) -> str:
             f"its {size} bytes fit {' and '.join(left) or 'no known layout'}",
             where=str(source),
             allowed=f"whole frames of {', '.join(f'{of.frame_bytes} bytes ({n})' for n, of in RAW_LAYOUTS.items())}",
-            hint="say which with --layout" if left else "the file is truncated",
+            hint="name one with --layout" if left else "the file is truncated",
         )
     return left[0]
 
@@ -104,7 +104,7 @@ def _layout(name: str) -> RawLayout:
 
 def _check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
     if Path(out).exists() and Path(out).samefile(source):
-        raise BadInput("would be written over itself", where=str(source), hint="choose another name to write")
+        raise BadInput("would be written over itself", where=str(source), hint="choose another output file")
 
 
 def _file_size(source: Path) -> int:
@@ -120,7 +120,7 @@ def _file_size(source: Path) -> int:
 
 
 def count_raw_frames(source: str | os.PathLike[str], layout: str, *, frames: int | None = None) -> int:
-    """Return how many frames a file holds or, if ``frames`` is given, that number.
+    """Return the number of frames to read from a file: ``frames``, or all if that is None.
 
     Raises BadInput if the layout is unknown, if the file cannot be read or does not hold a whole number of frames, or
     if it has fewer than ``frames`` frames.
@@ -181,7 +181,7 @@ def import_raw_frames(
         Whether the bottom row comes first; by default as is usual for the layout.
     **optional
         Fields of :class:`Metadata`, such as ``focus_position`` and ``truth``. Texts in ``provenance`` are added to the
-        one that describes the import.
+        text that describes the import.
 
     Returns
     -------

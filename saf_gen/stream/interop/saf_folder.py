@@ -8,6 +8,7 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
+from saf_gen.core.files import file_name_as_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.raw_frames import count_raw_frames, import_raw_frames
 from saf_gen.stream.interop.spreadsheet import read_imported_sheet
@@ -21,7 +22,7 @@ LAYOUT = "416"
 
 @dataclass(frozen=True)
 class SafRecording:
-    """A recording that the list contains.
+    """A recording of SAF as listed in ``config.xlsx``.
 
     Attributes
     ----------
@@ -112,8 +113,8 @@ def import_saf_folder(
 ) -> Iterator[Path]:
     """Write each recording of a folder as a stream below ``out``, and yield its path.
 
-    With ``by_block`` streams are written to subfolders ``blocks-DT``, which become splits of a dataset: each contains
-    the recordings with this DT.
+    If ``by_block`` is true, streams are written to subfolders ``blocks-DT``, one for each ``dt`` in the list, which
+    become splits of a dataset.
 
     The list states the frame in focus but no positions of the lens. The lens is assumed to move evenly from 0 to 1, so
     that answers can be judged; the true position follows from this, and the depth of focus is unknown. A stream that
@@ -147,5 +148,7 @@ def _is_imported(target: Path, recording: SafRecording, *, newer_than: Path, rea
             origin = json.loads(stream.metadata.provenance.get("import", "{}"))
     except (BadInput, ValueError):
         return False
+    if not isinstance(origin, dict):  # anybody may have written the stream
+        return False
     is_same = made == (recording.frames, readout_hz, recording.focal_frame)
-    return is_same and origin.get("file") == recording.file.name
+    return is_same and origin.get("file") == file_name_as_text(recording.file.name)

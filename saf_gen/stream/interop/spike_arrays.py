@@ -80,8 +80,8 @@ class SpikeArray:
     Raises
     ------
     BadInput
-        If the array does not have three axes of numbers, its frames have too many pixels, the layout is unknown or does
-        not fit, or it has fewer frames than requested.
+        If the array does not have three axes of numbers, its frames have too many pixels, the layout is unknown or is
+        ``packed`` for values other than uint8, or the array has fewer frames than requested.
     """
 
     def __init__(

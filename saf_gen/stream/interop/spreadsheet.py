@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 from saf_gen.errors import BadInput
 
 MAX_BYTES = 8 << 20
-"""Largest size of a part of the file after decompression."""
+"""Largest size, in bytes, of a part of the file after decompression."""
 SHEET, TEXTS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
 _DAMAGE = (
     *(OSError, EOFError, KeyError, IndexError, ValueError, RuntimeError),  # NotImplementedError is a RuntimeError

@@ -1,4 +1,4 @@
-"""Pictures of a recording for people to look at: a figure, a moving picture, or a page to scrub through."""
+"""Pictures of a recording as a figure, a moving picture, a video, or a page to scrub through."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ __all__ = ["FORMS", "KINDS", "ViewForm", "write_view"]
 
 @dataclass(frozen=True)
 class ViewForm:
-    """A kind of file: what it is, how many pictures it has by default, and how many it may have at most."""
+    """A kind of file: its name in words, and its default and largest number of pictures."""
 
     words: str
     count: int
@@ -62,12 +62,12 @@ def write_view(
     first, stop : int, optional
         The view, frames ``first <= t < stop``; by default the whole recording.
     every : int, optional
-        Frames from one picture to the next; by default chosen for ``FORMS[...].count`` pictures.
+        Frames from one picture to the next; by default chosen to give ``FORMS[...].count`` pictures.
     measures : sequence of str, default ()
         Names of focus measures whose curves are drawn.
     region : str, default "target"
-        Where measures look, drawn as a box: ``target``, which is the whole frame if the stream has no target, or
-        ``frame``.
+        Region that measures score, drawn as a box: ``target``, or ``frame`` for the whole frame, which is also used if
+        the stream has no target.
     fps : float, default 12
         Pictures per second of a moving picture, above 0 and at most 100.
 
@@ -79,8 +79,8 @@ def write_view(
     Raises
     ------
     BadInput
-        If the ending, kind, measure or region is unknown, the view leaves the recording, the file may not have so many
-        pictures, or the file cannot be written. Nothing is written then.
+        If the ending, kind, measure or region is unknown, the view leaves the recording, there are too many pictures
+        for this kind of file, or the file cannot be written. Nothing is written then.
     """
     target = Path(path)
     form = target.suffix.removeprefix(".").lower()

@@ -1,4 +1,4 @@
-"""Pictures of a recording arranged in one image, of which a page can show one at a time."""
+"""Pictures of a recording arranged in one image, from which a page can show one at a time."""
 
 import io
 import math
@@ -14,7 +14,7 @@ JPEG_QUALITIES = (85, 75, 60, 50, 40, 30, 22, 15, 10)
 
 @dataclass(frozen=True)
 class ImageStrip:
-    """An image file of ``rows`` rows of ``columns`` pictures, each ``size`` (width, height) in pixels."""
+    """An image file of ``count`` pictures in ``rows`` and ``columns``, each of ``size`` (width, height) in pixels."""
 
     file: bytes
     media_type: str
@@ -54,7 +54,7 @@ def lay_out_stream_pictures(pictures: Iterable[np.ndarray], *, count: int, two_t
 
 
 def encode_stream_pictures_as_jpeg(sheet: PictureSheet, *, max_bytes: int) -> ImageStrip:
-    """Return pictures as a JPEG of the best quality with at most ``max_bytes``, or else of the lowest quality."""
+    """Return pictures as a JPEG of the best quality that fits in ``max_bytes``, or of the lowest if none does."""
     for quality in JPEG_QUALITIES:
         strip = sheet.encode("JPEG", quality=quality, optimize=True)
         if len(strip.file) <= max_bytes:

@@ -18,10 +18,10 @@ from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panel
 from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment_of_stream
 from saf_gen.stream.pictures.window_pictures import WindowPictures
 
-PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: width and height of plots, a line of text
+PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: plot width and height, line of text
 PICTURE, LARGEST = 400, 800  # pixels: approximate smallest width of a picture, and its largest width and height
 BOX, CURSOR, TEXT = (255, 216, 74), (0, 98, 163), (31, 35, 40)
-GREYS = 200  # of the 256 colours of a GIF; the plots have the others
+GREYS = 200  # among the 256 colours of a GIF; the others are for the plots
 
 
 class MovieCanvas:

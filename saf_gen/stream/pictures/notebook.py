@@ -1,4 +1,4 @@
-"""A stream as a notebook shows it: some of its pictures and a table of facts."""
+"""HTML by which a notebook shows a stream: some of its pictures and a table of facts."""
 
 from base64 import b64encode
 from html import escape
@@ -12,7 +12,7 @@ PICTURES, MAX_BYTES = 5, 300_000
 
 
 def format_stream_as_html(stream: ReadableStream) -> str:
-    """Return pictures at even intervals of a stream, and a table of facts, as HTML without scripts.
+    """Return evenly spaced pictures of a stream and a table of facts as HTML without scripts.
 
     Only five windows are read, so that a long recording takes no more time than a short one.
     """

@@ -1,4 +1,4 @@
-"""Plots of lens, light and scores over the time of a view, one below the other; unknown quantities have no plot."""
+"""Plots of lens, light and scores over the frames of a view, one below the other; unknown quantities are left out."""
 
 from collections.abc import Callable, Iterable, Mapping
 from math import isfinite

@@ -32,7 +32,7 @@ WIDEST, MAX_BYTES = 400, 4_000_000
 def write_stream_player(
     pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, title: str, fps: float
 ) -> None:
-    """Write the page to ``path``; it needs no network, and only its motion needs scripts."""
+    """Write the page to ``path``; it needs no network, and scripts only for its motion."""
     stream, two_tone = pictures.stream, pictures.kind == "spikes"
     sheet = lay_out_stream_pictures(_small_pictures(pictures), count=len(pictures.starts), two_tone=two_tone)
     strip = (
@@ -50,7 +50,7 @@ def write_stream_player(
     frames, rows, columns = stream.shape
     words = [describe_moment_of_stream(stream, first=int(a), window=pictures.window) for a in pictures.starts]
     size = f"{columns} × {rows} pixels, {frames:,} readouts at {stream.readout_hz:,.0f} per second"
-    rest = "." if pictures.kind == "spikes" else f"; {pictures.window} readouts each."
+    rest = "." if pictures.kind == "spikes" else f"; {pictures.window} readouts per window."
     play = {"across": strip.columns, "down": strip.rows, "x": [round(f, 5) for f in x.tolist()], "words": words}
     page = Template(files(__package__).joinpath("player.html").read_text(encoding="utf-8")).substitute(
         title=escape(title),

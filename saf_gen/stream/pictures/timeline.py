@@ -1,4 +1,4 @@
-"""Quantities over the time of a view: lens, light, truth, and scores of measures."""
+"""Quantities over the frames of a view: lens, light, truth, and scores of measures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class Timeline:
 
 @dataclass(frozen=True)
 class _Windows:
-    """Windows of a stream, in a region of it."""
+    """Windows of a region of a stream, as input of measures."""
 
     stream: ReadableStream
     region: Region | None
@@ -132,7 +132,7 @@ def _find_extremes(values: np.ndarray, *, first: int, stop: int) -> Extremes:
 
 
 def describe_moment_of_stream(stream: ReadableStream, *, first: int, window: int) -> str:
-    """Return one line about a window: its frames, the lens, its distance from focus, and the time."""
+    """Return one line about a window: frames, lens position, distance from focus in depths of focus, and start time."""
     stop = first + window
     parts = [f"frames {first:,}–{stop - 1:,}" if window > 1 else f"frame {first:,}"]
     lens, truth = stream.focus_position, stream.truth

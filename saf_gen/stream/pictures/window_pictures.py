@@ -14,13 +14,13 @@ from saf_gen.stream.readable import ReadableStream
 
 KINDS = {
     "tfp": "Texture from playback: the spikes of each pixel in the window",
-    "tfi": "Texture from intervals: the rate from the one interval around the middle of the window",
+    "tfi": "Texture from intervals: the rate from the interval between spikes around the middle of the window",
     "spikes": "The readout in the middle of the window; spikes are white",
 }
 WINDOW = 100
-"""Default number of frames in a window, which is the block of the methods; at most a tenth of the view is used."""
+"""Default number of frames per window, as in a block of the methods; in a short view it is a tenth of the view."""
 WHITE_QUANTILE, WHITE_WINDOWS = 0.998, 12
-"""Fraction of pixels below white, and the number of windows in which it is found; all pictures share one white."""
+"""Fraction of pixels below white, and number of windows that determine white, which all pictures share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class WindowPictures:
         return centres
 
     def linear(self, number: int) -> np.ndarray:
-        """Return the light of a picture (H, W) in counts per window; of kind ``spikes``, values are 0 and 1."""
+        """Return the light of a picture (H, W) in counts per window; for the kind ``spikes``, values are 0 and 1."""
         return _read_picture(self.stream, self.kind, first=int(self.starts[number]), window=self.window)
 
     def __iter__(self) -> Iterator[np.ndarray]:

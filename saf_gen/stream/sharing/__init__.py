@@ -1,4 +1,4 @@
-"""Sharing of datasets: they are described with Croissant, packed into shards with digests, and fetched."""
+"""Sharing of datasets: description with Croissant, packing into tar shards with digests, and fetching."""
 
 from saf_gen.stream.sharing.fetching import fetch_dataset
 from saf_gen.stream.sharing.packing import pack_dataset

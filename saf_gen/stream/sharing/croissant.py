@@ -1,4 +1,4 @@
-"""The card of a dataset for programs: ``croissant.json``, and the front matter that Hugging Face reads in README.md.
+"""The machine-readable card of a dataset, ``croissant.json``, and the front matter of README.md for Hugging Face.
 
 The format is Croissant 1.0 with the responsible-AI vocabulary 1.0
 (https://docs.mlcommons.org/croissant/docs/croissant-spec.html; Akhtar et al., NeurIPS 2024,
@@ -63,16 +63,16 @@ CONTEXT = {
 SYNTHETIC = {
     "rai:dataCollection": "Rendered and simulated from the recipe that each stream holds; nothing was photographed.",
     "rai:dataCollectionType": "Software Collection",
-    "rai:dataCollectionRawData": "Focal stacks in OpenEXR, in the folder stacks of the dataset where they are kept.",
+    "rai:dataCollectionRawData": "Focal stacks in OpenEXR, in the folder stacks of the dataset, if they were kept.",
     "rai:dataPreprocessingProtocol": "None: streams hold every readout of the modelled sensor.",
     "rai:dataAnnotationProtocol": "The true focus is computed from the lens and the target's depth, not chosen by eye.",
     "rai:machineAnnotationTools": "saf_gen",
     "rai:dataUseCases": "Developing, training and comparing autofocus methods for spike cameras.",
-    "rai:dataLimitations": "Light, lens and sensor are models. Scenes are few, and their members drawn from families.",
-    "rai:dataBiases": "Subjects are what the authors of the scenes chose; see the list of scenes in the description.",
+    "rai:dataLimitations": "Light, lens and sensor are models. There are few scenes; variants are drawn from families.",
+    "rai:dataBiases": "The authors of the scenes chose the subjects; see the list of scenes in the description.",
     "rai:personalSensitiveInformation": "None: no person was recorded.",
-    "rai:dataSocialImpact": "None is known beyond that of cameras that focus better.",
-    "rai:dataReleaseMaintenancePlan": "The recipe makes the dataset again; another dataset has another fingerprint.",
+    "rai:dataSocialImpact": "None is known, except that cameras may focus better.",
+    "rai:dataReleaseMaintenancePlan": "The recipe reproduces the dataset; a changed dataset has another fingerprint.",
 }
 """Statements in the responsible-AI vocabulary that hold for every generated dataset."""
 
@@ -136,7 +136,7 @@ def describe_dataset_as_croissant(manifest: Manifest, facts: DatasetFacts, *, di
 
 
 def point_croissant_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -> dict[str, Any]:
-    """Return a description whose files are in tar shards; ``shards`` maps their names to their SHA-256."""
+    """Return a description whose files are in tar shards; ``shards`` maps the names of the shards to their SHA-256."""
     files = [one for one in card["distribution"] if one["@type"] == "cr:FileObject" and one["@id"] == MANIFEST_NAME]
     files += [_file(name, "application/x-tar", digest=digest) for name, digest in shards.items()]
     for one in card["distribution"]:
@@ -146,7 +146,7 @@ def point_croissant_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -
 
 
 def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) -> None:
-    """Write ``croissant.json`` into a dataset folder next to its manifest; the date of an earlier one is kept."""
+    """Write ``croissant.json`` into a dataset folder next to its manifest; the date of an earlier card is kept."""
     path = folder / CARD_NAME
     digest = sha256_of_file(folder / MANIFEST_NAME)
     card = describe_dataset_as_croissant(manifest, facts, digest=digest)
@@ -248,7 +248,7 @@ def _sequence_records() -> dict[str, Any]:
         "@type": "cr:RecordSet",
         "@id": "sequences",
         "name": "sequences",
-        "description": "A row for each recording, as manifest.json lists it.",
+        "description": "One row per recording, as listed in manifest.json.",
         "key": {"@id": "sequences/id"},
         "field": found,
     }

@@ -47,7 +47,7 @@ def fetch_dataset(
     index_sha256 : str, optional
         Required SHA-256 of the index, as its publisher states it; by default any is accepted.
     report : callable, optional
-        Called with the number of bytes that are there and the total number.
+        Called with the number of bytes present so far and the total number.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def fetch_dataset(
     Raises
     ------
     BadInput
-        If there is no index, if a digest differs from the one required or listed, if the disk is too small, if the
+        If there is no index, if a digest differs from the one required or listed, if the disk is too full, if the
         folder contains another dataset or other files, or if the server does not answer.
     """
     origin = find_origin_of_shards(source)
@@ -165,7 +165,7 @@ def _unpack(path: Path, shard: Shard, *, folder: Path, wanted: dict[str, PackedF
 
 
 def _write_checked(content: IO[bytes], one: PackedFile, *, folder: Path, where: str) -> None:
-    """Write a file, which gets its name only if it has the size and digest in the index."""
+    """Write a file under its name, but only if it has the size and digest in the index."""
     part = folder / PARTS / f"{one.sha256}.part"
     digest, size = sha256(), 0
     with part.open("wb") as file:

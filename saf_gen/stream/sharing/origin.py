@@ -26,25 +26,27 @@ class Origin(Protocol):
     """A packed dataset in a folder or on a server."""
 
     def name(self, file: str) -> str:
-        """Return the name of a file for messages."""
+        """Return the address or path of a file for messages."""
 
     def read(self, file: str, *, limit: int) -> bytes:
         """Return the content of a small file; raise BadInput if it is missing or larger than ``limit`` bytes."""
 
     def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
-        """Return the path of a file with as many bytes as the index states, downloaded to ``parts`` if necessary.
+        """Return the path of a file with the size in the index, which is downloaded to ``parts`` if necessary.
 
-        ``report`` is called with the number of bytes that are there. Raises BadInput if the file cannot be fetched or
+        ``report`` is called with the number of bytes present so far. Raises BadInput if the file cannot be fetched or
         has another size.
         """
 
 
 def find_origin_of_shards(source: str) -> Origin:
-    """Return the origin at the address or path of a folder, or of the index in it."""
+    """Return the origin for the address or path of a folder, or of the index in it."""
     if "://" not in source:
         folder = Path(source)
         return _Folder(folder.parent if folder.name == INDEX_NAME else folder)
-    scheme, host, path, _, _ = urlsplit(source)
+    scheme, host, path, query, _ = urlsplit(source)
+    if query:  # each shard would need a signature of its own
+        raise BadInput(f"{source} has a query", allowed="an address without '?', below which all files are found")
     if scheme not in ("http", "https") or not host:
         raise BadInput(f"{source} cannot be fetched", allowed="an http or https address, or a folder")
     return _Server(urlunsplit((scheme, host, path.removesuffix(INDEX_NAME).rstrip("/"), "", "")))
@@ -111,7 +113,7 @@ class _Server:
             except BROKEN as error:
                 broken = error
             else:
-                broken = ConnectionError("it broke off")
+                broken = ConnectionError("the connection broke off")
         if part.exists() and part.stat().st_size == one.bytes:
             return part
         raise _unreachable(self.name(one.file), broken)

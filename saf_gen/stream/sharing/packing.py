@@ -75,13 +75,13 @@ def pack_dataset(
     out : str or Path
         Folder to write, which must be empty or missing.
     shard_bytes : int, default 1000000000
-        Streams are added to a shard as long as their sizes add up to at most this number of bytes.
+        Largest total size of the files in a shard, in bytes; a larger file gets its own shard.
     stacks : bool, default False
         Whether to pack the focal stacks too, which the closed loop needs.
     licences : sequence of str, optional
         SPDX names; required if the dataset has no ``croissant.json`` that states them.
     url, creator : str, optional
-        Where the dataset will be published, and who publishes it, for its card.
+        Address of the published dataset, and its publisher, for its card.
     report : callable, optional
         Called with the number of bytes packed and the total number.
 
@@ -150,7 +150,7 @@ def _write_all(
     report: Callable[[int, int], None],
     shard_bytes: int,
 ) -> ShardIndex:
-    """Write shards, cards and index into a folder; raise BadInput if a name could not be fetched."""
+    """Write shards, cards and index into a folder; raise BadInput if fetching would refuse the index."""
     total = sum((source / name).stat().st_size for names in groups.values() for name in names)
     shards: list[Shard] = []
     done = 0

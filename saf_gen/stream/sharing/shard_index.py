@@ -19,7 +19,7 @@ INDEX_NAME = "index.json"
 FORMAT = "saf-gen shards"
 LAYOUT = 1
 MAX_INDEX_BYTES = 1 << 26
-"""Enough for about 300,000 streams; reading the index takes a dozen times as much memory."""
+"""Largest size of an index, enough for about 300,000 streams; reading the index takes a dozen times as much memory."""
 
 Bytes = Annotated[int, Field(strict=True, ge=0, le=1 << 60)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]

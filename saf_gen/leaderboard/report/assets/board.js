@@ -1,6 +1,6 @@
 // The form above the leaderboard chooses among rows that are already computed: one table body for each selection of
-// sequences, the methods whose names contain all words, and the worst answers of both. The choice is stored in the
-// address, after the #, so that a link leads to the same view.
+// sequences, the methods whose names contain all words, and their worst answers. The choice is stored in the address,
+// after the #, so that a link leads to the same view.
 
 const board = document.getElementById("board");
 if (board !== null) {
@@ -20,7 +20,7 @@ if (board !== null) {
 
   const showAnswers = (hasMethod, { sequences, total }, whose) => {
     const chosen = new Set(sequences);
-    const all = total * data.methods.filter(hasMethod).length; // a page of many sequences holds only some of them
+    const all = total * data.methods.filter(hasMethod).length; // the page of a large evaluation holds only some of them
     const found = data.answers.filter(([method, sequence]) => hasMethod(data.methods[method]) && chosen.has(sequence));
     const rows = found.slice(0, maxAnswers).map(([method, sequence, ...texts]) => {
       const row = answerRow.cloneNode(true);

@@ -44,7 +44,7 @@ function compareMethods(board, data, { methods, sequences: held, total, methodAt
   const status = section.querySelector("[role=status]");
   const place = document.getElementById("compared");
   const [one, two] = methods;
-  const sequences = held.filter((sequence) => sequence < data.compared); // the page does not hold every answer on the others
+  const sequences = held.filter((sequence) => sequence < data.compared); // the page lacks answers on the others
   place.replaceChildren();
   if (!one || !two || one === two) {
     status.textContent = one && one === two
@@ -58,7 +58,7 @@ function compareMethods(board, data, { methods, sequences: held, total, methodAt
     at ? row?.cells[column].textContent ?? DASH : name)).filter((_, column) => column !== methodAt);
   figures.push(["what they compute", ...methods.map((method) => linkPlugins(method))]);
 
-  const ERROR = 5; // its index in a row of data.answers; in depths of focus
+  const ERROR = 5; // index of the error, in depths of focus, in a row of data.answers
   const errorsOf = (method) => new Map(data.answers
     .filter((answer) => data.methods[answer[0]] === method).map((answer) => [answer[1], answer[ERROR]]));
   const errors = methods.map(errorsOf);

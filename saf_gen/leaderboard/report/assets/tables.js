@@ -35,14 +35,14 @@ function sortTable(table, column, descending) {
   });
 }
 
-// The headings with those of their groups, which makes each unique.
+// Returns the headings, each after the heading of its group, which makes it unique.
 function columnNames(table) {
   const groups = [...(table.tHead.rows.length > 1 ? table.tHead.rows[0].cells : [])]
     .flatMap((cell) => Array(Number(cell.dataset.span)).fill(cell.textContent));
   return columnHeads(table).map((head, at) => [groups[at], head.textContent.trim()].filter(Boolean).join(": "));
 }
 
-// The visible columns and rows as CSV (RFC 4180). A text that a spreadsheet would run as a formula gets an apostrophe.
+// Returns the visible columns and rows as CSV (RFC 4180). A text that a spreadsheet would run as a formula gets an apostrophe.
 function tableToCsv(table) {
   const heads = columnHeads(table);
   const shown = heads.map((head, column) => column).filter((column) => getComputedStyle(heads[column]).display !== "none");

@@ -1,6 +1,6 @@
-"""Write the tables of contest.md and claims.md from the evaluations of both tracks.
+"""Write the tables of results.md and claims.md from the evaluations of both tracks.
 
-    python benchmarks/contest_tables.py RECORDED [CLOSED_LOOP]
+    python benchmarks/result_tables.py RECORDED [CLOSED_LOOP]
 
 RECORDED and CLOSED_LOOP are folders that ``saf-gen evaluate`` wrote; without the second, the tables of the closed loop
 are not changed. A table is placed between ``<!-- table: TRACK KIND -->`` and ``<!-- end -->``; KIND is a key of
@@ -24,7 +24,7 @@ from saf_gen.leaderboard.table_formats import (
 )
 
 HERE = Path(__file__).resolve().parent
-PAGES = HERE / "contest.md", HERE / "claims.md"
+PAGES = HERE / "results.md", HERE / "claims.md"
 TABLE = re.compile(r"(<!-- table: (recorded|closed_loop) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NEIGHBOURS = 12
 """Number of pairs of neighbours in rank on a page, from the best on."""
@@ -70,7 +70,7 @@ def _format_grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return format_ranking_grid(header, list(rows), is_left=[True] * len(header))
 
 
-def tabulate_contest(evaluation: Evaluation) -> str:
+def tabulate_results(evaluation: Evaluation) -> str:
     """Return a table of all methods, best first, with the time to focus in the closed loop, else the frames seen."""
     in_closed_loop = evaluation["track"] == ["closed_loop"]
     costs = ("to focus, s", "95 %", "turns", "hunts") if in_closed_loop else ("frames seen",)
@@ -163,7 +163,7 @@ def tabulate_claims(evaluation: Evaluation) -> str:
 
 
 TABLES: dict[str, Callable[[Evaluation], str]] = {
-    "contest": tabulate_contest,
+    "results": tabulate_results,
     "neighbours": tabulate_neighbours,
     "division": tabulate_division,
     "conditions": tabulate_conditions,

@@ -1,4 +1,4 @@
-"""The tables of contest.md and claims.md, which benchmarks/contest_tables.py makes from two evaluations."""
+"""The tables of results.md and claims.md, which benchmarks/result_tables.py makes from two evaluations."""
 
 import json
 import runpy
@@ -10,7 +10,7 @@ from handmade_records import record
 from saf_gen.leaderboard import rank_methods, write_leaderboard
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-SCRIPT = runpy.run_path(str(BENCHMARKS / "contest_tables.py"), run_name="tables")
+SCRIPT = runpy.run_path(str(BENCHMARKS / "result_tables.py"), run_name="tables")
 LIGHTS = "constant", "darker"
 TRACKS = "recorded", "closed_loop"
 METHODS = dict.fromkeys(
@@ -40,7 +40,7 @@ def write(folder, *, track):
 
 @pytest.fixture(scope="module")
 def documents(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("contest")
+    folder = tmp_path_factory.mktemp("results")
     return {track: write(folder / track, track=track) for track in TRACKS}
 
 
@@ -59,7 +59,7 @@ def test_every_line_of_a_table_has_as_many_cells_as_its_head(documents, name, tr
 
 @pytest.mark.parametrize("track", TRACKS)
 def test_the_ranking_table_has_a_row_for_each_method_best_first(documents, track):
-    _, _, *lines = cells(SCRIPT["TABLES"]["contest"](documents[track]))
+    _, _, *lines = cells(SCRIPT["TABLES"]["results"](documents[track]))
     assert {line[2].strip("`") for line in lines} == set(METHODS)
     assert lines[-1][2:5] == ["`er_sumsq+argmax`", "50 %", "50 %"]
     assert "100 %" in lines[0]
@@ -90,11 +90,11 @@ def test_a_page_keeps_what_was_written_by_hand_and_is_the_same_when_made_again(d
 
 def test_without_a_closed_loop_its_tables_stay_as_they_are(documents):
     page = (
-        "<!-- table: closed_loop contest -->\nold\n<!-- end -->\n<!-- table: recorded claims -->\nold\n<!-- end -->\n"
+        "<!-- table: closed_loop results -->\nold\n<!-- end -->\n<!-- table: recorded claims -->\nold\n<!-- end -->\n"
     )
     made = SCRIPT["rewrite"](page, {"recorded": documents["recorded"]})
     assert made.startswith(
-        "<!-- table: closed_loop contest -->\nold\n<!-- end -->\n<!-- table: recorded claims -->\n\n| method |"
+        "<!-- table: closed_loop results -->\nold\n<!-- end -->\n<!-- table: recorded claims -->\n\n| method |"
     )
 
 
