@@ -10,7 +10,8 @@ from saf_gen.core.plain_text import escape_markdown
 from saf_gen.leaderboard.columns import format_leaderboard_percent
 from saf_gen.leaderboard.csv_output import format_leaderboard_csv
 from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS
-from saf_gen.leaderboard.saf_protocol import SafAnswer, SafRanking, SafRow
+from saf_gen.leaderboard.saf_protocol import SafRanking
+from saf_gen.leaderboard.saf_ranking import SafAnswer, SafRow
 from saf_gen.leaderboard.table_formats import (
     format_leaderboard_count,
     format_rank_agreement_markdown,

@@ -9,7 +9,6 @@ datasets and ``content_sha256`` (over names, dtypes, shapes and values, not over
 """
 
 import hashlib
-import itertools
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -27,6 +26,7 @@ from saf_gen.core.region import Region, region_shape, validate_region, validate_
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
 from saf_gen.stream.checked_file import open_stream_spikes, read_small_stream_datasets, read_stream_attribute
+from saf_gen.stream.chunk_reading import choose_stream_chunk_reader
 from saf_gen.stream.count_cache import count_stream_windows
 from saf_gen.stream.metadata import FORMAT, LAYOUT, stream_digests, stream_metadata_from_datasets
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
@@ -159,7 +159,7 @@ class SpikeStream:
             self._check_digests(small.items(), str(spikes))
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
-        read = self._read_standard_chunk if self._has_standard_chunks() else self._read_any_chunk
+        read = choose_stream_chunk_reader(self._spikes)
         self._time_blocks = time_blocks.TimeBlocks(self._spikes.shape, read=read, count=threads)
 
     def __reduce__(self) -> tuple[Callable[[str], "SpikeStream"], tuple[str]]:
@@ -368,49 +368,3 @@ class SpikeStream:
             yield
         except _DAMAGE as error:
             raise _damaged(self.path, error, reader=self._reader) from error
-
-    def _has_standard_chunks(self) -> bool:
-        """Return whether chunks can be read as stored: of the standard shape, with deflate only, and none missing."""
-        chunk = time_blocks.stream_chunk_shape(self._spikes.shape)
-        grid = math.prod(-(-n // c) for n, c in zip(self._spikes.shape, chunk, strict=True))
-        filters = self._spikes.id.get_create_plist()
-        return (
-            self._spikes.chunks == chunk
-            and filters.get_nfilters() == 1
-            and filters.get_filter(0)[0] == h5py.h5z.FILTER_DEFLATE
-            and self._spikes.id.get_num_chunks() == grid
-        )
-
-    def _read_standard_chunk(self, top: int, start: int) -> bytes | np.ndarray:
-        skipped, data = self._spikes.id.read_direct_chunk((top, 0, start))
-        # HDF5 itself skips the filter if deflate would make a chunk larger.
-        return np.frombuffer(data, np.uint8).reshape(self._spikes.chunks) if skipped else data
-
-    def _read_any_chunk(self, top: int, start: int) -> np.ndarray:
-        """Return a chunk of the standard shape from a file of other software, which has chunks of any shape or none."""
-        ends = zip((top, 0, start), time_blocks.stream_chunk_shape(self._spikes.shape), self._spikes.shape, strict=True)
-        window = [slice(first, min(first + size, total)) for first, size, total in ends]
-        if (chunk := self._spikes.chunks) is None:
-            return self._spikes[tuple(window)]
-        out = np.full([part.stop - part.start for part in window], self._spikes.fillvalue, np.uint8)
-        firsts = [range(part.start // size * size, part.stop, size) for part, size in zip(window, chunk, strict=True)]
-        for origin in itertools.product(*firsts):
-            block = self._inflate_foreign_chunk(origin)
-            if block is not None:
-                pairs = list(zip(window, origin, chunk, strict=True))
-                to = tuple(slice(max(o - w.start, 0), min(o + c, w.stop) - w.start) for w, o, c in pairs)
-                of = tuple(slice(max(w.start - o, 0), min(w.stop - o, c)) for w, o, c in pairs)
-                out[to] = block[of]
-        return out
-
-    def _inflate_foreign_chunk(self, origin: tuple[int, ...]) -> np.ndarray | None:
-        """Return the stored chunk that begins at (row, column, byte), or None if it was never written."""
-        stored, chunk = self._spikes.id.get_create_plist(), self._spikes.chunks
-        if self._spikes.id.get_chunk_info_by_coord(origin).byte_offset is None:
-            return None
-        skipped, data = self._spikes.id.read_direct_chunk(origin)
-        filters = [stored.get_filter(i)[0] for i in range(stored.get_nfilters())]
-        deflate = h5py.h5z.FILTER_DEFLATE  # the shuffle filter leaves single bytes in their order
-        if deflate in filters and not skipped >> filters.index(deflate) & 1:
-            return time_blocks.inflate_stream_chunk(data, chunk)
-        return np.frombuffer(data, np.uint8).reshape(chunk)
