@@ -49,12 +49,12 @@ def has_generated_fingerprint(stream: SpikeStream, planned: str) -> bool:
     return stored == fingerprint_generated_recording(planned, stream.truth, mean_rate=mean_rate)
 
 
-def has_generated_recording(path: Path, planned: str) -> bool:
+def has_recording(path: Path, planned: str) -> bool:
     """Return whether ``path`` is a recording of the plan with this fingerprint; its spikes are not read."""
     return _stored_digest(path, planned, verify=False) is not None
 
 
-def digest_generated_recording(path: Path, planned: str) -> str | None:
+def recording_digest(path: Path, planned: str) -> str | None:
     """Return the content_sha256 of a recording, or None if it is of another plan, missing or damaged.
 
     All spikes are read.

@@ -19,16 +19,16 @@ import saf_gen
 from saf_gen.camera import get_sensor
 from saf_gen.core.object_store import StorePath
 from saf_gen.generate import recorder as recorder_module
-from saf_gen.generate.finished_recordings import digest_generated_recording, has_generated_recording
+from saf_gen.generate.finished_recordings import has_recording, recording_digest
 from saf_gen.generate.recorder import Recorder
 from saf_gen.generate.resolve import resolve_recipe
-from saf_gen.generate.run import find_generated_entry, generate
+from saf_gen.generate.run import find_entry, generate
 from saf_gen.generate.to_store import generate_to_store
 from saf_gen.optics import ImageDistanceDrive
-from saf_gen.plugins.motions import motion_positions_at_readouts
+from saf_gen.plugins.motions import lens_positions
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import StackSpec
-from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack, focus_windows_of_stack_slices
+from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack, slice_windows
 from saf_gen.stream.manifest import read_manifest, write_manifest
 
 ROWS, COLUMNS, POSITIONS, FRAMES, STEP, PITCH_M = 40, 80, 33, 1_920, 40, 60e-6
@@ -88,8 +88,8 @@ def dimmed(j, position, depth_m):
 def scene(depths_m, lens, *, full_travel=False, still=False, picture=blurred):
     """The moving card, or the card of one moment, rendered at the positions that the lens visits or at all."""
     at = AT[:1] if still else AT
-    position = motion_positions_at_readouts(lens, FRAMES, readout_hz=SENSOR.readout_hz)
-    windows = focus_windows_of_stack_slices(position, at, positions=POSITIONS)
+    position = lens_positions(lens, FRAMES, readout_hz=SENSOR.readout_hz)
+    windows = slice_windows(position, at, positions=POSITIONS)
     if full_travel or still:
         windows = [(0, POSITIONS - 1)] * len(at)
     spec = StackSpec("card", "0" * 64, ("lamp",), DRIVE, ROWS, COLUMNS, PITCH_M, POSITIONS, 16, 4)
@@ -237,13 +237,13 @@ def test_files_of_other_spikes_are_made_again_and_no_others(case, changes, still
     source = scene(depths_m, lens, still=still)
     with record(path, source, lens, **changes) as stream:
         assert (stream.metadata.provenance["fingerprint"] != PLANNED) == is_made_again
-        assert digest_generated_recording(path, PLANNED) == stream.content_sha256
-    assert has_generated_recording(path, PLANNED)
-    assert not has_generated_recording(path, "1" * 64)
+        assert recording_digest(path, PLANNED) == stream.content_sha256
+    assert has_recording(path, PLANNED)
+    assert not has_recording(path, "1" * 64)
     monkeypatch.setattr(recorder_module, "fingerprint_generated_recording", lambda planned, *_, **__: planned)
     path.unlink()
     record(path, source, lens, **changes).close()
-    assert has_generated_recording(path, PLANNED) != is_made_again
+    assert has_recording(path, PLANNED) != is_made_again
 
 
 @pytest.mark.slow
@@ -269,7 +269,7 @@ def test_a_dataset_of_earlier_files_makes_only_the_misexposed_ones_again(tmp_pat
                 path=old / sequence.planned.file,
                 fingerprint=fingerprint,
             )
-            assert find_generated_entry(sequence, old, stack_digest=None) is None
+            assert find_entry(sequence, old, stack_digest=None) is None
             listed = [
                 replace(e, fingerprint=fingerprint) if e.id == sequence.planned.id else e
                 for e in read_manifest(old).sequences
