@@ -39,6 +39,7 @@ def tune_command(
     from saf_gen.benchmark.tuned_method import format_tuned_method
     from saf_gen.core.files import check_folder_writable, write_atomically
     from saf_gen.leaderboard.tuning import tune_method as run
+    from saf_gen.stream.manifest import read_manifest
 
     values: dict[str, list[str]] = {}
     for text in try_:
@@ -61,10 +62,10 @@ def tune_command(
             cluster=cluster,
             notify=err.print,
         )
-    print_kept_results(kept)
+    print_kept_results(kept, splits={split})
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
     with write_atomically(file) as part:
         part.write_text(format_tuned_method(tuned), encoding="utf-8")
     kept.remove()
     out.print(f"best: {tuned.method}", soft_wrap=True)
-    out.print(f"{file}   (next: saf-gen evaluate {dataset} --method @{file})", soft_wrap=True)
+    out.print(f"{file}   (next: {read_manifest(dataset).next_command(dataset)} --method @{file})", soft_wrap=True)
