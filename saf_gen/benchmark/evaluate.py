@@ -33,6 +33,7 @@ from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.core.region import REGIONS
+from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.parts import Measure
 from saf_gen.plugins.measures import get_measure
@@ -296,7 +297,7 @@ def score_evaluated_blocks(
     Raises
     ------
     BadInput
-        If the window is out of range, or if the region or the measure is unknown.
+        If the window is out of range, if the region or the measure is unknown, or if the measure fails.
     """
     frames = stream.shape[0]
     if not (isinstance(window, int) and 1 <= window <= frames):
@@ -306,4 +307,5 @@ def score_evaluated_blocks(
     counts = WindowCounts(stream, choose_stream_region(stream, region)[0])
     view = RecordingView(counts, get_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)
-    return first, np.array([view.score(a, a + window) for a in first.tolist()])
+    with named_user_code(measure, "focus measure"):
+        return first, np.array([view.score(a, a + window) for a in first.tolist()])

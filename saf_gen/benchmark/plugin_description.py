@@ -14,6 +14,7 @@ from saf_gen.benchmark.method_spec import Method, parse_method, split_method_opt
 from saf_gen.benchmark.records import Record
 from saf_gen.core.config.registry import build_plugin, is_builtin_name, plugin_class
 from saf_gen.core.config.source_digest import class_source_files
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.parts import cite_source, commands, wants_halves, wants_intervals, wants_measures
 from saf_gen.plugins.measures import BrightnessNormalised, IntervalTexture
@@ -71,7 +72,8 @@ def describe_plugins_of_methods(methods: Iterable[Method]) -> tuple[PluginDescri
             if (kind, half) in found:
                 continue
             try:
-                found[kind, half] = describe_plugin_of_method(half, kind, plug_in=plug_in)
+                with user_code():
+                    found[kind, half] = describe_plugin_of_method(half, kind, plug_in=plug_in)
             except Exception as error:  # noqa: BLE001  (a third-party plug-in may raise anything)
                 problem = f"it cannot be described: {type(error).__name__}: {error}"
                 found[kind, half] = PluginDescription(half, kind, (("what", problem),), ())
@@ -109,7 +111,8 @@ def build_method_plugin_or_class(plugin_kind: str, name: str) -> Any:
 def format_method_attribute(plug_in: Any, key: str) -> str:
     """Return the text of the attribute ``key`` of a plug-in or its class, or '-' if the attribute is missing."""
     try:
-        value = getattr(plug_in, key, None)
+        with user_code():
+            value = getattr(plug_in, key, None)
     except Exception as error:  # noqa: BLE001  (a property of a third-party plug-in may raise anything)
         return f"? {type(error).__name__}: {error}"
     if isinstance(plug_in, type) and isinstance(value, property):

@@ -481,6 +481,7 @@ def test_a_policy_sees_and_acts_through_wrappers(dataset):
         (lambda seen: seen.image, "failed", "AttributeError: 'dict' object has no attribute 'image'"),
         (lambda seen: Path("no_weights").read_bytes(), "failed", "FileNotFoundError: "),
         (lambda seen: (_ for _ in ()).throw(RuntimeError("two\nlines")), "failed", "RuntimeError: two lines"),
+        (lambda seen: sys.exit(3), "failed", "CodeStopped: its code called exit(3)"),
         (lambda seen: "there", "failed", "ValueError: could not convert string to float: 'there'"),
         (lambda seen: np.array([0.5, 0.0]), "failed", "the budget of 800 frames was spent"),
         (lambda seen: None, "abstained", ""),
@@ -494,9 +495,17 @@ def test_a_policy_that_breaks_fails_and_one_that_abstains_abstains(dataset, poli
     assert record.position is None
 
 
-def test_an_exit_of_a_policy_ends_the_evaluation(dataset):
-    with pytest.raises(SystemExit):
-        evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: lambda seen: sys.exit(3), method="m", code="1")
+def test_an_interrupt_of_a_policy_ends_the_evaluation(dataset):
+    def interrupt(seen):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: interrupt, method="m", code="1")
+
+
+def test_a_policy_that_exits_when_it_is_made_fails(dataset):
+    (record,) = evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: sys.exit("gone"), method="m", code="1")
+    assert (record.status, record.note) == ("failed", "CodeStopped: its code called exit('gone')")
 
 
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatch):

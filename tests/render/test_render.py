@@ -372,6 +372,12 @@ def test_the_scalar_variant_has_every_drive(tmp_path, monkeypatch, kind):
         ("  room: [room]\n", "", "scene.yaml", "'room' belongs to no light group"),
         ("def build", "def built", "scene.py", "scene.py failed: AttributeError: "),
         ("return {", "return 1/0, {", "scene.py", "scene.py failed: ZeroDivisionError: division by zero"),
+        (
+            "return {",
+            "raise SystemExit(2)\n    return {",
+            "scene.py",
+            "scene.py failed: CodeStopped: its code called exit(2)",
+        ),
         ("checkerboard", "chequerboard", "scene.py", "Mitsuba cannot load the scene"),
     ],
 )

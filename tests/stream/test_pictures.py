@@ -5,19 +5,23 @@ import json
 import re
 import sys
 from importlib.machinery import ModuleSpec
+from itertools import combinations
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 from browser import CHROMIUM, NO_CHROMIUM, run_in_page
-from PIL import Image, ImageSequence
+from matplotlib.figure import Figure
+from PIL import Image, ImageColor, ImageSequence
 from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import score_evaluated_blocks
+from saf_gen.core.figure_style import assign_plot_styles, use_plot_style
 from saf_gen.stream.interval_texture import texture_of_stream_window
 from saf_gen.stream.pictures import FORMS, write_view
 from saf_gen.stream.pictures.movie import CURSOR, MovieCanvas, write_mp4_of_stream
+from saf_gen.stream.pictures.panels import draw_stream_panels, stream_legends_height
 from saf_gen.stream.pictures.timeline import BINS, describe_moment_of_stream, read_stream_timeline
 from saf_gen.stream.pictures.window_pictures import choose_windows_of_stream
 from saf_gen.stream.stream_file import open_stream
@@ -191,6 +195,56 @@ def test_a_gif_has_a_frame_for_each_picture_and_the_rate_asked_for(stream, tmp_p
     expected = np.kron(list(pictures)[5], np.ones((13, 13)))[:240, :300]
     # Outside the box; the GIF has 200 greys, of which Pillow chooses a near one, not always the nearest.
     assert np.abs(screen[:240, :300].mean(axis=2) - expected)[:60, :100].max() <= 4
+
+
+def lit(path, names, *, alike=False):
+    """Write a stream with these lights, which have different gains unless they are ``alike``, and open it."""
+    gain = np.arange(1, len(names) + 1) * (not alike) + 0.3 * np.sin(np.arange(300)[:, None] / 20) + 1
+    spikes = np.random.default_rng(2).integers(0, 2, (300, ROWS, COLUMNS), np.uint8)
+    write_stream(path, spikes, gain=gain.astype(np.float32), light_names=names)
+    return open_stream(path)
+
+
+@pytest.mark.parametrize("form", ["gif", "png", "mp4"])
+@pytest.mark.parametrize("count", [2, 5, 8])
+def test_each_light_has_its_own_colour_in_each_kind_of_file(tmp_path, encoder, count, form):
+    """Only the plot of the lights is drawn; nothing else in it is as near to the colour of a light."""
+    names = [f"light_{n}" for n in range(count)]
+    with lit(tmp_path / "it.h5", names) as stream:
+        write_view(stream, tmp_path / f"it.{form}", every=100)
+    screens = encoder.frames
+    if form != "mp4":
+        with Image.open(tmp_path / f"it.{form}") as image:
+            screens = [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(image)]
+    wanted = np.array([ImageColor.getrgb(style.colour) for style in assign_plot_styles(["lens", *names]).values()])[1:]
+    for screen in screens:
+        seen = np.unique(screen.reshape(-1, 3), axis=0).astype(int)
+        drawn = np.array([seen[np.abs(seen - colour).sum(axis=1).argmin()] for colour in wanted])
+        assert np.abs(drawn - wanted).sum(axis=1).max() < 20
+        assert min(np.abs(a - b).sum() for a, b in combinations(drawn, 2)) > 60
+
+
+@pytest.mark.parametrize("ending", ["", "_over_the_bench"])
+@pytest.mark.parametrize(("count", "alike"), [(3, False), (8, False), (8, True)])
+@pytest.mark.parametrize("width", [3.5, 3.8, 4.4])
+def test_the_names_of_lights_are_in_the_picture_above_a_plot_of_useful_size(tmp_path, width, count, alike, ending):
+    names = [f"daylight_{n}{ending}" for n in range(count)]
+    with lit(tmp_path / "it.h5", names, alike=alike) as stream, use_plot_style():
+        timeline = read_stream_timeline(stream, first=0, stop=300, window=30)
+        figure = Figure((width, 1.2 + stream_legends_height(timeline, width=width)), layout="constrained")
+        (axes,) = draw_stream_panels(figure, timeline)
+        figure.draw_without_rendering()
+    legend, plot = axes.get_legend().get_window_extent(), axes.get_window_extent()
+    assert (legend.x1 <= figure.bbox.x1, legend.y1 <= figure.bbox.y1) == (True, True)
+    assert plot.width > 0.6 * figure.bbox.width
+    assert plot.height > 0.3 * figure.dpi
+
+
+@pytest.mark.parametrize("form", ["gif", "png", "html"])
+def test_a_view_of_many_lights_with_long_names_is_drawn(tmp_path, form):
+    """Matplotlib would warn if the legend left no room for the plot."""
+    with lit(tmp_path / "it.h5", [f"emit-lamp_over_the_bench_{n}" for n in range(8)]) as stream:
+        write_view(stream, tmp_path / f"it.{form}", every=100)
 
 
 def test_the_cursor_goes_as_frames_go(stream):

@@ -19,6 +19,7 @@ from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_l
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.captured_frames import CapturedFrames
 from saf_gen.benchmark.view.running_camera import BudgetSpentError
+from saf_gen.core.user_code import user_code
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Search, View, commands
 from saf_gen.stack.capture import Capture
@@ -63,7 +64,8 @@ class CheckedSearch:
 
     def __call__(self, view: View) -> Any:
         try:
-            answer = self.search(view)
+            with user_code():
+                answer = self.search(view)
         except BudgetSpentError as error:
             raise CheckFailure(
                 f"it exceeds the budget, with {self.camera}",

@@ -18,6 +18,7 @@ from saf_gen.benchmark.conformance._sample_counts import (
     make_conformance_counts,
     make_conformance_texture,
 )
+from saf_gen.core.user_code import user_code
 from saf_gen.parts import Measure, wants_frames, wants_halves
 
 TYPES = (np.uint8, np.uint16, np.int16, np.int64, np.float32, np.float64)
@@ -68,7 +69,8 @@ def _check_finite(measure: Measure) -> str:
     """Check that the measure returns a finite float for counts of any kind, with and without the window length."""
     for name, counts in EDGE_CASE_COUNTS.items():
         try:
-            score = _window_scorer(measure)(counts)
+            with user_code():
+                score = _window_scorer(measure)(counts)
         except Exception as error:  # a third-party measure may raise anything
             raise CheckFailure(
                 f"{describe_method_crash(error)}, for {name} counts {counts.shape}", "score counts of any size"

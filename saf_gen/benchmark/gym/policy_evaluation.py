@@ -20,6 +20,7 @@ from saf_gen.benchmark.tracks.predictions import METHOD_NAME
 from saf_gen.benchmark.tracks.search_run import describe_method_exception
 from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, measure_rate_of_evaluated_stream
 from saf_gen.benchmark.view import WindowCounts
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
 
@@ -94,18 +95,19 @@ def _run_policy(
     observation, _ = env.reset(options={"sequence": sequence})
     episode, seconds, over = inner.episode, 0.0, False
     try:
-        policy = make_policy()
-        while not over:
-            begin = perf_counter()
-            action = policy(observation)
-            seconds += perf_counter() - begin
-            if action is None:
-                episode.abstain()
-                break
-            observation, _, terminated, truncated, _ = env.step(action)
-            over = terminated or truncated
-        if episode.run is None:
-            episode.fail("a wrapper of the environment ended the episode")
+        with user_code():
+            policy = make_policy()
+            while not over:
+                begin = perf_counter()
+                action = policy(observation)
+                seconds += perf_counter() - begin
+                if action is None:
+                    episode.abstain()
+                    break
+                observation, _, terminated, truncated, _ = env.step(action)
+                over = terminated or truncated
+            if episode.run is None:
+                episode.fail("a wrapper of the environment ended the episode")
     except Exception as error:  # noqa: BLE001 a third-party policy may raise anything
         episode.fail(describe_method_exception(error))
     run = episode.run

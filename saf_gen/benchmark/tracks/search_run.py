@@ -7,6 +7,7 @@ from typing import Any
 from saf_gen.benchmark.view.metered_scorer import MeteredScorer
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, RestrictedView
 from saf_gen.core.stopwatch import Stopwatch
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, Search, View, commands
 
@@ -31,10 +32,11 @@ def run_search_of_method(
     """
     total_time, view_time = Stopwatch(), Stopwatch()
     try:
-        answer = total_time.time(search, RestrictedView(view, view_time))
-        if fault := find_method_answer_fault(answer, commanding=commands(search)):
-            return Answer(), _to_one_line("; ".join(fault))
-        return _to_plain_numbers(answer), ""
+        with user_code():
+            answer = total_time.time(search, RestrictedView(view, view_time))
+            if fault := find_method_answer_fault(answer, commanding=commands(search)):
+                return Answer(), _to_one_line("; ".join(fault))
+            return _to_plain_numbers(answer), ""
     except BudgetSpentError:
         raise
     except Exception as error:  # third-party searches and measures may raise anything

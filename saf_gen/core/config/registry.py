@@ -28,7 +28,8 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core.config.plain_plugins import wrap_plain_code
-from saf_gen.errors import BadInput, SafGenError, unknown
+from saf_gen.core.user_code import named_user_code, user_code
+from saf_gen.errors import BadInput, unknown
 
 PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
 
@@ -132,7 +133,8 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
 
 def _load_plugin(load: Callable[[], Any], what: str, *, plugin_kind: str, **advice: str) -> type:
     try:
-        found = load()
+        with user_code():
+            found = load()
     except Exception as error:  # the module is user code and may raise anything
         raise BadInput(f"{what} cannot be loaded: {type(error).__name__}: {error}", **advice) from error
     plugin = wrap_plain_code(found, plugin_kind)
@@ -178,7 +180,8 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
         if key not in known:
             raise unknown(f"key of {PLUGIN_KINDS[plugin_kind]} {name!r}:", key, allowed=known)
     try:
-        return cls(**{known[k]: v for k, v in options.items()})
+        with user_code():
+            return cls(**{known[k]: v for k, v in options.items()})
     except BadInput:
         raise
     except TypeError as error:  # a missing key, or a value of the wrong type
@@ -201,12 +204,8 @@ def sample_registered_function(
     Raises BadInput if the method raises anything but SafGenError or MemoryError, or does not return one number per
     time.
     """
-    try:
+    with named_user_code(plugin):
         values = np.asarray(method(seconds, duration_s), dtype=np.float64)
-    except (SafGenError, MemoryError):
-        raise
-    except Exception as error:  # the plug-in is user code and may raise anything
-        raise BadInput(f"{plugin!r} fails: {type(error).__name__}: {error}", hint="repair it") from error
     if values.shape != seconds.shape:
         problem = f"{plugin!r} returns an array of shape {values.shape} for {seconds.size} times"
         raise BadInput(problem, allowed="one number per time")

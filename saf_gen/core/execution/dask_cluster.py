@@ -23,6 +23,7 @@ from typing import Any
 from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress, describe_job_error
 from saf_gen.core.extras import installed_versions, require_extra
 from saf_gen.core.files import check_file_system, remove_leftover_files, temporary_file_name
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput, SafGenError
 
 CONNECT_S = "10s"
@@ -120,7 +121,8 @@ def _run_on_worker(job: Job, conditions: _Conditions) -> tuple[Any, SafGenError 
         return None, SafGenError(f"a worker that joined later {problem}")
     with _JOB_LOCK:  # Dr.Jit and numba's threads belong to one job at a time
         try:
-            return job.run(lambda name, done: None), None  # a cluster reports no progress within jobs
+            with user_code():
+                return job.run(lambda name, done: None), None  # a cluster reports no progress within jobs
         except Exception as error:  # noqa: BLE001  (whatever a job raised is its result, as in a pool)
             return None, describe_job_error(error)
 

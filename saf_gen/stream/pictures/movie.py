@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from saf_gen.core.extras import require_extra
-from saf_gen.core.figure_style import STYLE, use_plot_style
+from saf_gen.core.figure_style import COLOURS, STYLE, use_plot_style
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
-from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
+from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels, stream_legends_height
 from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment_of_stream
 from saf_gen.stream.pictures.window_pictures import WindowPictures
 
@@ -22,6 +22,7 @@ PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: plot width and 
 PICTURE, LARGEST = 400, 800  # pixels: approximate smallest width of a picture, and its largest width and height
 BOX, CURSOR, TEXT = (255, 216, 74), (0, 98, 163), (31, 35, 40)
 GREYS = 200  # among the 256 colours of a GIF; the others are for the plots
+TINT = 16  # difference between the channels of a pixel above which it is not grey
 
 
 class MovieCanvas:
@@ -36,10 +37,11 @@ class MovieCanvas:
         larger = min(-(-PICTURE // width), LARGEST // height)
         scale = larger if larger >= 1 and width < PICTURE else min(1.0, LARGEST / width, LARGEST / height)
         self._shown = max(round(width * scale), 1), max(round(height * scale), 1)
-        tall = max(self._shown[1] + LINE, PANEL * len(list_stream_panels(timeline)) + LINE)
-        self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
         style: dict[Any, Any] = {**STYLE, "figure.facecolor": "white"}
         with use_plot_style(style):
+            legends = round(DOTS_PER_INCH * stream_legends_height(timeline, width=PLOTS / DOTS_PER_INCH))
+            tall = max(self._shown[1] + LINE, PANEL * len(list_stream_panels(timeline)) + legends + LINE)
+            self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
             inches = self.size[0] / DOTS_PER_INCH, self.size[1] / DOTS_PER_INCH
             figure = Figure(figsize=inches, dpi=DOTS_PER_INCH, layout="constrained")
             canvas = FigureCanvasAgg(figure)
@@ -92,10 +94,7 @@ def write_gif_of_stream(canvas: MovieCanvas, path: Path, *, fps: float) -> None:
     """Write a canvas as a GIF that repeats for ever; all its pictures share one palette."""
     frames = iter(canvas)
     first = Image.fromarray(next(frames))
-    colours = np.asarray(first.quantize(256 - GREYS).getpalette(), np.uint8).reshape(-1, 3)[: 256 - GREYS]
-    greys = np.repeat(np.linspace(0, 255, GREYS).round().astype(np.uint8)[:, None], 3, axis=1)
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(np.concatenate([greys, colours]).tobytes())
+    palette = _choose_palette(np.asarray(first))
 
     def reduce(image: Image.Image) -> Image.Image:
         return image.quantize(palette=palette, dither=Image.Dither.NONE)
@@ -109,6 +108,20 @@ def write_gif_of_stream(canvas: MovieCanvas, path: Path, *, fps: float) -> None:
         loop=0,
         optimize=False,
     )
+
+
+def _choose_palette(screen: np.ndarray) -> Image.Image:
+    """Return greys for the picture, the colours of lines as they are, and mixtures that occur on the screen (h, w, 3).
+
+    The picture would take most colours if all pixels were counted, and lines of different colours would look alike.
+    """
+    greys = np.repeat(np.linspace(0, 255, GREYS).round().astype(np.uint8)[:, None], 3, axis=1)
+    lines = np.array([*(ImageColor.getrgb(colour) for colour in COLOURS), BOX, CURSOR, TEXT], np.uint8)
+    tinted = screen[np.ptp(screen, axis=2) > TINT]
+    mixtures = Image.fromarray(tinted[None]).quantize(256 - GREYS - len(lines)).getpalette()
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*greys.ravel().tolist(), *lines.ravel().tolist(), *(mixtures or ())])
+    return palette
 
 
 def write_mp4_of_stream(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:

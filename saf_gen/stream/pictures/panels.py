@@ -1,11 +1,15 @@
 """Plots of lens, light and scores over the frames of a view, one below the other; unknown quantities are left out."""
 
+import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from math import isfinite
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
-from matplotlib.figure import FigureBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from saf_gen.core.figure_style import (
@@ -21,7 +25,10 @@ from saf_gen.core.figure_style import (
 from saf_gen.errors import BadInput
 from saf_gen.stream.pictures.timeline import Extremes, Timeline
 
-TICKS = [1, 2, 5, 10]
+TICKS, DOTS_PER_INCH = [1, 2, 5, 10], 100
+LINES = 3  # of a legend, for which there is room above a plot
+LABEL = 40  # characters in a line of a legend; the names of lights that are alike are one label
+LEGEND = 0.8  # largest width of a legend in widths of the figure, which also holds the labels on the left
 Panel = Callable[[Axes, Timeline], None]
 
 
@@ -34,6 +41,19 @@ def list_stream_panels(timeline: Timeline) -> list[Panel]:
         _draw_light,
         *([_draw_scores] if timeline.scores else []),
     ]
+
+
+def stream_legends_height(timeline: Timeline, *, width: float) -> float:
+    """Return the height, inches, to add to plots that are ``width`` inches wide, because their legends have many lines.
+
+    It is 0 if no legend has more than LINES lines.
+    """
+    figure = Figure(figsize=(width, width), dpi=DOTS_PER_INCH)
+    FigureCanvasAgg(figure)
+    draw_stream_panels(figure, timeline)
+    heights = [legend.get_window_extent().height / DOTS_PER_INCH for legend in figure.findobj(Legend)]
+    usual = LINES * 1.5 * rcParams["legend.fontsize"] / 72
+    return sum(max(height - usual, 0.0) for height in heights)
 
 
 def draw_stream_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
@@ -132,9 +152,12 @@ def _put_legend_above(*axes: Axes) -> None:
     for one in axes:
         for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
             handles.append(handle)
-            labels.append(label)
-    legend = axes[0].legend(
-        handles, labels, loc="lower left", bbox_to_anchor=(0, 0.97), ncols=3, borderpad=0, borderaxespad=0.1,
-        handlelength=1.6, columnspacing=1.2, handletextpad=0.5,
-    )  # fmt: skip
+            labels.append(textwrap.fill(label, LABEL, break_on_hyphens=False))
+    for columns in (3, 2, 1):
+        legend = axes[0].legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(0, 0.97), ncols=columns, borderpad=0, borderaxespad=0.1,
+            handlelength=1.6, columnspacing=1.2, handletextpad=0.5,
+        )  # fmt: skip
+        if legend.get_window_extent().width <= LEGEND * axes[0].figure.bbox.width:
+            break
     legend.set_in_layout(True)

@@ -21,7 +21,7 @@ from saf_gen.stream.pictures.image_strip import (
     lay_out_stream_pictures,
     shrink_stream_picture,
 )
-from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
+from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels, stream_legends_height
 from saf_gen.stream.pictures.timeline import Timeline, describe_moment_of_stream
 from saf_gen.stream.pictures.window_pictures import KINDS, WindowPictures
 
@@ -39,8 +39,8 @@ def write_stream_player(
         sheet.encode("PNG", optimize=True) if two_tone else encode_stream_pictures_as_jpeg(sheet, max_bytes=MAX_BYTES)
     )
     with use_plot_style():
-        panels = len(list_stream_panels(timeline))
-        figure = Figure(figsize=(WIDTH, PANEL * panels + AXIS), dpi=72, layout="constrained")
+        tall = PANEL * len(list_stream_panels(timeline)) + AXIS + stream_legends_height(timeline, width=WIDTH)
+        figure = Figure(figsize=(WIDTH, tall), dpi=72, layout="constrained")
         FigureCanvasSVG(figure)
         axes = draw_stream_panels(figure, timeline)
         figure.draw_without_rendering()

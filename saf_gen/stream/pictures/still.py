@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 
 from saf_gen.core.figure_style import COLUMN, COLUMN_STYLE, SOFT, use_plot_style
 from saf_gen.core.region import Region
-from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
+from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels, stream_legends_height
 from saf_gen.stream.pictures.timeline import Timeline
 from saf_gen.stream.pictures.window_pictures import WindowPictures
 
@@ -33,6 +33,7 @@ def draw_still_of_stream(
     each = min(COLUMN / across * height / width, TALLEST) + CAPTION
     above, below = down * each, PANEL * len(list_stream_panels(timeline)) + AXIS
     with use_plot_style(COLUMN_STYLE):
+        below += stream_legends_height(timeline, width=COLUMN)
         figure = Figure(figsize=(COLUMN, above + below), dpi=DOTS_PER_INCH, layout="constrained")
         FigureCanvasAgg(figure)
         layout: Any = figure.get_layout_engine()

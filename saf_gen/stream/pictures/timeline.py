@@ -7,6 +7,7 @@ from math import isfinite
 import numpy as np
 
 from saf_gen.core.region import Region
+from saf_gen.core.user_code import named_user_code
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.interval_texture import texture_of_stream_window
@@ -103,7 +104,8 @@ def read_stream_timeline(
     for a in starts:
         for name, scorer in scorers.items():
             seen = stream_input_for_measure(source, scorer, first=a, stop=a + window)
-            scores[name].append(scorer(seen, **({"frames": window} if wants_frames(scorer) else {})))
+            with named_user_code(name, "focus measure"):
+                scores[name].append(scorer(seen, **({"frames": window} if wants_frames(scorer) else {})))
     truth, lens, gain = stream.truth, stream.focus_position, stream.gain
     track = np.full(stream.shape[0], truth.position) if truth.track is None else truth.track
     lines = [] if gain is None else list(gain.T)
