@@ -39,7 +39,7 @@ from saf_gen.cli import (
     validate_commands,
     view_command,
 )
-from saf_gen.cli._examples import help_ending_of_command
+from saf_gen.cli._examples import help_ending
 from saf_gen.cli._terminal import out, print_error
 from saf_gen.core.cores import check_address_space
 from saf_gen.core.user_code import describe_exit
@@ -181,7 +181,7 @@ def _hide_type_of_flags(params: list[Any]) -> list[Any]:
 
 app = typer.Typer(
     help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
-    epilog=help_ending_of_command(""),
+    epilog=help_ending(""),
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -206,11 +206,11 @@ def _options(*, version: Version = False) -> None:
 
 
 for name, command in COMMANDS.items():
-    app.command(name, cls=_Command, epilog=help_ending_of_command(name))(command)
+    app.command(name, cls=_Command, epilog=help_ending(name))(command)
 for group, (words, commands) in GROUPS.items():
     under = typer.Typer(
         help=words,
-        epilog=help_ending_of_command(group),
+        epilog=help_ending(group),
         no_args_is_help=group not in GROUP_DEFAULTS,
         invoke_without_command=group in GROUP_DEFAULTS,
         cls=_GroupThatTakesArguments if group in GROUPS_THAT_TAKE_ARGUMENTS else _Group,
@@ -218,7 +218,7 @@ for group, (words, commands) in GROUPS.items():
     if group in GROUP_DEFAULTS:
         under.callback()(GROUP_DEFAULTS[group])
     for name, command in commands.items():
-        under.command(name, cls=_Command, epilog=help_ending_of_command(f"{group} {name}"))(command)
+        under.command(name, cls=_Command, epilog=help_ending(f"{group} {name}"))(command)
     app.add_typer(under, name=group)
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from saf_gen.cli._terminal import OutFolder, err, out, print_progress_bars
+from saf_gen.cli._terminal import OutFolder, err, out, progress_bars
 
 
 def pack_command(
@@ -26,7 +26,7 @@ def pack_command(
     """Pack a dataset for publication, into tar shards with an index of digests."""
     from saf_gen.stream.sharing import pack_dataset
 
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         task = bars.add_task("pack", total=1.0)
         packed = pack_dataset(
             dataset,
@@ -56,7 +56,7 @@ def fetch_command(
     from saf_gen.stream.manifest import read_manifest
     from saf_gen.stream.sharing import fetch_dataset
 
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         task = bars.add_task("fetch", total=1.0)
         target, index = fetch_dataset(
             source,

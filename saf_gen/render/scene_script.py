@@ -16,7 +16,7 @@ from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import Scene
 
 
-def call_mitsuba_scene_script(scene: Scene, function: str, *, default: Any = None) -> Any:
+def call_scene_script(scene: Scene, function: str, *, default: Any = None) -> Any:
     """Call a function of the scene's script with the scene's parameters, and return its result.
 
     If the script has no function of this name, return ``default``, unless that is None.

@@ -10,12 +10,12 @@ from PIL import Image
 from refusals import refusal
 from written_scenes import VARIANT
 
-from saf_gen.authoring.preview import ContactSheet, draw_preview_sheet, save_preview_image_grid, write_scene_preview
-from saf_gen.authoring.preview.contact_sheet import _Cell, _draw_sheet, _list_cells, choose_preview_columns
-from saf_gen.authoring.preview.scene_sheet import make_preview_sheet, preview_scene
-from saf_gen.authoring.template import create_scene_from_template
+from saf_gen.authoring.preview import ContactSheet, draw_sheet, save_image_grid, write_preview
+from saf_gen.authoring.preview.contact_sheet import _Cell, _draw_sheet, _list_cells, choose_columns
+from saf_gen.authoring.preview.scene_sheet import make_sheet, preview_scene
+from saf_gen.authoring.template import scene_from_template
 from saf_gen.camera import get_sensor
-from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
+from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.figure_style import COLUMN_STYLE, use_plot_style
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.scene.scene_folder import find_scene, scene_names
@@ -47,7 +47,7 @@ def grey(path):
 @pytest.mark.slow
 def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
     """The labels fit with each drive; other tests below draw the sheet of the first."""
-    write_scene_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
+    write_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
     picture, size = grey(tmp_path / "preview" / "plane.png")
     assert size[0] == 1600
     assert picture.std() > 20
@@ -59,14 +59,14 @@ def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
 def test_a_target_that_is_nowhere_or_everywhere_is_drawn_all_the_same(tmp_path, everywhere):
     stack = stack_of(*DRIVES["image_distance"], target=np.full((20, 32), everywhere))
     assert np.isnan(ContactSheet("it", stack, SENSOR).true_focus) != everywhere
-    write_scene_preview(stack, SENSOR, path=tmp_path / "it.png")
+    write_preview(stack, SENSOR, path=tmp_path / "it.png")
     assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
 def test_a_dark_stack_is_drawn_all_the_same(tmp_path):
     stack = stack_of(*DRIVES["image_distance"])
     stack.radiance[:] = 0
-    write_scene_preview(stack, SENSOR, path=tmp_path / "it.png")
+    write_preview(stack, SENSOR, path=tmp_path / "it.png")
     assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
@@ -78,7 +78,7 @@ def sheet_with(small):
 
 
 def test_three_to_five_images_are_in_a_row_and_at_most_two_are_missing():
-    columns = {count: choose_preview_columns(count) for count in range(1, 60)}
+    columns = {count: choose_columns(count) for count in range(1, 60)}
     assert set(columns.values()) == {3, 4, 5}
     assert all(-count % across <= 2 for count, across in columns.items())
     assert [columns[count] for count in (4, 5, 6, 7, 8, 9, 10, 12)] == [4, 5, 3, 4, 4, 3, 5, 4]
@@ -87,7 +87,7 @@ def test_three_to_five_images_are_in_a_row_and_at_most_two_are_missing():
 @pytest.mark.parametrize("small", range(8))
 def test_so_many_images_are_listed_that_they_fill_their_rows(small):
     cells = _list_cells(sheet_with(small)[1])
-    assert len(cells) % choose_preview_columns(len(cells)) == 0
+    assert len(cells) % choose_columns(len(cells)) == 0
     # The target alone fills the gaps that 7, 11, 13 or 14 images would leave.
     assert len(cells) - 7 - small == {0: 1, 4: 1, 6: 2, 7: 1}.get(small, 0)
 
@@ -101,11 +101,11 @@ DRAWN = [4, pytest.param(0, marks=pytest.mark.slow), *(pytest.param(n, marks=pyt
 def test_images_leave_no_gap_in_their_grid(tmp_path, small):
     """Every row has the same number of images, as wide as the sheet, and none is white, the colour of the paper."""
     _, sheet = sheet_with(small)
-    draw_preview_sheet(sheet, tmp_path / "it.png")
+    draw_sheet(sheet, tmp_path / "it.png")
     picture, (width, height) = grey(tmp_path / "it.png")
     boxes = [axes.get_position() for axes in drawn(sheet, _list_cells(sheet)).axes if axes.images]
     rows = [[box for box in boxes if box.y0 == y] for y in dict.fromkeys(box.y0 for box in boxes)]
-    assert {len(row) for row in rows} == {choose_preview_columns(len(boxes))}
+    assert {len(row) for row in rows} == {choose_columns(len(boxes))}
     assert [(row[0].x0, 1 - row[-1].x1) for row in rows] == [pytest.approx((0.06 / 7.16,) * 2)] * len(rows)
     for box in boxes:
         x, y = width * (box.x0 + box.x1) / 2, height * (1 - (box.y0 + box.y1) / 2)
@@ -171,22 +171,22 @@ def test_the_sheet_of_any_scene_is_legible(longest, lights, sharp, contrast):
 @pytest.mark.slow
 def test_a_sheet_is_a_figure_of_the_kind_that_its_name_says(tmp_path):
     sheet = ContactSheet("it", stack_of(*DRIVES["image_distance"]), SENSOR)
-    draw_preview_sheet(sheet, tmp_path / "it.pdf")
+    draw_sheet(sheet, tmp_path / "it.pdf")
     assert (tmp_path / "it.pdf").read_bytes().startswith(b"%PDF")
-    assert refusal(draw_preview_sheet, sheet, tmp_path / "it.jpg").allowed == ".pdf, .png, .svg"
+    assert refusal(draw_sheet, sheet, tmp_path / "it.jpg").allowed == ".pdf, .png, .svg"
 
 
 def test_display_white_is_the_brightest_percentile_and_grey_has_a_gamma():
     image = np.linspace(0, 2, 1001).reshape(7, 143)
-    white = find_display_white_level(image)
+    white = white_level(image)
     assert white == pytest.approx(1.99, abs=0.005)
-    assert apply_display_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
-    assert find_display_white_level(np.zeros((3, 3))) == 1
+    assert display_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
+    assert white_level(np.zeros((3, 3))) == 1
 
 
 def test_a_grid_is_as_small_as_asked_for(tmp_path):
     noise = 0.3 + 0.4 * np.random.default_rng(0).random((250, 400))
-    save_preview_image_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", max_bytes=150_000)
+    save_image_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", max_bytes=150_000)
     assert (tmp_path / "it.jpg").stat().st_size < 150_000
     picture, size = grey(tmp_path / "it.jpg")
     assert size == (3 * 400 + 8, 2 * 250 + 4)
@@ -196,7 +196,7 @@ def test_a_grid_is_as_small_as_asked_for(tmp_path):
 @pytest.fixture
 def mine(tmp_path, own_folder):
     """A function that edits the card of the scene ``mine``, made from a template, and returns the scene."""
-    create_scene_from_template("mine", tmp_path / "scenes")
+    scene_from_template("mine", tmp_path / "scenes")
 
     def edit(old="", new=""):
         card = tmp_path / "scenes/mine/scene.yaml"
@@ -208,7 +208,7 @@ def mine(tmp_path, own_folder):
 
 
 def test_a_sheet_of_a_scene_shows_its_lights_and_its_family(mine):
-    sheet = make_preview_sheet(mine(), SENSOR, backend=VARIANT)
+    sheet = make_sheet(mine(), SENSOR, backend=VARIANT)
     assert sheet.stack.spec.groups == ("lamp", "room")
     assert [word for word, _ in sheet.small_images] == ["member 1", "member 2"]
     members = [picture for _, picture in sheet.small_images]
@@ -222,7 +222,7 @@ def test_a_sheet_of_a_scene_shows_its_lights_and_its_family(mine):
 def test_a_sheet_of_a_scene_that_moves_shows_moments(mine):
     words = "motion: {card: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.04, 0, 0]}]}}\nparams:"
     scene = mine("params:", words)
-    sheet = make_preview_sheet(scene.with_params({"square_mm": 3}), SENSOR, backend=VARIANT)
+    sheet = make_sheet(scene.with_params({"square_mm": 3}), SENSOR, backend=VARIANT)
     moments = {word: picture for word, picture in sheet.small_images if word.endswith(" s")}
     assert list(moments) == ["0.00 s", "1.00 s"]
     assert np.abs(moments["0.00 s"] - moments["1.00 s"]).mean() > 0.05 * moments["0.00 s"].mean()

@@ -13,12 +13,12 @@ import pytest
 from planted_sweeps import write_three_sweeps
 from small_dataset import SCENES, SMALL_RECIPE
 
-from saf_gen.authoring.template import create_scene_from_template
+from saf_gen.authoring.template import scene_from_template
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.records import read_records, write_benchmark_records
+from saf_gen.benchmark.records import read_records, write_records
 from saf_gen.render import backend
 
-VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 EXITS = {
     "sys.exit()": "exit()",
     "sys.exit(0)": "exit(0)",
@@ -121,7 +121,7 @@ LOADING = {
 @pytest.mark.parametrize("command", LOADING.values(), ids=LOADING)
 def test_every_command_refuses_a_file_that_exits_when_it_is_loaded(call, sweeps, tmp_path, write_parts, command):
     mine = write_parts(at_load="argparse.ArgumentParser().parse_args(['--nothing'])")
-    write_benchmark_records(tmp_path / "records.jsonl", evaluate(sweeps, methods=["sd+argmax"], draw=False).records)
+    write_records(tmp_path / "records.jsonl", evaluate(sweeps, methods=["sd+argmax"], draw=False).records)
     places = {"stream": sweeps / "train/one.h5", "data": sweeps, "out": tmp_path, "mine": mine}
     code, _, err = call(*command.format(**places).split())
     assert code == 2
@@ -206,7 +206,7 @@ def write_scene(own_folder):
     """A function that writes the scene ``mine``, whose script runs a statement when it is loaded, built, or moved."""
 
     def write(statement, at):
-        create_scene_from_template("mine", own_folder / "scenes")
+        scene_from_template("mine", own_folder / "scenes")
         script = own_folder / "scenes/mine/scene.py"
         text = script.read_text()
         added = {

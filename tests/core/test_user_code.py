@@ -12,8 +12,8 @@ from saf_gen.core.config import registry
 from saf_gen.core.config.plain_plugins import wrap_plain_code
 from saf_gen.core.user_code import CodeStopped, PassesUserCode, named_user_code, user_code
 from saf_gen.errors import BadInput
-from saf_gen.plugins.lights import light_group_gains
-from saf_gen.plugins.motions import motion_positions_at_readouts
+from saf_gen.plugins.lights import group_gains
+from saf_gen.plugins.motions import lens_positions
 
 
 class Panic(BaseException):
@@ -85,8 +85,8 @@ class ExitsWhenUsed:
 
 
 USES = {
-    "lights": lambda name: light_group_gains({"": {"kind": name}}, ["lamp"], frames=8, readout_hz=20_000),
-    "motions": lambda name: motion_positions_at_readouts({"kind": name}, 8, readout_hz=20_000),
+    "lights": lambda name: group_gains({"": {"kind": name}}, ["lamp"], frames=8, readout_hz=20_000),
+    "motions": lambda name: lens_positions({"kind": name}, 8, readout_hz=20_000),
 }
 
 
@@ -104,5 +104,5 @@ def test_an_exit_within_a_schedule_names_the_schedule():
     def ends(seconds, duration_s):
         raise SystemExit
 
-    error = refusal(registry.sample_registered_function, "Dusk()", ends, seconds=np.zeros(2), duration_s=1.0)
+    error = refusal(registry.sample_function, "Dusk()", ends, seconds=np.zeros(2), duration_s=1.0)
     assert error.problem == "'Dusk()' fails: CodeStopped: its code called exit()"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from handmade_records import failed, record
 
-from saf_gen.benchmark.records import MAX_POSITION_OR_ERROR, read_records, write_benchmark_records
+from saf_gen.benchmark.records import MAX_POSITION_OR_ERROR, read_records, write_records
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import compare_ranked_methods, compare_rankings, rank_methods
 from saf_gen.leaderboard.columns import list_leaderboard_columns
@@ -196,7 +196,7 @@ def test_every_interval_of_the_leaderboard_contains_its_value_or_is_missing(kind
     """20 designs each, written and read as records; where methods agree on what is known, few intervals are missing."""
     random = make_generator("test_intervals", "rows", kind, agree)
     for _ in range(20):
-        write_benchmark_records(tmp_path / "records.jsonl", draw_records(random, kind, agree=agree))
+        write_records(tmp_path / "records.jsonl", draw_records(random, kind, agree=agree))
         records = read_records(tmp_path)
         rows = rank_methods(records)
         known = check_rows(rows)

@@ -19,11 +19,11 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import text_to_path
 
-from saf_gen.authoring.preview.sheet_plots import draw_preview_curves, draw_preview_histogram
+from saf_gen.authoring.preview.sheet_plots import draw_curves, draw_histogram
 from saf_gen.camera import Sensor
-from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
+from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.figure_style import COLUMN_STYLE, use_plot_style
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import atomic_file
 from saf_gen.errors import unknown
 from saf_gen.stack.focal_stack import FocalStack
 
@@ -76,14 +76,14 @@ class _Cell:
     outline: np.ndarray | None = None
 
 
-def write_scene_preview(stack: FocalStack, sensor: Sensor, *, path: Path) -> None:
-    """Write the contact sheet of a dataset's focal stack; ``path`` is as in :func:`draw_preview_sheet`."""
+def write_preview(stack: FocalStack, sensor: Sensor, *, path: Path) -> None:
+    """Write the contact sheet of a dataset's focal stack; ``path`` is as in :func:`draw_sheet`."""
     spec = stack.spec
     title = f"{spec.scene}: {spec.positions} positions, {spec.samples} samples per pixel"
-    draw_preview_sheet(ContactSheet(title, stack, sensor), path)
+    draw_sheet(ContactSheet(title, stack, sensor), path)
 
 
-def draw_preview_sheet(sheet: ContactSheet, path: Path) -> None:
+def draw_sheet(sheet: ContactSheet, path: Path) -> None:
     """Write a contact sheet as PNG (1600 pixels wide), PDF or SVG, by the ending of the file.
 
     Raises BadInput for another ending.
@@ -93,13 +93,13 @@ def draw_preview_sheet(sheet: ContactSheet, path: Path) -> None:
         raise unknown("kind of file", path.suffix or path.name, allowed=[f".{f}" for f in FORMS], where=str(path))
     with use_plot_style(COLUMN_STYLE):
         figure = _draw_sheet(sheet, _list_cells(sheet))
-        with write_atomically(path) as written:
+        with atomic_file(path) as written:
             nothing: Any = dict.fromkeys({"pdf": ("CreationDate",), "svg": ("Date",)}.get(form, ()))
             figure.savefig(written, format=form, metadata=nothing)
 
 
 def _draw_sheet(sheet: ContactSheet, cells: Sequence[_Cell]) -> Figure:
-    across = choose_preview_columns(len(cells))
+    across = choose_columns(len(cells))
     width = (WIDTH - GAP * (across + 1)) / across
     height = width * sheet.stack.depth.shape[0] / sheet.stack.depth.shape[1]
     title = _wrap(sheet.title, WIDTH - 2 * GAP, size=rcParams["font.size"], weight="bold")
@@ -122,8 +122,8 @@ def _draw_sheet(sheet: ContactSheet, cells: Sequence[_Cell]) -> Figure:
         _draw_cell(place(left, top, (width, height)), cell, caption=caption)
     half, top = WIDTH / 2, tall - below + CAPTION
     plots = [place(left, top, (half - LEFT - RIGHT, PLOT)) for left in (LEFT, half + LEFT)]
-    draw_preview_histogram(plots[0], sheet.stack, sensor=sheet.sensor, best=_best_index(sheet))
-    draw_preview_curves(plots[1], sheet.stack, sensor=sheet.sensor, truth=sheet.true_focus)
+    draw_histogram(plots[0], sheet.stack, sensor=sheet.sensor, best=_best_index(sheet))
+    draw_curves(plots[1], sheet.stack, sensor=sheet.sensor, truth=sheet.true_focus)
     return figure
 
 
@@ -144,7 +144,7 @@ def _wrap(text: str, width: float, **font: Any) -> str:
     return "\n".join([widest, *alike][-1])
 
 
-def choose_preview_columns(count: int) -> int:
+def choose_columns(count: int) -> int:
     """Return how many images to place in a row, 3 to 5, so that the last row lacks as few as possible, at most two.
 
     Four is preferred. In rows of more than five, the captions of neighbours would not fit.
@@ -161,28 +161,28 @@ def _list_cells(sheet: ContactSheet) -> list[_Cell]:
     """Return the images of the grid; if they would not fill their rows, images of the target alone are added."""
     stack, best = sheet.stack, _best_index(sheet)
     spec, image = stack.spec, stack.radiance.sum(axis=0)
-    white = find_display_white_level(image[best])
+    white = white_level(image[best])
     cells = []
     if sheet.sharp is not None:
-        cells.append(_Cell("everything sharp,\nthrough a pinhole", apply_display_gamma(sheet.sharp, white)))
+        cells.append(_Cell("everything sharp,\nthrough a pinhole", display_gamma(sheet.sharp, white)))
     truth = "the target is not in the image" if np.isnan(sheet.true_focus) else "nearest to the true focus"
     for k, words in ((0, "one end of the travel"), (best, truth), (spec.rendered_count - 1, "the other end")):
         position = float(spec.focus[k])
         depth = float(spec.drive.focus_depth(position))
-        cells.append(_Cell(f"{words}:\n{position:.3f}, in focus {depth:.5g} m", apply_display_gamma(image[k], white)))
+        cells.append(_Cell(f"{words}:\n{position:.3f}, in focus {depth:.5g} m", display_gamma(image[k], white)))
     finite = stack.depth[np.isfinite(stack.depth)]
     low, high = np.quantile(finite, [0.01, 0.99]) if finite.size else (0.0, 1.0)
     shown = np.clip((stack.depth - low) / (high - low + 1e-9), 0, 1)
     outline = stack.target if 0 < stack.target.mean() < 1 else None
     cells.append(_Cell(f"depth {low:.4g} (dark) to {high:.4g} m,\nthe target outlined", shown, "viridis", outline))
     for name, group in zip(spec.groups, stack.radiance[:, best], strict=True):
-        cells.append(_Cell(f"light of {name} alone,\nat gain 1", apply_display_gamma(group, white)))
+        cells.append(_Cell(f"light of {name} alone,\nat gain 1", display_gamma(group, white)))
     if sheet.small_images:
-        white_of_small = find_display_white_level(*(small for _, small in sheet.small_images))
-        cells += [_Cell(words, apply_display_gamma(small, white_of_small)) for words, small in sheet.small_images]
-    missing = -len(cells) % choose_preview_columns(len(cells))
+        white_of_small = white_level(*(small for _, small in sheet.small_images))
+        cells += [_Cell(words, display_gamma(small, white_of_small)) for words, small in sheet.small_images]
+    missing = -len(cells) % choose_columns(len(cells))
     for k, words in ((best, "nearest to the true focus"), (0, "at one end of the travel"))[:missing]:
-        cells.append(_Cell(f"the target alone,\n{words}", apply_display_gamma(image[k] * stack.target, white)))
+        cells.append(_Cell(f"the target alone,\n{words}", display_gamma(image[k] * stack.target, white)))
     return cells
 
 

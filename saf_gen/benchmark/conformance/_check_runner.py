@@ -52,7 +52,7 @@ class LimitExceededError(PassesUserCode):
     """Error for a plug-in that exceeds its limits; a BaseException, so that no ``except Exception`` catches it."""
 
 
-def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
+def run_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
     """Run checks one after the other and yield their results; a check that exceeds the limits ends the run."""
     for name, check in checks.items():
         try:
@@ -64,11 +64,11 @@ def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: Ch
             yield CheckResult(part, name, "fail", seen, "make every loop end, whatever the scores are")
             return
         except Exception as error:  # noqa: BLE001 a third-party plug-in may raise anything
-            seen = describe_method_crash(error)
+            seen = describe_crash(error)
             yield CheckResult(part, name, "fail", seen, "handle this case: no input may raise an exception")
 
 
-def describe_method_crash(error: BaseException) -> str:
+def describe_crash(error: BaseException) -> str:
     """Return an exception on one line, with the file and line of the plug-in that raised it."""
     plugin_frames = [
         frame for frame in traceback.extract_tb(error.__traceback__) if _is_plugin_code(Path(frame.filename))

@@ -6,7 +6,7 @@ plain function or class is converted to a plug-in (:mod:`saf_gen.core.config.pla
 are the keys that a recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
 
 Listing names imports nothing, so a plug-in that cannot be imported does not break the others. Names from files are
-resolved under :func:`refuse_code_named_in_file`, so that only code that is registered, or that the command line names
+resolved under :func:`refuse_code`, so that only code that is registered, or that the command line names
 too, is run.
 """
 
@@ -38,7 +38,7 @@ _CODE_REFUSED_IN: ContextVar[str] = ContextVar("code refused in", default="")
 
 
 @contextmanager
-def refuse_code_named_in_file(where: str) -> Iterator[None]:
+def refuse_code(where: str) -> Iterator[None]:
     """Refuse to load ``package.module:Class`` and ``file.py:Class`` while names come from the file ``where``.
 
     The file may be untrusted. Code that this process has loaded before, because its command line named it, is accepted.
@@ -165,7 +165,7 @@ def _import_file(path: Path) -> ModuleType:
     return module
 
 
-def registered_option_fields(plugin_kind: str, name: str) -> dict[str, str]:
+def option_fields(plugin_kind: str, name: str) -> dict[str, str]:
     """Return the name of the dataclass field for each key that a plug-in takes."""
     return {f.name.rstrip("_"): f.name for f in fields(plugin_class(plugin_kind, name)) if f.init}
 
@@ -175,7 +175,7 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
 
     Raises BadInput for an unknown name or key, a missing key, or a value that the plug-in refuses.
     """
-    cls, known = plugin_class(plugin_kind, name), registered_option_fields(plugin_kind, name)
+    cls, known = plugin_class(plugin_kind, name), option_fields(plugin_kind, name)
     for key in options:
         if key not in known:
             raise unknown(f"key of {PLUGIN_KINDS[plugin_kind]} {name!r}:", key, allowed=known)
@@ -196,7 +196,7 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
         ) from error
 
 
-def sample_registered_function(
+def sample_function(
     plugin: object, method: Callable[[np.ndarray, float], Any], *, seconds: np.ndarray, duration_s: float
 ) -> np.ndarray:
     """Return the values of a method of a light schedule or a motion at these times, as float64 of the same shape.

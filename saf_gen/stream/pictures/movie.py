@@ -14,8 +14,8 @@ from saf_gen.core.extras import require_extra
 from saf_gen.core.figure_style import COLOURS, STYLE, use_plot_style
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
-from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels, stream_legends_height
-from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment_of_stream
+from saf_gen.stream.pictures.panels import draw_panels, list_panels, stream_legends_height
+from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment
 from saf_gen.stream.pictures.window_pictures import WindowPictures
 
 PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: plot width and height, line of text
@@ -40,13 +40,13 @@ class MovieCanvas:
         style: dict[Any, Any] = {**STYLE, "figure.facecolor": "white"}
         with use_plot_style(style):
             legends = round(DOTS_PER_INCH * stream_legends_height(timeline, width=PLOTS / DOTS_PER_INCH))
-            tall = max(self._shown[1] + LINE, PANEL * len(list_stream_panels(timeline)) + legends + LINE)
+            tall = max(self._shown[1] + LINE, PANEL * len(list_panels(timeline)) + legends + LINE)
             self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
             inches = self.size[0] / DOTS_PER_INCH, self.size[1] / DOTS_PER_INCH
             figure = Figure(figsize=inches, dpi=DOTS_PER_INCH, layout="constrained")
             canvas = FigureCanvasAgg(figure)
             halves: Any = figure.subfigures(1, 2, width_ratios=[self._shown[0], self.size[0] - self._shown[0]])
-            axes = draw_stream_panels(halves[1], timeline)
+            axes = draw_panels(halves[1], timeline)
             canvas.draw()
             self._background = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
             boxes = [ax.get_window_extent() for ax in axes]
@@ -60,7 +60,7 @@ class MovieCanvas:
         stream, window = self._pictures.stream, self._pictures.window
         for number, grey in enumerate(self._pictures):
             first = int(self._pictures.starts[number])
-            yield self._draw(grey, number, words=describe_moment_of_stream(stream, first=first, window=window))
+            yield self._draw(grey, number, words=describe_moment(stream, first=first, window=window))
 
     def _draw(self, grey: np.ndarray, number: int, *, words: str) -> np.ndarray:
         out = self._background.copy()
@@ -90,7 +90,7 @@ class MovieCanvas:
         return SEPARATOR.join(parts)
 
 
-def write_gif_of_stream(canvas: MovieCanvas, path: Path, *, fps: float) -> None:
+def write_gif(canvas: MovieCanvas, path: Path, *, fps: float) -> None:
     """Write a canvas as a GIF that repeats for ever; all its pictures share one palette."""
     frames = iter(canvas)
     first = Image.fromarray(next(frames))
@@ -124,7 +124,7 @@ def _choose_palette(screen: np.ndarray) -> Image.Image:
     return palette
 
 
-def write_mp4_of_stream(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
+def write_mp4(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
     """Write frames, uint8 (height, width, 3), as H.264 video; only one frame is in memory at a time.
 
     Raises BadInput if imageio-ffmpeg, which contains an encoder, is missing or fails.

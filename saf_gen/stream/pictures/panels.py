@@ -12,16 +12,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from saf_gen.core.figure_style import (
-    BAND,
-    GREY,
-    INK,
-    MAX_MEASURES,
-    SOFT,
-    PlotStyle,
-    assign_plot_styles,
-    hide_plot_spines,
-)
+from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, assign_styles, hide_spines
 from saf_gen.errors import BadInput
 from saf_gen.stream.pictures.timeline import Extremes, Timeline
 
@@ -32,7 +23,7 @@ LEGEND = 0.8  # largest width of a legend in widths of the figure, which also ho
 Panel = Callable[[Axes, Timeline], None]
 
 
-def list_stream_panels(timeline: Timeline) -> list[Panel]:
+def list_panels(timeline: Timeline) -> list[Panel]:
     """Return the plots to draw; raise BadInput if there are more measures than colours can distinguish."""
     if len(timeline.scores) > MAX_MEASURES:
         raise BadInput(f"{len(timeline.scores)} measures", allowed=f"at most {MAX_MEASURES} in one picture")
@@ -50,15 +41,15 @@ def stream_legends_height(timeline: Timeline, *, width: float) -> float:
     """
     figure = Figure(figsize=(width, width), dpi=DOTS_PER_INCH)
     FigureCanvasAgg(figure)
-    draw_stream_panels(figure, timeline)
+    draw_panels(figure, timeline)
     heights = [legend.get_window_extent().height / DOTS_PER_INCH for legend in figure.findobj(Legend)]
     usual = LINES * 1.5 * rcParams["legend.fontsize"] / 72
     return sum(max(height - usual, 0.0) for height in heights)
 
 
-def draw_stream_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
+def draw_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
     """Draw a plot of each known quantity over the same frames, and return their axes from the top."""
-    panels = list_stream_panels(timeline)
+    panels = list_panels(timeline)
     axes: list[Axes] = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0].tolist()
     for ax, draw in zip(axes, panels, strict=True):
         draw(ax, timeline)
@@ -83,7 +74,7 @@ def _draw_lens(axes: Axes, timeline: Timeline) -> None:
     axes.set_ylim(-0.03, 1.03)
     axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
     axes.set_ylabel("position")
-    hide_plot_spines(axes, "top", "right")
+    hide_spines(axes, "top", "right")
     _put_legend_above(axes)
 
 
@@ -95,7 +86,7 @@ def _draw_light(axes: Axes, timeline: Timeline) -> None:
     rate.fill_between(centres, shown, color=GREY, lw=0, step="mid", label="spikes per readout")
     rate.set_ylim(0, 1.1 * timeline.rate.max() or 1)
     rate.yaxis.set_major_locator(MaxNLocator(3, steps=TICKS))
-    hide_plot_spines(rate, "top", "right" if rate is axes else "left")
+    hide_spines(rate, "top", "right" if rate is axes else "left")
     if rate is axes:
         axes.set_ylabel("spikes")
     else:
@@ -103,7 +94,7 @@ def _draw_light(axes: Axes, timeline: Timeline) -> None:
         rate.spines["right"].set_visible(False)
         axes.set_zorder(rate.get_zorder() + 1)
         axes.patch.set_visible(False)
-        hide_plot_spines(axes, "top", "right")
+        hide_spines(axes, "top", "right")
         alike = _group_alike(timeline.gains)
         for names, style in zip(alike, _styles(alike, after=1), strict=True):
             _draw_extremes(axes, timeline.gains[names.split(", ")[0]], style=style, label=f"gain of {names}")
@@ -123,7 +114,7 @@ def _draw_scores(axes: Axes, timeline: Timeline) -> None:
     axes.set_ylim(-0.03, 1.03)
     axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
     axes.set_ylabel("score")
-    hide_plot_spines(axes, "top", "right")
+    hide_spines(axes, "top", "right")
     _put_legend_above(axes)
 
 
@@ -143,7 +134,7 @@ def _group_alike(gains: Mapping[str, Extremes]) -> list[str]:
 
 def _styles(names: Iterable[str], *, after: int = 0) -> list[PlotStyle]:
     all_names = [*map(str, range(after)), *names]
-    styles = assign_plot_styles(all_names)
+    styles = assign_styles(all_names)
     return [styles[name] for name in all_names[after:]]
 
 
