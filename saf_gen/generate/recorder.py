@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.camera import Encoder, Sensor, draw_fixed_pattern, exposure_scale
+from saf_gen.generate.finished_recordings import fingerprint_generated_recording
 from saf_gen.generate.plan import PlannedSequence
 from saf_gen.plugins.lights import group_gains
 from saf_gen.plugins.motions import lens_positions
@@ -65,8 +66,8 @@ class Recorder:
         spec = time_stack.specs[0]
         position = lens_positions(sequence.motion, self.frames, readout_hz=hz)
         charge_source = ChargeSource(plane_source, self.sensor)
-        truth = find_true_focus(plane_source, position)
-        self._scale_light(charge_source, sequence.mean_rate, truth=truth)
+        truth, moment = find_true_focus(plane_source, position)
+        self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)
         gain = group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
         grain = grain_along(plane_source, truth, position=position, gain=gain)
         metadata = Metadata(
@@ -108,6 +109,5 @@ class Recorder:
         target = np.asarray(truth.target)
         device = draw_fixed_pattern(self.sensor, target.shape, seed=self.device_seed)
         sensitivity = device.response * (self.sensor.threshold_e / device.threshold)
-        frame = truth.frame if math.isfinite(truth.frame) else self.frames / 2
-        at_best = sensitivity * charge_source.charge_image(frame, truth.position).sum(axis=0)
+        at_best = sensitivity * charge_source.charge_image(moment, truth.position).sum(axis=0)
         charge_source.scale = exposure_scale(at_best, target, sensor=self.sensor, mean_rate=mean_rate)

@@ -19,6 +19,7 @@ from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.benchmark_digest import benchmark_name
 from saf_gen.generate.dataset_card import write_dataset_card
+from saf_gen.generate.finished_recordings import has_generated_fingerprint
 from saf_gen.generate.job_order import JobOrder, stacks_to_generate, validate_keep_slices
 from saf_gen.generate.jobs import ChooseBackendJob, RecordJob, RenderJob
 from saf_gen.generate.plan import recipe_fingerprint

@@ -49,7 +49,7 @@ class StoreTransfer:
             if stack not in digests:
                 digests[stack] = stack.digest(self._stacks) if stack.has_all_notes(self._stacks) else None
             digest, entry = digests[stack], listed.get(name)
-            if entry is None or digest is None or entry.fingerprint != sequence.fingerprint(digest):
+            if entry is None or digest is None or not _has_settled_fingerprint(entry, sequence, stack_digest=digest):
                 entry = find_entry(sequence, self._store, stack_digest=digest)
             if entry is not None:
                 found[name] = entry

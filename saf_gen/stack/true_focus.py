@@ -12,8 +12,8 @@ from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
 
 
-def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> Truth:
-    """Return the true focus for a lens at these positions, without the sharpness.
+def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> tuple[Truth, float]:
+    """Return the true focus for a lens at these positions, without the sharpness, and the frame of its target mask.
 
     In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered moments that
     see the target, and stays constant while the target is out of sight. All other fields hold at the moment when the
@@ -45,7 +45,8 @@ def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> Truth:
     if not time_stack.is_moving:
         depth, target = plane_source.load_geometry(0)
         best = time_stack.specs[0].drive.true_focus(depth[target])
-        return _truth_at(plane_source, 0, position=best, frame=_first(focus_crossings(position, best)))
+        frame = _first(focus_crossings(position, best))
+        return _truth_at(plane_source, 0, position=best, frame=frame), frame
     seen_frames, best_positions, seen = [], [], []
     for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
         depth, target = plane_source.load_geometry(j)
