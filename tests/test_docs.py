@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from copy import deepcopy
 from dataclasses import dataclass, is_dataclass
-from functools import cache, partial
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,6 @@ from pydantic import TypeAdapter
 from small_dataset import HERE, SCENES
 
 from saf_gen import SpikeWindows
-from saf_gen.acceptance.speed import BenchSize
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, app, main
 from saf_gen.core.config.json_document import format_checked_json
@@ -389,7 +388,6 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
         patch.setattr("saf_gen.authoring.checks.scene_under_test.NEAR_SAMPLES", 4)
         for name in ("FLAT_FRAMES", "DARK_FRAMES"):
             patch.setattr(f"saf_gen.calibration.comparison.{name}", 400)
-        patch.setattr("saf_gen.acceptance.speed.BenchSize", partial(BenchSize, sensor="quarter.yaml", frames=2000))
         for name, value in environment.items():
             patch.setenv(name, value)
         with pytest.raises(SystemExit) as stop:

@@ -31,7 +31,6 @@ from saf_gen.cli import (
     stream_commands,
     submit_commands,
     tune_commands,
-    validate_commands,
     view_command,
 )
 from saf_gen.cli._examples import help_ending_of_command
@@ -57,9 +56,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "verify": dataset_commands.verify_command,
     "pack": sharing_commands.pack_command,
     "fetch": sharing_commands.fetch_command,
-    "validate": validate_commands.validate_command,
     "init": machine_commands.init_command,
-    "bench": machine_commands.bench_command,
     "doctor": machine_commands.doctor_command,
 }
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
@@ -124,7 +121,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "validate", "fetch", "evaluate", "tune", "leaderboard saf"),
+        ("generate", "fetch", "evaluate", "tune", "leaderboard saf"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN),

@@ -29,7 +29,7 @@ def plan_command(
         str, typer.Option(help="Time slices of moving scenes to keep at the end: all, closed-loop or none.")
     ] = "all",
     rates: Annotated[
-        Path | None, typer.Option(help="Output of `saf-gen bench rates --json` (default: two cores with LLVM).")
+        Path | None, typer.Option(help="Output of `make bench rates --json` (default: two cores with LLVM).")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

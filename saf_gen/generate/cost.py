@@ -19,7 +19,7 @@ FILTERED_TIME = 3.1
 
 By scene it is 1.3 (fabric), 1.6 to 2 (two_depths, gears), 2.7 to 3.5 (cardiac_muscle, crossroad, rain_window), and 11
 for a target that is seen through a glass bottle."""
-HINT = "make one with saf-gen bench rates --json > FILE"
+HINT = "make one with make bench rates --json > FILE"
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class MachineRates:
 
 
 def read_rates_for_plan(path: str | Path) -> MachineRates:
-    """Return the rates in the output of ``saf-gen bench rates --json``; rates that are not in it have their defaults.
+    """Return the rates in the output of ``make bench rates --json``; rates that are not in it have their defaults.
 
     Raises BadInput if the file holds no rates, or a rate that is not a number above 0.
     """

@@ -226,7 +226,7 @@ def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp
 
 def test_the_method_lists_of_the_benchmark_are_valid():
     for name in ("recorded", "closed_loop"):
-        assert len(read_method_list(HERE.parent / f"benchmarks/method_lists/{name}.txt")) > 10
+        assert len(read_method_list(HERE.parent / f"studies/results/method_lists/{name}.txt")) > 10
 
 
 def test_a_single_stream_is_evaluated_into_a_folder_next_to_it(call, dataset, tmp_path):

@@ -130,7 +130,7 @@ def test_rates_are_those_that_the_bench_printed(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[]", "holds no machine rates | cores, job_s | saf-gen bench rates --json"),
+        ("[]", "holds no machine rates | cores, job_s | make bench rates --json"),
         ("{}", "holds no machine rates"),
         ('[{"bench": "rates", "what": "job_s", "value": 0}]', "job_s is 0 | a number above 0"),
         ('[{"bench": "rates", "what": "job_s", "value": "x"}]', "job_s is 'x'"),
