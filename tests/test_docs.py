@@ -371,14 +371,14 @@ def desk(tmp_path_factory):
 def run(folder: Path, words: list[str], where: str = "") -> str:
     """Run a saf-gen command at a small size.
 
-    Recipes of the project are only planned, scenes and benches get a sixth of the pixels and few samples or frames,
-    and sensors are compared over 400 frames. At most one sequence gets figures, and a fitted sensor no plots.
+    Recipes of the project are only planned, scenes get a sixth of the pixels and few samples, and sensors are compared
+    over 400 frames. At most one sequence gets figures, and a fitted sensor no plots.
     """
     environment, (_, *arguments) = split_env(words)
     full_size = [name for p in (ROOT / "recipes").glob("*.yaml") for name in (p.stem, f"recipes/{p.name}")]
     if arguments[0] == "generate" and arguments[1] in full_size and "--dry-run" not in arguments:
         arguments.append("--dry-run")
-    if arguments[0] == "scenes" and arguments[1] in ("check", "preview", "gallery"):
+    if arguments[0] == "scenes" and arguments[1] in ("check", "preview"):
         arguments += ["--sensor", "quarter.yaml"]
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):

@@ -67,8 +67,6 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "new": scene_commands.new_scene_command,
             "check": scene_commands.check_scenes_command,
             "preview": scene_commands.preview_command,
-            "gallery": scene_commands.gallery_command,
-            "schema": scene_commands.scene_schema_command,
         },
     ),
     "dataset": ("Make a dataset from existing streams.", {"index": stream_commands.index_command}),
@@ -77,7 +75,6 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {
             "list": recipe_commands.list_recipes_command,
             "check": recipe_commands.check_recipe_command,
-            "schema": recipe_commands.recipe_schema_command,
             "seal": recipe_commands.seal_command,
             "unseal": recipe_commands.unseal_command,
         },

@@ -1,5 +1,6 @@
 """The commands ``init`` and ``doctor``."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -18,9 +19,12 @@ def init_command(
     """Register a folder to work in: its scenes are found by name there, and their code is trusted.
 
     A scene of the folder then replaces one of the same name that comes with saf_gen. Until the folder is registered,
-    no script in its scenes/ runs, so read scripts that others sent you first.
+    no script in its scenes/ runs, so read scripts that others sent you first. The folder also gets the JSON Schemas of
+    recipes and scene cards, with which editors complete keys and mark mistakes.
     """
     from saf_gen.core.files import unwritable_file_error
+    from saf_gen.generate.recipe_schema import make_recipe_schema
+    from saf_gen.scene.card_schema import make_scene_card_schema
     from saf_gen.scene.scene_folder import CARD_FILE
     from saf_gen.scene.trusted_folders import forget_scene_folder, register_scene_folder
 
@@ -37,6 +41,9 @@ def init_command(
     except OSError as error:
         raise unwritable_file_error(scenes, error) from error
     is_new = register_scene_folder(scenes)
+    if os.access(folder, os.W_OK):  # others may share a folder that only its owner changes
+        print_json(make_recipe_schema(), folder / "recipe.schema.json")
+        print_json(make_scene_card_schema(), folder / "scene.schema.json")
     out.print(f"{shown} {'is' if is_new else 'was'} registered{'' if is_new else ' already'}", soft_wrap=True)
     if scene_names := sorted(card.parent.name for card in scenes.glob(f"*/{CARD_FILE}")):
         out.print(f"scenes found by name in {folder.resolve()}: {', '.join(scene_names)}", soft_wrap=True)

@@ -380,7 +380,7 @@ def test_help_is_short_too_and_names_no_type_of_a_flag(call, words):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("scenes chek", "No such command 'chek'. Did you mean 'check', 'schema'?; see: saf-gen scenes --help"),
+        ("scenes chek", "No such command 'chek'. Did you mean 'check'?; see: saf-gen scenes --help"),
         ("generate", "Missing argument 'recipe'; see: saf-gen generate --help"),
         (
             "evaluate x --splt y",

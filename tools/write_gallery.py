@@ -1,7 +1,12 @@
-"""The gallery of scenes, docs/scenes.md: a page with a picture and the figures of every scene."""
+"""Write the gallery of scenes, docs/scenes.md: a picture and the figures of every scene.
 
+python tools/write_gallery.py [SCENE...] [--out docs]
+"""
+
+import argparse
 import os
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +15,7 @@ import numpy as np
 
 from saf_gen.authoring.preview import save_preview_image_grid
 from saf_gen.authoring.preview.scene_sheet import render_preview_images
-from saf_gen.camera import Sensor
+from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.config.ranges import config_range_extremes, is_config_range
 from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
 from saf_gen.core.files import write_text_atomically
@@ -18,7 +23,7 @@ from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
-from saf_gen.scene.scene_folder import Scene, SceneCard
+from saf_gen.scene.scene_folder import Scene, SceneCard, find_scene, scene_names
 
 MAX_BYTES = 100_000  # per image file, because these are part of the repository
 SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 16, 4, 8  # per pixel; SMALL_SAMPLES is for the small images
@@ -32,59 +37,33 @@ moving scene the start, the middle and the end of a second. An image file has at
 This page is written by one command. Run it again after a scene has changed:
 
 ```
-saf-gen scenes gallery
+python tools/write_gallery.py
 ```
 """
 
 
-def write_scene_gallery(
-    scenes: Sequence[Scene],
-    sensor: Sensor,
-    *,
-    folder: Path,
-    backend: str = "auto",
-    progress: Callable[[str], None] = lambda name: None,
-) -> tuple[Path, dict[str, BadInput]]:
+def write_gallery(scenes: Sequence[Scene], sensor: Sensor, *, folder: Path, backend: str) -> dict[str, BadInput]:
     """Write ``folder/scenes.md`` and ``folder/pictures/scenes/<id>.jpg``.
 
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        Scenes to show, in this order.
-    sensor : Sensor
-        Sensor for which the scenes are rendered.
-    folder : Path
-        Folder of the page.
-    backend : {'auto', 'cuda', 'llvm', 'scalar'}, default 'auto'
-        Backend of the renderer.
-    progress : callable, optional
-        Called with the name of each scene before it is rendered.
-
-    Returns
-    -------
-    page : Path
-        Path of the page.
-    failed : dict of str to BadInput
-        Error of each scene that could not be rendered and was left out, by name.
+    Return the error of each scene that could not be rendered and was left out, by name.
     """
     sections, failed = [HEAD], {}
     for scene in scenes:
-        progress(scene.id)
+        print(scene.id, flush=True)
         try:
-            view = _View.render(scene, sensor, backend=backend)
+            view = View.render(scene, sensor, backend=backend)
         except BadInput as problem:
             failed[scene.id] = problem
             continue
         picture = folder / "pictures" / "scenes" / f"{scene.id}.jpg"
         save_preview_image_grid(view.rows, picture, max_bytes=MAX_BYTES)
-        sections.append(_format_section(scene, view, picture=picture, folder=folder))
-    page = folder / "scenes.md"
-    write_text_atomically(page, "\n".join(sections))
-    return page, failed
+        sections.append(section(scene, view, picture=picture, folder=folder))
+    write_text_atomically(folder / "scenes.md", "\n".join(sections))
+    return failed
 
 
 @dataclass(frozen=True)
-class _View:
+class View:
     """Rows of grey images (0 to 1), depth and target, and the true focus (NaN if the target is out of sight)."""
 
     rows: list[list[np.ndarray]]
@@ -92,7 +71,7 @@ class _View:
     truth: float
 
     @classmethod
-    def render(cls, scene: Scene, sensor: Sensor, *, backend: str) -> "_View":
+    def render(cls, scene: Scene, sensor: Sensor, *, backend: str) -> "View":
         renderer = SceneRenderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
         seen = renderer.trace_depth_and_target(allow_unseen_target=True)
         depths = seen.depth[seen.target]
@@ -109,7 +88,7 @@ class _View:
         return cls(rows, seen, truth)
 
 
-def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -> str:
+def section(scene: Scene, view: View, *, picture: Path, folder: Path) -> str:
     card, seen, lux = scene.card, view.seen, scene.card.illuminance_lux
     depths = seen.depth[seen.target]
     near, far = scene.build_drive().focusing_range_m
@@ -122,10 +101,10 @@ def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -
         "lens": f"{card.lens.summary}{drive}, in focus from {near:.4g} to {far:.4g} m",
         "target": target,
         "light": ", ".join(f"`{group}` {lux[group]:,g} lux" if group in lux else f"`{group}`" for group in card.lights),
-        "family": "; ".join(_format_range(*param) for param in card.params.items() if is_config_range(param[1])),
-        "motion": _format_motion(card),
+        "family": "; ".join(param_range(*param) for param in card.params.items() if is_config_range(param[1])),
+        "motion": motion(card),
         "licence": card.licence,
-        "source": _format_source(scene, folder),
+        "source": source_link(scene, folder),
     }
     table = [f"| {key} | {value} |" for key, value in rows.items() if value]
     image = f"![{escape_markdown(card.title)}]({picture.relative_to(folder).as_posix()})"
@@ -134,7 +113,7 @@ def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -
     )
 
 
-def _format_motion(card: SceneCard) -> str:
+def motion(card: SceneCard) -> str:
     if card.slices_per_s is None:
         return ""
     error = card.interpolation_error
@@ -142,15 +121,38 @@ def _format_motion(card: SceneCard) -> str:
     return f"{card.slices_per_s:g} time slices per second{limit}"
 
 
-def _format_range(name: str, value: Any) -> str:
+def param_range(name: str, value: Any) -> str:
     values = config_range_extremes(value)
     if "choice" in value:
         return f"`{name}` {', '.join(str(choice) for choice in dict.fromkeys(values))}"
     return f"`{name}` {values[0]:,.10g} to {values[1]:,.10g}"
 
 
-def _format_source(scene: Scene, folder: Path) -> str:
+def source_link(scene: Scene, folder: Path) -> str:
     source = scene.card.source
     if not (scene.folder / source).is_file():
         return source
     return f"[{source}]({Path(os.path.relpath(scene.folder / source, folder)).as_posix()})"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the page, and return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("scenes", nargs="*", help="names of scenes (default: all)")
+    parser.add_argument("--out", type=Path, default=Path("docs"), help="folder for scenes.md and its pictures")
+    parser.add_argument("--sensor", default="vidar_400x250")
+    parser.add_argument("--variant", default="auto")
+    given = parser.parse_args(argv)
+    try:
+        scenes = [find_scene(name) for name in given.scenes or scene_names()]
+        failed = write_gallery(scenes, get_sensor(given.sensor), folder=given.out, backend=given.variant)
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        return 2
+    for name, problem in failed.items():
+        print(f"{name} could not be drawn: {problem}", file=sys.stderr)
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
