@@ -4,16 +4,19 @@ import re
 
 import pytest
 from PIL import Image
+from small_dataset import HERE
 from written_scenes import VARIANT
 
 from saf_gen.authoring.template import create_scene_from_template
 from saf_gen.scene.scene_folder import find_scene
-from tools.write_gallery import main
 
 
 @pytest.fixture
-def write(small_sensor, tmp_path):
+def write(small_sensor, tmp_path, monkeypatch):
     """A function that writes the gallery of some scenes to ``docs`` and returns the exit code."""
+    monkeypatch.syspath_prepend(HERE.parent / "tools")
+    from write_gallery import main
+
     options = ["--out", str(tmp_path / "docs"), "--sensor", str(small_sensor), "--variant", VARIANT]
     return lambda *scenes: main([*scenes, *options])
 

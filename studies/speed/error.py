@@ -85,8 +85,8 @@ def _one_pass(setup: Any, plan: Plan, *, samples: int, at: list[float]) -> tuple
 def _thin_lens(setup: Any, plan: Plan, *, samples: int, at: list[float]) -> tuple[list[np.ndarray], float]:
     stack.render_thin_lens(setup, at[0], samples=samples, seed=0)
     render = stack.render_thin_lens
-    timed = [timed(render, setup, position, samples=samples, seed=0) for position in at]
-    return [image for image, _ in timed], plan.positions * float(np.mean([took for _, took in timed]))
+    rendered = [timed(render, setup, position, samples=samples, seed=0) for position in at]
+    return [image for image, _ in rendered], plan.positions * float(np.mean([took for _, took in rendered]))
 
 
 def _at_equal_time(ours: dict[str, Any], theirs: dict[str, Any]) -> dict[str, float]:

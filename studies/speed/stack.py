@@ -103,12 +103,12 @@ def render_reference(setup: Any, position: float, *, samples: int, batch: int) -
 
     The reference is the mean of at least two renders of ``batch`` samples, which need less memory than a single render.
     """
-    timed = [
+    rendered = [
         timed(render_thin_lens, setup, position, samples=batch, seed=1 + n) for n in range(max(2, samples // batch))
     ]
-    renders = np.stack([image for image, _ in timed]).astype(np.float64)
+    renders = np.stack([image for image, _ in rendered]).astype(np.float64)
     noise = float(renders.var(axis=0, ddof=1).mean()) / len(renders)
-    return Reference(renders.mean(axis=0), noise), [seconds for _, seconds in timed]
+    return Reference(renders.mean(axis=0), noise), [seconds for _, seconds in rendered]
 
 
 def run(size: Size) -> Iterator[Figure | str]:

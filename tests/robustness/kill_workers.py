@@ -1,4 +1,4 @@
-"""Kill workers of a run at random, and then the scheduler: python tools/kill_workers.py --kills 20 --seed 1
+"""Kill workers of a run at random, and then the scheduler: python tests/robustness/kill_workers.py --kills 20 --seed 1
 
 A small dataset is generated four times: without a kill, as the reference; while workers of the process pool are killed;
 while workers of a Dask cluster on this machine are killed; and while its scheduler is killed. All sequences in the
@@ -21,8 +21,8 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "tests/helpers")]
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / "tests/helpers"))  # as pytest does
 
 from dask_processes import children, scheduler_process, wait_until, worker_processes  # noqa: E402
 from small_dataset import SCENES, SMALL_RECIPE  # noqa: E402

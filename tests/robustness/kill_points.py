@@ -1,4 +1,4 @@
-"""Stop every writing command at every change of the disk: python tools/kill_points.py
+"""Stop every writing command at every change of the disk: python tests/robustness/kill_points.py
 
 Each command (generate, evaluate, tune, leaderboard, import, export, pack) is run over the output of an earlier run, and
 stopped by SIGKILL, SIGTERM and SIGINT just before and just after each of its calls of fsync, rename, unlink and rmdir,
@@ -10,7 +10,7 @@ each time in a fresh copy of its folder. Then
 - no run may print a traceback or an ignored exception, and a stopped run says so in one line.
 
 The jobs of ``generate`` run in the process that is stopped, as on a machine that is switched off; for workers that die
-alone see ``tools/kill_workers.py``. Processes are forked from one that has imported everything, so that a point takes a
+alone see ``kill_workers.py``. Processes are forked from one that has imported everything, so that a point takes a
 second.
 """
 
@@ -30,29 +30,28 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "tests/helpers")]
+sys.path.append(str(Path(__file__).resolve().parents[1] / "helpers"))  # as pytest does
 
-import numpy as np  # noqa: E402
-from inline_jobs import run_jobs_inline  # noqa: E402
-from planted_sweeps import list_streams, write_sweep  # noqa: E402
-from small_dataset import SCENES, SMALL_RECIPE  # noqa: E402
+import numpy as np
+from inline_jobs import run_jobs_inline
+from planted_sweeps import list_streams, write_sweep
+from small_dataset import SCENES, SMALL_RECIPE
 
-from saf_gen.benchmark import kept_sequences  # noqa: E402
-from saf_gen.benchmark.records import benchmark_record_to_json, read_records  # noqa: E402
-from saf_gen.benchmark.tuned_method import read_method_with_constants  # noqa: E402
-from saf_gen.cli import main, root_command  # noqa: E402
-from saf_gen.errors import BadInput  # noqa: E402
-from saf_gen.generate import run as generate_run  # noqa: E402
-from saf_gen.leaderboard.report import evaluation_folder  # noqa: E402
-from saf_gen.stream.manifest import read_manifest  # noqa: E402
-from saf_gen.stream.stream_file import open_stream  # noqa: E402
-from saf_gen.stream.stream_writer import write_stream  # noqa: E402
+from saf_gen.benchmark import kept_sequences
+from saf_gen.benchmark.records import benchmark_record_to_json, read_records
+from saf_gen.benchmark.tuned_method import read_method_with_constants
+from saf_gen.cli import main, root_command
+from saf_gen.errors import BadInput
+from saf_gen.generate import run as generate_run
+from saf_gen.leaderboard.report import evaluation_folder
+from saf_gen.stream.manifest import read_manifest
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
 
 CHANGES = ("fsync", "rename", "replace", "unlink", "remove", "rmdir")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -345,6 +344,60 @@ def kill_all(writer: Writer, folder: Path, *, every: int, first: int, part: tupl
     return {"writer": writer.name, "changes": len(changes), "points": mine, "findings": findings}
 
 
+def stop_writers(
+    names: Sequence[str] = (),
+    *,
+    every: int = 1,
+    first: int = 0,
+    processes: int = 1,
+    tell: Callable[[str], None] = print,
+) -> list[dict[str, Any]]:
+    """Stop commands, all by default, at every N-th of their points; return the counts and findings of each.
+
+    The calling process is forked, so it must not have run compiled code on several threads.
+    """
+    kept_sequences.WRITE_INTERVAL_S = 0.0
+    generate_run.run_jobs = run_jobs_inline
+    chosen = [writer for writer in WRITERS if not names or writer.name in names]
+    for name in itertools.chain.from_iterable(LOADED.get(writer.name, ()) for writer in chosen):
+        importlib.import_module(name)
+    root_command()  # otherwise each forked process would build it again
+    gc.freeze()
+    found: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory(prefix="kill-points-") as folder:
+        remember_figures(Path(folder))
+        for writer in chosen:
+            begun = time.monotonic()
+            mine = _stop_writer(writer, Path(folder), every=every, first=first, processes=processes)
+            found += mine
+            kinds = Counter(finding[0] for one in mine for finding in one["findings"])
+            points, changes = sum(one["points"] for one in mine), mine[0]["changes"]
+            wrong = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "nothing wrong"
+            tell(f"{writer.name}: {changes} changes, {points} points, {wrong}, {time.monotonic() - begun:.0f} s")
+    return found
+
+
+def _stop_writer(writer: Writer, folder: Path, *, every: int, first: int, processes: int) -> list[dict[str, Any]]:
+    """Stop a command in several forked processes, each at some of the points, and return what each of them found."""
+    children = []
+    for part in range(processes):
+        result = folder / f"{writer.name}-{part}.json"
+        if not (child := os.fork()):
+            code = 1
+            try:
+                counted = kill_all(writer, folder / f"process-{part}", every=every, first=first, part=(part, processes))
+                result.write_text(json.dumps(counted))
+                code = 0
+            finally:
+                if code:  # the process would end without a message
+                    traceback.print_exc()
+                os._exit(code)
+        children.append((child, result))
+    for child, _ in children:
+        os.waitpid(child, 0)
+    return [json.loads(result.read_text()) for _, result in children]
+
+
 def main_of_tool() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--only", nargs="+", choices=[writer.name for writer in WRITERS], help="only these commands")
@@ -352,46 +405,7 @@ def main_of_tool() -> int:
     options.add_argument("--first", type=int, default=0, help="number of the first point to test")
     options.add_argument("--processes", type=int, default=1, help="number of points to test at the same time")
     given = options.parse_args()
-    kept_sequences.WRITE_INTERVAL_S = 0.0
-    generate_run.run_jobs = run_jobs_inline
-    found: list[dict[str, Any]] = []
-    chosen = [writer for writer in WRITERS if not given.only or writer.name in given.only]
-    for name in itertools.chain.from_iterable(LOADED.get(writer.name, ()) for writer in chosen):
-        importlib.import_module(name)
-    root_command()  # otherwise each forked process would build it again
-    gc.freeze()
-    with tempfile.TemporaryDirectory(prefix="kill-points-") as name:
-        remember_figures(Path(name))
-        for writer in chosen:
-            begun = time.monotonic()
-            children = []
-            for part in range(given.processes):
-                result = Path(name) / f"{writer.name}-{part}.json"
-                if not (child := os.fork()):
-                    code = 1
-                    try:
-                        folder = Path(name) / f"process-{part}"
-                        counted = kill_all(
-                            writer, folder, every=given.every, first=given.first, part=(part, given.processes)
-                        )
-                        result.write_text(json.dumps(counted))
-                        code = 0
-                    finally:
-                        if code:  # the process would end without a message
-                            traceback.print_exc()
-                        os._exit(code)
-                children.append((child, result))
-            for child, _ in children:
-                os.waitpid(child, 0)
-            mine = [json.loads(result.read_text()) for _, result in children]
-            found += mine
-            kinds = Counter(finding[0] for one in mine for finding in one["findings"])
-            points, changes = sum(one["points"] for one in mine), mine[0]["changes"]
-            wrong = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "nothing wrong"
-            print(
-                f"{writer.name}: {changes} changes, {points} points, {wrong}, {time.monotonic() - begun:.0f} s",
-                flush=True,
-            )
+    found = stop_writers(given.only or (), every=given.every, first=given.first, processes=given.processes)
     wrong = sum(len(one["findings"]) for one in found)
     print(f"{sum(one['points'] for one in found)} points, {wrong} wrong")
     return int(wrong > 0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-import changes
+import fuzz_changes as changes
 
 Call = Callable[..., int]
 Change = Callable[[Path, bytes, Random], bytes]

@@ -13,7 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 import yaml
-from samples import repack
+from fuzz_samples import repack
 
 from saf_gen.core.config.json_document import CHECKSUM
 

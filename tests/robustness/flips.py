@@ -1,6 +1,6 @@
 """Flip bits in every kind of file that saf-gen writes and reads again, and report the flips that it does not detect.
 
-    python tools/fuzz/flips.py --flips 2000 --seed 99
+    python tests/robustness/flips.py --flips 2000 --seed 99
 
 A flip is "told" if it causes an error of one line; "harmless" if everything read from the file is as it was written,
 because the bit is in unused space or in an order without meaning; and "unseen" if something else was read without an
@@ -14,14 +14,14 @@ import json
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from typing import Any
 
+import fuzz_worker
 import numpy as np
-import worker
 
 import saf_gen
 from saf_gen.benchmark.records import read_records
@@ -113,25 +113,29 @@ def _join_neighbours(places: list[int], *, gap: int = 64) -> Iterator[tuple[int,
         yield places[first], places[end - 1]
 
 
+def flip_kinds(flips: int, seed: int, kinds: Sequence[str] = ()) -> Iterator[dict[str, Any]]:
+    """Yield what :func:`flip` returns for each kind of file, or for some by name; the working folder is changed."""
+    root = Path(tempfile.mkdtemp(prefix="saf-gen-flips"))
+    try:
+        fuzz_worker.write_samples_in(root)
+        _write_stack(root / "stacks")
+        for kind in KINDS:
+            if not kinds or kind.name in kinds:
+                yield flip(kind, root, Random(f"{seed} {kind.name}"), flips)
+    finally:
+        shutil.rmtree(root)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--flips", type=int, default=2000, help="number of flips in each kind of file")
     parser.add_argument("--seed", type=int, default=99)
     parser.add_argument("--kind", action="append", choices=[kind.name for kind in KINDS])
-    given = parser.parse_args()
-    root, bad = Path(tempfile.mkdtemp(prefix="saf-gen-flips")), 0
-    try:
-        worker.write_samples_in(root)
-        _write_stack(root / "stacks")
-        for kind in KINDS:
-            if given.kind is None or kind.name in given.kind:
-                found = flip(kind, root, Random(f"{given.seed} {kind.name}"), given.flips)
-                bad += len(found["unseen"]) + len(found["tracebacks"])
-                sys.stdout.write(json.dumps(found) + "\n")
-                sys.stdout.flush()
-    finally:
-        shutil.rmtree(root)
-    sys.stdout.write(f"{bad} unseen or not told in one line, seed {given.seed}\n")
+    given, bad = parser.parse_args(), 0
+    for found in flip_kinds(given.flips, given.seed, given.kind or ()):
+        bad += len(found["unseen"]) + len(found["tracebacks"])
+        print(json.dumps(found), flush=True)
+    print(f"{bad} unseen or not told in one line, seed {given.seed}")
     return int(bad > 0)
 
 

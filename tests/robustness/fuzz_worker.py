@@ -1,7 +1,6 @@
 """A process that runs commands on corrupted files one after the other, and reports to its parent how each ended."""
 
 import io
-import json
 import os
 import resource
 import shutil
@@ -10,13 +9,14 @@ import traceback
 import unicodedata
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
+from multiprocessing.connection import Connection
 from pathlib import Path
 from random import Random
 from typing import Any
 
-import changes
-import samples
-from kinds import KINDS, Kind
+import fuzz_changes as changes
+import fuzz_samples as samples
+from fuzz_kinds import KINDS, Kind
 
 from saf_gen.cli import main
 from saf_gen.errors import SafGenError
@@ -184,22 +184,17 @@ def write_samples_in(root: Path, *, check: bool = False) -> None:
             _check_samples(root)
 
 
-def serve() -> None:
-    """Run the cases that arrive on standard input as lines of JSON."""
+def serve(root: Path, cases: Connection) -> None:
+    """Run the cases that arrive through a pipe, in a folder of samples, and send back a result for each."""
     resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
-    answers = os.fdopen(os.dup(1), "w")
+    os.environ.update(SAF_GEN_SCENES=str(root / "scenes"), XDG_CONFIG_HOME=str(root.parent / "config"))
+    with (root.parent / "stderr.txt").open("a") as stderr:
+        os.dup2(stderr.fileno(), 2)
     for ignored in (ResourceWarning, DeprecationWarning, PendingDeprecationWarning):  # as Python itself does
         warnings.simplefilter("ignore", ignored)
     by_name = {kind.name: kind for kind in KINDS}
-    write_samples_in(Path(sys.argv[1]), check=True)
-    answers.write("ready\n")
-    answers.flush()
-    for line in sys.stdin:
-        case = json.loads(line)
-        result = run_case(by_name[case["kind"]], case["seed"], case["number"])
-        answers.write(json.dumps(result) + "\n")
-        answers.flush()
-
-
-if __name__ == "__main__":
-    serve()
+    write_samples_in(root, check=True)
+    cases.send("ready")
+    while True:
+        kind, seed, number = cases.recv()
+        cases.send(run_case(by_name[kind], seed, number))
