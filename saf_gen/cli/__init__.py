@@ -90,10 +90,9 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "leaderboard": (
-        "Merge evaluations into one ranking, rank methods on SAF's recordings, compare rankings, and verify rows.",
+        "Merge evaluations into one ranking, rank methods on SAF's recordings, and verify rows.",
         {
             "merge": leaderboard_commands.merge_command,
-            "compare": leaderboard_commands.compare_rankings_command,
             "saf": leaderboard_commands.rank_on_saf_folder_command,
             "verify": leaderboard_commands.verify_evaluation_command,
         },

@@ -15,10 +15,6 @@ EXAMPLES = {
     ),
     "leaderboard": ("leaderboard mine/evaluation other/evaluation --out merged", "leaderboard verify mine/evaluation"),
     "leaderboard merge": ("leaderboard merge mine/evaluation other/evaluation --out merged",),
-    "leaderboard compare": (
-        "leaderboard compare mine/evaluation",
-        "leaderboard compare nominal/evaluation noisy/evaluation --by sensor",
-    ),
     "leaderboard saf": (
         "leaderboard saf SAF/datasets --out ranked",
         "leaderboard saf SAF/datasets --out ranked --beside mine/evaluation",
