@@ -4,7 +4,7 @@ EXAMPLES = {
     "": ("generate quickstart", "evaluate datasets/quickstart", "scenes list", "methods show sd"),
     "generate": (
         "generate quickstart",
-        "generate recipes/sad_synthetic.yaml --dry-run",
+        "generate recipes/sad_synthetic.yaml --dry-run --machines 8",
         "generate my_recipe.yaml --out datasets/mine --workers 2",
     ),
     "evaluate": (
@@ -39,11 +39,6 @@ EXAMPLES = {
     "view": (
         "view recording.h5 --out sweep.png --measure sd",
         "view recording.h5 --out sweep.html --as tfi --window 200",
-    ),
-    "plan": (
-        "plan quickstart",
-        "plan quickstart sad_synthetic --workers 2 --machines 8",
-        "plan recipes/saf_bench.yaml --shard 1/8 --rates rates.json",
     ),
     "verify": ("verify datasets/quickstart",),
     "pack": (

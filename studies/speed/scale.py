@@ -79,7 +79,6 @@ def main() -> None:
             make_dataset(folder, sequences=count, scenes=given.scenes)
         recipe.write_text(RECIPE.format(repeats=max(1, count // 10)))
         for command in (
-            ("plan", str(recipe)),
             ("generate", str(recipe), "--out", str(out / "none"), "--dry-run"),
             ("verify", str(folder)),
             ("evaluate", str(folder), *(f"--method={name}" for name in given.methods)),
