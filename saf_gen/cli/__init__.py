@@ -96,12 +96,8 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "submit": (
-        "Submit a method: create a submission, check it, or write a page of all submissions.",
-        {
-            "new": submit_commands.new_submission_command,
-            "check": submit_commands.check_submission_command,
-            "page": submit_commands.submissions_page_command,
-        },
+        "Submit a method: create a submission, or check it.",
+        {"new": submit_commands.new_submission_command, "check": submit_commands.check_submission_command},
     ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",

@@ -65,7 +65,6 @@ EXAMPLES = {
     "submit": ("submit new my_method", "submit check my_method --on datasets/saf_bench"),
     "submit new": ("submit new my_method",),
     "submit check": ("submit check my_method", "submit check my_method --on datasets/saf_bench"),
-    "submit page": ("submit page submissions", "submit page submissions --out site"),
     "methods": ("methods", "methods --json"),
     "methods show": ("methods show sd", "methods show sd_code+sgfs_code:dt=50"),
     "methods check": ("methods check sd+argmax",),
