@@ -7,7 +7,7 @@ from PIL import Image
 from small_dataset import HERE
 from written_scenes import VARIANT
 
-from saf_gen.authoring.template import create_scene_from_template
+from saf_gen.authoring.template import scene_from_template
 from saf_gen.scene.scene_folder import find_scene
 
 
@@ -24,7 +24,7 @@ def write(small_sensor, tmp_path, monkeypatch):
 @pytest.fixture
 def mine(tmp_path, own_folder):
     """A function that edits the card of the scene ``mine``, made from a template, and returns the scene."""
-    create_scene_from_template("mine", tmp_path / "scenes")
+    scene_from_template("mine", tmp_path / "scenes")
 
     def edit(old="", new=""):
         card = tmp_path / "scenes/mine/scene.yaml"

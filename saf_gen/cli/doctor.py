@@ -13,13 +13,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from saf_gen.camera import encode, get_sensor
-from saf_gen.camera.counting_law import pixel_count_deviations, pixel_count_variance, pixel_noise_per_spike
+from saf_gen.camera.counting_law import count_deviations, count_variance, noise_per_spike
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.extras import RENDERER, installed_version
 from saf_gen.errors import BadInput
 from saf_gen.optics.lens_card import ImageDistanceLens
-from saf_gen.scene.scene_folder import load_scene_folder
-from saf_gen.scene.trusted_folders import trusted_scene_folders
+from saf_gen.scene.scene_folder import load_scene
+from saf_gen.scene.trusted_folders import all_trusted
 
 PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "OpenEXR", "matplotlib")
 FOCAL_MM, F_NUMBER, FOCUS_M, EDGE_M = 25.0, 2.0, (0.7, 0.4), 0.5
@@ -58,8 +58,8 @@ def describe_machine() -> tuple[dict[str, str], list[str]]:
         facts["variant"] = f"none: {error.problem}; streams can still be evaluated"
         advice.append(f"to render: {error.hint}")
     else:
-        found = backend.probe_render_backends()
-        facts["variant"] = backend.choose_render_backend("auto", found)
+        found = backend.probe_backends()
+        facts["variant"] = backend.choose_backend("auto", found)
         facts["LLVM"] = found.llvm_description
         facts["NVIDIA card"] = "usable" if found.cuda else "none that Mitsuba can use"
         if not found.llvm_usable and not found.cuda:
@@ -67,7 +67,7 @@ def describe_machine() -> tuple[dict[str, str], list[str]]:
     facts["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"
     facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
     facts["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
-    facts["scenes of yours"] = ", ".join(str(folder) for folder in trusted_scene_folders()) or "none registered"
+    facts["scenes of yours"] = ", ".join(str(folder) for folder in all_trusted()) or "none registered"
     facts["Python"] = platform.python_version()
     for name in PACKAGES:
         facts[name] = installed_version(name)
@@ -120,7 +120,7 @@ def _rendered_blur() -> float:
         (folder / "scene.yaml").write_text(CARD)
         (folder / "scene.xml").write_text(SCENE)
         sensor = get_sensor("vidar_400x250", rows=16, columns=48)
-        renderer = SceneRenderer(load_scene_folder(folder), sensor, backend_name="auto")
+        renderer = SceneRenderer(load_scene(folder), sensor, backend_name="auto")
         setup = renderer.prepare()
     if renderer.is_slow:
         picture = thin_lens.render_position(setup, position=0.0, samples=2048, seed=1)
@@ -141,9 +141,9 @@ def check_encoder() -> tuple[bool, str]:
     packed = encode(np.full((1, 250, 400), charge, np.float32), sensor, frames=frames, seed=1)
     spikes = np.unpackbits(packed, axis=2, bitorder="little").reshape(-1, 8 * packed.shape[2])[:, first:frames]
     seen = spikes[spikes[:, 0] == 1, 1:].argmax(axis=1) + 1
-    variance = pixel_noise_per_spike(sensor) / rate**2
-    off_mean = (seen.mean() - 1 / rate) / math.sqrt(pixel_count_variance(1 / rate, variance) / seen.size)
-    off_variance = pixel_count_deviations(seen, 1 / rate, variance=variance)
+    variance = noise_per_spike(sensor) / rate**2
+    off_mean = (seen.mean() - 1 / rate) / math.sqrt(count_variance(1 / rate, variance) / seen.size)
+    off_variance = count_deviations(seen, 1 / rate, variance=variance)
     said = f"mean of {seen.size:,} off by {off_mean:+.1f} sd, variance by {off_variance:+.1f} sd"
     return bool(max(abs(off_mean), abs(off_variance)) < 5), said
 

@@ -22,16 +22,16 @@ def init_command(
     no script in its scenes/ runs, so read scripts that others sent you first. The folder also gets the JSON Schemas of
     recipes and scene cards, with which editors complete keys and mark mistakes.
     """
-    from saf_gen.core.files import unwritable_file_error
-    from saf_gen.generate.recipe_schema import make_recipe_schema
-    from saf_gen.scene.card_schema import make_scene_card_schema
+    from saf_gen.core.files import unwritable
+    from saf_gen.generate.recipe_schema import recipe_schema
+    from saf_gen.scene.card_schema import card_schema
     from saf_gen.scene.scene_folder import CARD_FILE
-    from saf_gen.scene.trusted_folders import forget_scene_folder, register_scene_folder
+    from saf_gen.scene.trusted_folders import forget_folder, register_folder
 
     scenes = folder / "scenes"
     shown = scenes.resolve()
     if forget:
-        was_registered = forget_scene_folder(scenes)
+        was_registered = forget_folder(scenes)
         out.print(
             f"{shown} is {'no longer' if was_registered else 'not'} registered; its files are unchanged", soft_wrap=True
         )
@@ -39,11 +39,11 @@ def init_command(
     try:
         scenes.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise unwritable_file_error(scenes, error) from error
-    is_new = register_scene_folder(scenes)
+        raise unwritable(scenes, error) from error
+    is_new = register_folder(scenes)
     if os.access(folder, os.W_OK):  # others may share a folder that only its owner changes
-        print_json(make_recipe_schema(), folder / "recipe.schema.json")
-        print_json(make_scene_card_schema(), folder / "scene.schema.json")
+        print_json(recipe_schema(), folder / "recipe.schema.json")
+        print_json(card_schema(), folder / "scene.schema.json")
     out.print(f"{shown} {'is' if is_new else 'was'} registered{'' if is_new else ' already'}", soft_wrap=True)
     if scene_names := sorted(card.parent.name for card in scenes.glob(f"*/{CARD_FILE}")):
         out.print(f"scenes found by name in {folder.resolve()}: {', '.join(scene_names)}", soft_wrap=True)

@@ -88,7 +88,7 @@ class WorkEstimate:
     seconds: float
 
 
-def simulate_plan_on_machines(
+def simulate_machines(
     works: Sequence[tuple[float, int]], *, record_s: float, machines: int, rates: MachineRates
 ) -> float:
     """Return the seconds from start to end if ``machines`` machines get jobs from one scheduler, in order.
@@ -121,12 +121,12 @@ def simulate_plan_on_machines(
     return rates.start_s + max(free) + sequences * rates.sequence_s if max(free) else 0.0
 
 
-def plan_stack_bytes(specs: Iterable[StackSpec]) -> int:
+def bytes_of_stacks(specs: Iterable[StackSpec]) -> int:
     """Return the approximate disk space of stacks, including their depth maps and targets, in bytes."""
     return sum(map(_stored_bytes, specs))
 
 
-def plan_stream_bytes(pixel_frames: float) -> int:
+def bytes_of_streams(pixel_frames: float) -> int:
     """Return the approximate disk space of streams with this many pixels times frames, in bytes."""
     return int(pixel_frames * STREAM_BITS_PER_PIXEL_FRAME / 8)
 

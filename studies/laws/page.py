@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import saf_gen
-from saf_gen.core.files import write_atomically, write_text_atomically
+from saf_gen.core.files import atomic_file, write_text
 from studies.laws.law import FALSE_ALARM, Comparison, Finding, Law, Plot
 
 PAGE, PICTURES = "validation.md", "pictures"
@@ -29,7 +29,7 @@ def write_page(laws: Sequence[Law], findings: Mapping[str, Finding], *, folder: 
     for law, found in shown:
         if found.plot is not None:
             draw_plot(found.plot, folder / PICTURES / _picture(law))
-    write_text_atomically(folder / PAGE, "\n".join(_lines(shown, quick=quick)) + "\n")
+    write_text(folder / PAGE, "\n".join(_lines(shown, quick=quick)) + "\n")
     return folder / PAGE
 
 
@@ -169,5 +169,5 @@ def draw_plot(plot: Plot, path: Path) -> None:
         axes.legend(fontsize=6.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     drawn = BytesIO()
     figure.savefig(drawn, format="png")
-    with write_atomically(path) as part, Image.open(drawn) as picture:
+    with atomic_file(path) as part, Image.open(drawn) as picture:
         picture.convert("RGB").quantize(48).save(part, format="png", optimize=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.camera.counting_law import pixel_noise_per_spike
+from saf_gen.camera.counting_law import noise_per_spike
 from saf_gen.camera.sensor import Sensor
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, compare_mean
 from studies.laws.scenes import even_panel, gain_of_rate, glowing_panel
@@ -229,7 +229,7 @@ def _lost_at_the_cap(charge: float, sensor: Sensor) -> float:
     Close to saturation, within the noise, a pixel that has just fired may hold more than that. Charge then diffuses
     over the cap, by at most σ²/2 per spike: half the variance of a threshold, for a uniform density.
     """
-    return pixel_noise_per_spike(sensor) / 2 if sensor.saturation == "subtract" and charge > 0.9 else 0.0
+    return noise_per_spike(sensor) / 2 if sensor.saturation == "subtract" and charge > 0.9 else 0.0
 
 
 _TOLERANCE = (

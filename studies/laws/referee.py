@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.camera import get_sensor
-from saf_gen.camera.counting_law import pixel_noise_per_spike
+from saf_gen.camera.counting_law import noise_per_spike
 from saf_gen.camera.sensor import Sensor
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, Skipped, compare_estimate
 from studies.laws.scenes import even_panel, gain_of_rate
@@ -135,7 +135,7 @@ def _check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
     theirs = _judge_flat_fields(pairs, stacks, saturated=len(RATES) - 1)
     # The two workloads have different devices, which follow from the seeds of their recipes, so each is compared with
     # our figures from the same windows.
-    ours = _our_figures(stacks[photons[bright]], stacks[0.0], per_spike=pixel_noise_per_spike(sensor))
+    ours = _our_figures(stacks[photons[bright]], stacks[0.0], per_spike=noise_per_spike(sensor))
     seen = np.array([np.mean(pairs[photons[name]]) for name in levels]) - np.mean(pairs[0.0])
     law = _law_of_series(np.array([np.mean(pairs[photons[name]]) for name in (bright, "dark")]), photons, sensor=sensor)
     used = seen <= 0.7 * seen[-1]  # up to 70 % of saturation, as in the standard

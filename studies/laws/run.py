@@ -14,7 +14,7 @@ from pathlib import Path
 
 import saf_gen
 from saf_gen.core.extras import RENDERER, require_extra
-from saf_gen.core.files import check_folder_writable, write_text_atomically
+from saf_gen.core.files import check_writable, write_text
 from saf_gen.errors import SafGenError, unknown
 from studies.laws import convergence, dispersion, light, noise, optics, radiometry, referee, truth
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, Skipped
@@ -71,7 +71,7 @@ def check_laws(
     BadInput
         If the folder cannot be written.
     """
-    check_folder_writable(folder)
+    check_writable(folder)
     code = fingerprint()[:12]
     for other in (folder / KEPT).glob("*"):  # findings and datasets of other code are of no use
         if not other.name.startswith(code):
@@ -82,7 +82,7 @@ def check_laws(
         file = home / f"{law.name}.json"
         findings[law.name] = found = _read(file) if file.is_file() else _find(law, maker, quick=quick)
         if not found.reason:
-            write_text_atomically(file, json.dumps(asdict(found), ensure_ascii=False))
+            write_text(file, json.dumps(asdict(found), ensure_ascii=False))
         show(law, found)
     maker.clear()
     return findings

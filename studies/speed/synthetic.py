@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from saf_gen.camera import Encoder, Sensor, encoder_knot_weights, get_sensor
+from saf_gen.camera import Encoder, Sensor, get_sensor, knot_weights
 from saf_gen.core import seeds
 from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.stream_writer import StreamWriter
@@ -42,7 +42,7 @@ def encode_sweep(
 
     Recordings with different values of ``number`` have independent noise.
     """
-    index, fraction = encoder_knot_weights(_sweep(frames), charge.shape[1])
+    index, fraction = knot_weights(_sweep(frames), charge.shape[1])
     gain = _gain(light, frames)
     encoder = Encoder(sensor, charge.shape[2:], seed=seeds.derive_seed("bench", "encoder", number))
     for begin in range(0, frames, BLOCK):

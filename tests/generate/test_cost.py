@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from saf_gen.generate.cost import MachineRates, simulate_plan_on_machines
+from saf_gen.generate.cost import MachineRates, simulate_machines
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 
@@ -62,7 +62,7 @@ def test_machines_wait_for_stacks_and_for_the_scheduler():
     """By hand: a stack of 10 s, 8 recordings of 1 s. One machine of two renders; both record 4 once it is there."""
 
     def seconds(*works, machines, rates=NO_OVERHEAD):
-        return simulate_plan_on_machines(works, record_s=1.0, machines=machines, rates=rates)
+        return simulate_machines(works, record_s=1.0, machines=machines, rates=rates)
 
     assert [seconds((10.0, 8), machines=n) for n in (1, 2, 100)] == [18, 14, 11]
     assert seconds((10.0, 4), (10.0, 4), machines=2) == 14

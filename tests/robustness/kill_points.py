@@ -43,8 +43,8 @@ from planted_sweeps import list_streams, write_sweep
 from small_dataset import SCENES, SMALL_RECIPE
 
 from saf_gen.benchmark import kept_sequences
-from saf_gen.benchmark.records import benchmark_record_to_json, read_records
-from saf_gen.benchmark.tuned_method import read_method_with_constants
+from saf_gen.benchmark.records import read_records, record_to_json
+from saf_gen.benchmark.tuned_method import read_tuned
 from saf_gen.cli import main, root_command
 from saf_gen.errors import BadInput
 from saf_gen.generate import run as generate_run
@@ -114,7 +114,7 @@ def state_of_stream(path: Path) -> Any:
 
 def state_of_records(folder: Path) -> Any:
     """Return the records without the seconds that they took."""
-    return [{k: v for k, v in benchmark_record_to_json(r).items() if k not in TIMED} for r in read_records(folder)]
+    return [{k: v for k, v in record_to_json(r).items() if k not in TIMED} for r in read_records(folder)]
 
 
 def state_of_dataset(folder: Path) -> Any:
@@ -133,7 +133,7 @@ def state_of_bytes(path: Path) -> Any:
 
 
 def state_of_tuned(path: Path) -> Any:
-    return read_method_with_constants(path)
+    return read_tuned(path)
 
 
 TRY = ("--method", "sd+argmax", "--try", "search.window=100,200")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from handmade_records import record
 
-from saf_gen.benchmark.records import write_benchmark_records
+from saf_gen.benchmark.records import write_records
 from studies.ranking.agreement import agreement, main
 
 
@@ -31,7 +31,7 @@ def write(tmp_path):
 
     def write_evaluation(name, records):
         (tmp_path / name).mkdir()
-        write_benchmark_records(tmp_path / name / "records.jsonl", records)
+        write_records(tmp_path / name / "records.jsonl", records)
         return tmp_path / name
 
     return write_evaluation

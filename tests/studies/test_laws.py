@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from saf_gen.camera.counting_law import pixel_count_probabilities, pixel_count_variance
+from saf_gen.camera import counting_law
 from saf_gen.errors import SafGenError
 from studies.laws import run
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, Skipped, compare_chi_squared, compare_mean
@@ -206,9 +206,9 @@ def test_chi_squared_is_refused_at_both_ends():
 def test_the_variance_of_counts_is_that_of_the_package_and_of_the_probabilities(per_spike):
     means = np.array([0.01, 0.5, 1.0, 7.25, 40.0, 613.0])
     found = count_variance(means, means * per_spike)
-    np.testing.assert_allclose(found, pixel_count_variance(means, means * per_spike), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found, counting_law.count_variance(means, means * per_spike), rtol=1e-9, atol=1e-12)
     for mean, variance in zip(means.tolist(), found.tolist(), strict=True):
-        numbers, probabilities = pixel_count_probabilities(mean, mean * per_spike)
+        numbers, probabilities = counting_law.count_probabilities(mean, mean * per_spike)
         assert variance == pytest.approx(float((probabilities * (numbers - mean) ** 2).sum()), rel=1e-6)
 
 
@@ -217,4 +217,4 @@ def test_covariances_of_windows_add_up_to_the_variance_of_the_long_window():
     lags, per_spike = np.arange(50), 1e-3
     covariance = autocovariance(40, lags, rate=0.2, per_spike=per_spike)
     total = float((np.where(lags == 0, 1, 2) * (50 - lags) * covariance).sum())
-    assert total == pytest.approx(float(pixel_count_variance(400.0, 400.0 * per_spike)), rel=1e-9)
+    assert total == pytest.approx(float(counting_law.count_variance(400.0, 400.0 * per_spike)), rel=1e-9)

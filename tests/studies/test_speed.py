@@ -236,7 +236,7 @@ def test_bytes_that_the_system_does_not_count_are_a_remark(monkeypatch):
 
 
 def test_without_llvm_the_stack_bench_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(backend, "probe_render_backends", lambda: backend.BackendProbe(None, False))
+    monkeypatch.setattr(backend, "probe_backends", lambda: backend.BackendProbe(None, False))
     with pytest.raises(BadInput, match="install LLVM"):
         stack.set_up_scene(SMALL.sensor)
 
