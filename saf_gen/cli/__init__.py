@@ -28,7 +28,6 @@ from saf_gen.cli import (
     leaderboard_commands,
     machine_commands,
     method_commands,
-    plan_command,
     recipe_commands,
     scene_commands,
     sensor_commands,
@@ -36,7 +35,6 @@ from saf_gen.cli import (
     stream_commands,
     submit_commands,
     tune_commands,
-    validate_commands,
     view_command,
 )
 from saf_gen.cli._examples import help_ending
@@ -59,13 +57,10 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "export": stream_commands.export_command,
     "inspect": stream_commands.inspect_command,
     "view": view_command.view_command,
-    "plan": plan_command.plan_command,
     "verify": dataset_commands.verify_command,
     "pack": sharing_commands.pack_command,
     "fetch": sharing_commands.fetch_command,
-    "validate": validate_commands.validate_command,
     "init": machine_commands.init_command,
-    "bench": machine_commands.bench_command,
     "doctor": machine_commands.doctor_command,
 }
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
@@ -76,8 +71,6 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "new": scene_commands.new_scene_command,
             "check": scene_commands.check_scenes_command,
             "preview": scene_commands.preview_command,
-            "gallery": scene_commands.gallery_command,
-            "schema": scene_commands.scene_schema_command,
         },
     ),
     "dataset": ("Make a dataset from existing streams.", {"index": stream_commands.index_command}),
@@ -86,7 +79,6 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {
             "list": recipe_commands.list_recipes_command,
             "check": recipe_commands.check_recipe_command,
-            "schema": recipe_commands.recipe_schema_command,
             "seal": recipe_commands.seal_command,
             "unseal": recipe_commands.unseal_command,
         },
@@ -102,21 +94,16 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "leaderboard": (
-        "Merge evaluations into one ranking, rank methods on SAF's recordings, compare rankings, and verify rows.",
+        "Merge evaluations into one ranking, rank methods on SAF's recordings, and verify rows.",
         {
             "merge": leaderboard_commands.merge_command,
-            "compare": leaderboard_commands.compare_rankings_command,
             "saf": leaderboard_commands.rank_on_saf_folder_command,
             "verify": leaderboard_commands.verify_evaluation_command,
         },
     ),
     "submit": (
-        "Submit a method: create a submission, check it, or write a page of all submissions.",
-        {
-            "new": submit_commands.new_submission_command,
-            "check": submit_commands.check_submission_command,
-            "page": submit_commands.submissions_page_command,
-        },
+        "Submit a method: create a submission, or check it.",
+        {"new": submit_commands.new_submission_command, "check": submit_commands.check_submission_command},
     ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",
@@ -130,7 +117,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "validate", "fetch", "evaluate", "tune", "leaderboard saf"),
+        ("generate", "fetch", "evaluate", "tune", "leaderboard saf"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN),

@@ -126,15 +126,6 @@ def append_sensor_to_ranked_sequences(runs: Mapping[str, Sequence[Record]]) -> M
     return {run: [name_sensor(record) for record in group] for run, group in runs.items()}
 
 
-def describe_ranked_data(records: Sequence[Record]) -> frozenset[tuple[str, str, str]]:
-    """Return the statements of records that must agree within a table, as (property, subject, value).
-
-    Code digests are left out, because they belong to one method. See `_claims` for the properties.
-    """
-    claims = (claim for record in records for claim in _claims(record, "", is_only_run=False))
-    return frozenset((what, subject, value) for what, subject, value, _ in claims if what != "code digest")
-
-
 def _claims(record: Record, run: str, *, is_only_run: bool) -> Iterator[tuple[str, str, str, str]]:
     """Yield (property, subject, value, source) for each property in which records must agree.
 
