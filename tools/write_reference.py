@@ -45,8 +45,7 @@ from saf_gen.cli import app
 from saf_gen.core.config import registry
 from saf_gen.core.config.field_docs import field_docs
 from saf_gen.errors import BadInput
-from saf_gen.generate.recipe import Recipe
-from saf_gen.generate.recipe_schema import recipe_schema
+from saf_gen.generate.recipe import Recipe, recipe_schema
 from saf_gen.leaderboard.axes import AXES
 from saf_gen.leaderboard.columns import list_leaderboard_columns
 from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS

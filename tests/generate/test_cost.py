@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from saf_gen.generate.cost import MachineRates, simulate_machines
+from saf_gen.generate.plan import MachineRates, make_plan, simulate_machines
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 
@@ -36,12 +36,13 @@ def test_a_stack_is_counted_once_and_a_recording_for_each_sequence(tmp_path, mor
     path = tmp_path / "many.yaml"
     path.write_text(RECIPE.format(more=more, motion=motion))
     work = resolve_recipe(path)
-    left = work.estimate_work(tmp_path / "new")
-    assert (left.stacks, left.recordings) == (stacks, len(work.sequences))
+    plan = make_plan(work, tmp_path / "new")
+    left = plan.estimate()
+    assert (len(plan.to_render), len(plan.unrecorded)) == (stacks, len(work.sequences))
     overhead = left.seconds - left.render_s - left.record_s - MachineRates().start_s
-    jobs = (left.stacks + left.recordings) * MachineRates().job_s
-    assert overhead == pytest.approx(jobs + left.recordings * MachineRates().sequence_s, rel=1e-6)
-    many = work.estimate_work(tmp_path / "new", workers=2, machines=8)
+    jobs = (len(plan.to_render) + len(plan.unrecorded)) * MachineRates().job_s
+    assert overhead == pytest.approx(jobs + len(plan.unrecorded) * MachineRates().sequence_s, rel=1e-6)
+    many = plan.estimate(workers=2, machines=8)
     assert many.render_s == left.render_s
     assert many.record_s < left.record_s
     assert left.seconds / 8 < many.seconds < left.seconds
@@ -50,11 +51,13 @@ def test_a_stack_is_counted_once_and_a_recording_for_each_sequence(tmp_path, mor
 def test_what_is_there_costs_nothing(small_recipe, test_scenes, tmp_path):
     work, folder = resolve_recipe(small_recipe), tmp_path / "ds"
     generate(work, folder)
-    left = work.estimate_work(folder)
-    assert (left.stacks, left.recordings, left.seconds) == (0, 0, 0.0)
+    plan = make_plan(work, folder)
+    left = plan.estimate()
+    assert (len(plan.to_render), len(plan.unrecorded), left.seconds) == (0, 0, 0.0)
     (folder / work.sequences[0].planned.file).unlink()
-    left = work.estimate_work(folder)
-    assert (left.stacks, left.recordings, left.render_s) == (0, 1, 0.0)
+    plan = make_plan(work, folder)
+    left = plan.estimate()
+    assert (len(plan.to_render), len(plan.unrecorded), left.render_s) == (0, 1, 0.0)
     assert left.seconds > MachineRates().start_s
 
 

@@ -57,12 +57,7 @@ CHANGES = ("fsync", "rename", "replace", "unlink", "remove", "rmdir")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMED = ("seconds",)
 LOADED = {
-    "generate": (
-        "mitsuba",
-        "saf_gen.authoring.preview",
-        "saf_gen.generate.coarse_sampling",
-        "saf_gen.render.second_render",
-    ),
+    "generate": ("mitsuba", "saf_gen.authoring.preview", "saf_gen.generate.resolve", "saf_gen.render.second_render"),
     "tune": ("saf_gen.leaderboard.tuning", "saf_gen.plugins.searches", "scipy.signal"),
     "import": ("saf_gen.stream.interop",),
     "export": ("saf_gen.stream.interop",),
