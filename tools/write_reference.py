@@ -423,7 +423,7 @@ def _entries(title: str, body: str) -> str:
 
 
 NAMES = """
-PlannedSequence ResolvedRecipe SceneFamily SceneCard RenderSetup SensorGrid FocalStack StackSpec
+PlannedSequence ResolvedRecipe SceneFamily Plan SceneCard RenderSetup SensorGrid FocalStack StackSpec
 StackStore TimeResolvedStack Grain StackGrain RecordedGrain PlaneSource ChargeSource Sensor Encoder
 FixedPattern Recording StreamRecording EncodedRecording SpikeStatistics PatternStatistics
 DarkStatistics SensorFit Estimate ResponseFit PatternFit DarkFit LightVariation Recorder SpikeStream

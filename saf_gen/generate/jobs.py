@@ -1,6 +1,5 @@
 """The jobs that make a dataset, as values that can be sent to another process."""
 
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -234,6 +233,7 @@ class JobOrder:
     def __init__(self, plan: Plan, recorder: Recorder, *, workers: int, choose_backend: Callable[[], str]) -> None:
         self._plan, self._stacks = plan, plan.folder / "stacks"
         self._recorder, self._workers, self._choose_backend = recorder, workers, choose_backend
+        self._ids = frozenset(s.planned.id for s in plan.sequences)
         self._finished: set[str] = set()
         self._rendered_again: set[TimeResolvedStack] = set()
 
@@ -284,25 +284,12 @@ class JobOrder:
             for s in users
         ]
 
-    @cached_property
-    def _deletable_by_user(self) -> dict[str, list[frozenset[str]]]:
-        """The keys of ``Plan.deletable``, by the id of each sequence in them."""
-        found: defaultdict[str, list[frozenset[str]]] = defaultdict(list)
-        for users in self._plan.deletable:
-            for user in users:
-                found[user].append(users)
-        return found
-
-    @cached_property
-    def _ids_of_this_run(self) -> frozenset[str]:
-        return frozenset(s.planned.id for s in self._plan.sequences)
-
     def _jobs_that_delete(self, just_finished: str) -> list[Job]:
         """Return jobs that delete each group of slices whose recordings in this run are all made."""
         return [
-            self._delete_job(users, self._plan.deletable[users])
-            for users in self._deletable_by_user.get(just_finished, ())
-            if users & self._ids_of_this_run <= self._finished
+            self._delete_job(users, specs)
+            for users, specs in self._plan.deletable.items()
+            if just_finished in users and users & self._ids <= self._finished
         ]
 
     def _jobs_that_delete_unrecorded(self) -> list[Job]:

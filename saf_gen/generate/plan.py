@@ -243,18 +243,15 @@ class Plan:
         if self.keep_slices == "all":
             return {}
         users: defaultdict[StackSpec, set[str]] = defaultdict(set)
-        kept: set[StackSpec] = set()
         for sequence in self.resolved.all_sequences:
             for spec in sequence.time_stack.specs if sequence.time_stack.is_moving else ():
                 users[spec].add(sequence.planned.id)
-            for spec in sequence.closed_loop_slices.specs if sequence.closed_loop_slices else ():
-                users[spec] |= set()
-                if self.keep_slices == "closed-loop":
-                    kept.add(spec)
+        slices = [s.closed_loop_slices for s in self.resolved.all_sequences if s.closed_loop_slices]
+        of_loop = dict.fromkeys(spec for stack in slices for spec in stack.specs)
         groups: defaultdict[frozenset[str], list[StackSpec]] = defaultdict(list)
-        for spec in users:
-            if spec not in kept:
-                groups[frozenset(users[spec])].append(spec)
+        for spec in dict.fromkeys([*users, *of_loop]):
+            if self.keep_slices == "none" or spec not in of_loop:
+                groups[frozenset(users.get(spec, ()))].append(spec)
         return groups
 
     def estimate(self, *, workers: int = 1, machines: int = 1) -> WorkEstimate:

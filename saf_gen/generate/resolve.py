@@ -31,7 +31,7 @@ from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_
 
 @dataclass(frozen=True)
 class SceneFamily:
-    """The facts about a scene that a plan needs, from its card.
+    """The facts about a scene from which sequences are drawn, from its card.
 
     Attributes
     ----------
