@@ -315,13 +315,13 @@ def _stacks_to_render(
     found = {
         stack: specs
         for stack, users in by_stack.items()
-        if (specs := missing(stack)) and not _is_recorded(stack, users, folder)
+        if (specs := missing(stack)) and not _is_recorded(stack, users, folder=folder)
     }
     slices = {s.closed_loop_slices: None for users in by_stack.values() for s in users if keep_slices != "none"}
     return found | {stack: specs for stack in slices if stack and stack not in found and (specs := missing(stack))}
 
 
-def _is_recorded(stack: TimeResolvedStack, users: list[ResolvedSequence], folder: Path) -> bool:
+def _is_recorded(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
     """Return whether all time slices have notes and all recordings are made; spikes are not read."""
     if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
         return False
