@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import traceback
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -40,7 +41,7 @@ from saf_gen.cli._examples import help_ending
 from saf_gen.cli._terminal import out, print_error
 from saf_gen.core.cores import check_address_space
 from saf_gen.core.user_code import describe_exit
-from saf_gen.errors import SafGenError
+from saf_gen.errors import BadInput, SafGenError
 
 __all__ = ["app", "main", "root_command"]
 
@@ -133,6 +134,10 @@ class _Command(TyperCommand):
     def get_params(self, ctx: Any) -> list[Any]:
         return _hide_type_of_flags(super().get_params(ctx))
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        _refuse_repeated_options(self.make_parser(ctx).parse_args(args=list(args))[2])
+        return super().parse_args(ctx, args)
+
 
 class _Group(TyperGroup):
     def get_params(self, ctx: Any) -> list[Any]:
@@ -144,6 +149,13 @@ class _GroupThatTakesArguments(_Group):
         command = GROUPS_THAT_TAKE_ARGUMENTS[str(self.name)]
         named = args and (args[0] in self.commands or args[0] in ("-h", "--help"))
         return super().parse_args(ctx, args if named or not args else [command, *args])
+
+
+def _refuse_repeated_options(given: list[Any]) -> None:
+    """Raise BadInput if an option that has one value is given more than once; the parser would keep the last value."""
+    for param, count in Counter(given).items():
+        if count > 1 and param.param_type_name == "option" and not (param.multiple or param.is_flag):
+            raise BadInput(f"{param.opts[0]} is given {count} times", allowed="once")
 
 
 def _hide_type_of_flags(params: list[Any]) -> list[Any]:

@@ -99,7 +99,7 @@ def generate_command(
     )
     if result.freed_bytes:
         out.print(f"{result.freed_bytes / 1e6:,.0f} MB of time slices deleted (--keep-slices {keep_slices})")
-    out.print(f"dataset: {target}   (next: saf-gen evaluate {target})")
+    out.print(f"dataset: {target}   (next: {result.manifest.next_command(target)})", soft_wrap=True)
     if result.without_diffraction:
         out.print("rendered without diffraction: only the variants llvm and cuda support it")
     for name, problem in result.failed.items():

@@ -9,7 +9,7 @@ import typer
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
 from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars, terminal_reporter
-from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, protocol_from_options
+from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, name_splits, protocol_from_options
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -40,7 +40,9 @@ def merge_command(
     if folder is not None:
         evaluation = Evaluation(records=board.records, sweeps=(), failures=(), plugins=describe_recorded(board.records))
         written = write_evaluation_report(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
-    print_leaderboard(board, records=board.records, title=f"{board.size}, {len(runs)} evaluations")
+    splits = dict.fromkeys(record.split for record in board.records if record.split is not None)
+    title = f"{board.size}, {len(runs)} evaluations{f', {name_splits(splits)}' if splits else ''}"
+    print_leaderboard(board, records=board.records, title=title)
     if written is not None:
         print_written_paths(written)
 

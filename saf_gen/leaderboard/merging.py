@@ -51,10 +51,12 @@ def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Reco
     Raises
     ------
     BadInput
-        If two runs or methods differ in track, evaluator version, protocol, data, region or code, or in properties
-        of a sequence; if a method lacks a sequence; if two runs give different answers for the same method and
-        sequence; or if a run holds two records of one method on one sequence. The message names both sides.
+        If two runs differ in the splits that they ranked; if two runs or methods differ in track, evaluator version,
+        protocol, data, region or code, or in properties of a sequence; if a method lacks a sequence; if two runs give
+        different answers for the same method and sequence; or if a run holds two records of one method on one sequence.
+        The message names both sides.
     """
+    _check_same_splits(runs)
     runs = append_sensor_to_ranked_sequences(runs)
     first_records: dict[tuple[str, str], tuple[str, Record]] = {}
     first_claims: dict[tuple[str, str], tuple[str, str]] = {}
@@ -81,6 +83,22 @@ def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Reco
                 hint="run saf-gen evaluate for all methods on one dataset and split",
             )
     return [first_records[s, m][1] for s in sequences for m in methods]
+
+
+def _check_same_splits(runs: Mapping[str, Sequence[Record]]) -> None:
+    """Raise BadInput if two runs ranked different splits; streams that were evaluated one by one belong to none."""
+    ranked = {
+        run: tuple(dict.fromkeys(r.split for r in records if r.split is not None)) for run, records in runs.items()
+    }
+    named = [(run, splits) for run, splits in ranked.items() if splits]
+    for run, splits in named[1:]:
+        if set(splits) != set(named[0][1]):
+            sides = (f"{' and '.join(some):.60} in {one}" for one, some in (named[0], (run, splits)))
+            raise BadInput(
+                f"the splits differ: {', '.join(sides)}",
+                allowed="the same splits in all evaluations",
+                hint=f"{_HINT}, with --split",
+            )
 
 
 def append_sensor_to_ranked_sequences(runs: Mapping[str, Sequence[Record]]) -> Mapping[str, Sequence[Record]]:

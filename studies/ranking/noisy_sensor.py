@@ -24,6 +24,7 @@ from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.generate.shipped_recipes import find_recipe
 from saf_gen.leaderboard import rank_methods
+from saf_gen.stream.manifest import ALL_SPLITS
 
 SENSORS = "vidar_400x250", "vidar_400x250_noisy"
 METHODS = {"sad_core": "recorded.txt", "claims": "claims.txt"}
@@ -39,7 +40,8 @@ def record_and_judge(recipe: str, sensor: str, *, folder: Path, methods: Sequenc
         written = folder / f"{Path(sensor).stem}.yaml"
         written.write_text(json.dumps(data, indent=1))
         generate(resolve_recipe(written), folder / "dataset")
-        write_text(kept, format_records(evaluate(folder / "dataset", methods=methods).records))
+        found = evaluate(folder / "dataset", methods=methods, split=ALL_SPLITS)
+        write_text(kept, format_records(found.records))
     return read_records(kept)
 
 

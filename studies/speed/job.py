@@ -15,6 +15,7 @@ from saf_gen.generate.run import GenerationResult, generate
 from saf_gen.generate.shipped_recipes import find_recipe
 from saf_gen.leaderboard import rank_methods, write_leaderboard
 from saf_gen.leaderboard.report import write_report
+from saf_gen.stream.manifest import ALL_SPLITS
 from studies.speed.bench import Figure, Size, main, timed
 
 MAX_S = 120.0
@@ -48,8 +49,8 @@ def _generate(recipe: Path, folder: Path) -> GenerationResult:
 
 
 def _rank(folder: Path) -> None:
-    """Evaluate a dataset and write its leaderboard and page, as ``saf-gen evaluate`` does."""
-    result, target = evaluate(folder), folder / "evaluation"
+    """Evaluate all splits of a dataset, and write its leaderboard and page, as ``saf-gen evaluate`` does."""
+    result, target = evaluate(folder, split=ALL_SPLITS), folder / "evaluation"
     for failure in result.failures:
         raise SafGenError(f"{failure.sequence} could not be evaluated: {failure.problem}")
     rows = rank_methods(result.records)
