@@ -7,10 +7,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from saf_gen.camera.sensor import Sensor
-from saf_gen.optics.exact_otf import exact_otf
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, Skipped, compare_mean
 from studies.laws.scenes import glowing_edge, strips_behind_bar
-from studies.laws.theory import charge_of_rate, charge_per_radiance, off_axis
+from studies.laws.theory import charge_of_rate, charge_per_radiance, exact_otf, off_axis
 from studies.laws.workload import DatasetMaker, MadeDataset, Workload, WrittenScene, only_scenes, sensor_with_noise
 
 DEPTH_M, EDGE_M, F_NUMBER = 0.5, 0.006, 1.4
