@@ -6,7 +6,6 @@
 
 from collections.abc import Callable, Iterator
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok
 from saf_gen.authoring.checks.focus_reach import check_family, check_reach, out_of_reach
 from saf_gen.authoring.checks.licence import check_licence
 from saf_gen.authoring.checks.picture_grain import check_grain
@@ -18,11 +17,11 @@ from saf_gen.authoring.checks.target_detail import check_detail
 from saf_gen.authoring.checks.target_illuminance import check_exposure
 from saf_gen.authoring.checks.target_motion import check_motion
 from saf_gen.camera import Sensor
+from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import Scene
 
 __all__ = [
-    "SceneFinding",
     "SceneUnderTest",
     "check_curve",
     "check_detail",
@@ -36,7 +35,7 @@ __all__ = [
     "check_units",
 ]
 
-CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]], ...] = (
+CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[Finding]], ...] = (
     check_units,
     check_reach,
     check_exposure,
@@ -51,7 +50,7 @@ CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]]
 
 def check_scene(
     scene: Scene, sensor: Sensor, *, backend: str = "auto", progress: Callable[[float], None] = lambda done: None
-) -> Iterator[SceneFinding]:
+) -> Iterator[Finding]:
     """Yield the findings of all checks as they are made.
 
     If a check cannot be completed, for example because the scene cannot be built, its finding is an error, and checks
@@ -70,15 +69,15 @@ def check_scene(
 
     Yields
     ------
-    SceneFinding
+    Finding
     """
     yield from check_licence(scene)
     subject = SceneUnderTest(scene, sensor, backend=backend)
     try:
         shapes = subject.renderer.prepare().mitsuba_scene.shapes()
-        yield scene_check_ok("geometry", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
+        yield Finding("geometry", "ok", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
     except BadInput as problem:
-        yield scene_check_error("geometry", str(problem))
+        yield Finding("geometry", "error", str(problem))
         return
     progress(0.1)
     try:
@@ -90,5 +89,5 @@ def check_scene(
         try:
             yield from check(subject)
         except BadInput as problem:
-            yield scene_check_error(check.__name__.removeprefix("check_scene_"), str(problem))
+            yield Finding(check.__name__.removeprefix("check_"), "error", str(problem))
         progress(0.1 + 0.9 * n / len(CHECKS_OF_BUILT_SCENES))

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
-from saf_gen.authoring.checks import SceneFinding, check_scene
+from saf_gen.authoring.checks import check_scene
 from saf_gen.camera import Sensor
 from saf_gen.core.execution import ReportProgress
+from saf_gen.core.finding import Finding
 from saf_gen.scene.scene_folder import Scene
 
 
@@ -25,5 +26,5 @@ class CheckSceneJob:
     def wants_gpu(self) -> bool:
         return self.backend in ("auto", "cuda")
 
-    def run(self, report: ReportProgress) -> tuple[SceneFinding, ...]:
+    def run(self, report: ReportProgress) -> tuple[Finding, ...]:
         return tuple(check_scene(self.scene, self.sensor, backend=self.backend))

@@ -9,16 +9,16 @@ import math
 from collections.abc import Iterator, Mapping
 
 from saf_gen.authoring import scene_grain
-from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SLOW_SAMPLES, SceneUnderTest
 from saf_gen.authoring.scene_grain import BEST_FOCUS, PositionGrain
+from saf_gen.core.finding import Finding
 from saf_gen.render.scene_renderer import SceneRenderer
 
 SAMPLES = scene_grain.STILL_SAMPLES // 8
 POSITIONS = 33  # in a stack over the whole travel, their number has little effect on the grain at each position
 
 
-def check_grain(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_grain(subject: SceneUnderTest) -> Iterator[Finding]:
     """Compare the grain at the usual numbers of samples, at rest and in time slices, with the goals."""
     full_renderer = subject.renderer
     sensor = scene_grain.crop_sensor(subject.sensor, subject.depth_and_target.target)
@@ -52,7 +52,7 @@ def check_grain(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     yield _compare_with_goals(moving, samples=slice_samples, usual=scene_grain.SLICE_SAMPLES, moving=True)
 
 
-def _compare_with_goals(found: Mapping[str, PositionGrain], *, samples: int, usual: int, moving: bool) -> SceneFinding:
+def _compare_with_goals(found: Mapping[str, PositionGrain], *, samples: int, usual: int, moving: bool) -> Finding:
     """Return the finding for ``usual`` samples, from grain that was measured with ``samples``."""
     fraction = samples / usual
     rms = found[BEST_FOCUS].box.rms.value * math.sqrt(fraction)
@@ -60,12 +60,12 @@ def _compare_with_goals(found: Mapping[str, PositionGrain], *, samples: int, usu
     text = f"{what}, {usual} samples per pixel: noise of {rms:.2g} of the mean at best focus"
     figures = list(_figures_with_goals(found, fraction=fraction, moving=moving))
     if not figures:
-        return scene_check_ok("grain", f"{text}; the target's box has no contrast to compare it with")
+        return Finding("grain", "ok", f"{text}; the target's box has no contrast to compare it with")
     over_goal, worst = max(figures)
     if over_goal <= 1:
-        return scene_check_ok("grain", f"{text}, {worst}")
+        return Finding("grain", "ok", f"{text}, {worst}")
     enough = 2 ** math.ceil(math.log2(usual * over_goal))
-    return scene_check_warning("grain", f"{text}, {worst}: use {key}: {enough} in a recipe, or larger lamps")
+    return Finding("grain", "warning", f"{text}, {worst}: use {key}: {enough} in a recipe, or larger lamps")
 
 
 def _figures_with_goals(

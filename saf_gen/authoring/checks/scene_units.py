@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
+from saf_gen.core.finding import Finding
 
 UNITS = {
     "millimetres": 1e-3,
@@ -20,7 +20,7 @@ MIN_PIXELS = 500  # of a target
 MAX_FIELDS = 3.0  # half fields of view; a unit that puts the target farther off the axis is not suggested
 
 
-def check_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_units(subject: SceneUnderTest) -> Iterator[Finding]:
     """Check how large the target is, how far away it is, and how much of the frame it fills."""
     seen = subject.depth_and_target
     size = np.ptp(subject.renderer.bounds(*subject.scene.card.target), axis=0)
@@ -30,11 +30,11 @@ def check_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         f"the whole scene {_lengths(np.ptp(subject.renderer.bounds(), axis=0))}"
     )
     if seen.target.sum() < MIN_PIXELS:
-        yield scene_check_warning(
-            "units", f"{text}: {seen.target.sum()} pixels are too few to focus on, move the camera nearer"
+        yield Finding(
+            "units", "warning", f"{text}: {seen.target.sum()} pixels are too few to focus on, move the camera nearer"
         )
     else:
-        yield scene_check_ok("units", text)
+        yield Finding("units", "ok", text)
 
 
 def suggest_unit(subject: SceneUnderTest) -> str:

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
+from saf_gen.core.finding import Finding
 from saf_gen.core.region import bounding_box
 from saf_gen.stack.focal_stack import FocalStack
 
@@ -14,11 +14,11 @@ MIN_RIVAL = 0.8  # of the peak
 MIN_CONTRAST = 1.2  # the peak divided by the lowest value
 
 
-def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_curve(subject: SceneUnderTest) -> Iterator[Finding]:
     """Check how far the peak is from the true focus, in depths of focus, and whether there are other peaks."""
     focus, curve = subject.stack.spec.focus, _target_sharpness(subject, subject.stack)
     if not curve.max() > 0:
-        yield scene_check_error("curve", "the target's box has no sharpness: it is dark or uniform")
+        yield Finding("curve", "error", "the target's box has no sharpness: it is dark or uniform")
         return
     half = subject.half_depth_of_focus
     near, fine = subject.near_stacks[0].spec.focus, _target_sharpness(subject, subject.near_stacks[0])
@@ -30,15 +30,17 @@ def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     contrast = curve.max() / curve.min()
     other = "something else in the target's box is sharper there: move it, or give the target more contrast"
     if off > FAR:
-        yield scene_check_error("curve", f"{text}: {other}")
+        yield Finding("curve", "error", f"{text}: {other}")
     elif off > CLOSE:
-        yield scene_check_warning("curve", f"{text}: {other}")
+        yield Finding("curve", "warning", f"{text}: {other}")
     elif contrast < MIN_CONTRAST:
-        yield scene_check_warning(
-            "curve", f"{text}; the peak is only {contrast:.2f} times the lowest value: add contrast, or open the lens"
+        yield Finding(
+            "curve",
+            "warning",
+            f"{text}; the peak is only {contrast:.2f} times the lowest value: add contrast, or open the lens",
         )
     else:
-        yield scene_check_ok("curve", f"{text}; the peak is {contrast:.3g} times the lowest value")
+        yield Finding("curve", "ok", f"{text}; the peak is {contrast:.3g} times the lowest value")
     rivals = [
         k
         for k in range(1, len(curve) - 1)
@@ -47,8 +49,10 @@ def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     ]
     if rivals:
         k = max(rivals, key=lambda k: curve[k])
-        yield scene_check_warning(
-            "curve", f"a second peak at {focus[k]:.3f} of the travel is {curve[k] / curve.max():.0%} as high: {other}"
+        yield Finding(
+            "curve",
+            "warning",
+            f"a second peak at {focus[k]:.3f} of the travel is {curve[k] / curve.max():.0%} as high: {other}",
         )
 
 

@@ -13,10 +13,9 @@ from typing import Self
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_ok, scene_check_warning
-from saf_gen.authoring.checks._scene_finding import scene_check_error as error_finding
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.authoring.checks.target_motion import RECORDING_S
+from saf_gen.core.finding import Finding
 from saf_gen.core.region import bounding_box, region_shape
 from saf_gen.scene.keyframes import motion_end_s
 from saf_gen.scene.scene_folder import EDGE_POWER
@@ -62,7 +61,7 @@ class SliceMismatch:
         return cls(square, float(np.sqrt(noise.mean() / noise.size)) / mean**2)
 
 
-def check_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_slices(subject: SceneUnderTest) -> Iterator[Finding]:
     """Compare the error of interpolating between slices with the card's ``interpolation_error``."""
     card = subject.scene.card
     if not subject.renderer.motions or card.slices_per_s is None:
@@ -70,9 +69,9 @@ def check_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     found = {time_s: error for time_s in _times(subject) if (error := _measure_mismatch(subject, time_s))}
     dark = [time_s for time_s, error in found.items() if np.isnan(error.mean_square)]
     if dark:
-        finding = error_finding if len(dark) == len(found) else scene_check_warning
-        yield finding(
+        yield Finding(
             "slices",
+            "error" if len(dark) == len(found) else "warning",
             f"the target's box is black at {dark[0]:.3g} s, so slices cannot be compared: turn a lamp to it, "
             "or give the scene light from all sides",
         )
@@ -85,16 +84,17 @@ def check_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     stated = card.interpolation_error
     upper = _round_up(error.rms(SIGMAS))
     if stated is None:
-        yield scene_check_warning("slices", f"{text}: write interpolation_error: {upper:g} on the card")
+        yield Finding("slices", "warning", f"{text}: write interpolation_error: {upper:g} on the card")
     elif error.rms(-SIGMAS) > stated:
         sufficient = card.slices_per_s * (error.rms() / stated) ** (1 / EDGE_POWER)
-        yield scene_check_warning(
+        yield Finding(
             "slices",
+            "warning",
             f"{text}, the card says {stated:.2%}: write slices_per_s: {np.ceil(sufficient):.0f}, or "
             f"interpolation_error: {upper:g}",
         )
     else:
-        yield scene_check_ok("slices", f"{text}, the card says {stated:.2%}")
+        yield Finding("slices", "ok", f"{text}, the card says {stated:.2%}")
 
 
 def _measure_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import NEAR, SceneUnderTest
+from saf_gen.core.finding import Finding
 from saf_gen.stack.focal_stack import FocalStack
 
 BLUR = 3.0  # pixels
@@ -47,7 +47,7 @@ class TargetDetail:
     noise: float
 
 
-def check_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_detail(subject: SceneUnderTest) -> Iterator[Finding]:
     """Check the contrast and blur loss of the target, the size of its texels, and its noise."""
     focus, (low, high) = subject.near_stacks[0].spec.focus, subject.depth_of_focus
     offset = min(BLUR * (high - low) / 2, max(subject.true_focus - focus[0], focus[-1] - subject.true_focus))
@@ -60,42 +60,43 @@ def check_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     )
     size = float(np.median(texels)) if texels.size else float("nan")
     if size > MAX_TEXEL:
-        yield scene_check_warning(
+        yield Finding(
             "detail",
+            "warning",
             f"a texel of the target covers {size:.2g} pixels: use an image with {2 * size:.2g} times the "
             "texels along each side, or repeat it more often",
         )
     elif texels.size:
-        yield scene_check_ok("detail", f"a texel of the target covers {size:.2g} pixels")
+        yield Finding("detail", "ok", f"a texel of the target covers {size:.2g} pixels")
     yield _check_noise(subject, detail, texel=size)
 
 
-def _check_contrast(subject: SceneUnderTest, detail: TargetDetail, *, blur: float) -> SceneFinding:
+def _check_contrast(subject: SceneUnderTest, detail: TargetDetail, *, blur: float) -> Finding:
     pixel_mm = subject.pixel_footprint_m * 1e3
     loss = f"a blur of {blur:.2g} pixels removes {detail.blur_loss:.1%} of its square"
     text = f"contrast {detail.contrast:.2g}, {loss}"
     wanted = f"details of {pixel_mm:.3g} to {5 * pixel_mm:.3g} mm; a pixel sees {pixel_mm:.3g} mm"
     if not detail.contrast > MIN_CONTRAST:
-        return scene_check_error(
-            "detail", f"the target has almost no contrast ({detail.contrast:.2g}): give it {wanted}"
+        return Finding(
+            "detail", "error", f"the target has almost no contrast ({detail.contrast:.2g}): give it {wanted}"
         )
     if not detail.blur_loss > MIN_LOSS:
-        return scene_check_error("detail", f"{text}: it shows no defocus, give it {wanted}")
+        return Finding("detail", "error", f"{text}: it shows no defocus, give it {wanted}")
     if detail.blur_loss < WEAK_LOSS:
-        return scene_check_warning("detail", f"{text}: its focus curve is flat, give it {wanted}")
-    return scene_check_ok("detail", text)
+        return Finding("detail", "warning", f"{text}: its focus curve is flat, give it {wanted}")
+    return Finding("detail", "ok", text)
 
 
-def _check_noise(subject: SceneUnderTest, detail: TargetDetail, *, texel: float) -> SceneFinding:
+def _check_noise(subject: SceneUnderTest, detail: TargetDetail, *, texel: float) -> Finding:
     noise = detail.noise * np.sqrt(subject.near_stacks[0].spec.samples / USUAL_SAMPLES)
     text = f"noise is {noise:.2g} of the contrast at {USUAL_SAMPLES} samples per pixel"
     if not noise > MAX_NOISE:
-        return scene_check_ok("detail", text)
+        return Finding("detail", "ok", text)
     small = texel < MIN_TEXEL
     cause = f"texels of {texel:.2g} pixels" if small else "detail much finer than a pixel, or small lamps"
     samples = USUAL_SAMPLES * (noise / MAX_NOISE) ** 2
     remedy = f"render {samples:,.0f} samples" if np.isfinite(noise) else "give it contrast"
-    return scene_check_warning("detail", f"{text} ({cause}): use coarser detail or larger lamps, or {remedy}")
+    return Finding("detail", "warning", f"{text} ({cause}): use coarser detail or larger lamps, or {remedy}")
 
 
 def _measure_detail(first: FocalStack, second: FocalStack, *, truth: float, offset: float) -> TargetDetail:

@@ -5,8 +5,8 @@ from itertools import product
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
+from saf_gen.core.finding import Finding
 from saf_gen.scene.keyframes import motion_end_s
 
 MOMENTS = 9
@@ -14,14 +14,12 @@ RECORDING_S = 1.0  # 20,000 frames
 MAX_STEP, PROPOSED_STEP = 2.0, 1.0  # pixels from one time slice to the next
 
 
-def check_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_motion(subject: SceneUnderTest) -> Iterator[Finding]:
     """Check the target at a few moments, and compare the speed of the fastest shape with the time slices."""
     renderer, card = subject.renderer, subject.scene.card
     if not renderer.motions:
         if card.slices_per_s is not None:
-            yield scene_check_warning(
-                "motion", "the card has slices_per_s, but nothing moves: remove it, or add motion"
-            )
+            yield Finding("motion", "warning", "the card has slices_per_s, but nothing moves: remove it, or add motion")
         return
     times = _times(subject)
     lost, positions = [], []
@@ -32,41 +30,43 @@ def check_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         else:
             lost.append(time_s)
     if not positions:
-        yield scene_check_error(
-            "motion", "the target is never in the frame while it moves: check motion, camera and target"
+        yield Finding(
+            "motion", "error", "the target is never in the frame while it moves: check motion, camera and target"
         )
         return
     text = f"in focus from {min(positions):.3f} to {max(positions):.3f} of the travel"
     if lost:
-        yield scene_check_warning(
-            "motion", f"the target has left the frame at {lost[0]:.3g} s: shorten its path, or let it turn back"
+        yield Finding(
+            "motion",
+            "warning",
+            f"the target has left the frame at {lost[0]:.3g} s: shorten its path, or let it turn back",
         )
     elif min(positions) < 0 or max(positions) > 1:
-        yield scene_check_warning("motion", f"{text}: it leaves the lens's reach, shorten its path in depth")
+        yield Finding("motion", "warning", f"{text}: it leaves the lens's reach, shorten its path in depth")
     else:
-        yield scene_check_ok("motion", text)
+        yield Finding("motion", "ok", text)
     name, pixels_per_s = _find_fastest_shape(subject, times)
     yield _check_speed(subject, name, pixels_per_s=pixels_per_s)
 
 
-def _check_speed(subject: SceneUnderTest, name: str, *, pixels_per_s: float) -> SceneFinding:
+def _check_speed(subject: SceneUnderTest, name: str, *, pixels_per_s: float) -> Finding:
     slices = subject.scene.card.slices_per_s
     if not name:
         moving = ", ".join(repr(name) for name in subject.renderer.motions)
         text = f"no shape moves, only {moving}"
         if slices is None:
             how = "write slices_per_s on the card, and the check measures the error of interpolation"
-            return scene_check_warning("motion", f"{text}, but recordings show it at rest: {how}")
-        return scene_check_ok("motion", f"{text}; slices_per_s: {slices:g}")
+            return Finding("motion", "warning", f"{text}, but recordings show it at rest: {how}")
+        return Finding("motion", "ok", f"{text}; slices_per_s: {slices:g}")
     write = f"with slices_per_s: {max(1, round(pixels_per_s / PROPOSED_STEP))} it moves a pixel per slice"
     text = f"{name!r} moves at up to {pixels_per_s:,.0f} pixels per second"
     if slices is None:
-        return scene_check_warning("motion", f"{text}, but recordings show it at rest: {write}")
+        return Finding("motion", "warning", f"{text}, but recordings show it at rest: {write}")
     text += f", {pixels_per_s / slices:.2g} pixels per time slice"
     return (
-        scene_check_warning("motion", f"{text}: {write}")
+        Finding("motion", "warning", f"{text}: {write}")
         if pixels_per_s > MAX_STEP * slices
-        else scene_check_ok("motion", text)
+        else Finding("motion", "ok", text)
     )
 
 

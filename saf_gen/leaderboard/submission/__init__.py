@@ -1,13 +1,12 @@
 """Submissions: folders with a method or its answers, an evaluation of it, and the statements of its authors."""
 
 from saf_gen.leaderboard.submission.card import SubmissionCard, create_submission
-from saf_gen.leaderboard.submission.checks import SubmissionFinding, check_submission
+from saf_gen.leaderboard.submission.checks import check_submission
 from saf_gen.leaderboard.submission.listing import ListedSubmission, SubmissionList, SubmissionTable, list_submissions
 
 __all__ = [
     "ListedSubmission",
     "SubmissionCard",
-    "SubmissionFinding",
     "SubmissionList",
     "SubmissionTable",
     "check_submission",

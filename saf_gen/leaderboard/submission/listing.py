@@ -8,16 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
+from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard.merging import describe_ranked_data
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.submission.card import CARD_FILE, SubmissionCard, read_submission
-from saf_gen.leaderboard.submission.checks import (
-    EVALUATION,
-    SubmissionFinding,
-    check_submission,
-    select_records_of_submission,
-)
+from saf_gen.leaderboard.submission.checks import EVALUATION, check_submission, select_records_of_submission
 from saf_gen.leaderboard.verification import CLAIMED, read_leaderboard_row_states
 
 NO_ANSWERS = "no answers"
@@ -33,7 +29,7 @@ class ListedSubmission:
         Name of its folder.
     card : SubmissionCard
         Its card.
-    findings : tuple of SubmissionFinding
+    findings : tuple of Finding
         Findings of the checks.
     state : str
         ``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``, or ``no answers`` if no answers can be read.
@@ -43,7 +39,7 @@ class ListedSubmission:
 
     name: str
     card: SubmissionCard
-    findings: tuple[SubmissionFinding, ...]
+    findings: tuple[Finding, ...]
     state: str
     records: tuple[Record, ...]
 
