@@ -16,7 +16,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("*.md", "docs/**/*.md", "benchmarks/**/*.md", "scenes/*/SOURCE.md", "datasets/README.md")
+PAGES = ("*.md", "docs/**/*.md", "studies/**/*.md", "scenes/*/SOURCE.md", "datasets/README.md")
 LINK = re.compile(r"\]\(([^)\s#]+)")
 LOADING = {"img": "src", "script": "src", "iframe": "src", "source": "src", "video": "src"}
 """Attributes from which elements load resources, by tag."""

@@ -432,8 +432,7 @@ StreamWriter Truth KeptCounts NetworkPolicy
 Manifest SequenceEntry Capture Actuator ActuatedLens Light Motion Measure Search
 View Answer BrightnessNormalised IntervalTexture ReadableStream WindowPictures Timeline WindowCounts
 RecordingView SweepView RunningCamera CapturedFrames ClosedLoopProtocol ClosedLoopRun SequenceTask
-Judgement Record AutofocusEnv LeaderboardRow AxisTable Check Comparison Verdict Workload
-DatasetMaker BadInput
+Judgement Record AutofocusEnv LeaderboardRow AxisTable BadInput
 """
 """Classes that the glossary lists, in the order of the chain from recipe to leaderboard."""
 

@@ -2,14 +2,5 @@
 
 from saf_gen.leaderboard.submission.card import SubmissionCard, create_submission
 from saf_gen.leaderboard.submission.checks import check_submission
-from saf_gen.leaderboard.submission.listing import ListedSubmission, SubmissionList, SubmissionTable, list_submissions
 
-__all__ = [
-    "ListedSubmission",
-    "SubmissionCard",
-    "SubmissionList",
-    "SubmissionTable",
-    "check_submission",
-    "create_submission",
-    "list_submissions",
-]
+__all__ = ["SubmissionCard", "check_submission", "create_submission"]
