@@ -136,7 +136,7 @@ def _check_on_cluster(
     scenes: "list[Scene]", camera: "Sensor", *, variant: str, address: str
 ) -> "Iterator[tuple[Scene, Finding]]":
     """Yield the findings of each scene as workers return them; workers need access to the folders of the scenes."""
-    from saf_gen.authoring.checks.check_job import CheckSceneJob
+    from saf_gen.authoring.checks import CheckSceneJob
     from saf_gen.core.execution import Cluster, run_jobs
     from saf_gen.core.finding import Finding
 
@@ -171,7 +171,7 @@ def preview_command(
 ) -> None:
     """Draw a contact sheet of a scene: images, depth, light groups, histogram, focus curves, family."""
     with defer_interrupts():
-        from saf_gen.authoring.preview.scene_sheet import preview_scene
+        from saf_gen.authoring.scene_sheet import preview_scene
         from saf_gen.camera import get_sensor
 
     scene, camera = _scene(name), get_sensor(sensor)

@@ -87,7 +87,7 @@ def test_scenes_are_checked_on_a_cluster_with_the_same_findings(test_scenes, clu
         yield Finding("detail", "warning", f"{scene.id} under {sensor.rows} rows with {how['backend']}")
 
     monkeypatch.setattr("saf_gen.authoring.checks.check_scene", check_scene)
-    monkeypatch.setattr("saf_gen.authoring.checks.check_job.check_scene", check_scene)
+    monkeypatch.setattr("saf_gen.authoring.checks.check_scene", check_scene)
     options = ("scenes", "check", "plane", "workbench", "--json", "--variant", "scalar")
     code, found, err = call(*options, "--cluster", cluster_address)
     by_scene = {finding["scene"]: finding for finding in json.loads(found)}
