@@ -215,7 +215,7 @@ def scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
 def _read_parts(path: Path) -> Sequence[MeshPart]:
     if path.suffix.lower() in CONVERTED_MESHES:
         return convert_mesh(path)
-    from saf_gen.render.mesh_extent import mesh_extent  # loads Mitsuba
+    from saf_gen.render.mitsuba_scene import mesh_extent  # loads Mitsuba
 
     file = f"meshes/mesh{path.suffix.lower()}"
     return [MeshPart("mesh", {file: path.read_bytes()}, file, "", (0.6, 0.6, 0.6), mesh_extent(path))]

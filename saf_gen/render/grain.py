@@ -151,10 +151,10 @@ def measure_still(
 
     def render(run: int) -> dict[str, np.ndarray]:
         stack = renderer.render_stack(seen, positions=positions, samples=samples, run=run)
-        return {name: _mix(stack, round(position * (positions - 1)), seen) for name, position in at.items()}
+        return {name: _mix(stack, round(position * (positions - 1)), seen=seen) for name, position in at.items()}
 
     first, second = render(1), render(2)
-    return {name: _compare(first[name], second[name], seen) for name in at}
+    return {name: _compare((first[name], second[name]), seen) for name in at}
 
 
 def measure_slices(
@@ -187,16 +187,16 @@ def measure_slices(
     """
     size = {"positions": positions, "samples": samples}
     return {
-        name: _compare(*render_slice_twice(renderer, seen, position, **size, time_s=time_s, step_s=step_s), seen)
-        for name, position in at.items()
+        name: _compare(render_slice_twice(renderer, seen, position=x, **size, time_s=time_s, step_s=step_s), seen)
+        for name, x in at.items()
     }
 
 
 def render_slice_twice(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
-    position: float,
     *,
+    position: float,
     positions: int,
     samples: int,
     time_s: float | None = None,
@@ -223,15 +223,15 @@ def render_slice_twice(
         )
         for run in (1, 2)
     )
-    return _mix(one, nearer, seen), _mix(other, nearer, seen)
+    return _mix(one, nearer, seen=seen), _mix(other, nearer, seen=seen)
 
 
-def _mix(stack: FocalStack, plane: int, seen: DepthAndTarget) -> np.ndarray:
+def _mix(stack: FocalStack, plane: int, *, seen: DepthAndTarget) -> np.ndarray:
     """Return the target's box in a focus plane with all lights on, float64 (row, col)."""
     rows, columns = bounding_box(seen.target)
     return stack.radiance[:, plane, rows, columns].sum(axis=0, dtype=np.float64)
 
 
-def _compare(first: np.ndarray, second: np.ndarray, seen: DepthAndTarget) -> TargetGrain:
+def _compare(pair: tuple[np.ndarray, np.ndarray], seen: DepthAndTarget) -> TargetGrain:
     mask = seen.target[bounding_box(seen.target)]
-    return TargetGrain(estimate_grain(first, second), estimate_grain(first, second, mask=mask))
+    return TargetGrain(estimate_grain(*pair), estimate_grain(*pair, mask=mask))

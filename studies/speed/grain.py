@@ -119,10 +119,10 @@ def _correlate_slices(
     """
     from saf_gen.render.grain import render_slice_twice
 
-    earlier = render_slice_twice(renderer, seen, position, time_s=time_s, step_s=step_s, **size)
+    earlier = render_slice_twice(renderer, seen, position=position, time_s=time_s, step_s=step_s, **size)
     for steps in LATER_SLICES:
         at_s = time_s + steps * step_s
-        later = render_slice_twice(renderer, seen, position, time_s=at_s, step_s=step_s, **size)
+        later = render_slice_twice(renderer, seen, position=position, time_s=at_s, step_s=step_s, **size)
         yield steps, correlate_grain(earlier, later)
 
 
