@@ -66,7 +66,7 @@ def draw_contact_sheets():
 
     def write_empty(resolved, folder):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("saf_gen.authoring.preview.write_preview", _write_empty_sheet)
+            patch.setattr("saf_gen.authoring.contact_sheet.write_preview", _write_empty_sheet)
             real(resolved, folder)
 
     with pytest.MonkeyPatch.context() as patch:

@@ -385,7 +385,7 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
         patch.chdir(folder)
         patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
         patch.setattr("saf_gen.calibration.fit_files.draw_fit", lambda fit: [])
-        patch.setattr("saf_gen.authoring.checks.scene_under_test.NEAR_SAMPLES", 4)
+        patch.setattr("saf_gen.authoring.checks.subject.NEAR_SAMPLES", 4)
         for name in ("FLAT_FRAMES", "DARK_FRAMES"):
             patch.setattr(f"saf_gen.calibration.comparison.{name}", 400)
         for name, value in environment.items():

@@ -3,7 +3,6 @@
 import sys
 from collections import Counter
 from contextlib import redirect_stdout
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,14 +10,15 @@ from rich.table import Table
 from rich.text import Text
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table, to_objects
-from saf_gen.cli._terminal import AsJson, err, out
+from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, err, out
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
-    from saf_gen.benchmark.conformance import CheckResult
+    from saf_gen.core.finding import Finding
 
 COST_MEANING = "additions, multiplications and roots per pixel, for 400 x 250 pixels if it depends on their number"
-STYLES = {"pass": "green", "warn": "yellow", "fail": "bold red"}
+WORDS = {"ok": "pass", "warning": "warn", "error": "fail"}
+"""Word for each level of a finding about a method."""
 
 
 def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> None:
@@ -98,20 +98,24 @@ def check_method_command(
             results.append(result)
             status.update(Text(f"check {name}: {result.part}, {result.check}"))
     if as_json:
-        lines = [{"name": name, **asdict(result)} for result in results]
-        print_json(lines)
+        print_json([_to_object(name, result) for result in results])
     else:
         _print_results(name, results)
-    if any(result.level == "fail" for result in results):
+    if any(result.level == "error" for result in results):
         raise typer.Exit(1)
 
 
-def _print_results(name: str, results: "list[CheckResult]") -> None:
+def _print_results(name: str, results: "list[Finding]") -> None:
     columns = TableColumn("part"), TableColumn("check", folds=True), TableColumn("")
     print_table(
         [*columns, TableColumn("what was seen", folds=True), TableColumn("what to do", folds=True)],
-        [(r.part, r.check, Text(r.level, STYLES[r.level]), r.seen, r.to_do) for r in results],
+        [(r.part, r.check, Text(WORDS[r.level], LEVEL_STYLES[r.level]), r.text, r.to_do) for r in results],
         title=name,
     )
     levels: Counter[str] = Counter(result.level for result in results)
-    out.print(f"{len(results)} checks: " + ", ".join(f"{levels[level]} {level}" for level in STYLES))
+    out.print(f"{len(results)} checks: " + ", ".join(f"{levels[level]} {word}" for level, word in WORDS.items()))
+
+
+def _to_object(name: str, result: "Finding") -> dict[str, str]:
+    seen = {"level": WORDS[result.level], "seen": result.text, "to_do": result.to_do}
+    return {"name": name, "part": result.part, "check": result.check, **seen}

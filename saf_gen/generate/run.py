@@ -259,7 +259,7 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -
 
 def _write_previews(resolved: ResolvedRecipe, folder: Path) -> None:
     """Write the missing contact sheets of still scenes whose focal stacks are complete."""
-    from saf_gen.authoring.preview import write_preview  # loads matplotlib, which a dry run does not need
+    from saf_gen.authoring.contact_sheet import write_preview  # loads matplotlib, which a dry run does not need
 
     for stack in resolved.sequences_by_stack():
         spec = stack.specs[0]

@@ -18,7 +18,7 @@ from refusals import refusal
 
 from saf_gen import get_measure, get_motion, get_search
 from saf_gen.benchmark.conformance import check_measure, check_search
-from saf_gen.benchmark.conformance._check_result import CheckFailure
+from saf_gen.benchmark.conformance._check_runner import CheckFailure
 from saf_gen.benchmark.conformance._declaration_checks import check_class
 from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, bell
 from saf_gen.core.config import registry
@@ -37,7 +37,7 @@ WARNINGS = {
 
 
 def faults(results):
-    return [result for result in results if result.level != "pass"]
+    return [result for result in results if result.level != "ok"]
 
 
 def check_motion(motion, *, first=None):
@@ -99,7 +99,7 @@ def test_a_registered_measure_conforms_on_textures(name):
 @pytest.mark.slow
 def test_a_registered_search_conforms(name):
     found = faults(check_search(get_search(name)))
-    assert [f for f in found if f.level == "fail"] == []
+    assert [f for f in found if f.level == "error"] == []
     assert [f.check for f in found] == WARNINGS.get(name, [])
 
 

@@ -59,9 +59,9 @@ TIMED = ("seconds",)
 LOADED = {
     "generate": (
         "mitsuba",
-        "saf_gen.authoring.preview",
+        "saf_gen.authoring.contact_sheet",
         "saf_gen.generate.coarse_sampling",
-        "saf_gen.render.second_render",
+        "saf_gen.render.grain",
     ),
     "tune": ("saf_gen.leaderboard.tuning", "saf_gen.plugins.searches", "scipy.signal"),
     "import": ("saf_gen.stream.interop",),

@@ -7,21 +7,21 @@ Every registered measure and search passes these checks in the tests of this pro
 
 from collections.abc import Iterator
 
-from saf_gen.benchmark.conformance._check_result import CheckResult
 from saf_gen.benchmark.conformance._check_runner import CheckLimits, run_checks
 from saf_gen.benchmark.conformance.estimating_search_checks import estimating_checks
 from saf_gen.benchmark.conformance.measure_checks import measure_checks
 from saf_gen.benchmark.conformance.method_checks import method_checks
 from saf_gen.benchmark.conformance.name_resolution import resolve_name
 from saf_gen.benchmark.method_spec import Method
+from saf_gen.core.finding import Finding
 from saf_gen.parts import Measure, Search, commands
 
-__all__ = ["CheckLimits", "CheckResult", "check_by_name", "check_measure", "check_method", "check_search"]
+__all__ = ["CheckLimits", "check_by_name", "check_measure", "check_method", "check_search"]
 
 LIMITS = CheckLimits()
 
 
-def check_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[Finding]:
     """Run the checks of a method, or of a single measure or search, and yield their results.
 
     Parameters
@@ -33,7 +33,7 @@ def check_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResu
 
     Yields
     ------
-    CheckResult
+    Finding
         Result of each check.
 
     Raises
@@ -48,12 +48,12 @@ def check_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResu
     return check_measure(plug_in, limits) if kind == "measures" else check_search(plug_in, limits)
 
 
-def check_measure(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_measure(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[Finding]:
     """Run the checks of a focus measure and yield their results."""
     return run_checks("measure", measure_checks(measure), limits=limits)
 
 
-def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[Finding]:
     """Run the checks of a search, some of which depend on whether it commands the lens, and yield their results."""
     if commands(search):
         # Imported here because this loads the reader of OpenEXR files.
@@ -63,14 +63,14 @@ def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[Check
     return run_checks("search", estimating_checks(search, limits), limits=limits)
 
 
-def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[Finding]:
     """Run the checks of the measure, of the search and, if neither fails, of both together; yield their results."""
     failed = False
     for results in (check_measure(method.measure, limits), check_search(method.search, limits)):
         for result in results:
-            failed |= result.level == "fail"
+            failed |= result.level == "error"
             yield result
     if failed:
-        yield CheckResult("method", "whole", "warn", "not run: the measure or the search fails", "correct that first")
+        yield Finding("whole", "warning", "not run: the measure or the search fails", "correct that first", "method")
         return
     yield from run_checks("method", method_checks(method, limits), limits=limits)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from saf_gen.benchmark.conformance._check_result import CheckFailure
+from saf_gen.benchmark.conformance._check_runner import CheckFailure
 from saf_gen.benchmark.tracks.search_run import answer_fault
 from saf_gen.parts import Answer
 

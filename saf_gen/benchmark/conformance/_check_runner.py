@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckResult, CheckWarning
+from saf_gen.core.finding import Finding
 from saf_gen.core.user_code import PassesUserCode, user_code
 
 Check = Callable[[], str]
@@ -48,24 +48,43 @@ class CheckLimits:
             raise LimitExceededError(f"did not end within {self.scores:,} scores")
 
 
+class CheckFailure(PassesUserCode):
+    """Error that a failing check raises, with its observation and the correction of the fault.
+
+    It is a BaseException, so that no ``except Exception`` in a plug-in or in the benchmark catches it.
+    """
+
+    level: Literal["warning", "error"] = "error"
+
+    def __init__(self, seen: str, to_do: str) -> None:
+        super().__init__(seen)
+        self.seen, self.to_do = seen, to_do
+
+
+class CheckWarning(CheckFailure):
+    """Error that a check raises if a warning is enough."""
+
+    level = "warning"
+
+
 class LimitExceededError(PassesUserCode):
     """Error for a plug-in that exceeds its limits; a BaseException, so that no ``except Exception`` catches it."""
 
 
-def run_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
+def run_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[Finding]:
     """Run checks one after the other and yield their results; a check that exceeds the limits ends the run."""
     for name, check in checks.items():
         try:
-            yield CheckResult(part, name, "pass", _run_within(check, limits))
+            yield Finding(name, "ok", _run_within(check, limits), part=part)
         except CheckFailure as fault:
-            yield CheckResult(part, name, fault.level, fault.seen, fault.to_do)
+            yield Finding(name, fault.level, fault.seen, fault.to_do, part)
         except LimitExceededError as late:
             seen = f"{late}; the remaining checks were skipped"
-            yield CheckResult(part, name, "fail", seen, "make every loop end, whatever the scores are")
+            yield Finding(name, "error", seen, "make every loop end, whatever the scores are", part)
             return
         except Exception as error:  # noqa: BLE001 a third-party plug-in may raise anything
             seen = describe_crash(error)
-            yield CheckResult(part, name, "fail", seen, "handle this case: no input may raise an exception")
+            yield Finding(name, "error", seen, "handle this case: no input may raise an exception", part)
 
 
 def describe_crash(error: BaseException) -> str:

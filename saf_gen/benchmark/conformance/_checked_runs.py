@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.benchmark.conformance._answer_checks import STATE_HINT, check_answer
-from saf_gen.benchmark.conformance._check_result import CheckFailure
-from saf_gen.benchmark.conformance._check_runner import CheckLimits, describe_crash
+from saf_gen.benchmark.conformance._check_runner import CheckFailure, CheckLimits, describe_crash
 from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, OVEREXPOSURE, make_scene
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop

@@ -3,7 +3,7 @@
 import inspect
 from dataclasses import is_dataclass
 
-from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
+from saf_gen.benchmark.conformance._check_runner import CheckFailure, CheckWarning
 from saf_gen.parts import cite_source
 
 

@@ -8,8 +8,7 @@ from functools import partial
 import numpy as np
 
 from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_same_answers
-from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
-from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
+from saf_gen.benchmark.conformance._check_runner import Check, CheckFailure, CheckLimits, CheckWarning
 from saf_gen.benchmark.conformance._checked_runs import (
     BUDGET_FRAMES,
     LIGHT_FACTORS,

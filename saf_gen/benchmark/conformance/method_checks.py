@@ -5,8 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from saf_gen.benchmark.conformance._answer_checks import check_answer_frame, check_same_answers
-from saf_gen.benchmark.conformance._check_result import CheckWarning
-from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
+from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits, CheckWarning
 from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, write_recordings
 from saf_gen.benchmark.conformance.estimating_search_checks import recording_length
 from saf_gen.benchmark.method_spec import Method

@@ -3,10 +3,8 @@
 import ast
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Literal
 
 from saf_gen.benchmark.method_spec import split_options, split_region
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
@@ -15,6 +13,7 @@ from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
 from saf_gen.benchmark.tuned_method import read_tuned
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.config.registry import names
+from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard.submission.card import SubmissionCard, read_submission
 from saf_gen.leaderboard.verification import DIFFERS, RERUN_HERE, read_leaderboard_row_states
@@ -24,16 +23,7 @@ EVALUATION = "evaluation"
 MAX_METHOD_BYTES = 1 << 22
 
 
-@dataclass(frozen=True)
-class SubmissionFinding:
-    """One line of the result of a check: its level, and what was found or what to do."""
-
-    check: str
-    level: Literal["ok", "warning", "error"]
-    text: str
-
-
-def check_submission(folder: Path, *, dataset: Path | None = None) -> Iterator[SubmissionFinding]:
+def check_submission(folder: Path, *, dataset: Path | None = None) -> Iterator[Finding]:
     """Check a submission and yield the findings; the submission is complete if none of them is an error.
 
     Parameters
@@ -45,7 +35,7 @@ def check_submission(folder: Path, *, dataset: Path | None = None) -> Iterator[S
 
     Yields
     ------
-    SubmissionFinding
+    Finding
         One or more for each check.
 
     Raises
@@ -62,47 +52,47 @@ def check_submission(folder: Path, *, dataset: Path | None = None) -> Iterator[S
     yield from _check_answers(card, folder, dataset=dataset)
     missing = [name.replace("_", " ") for name, stated in card.statements if not stated]
     if missing:
-        yield SubmissionFinding("statements", "error", f"not confirmed: {'; '.join(missing)}")
+        yield Finding("statements", "error", f"not confirmed: {'; '.join(missing)}")
     else:
-        yield SubmissionFinding("statements", "ok", "all three are confirmed")
+        yield Finding("statements", "ok", "all three are confirmed")
 
 
-def _check_card(card: SubmissionCard) -> Iterator[SubmissionFinding]:
+def _check_card(card: SubmissionCard) -> Iterator[Finding]:
     for key in ("title", "authors", "licence", "date"):
         if not getattr(card, key):
-            yield SubmissionFinding(key, "error", "empty: fill it in")
+            yield Finding(key, "error", "empty: fill it in")
     if card.date:
         try:
             date.fromisoformat(card.date)
-            yield SubmissionFinding("date", "ok", card.date)
+            yield Finding("date", "ok", card.date)
         except ValueError:
-            yield SubmissionFinding("date", "error", f"{card.date!r} is not a date; allowed: a date such as 2026-11-22")
+            yield Finding("date", "error", f"{card.date!r} is not a date; allowed: a date such as 2026-11-22")
     if card.licence and not re.fullmatch(r"[A-Za-z0-9.+-]+( (AND|OR|WITH) [A-Za-z0-9.+-]+)*", card.licence):
-        yield SubmissionFinding("licence", "error", f"{card.licence!r} is not an SPDX name such as Apache-2.0")
+        yield Finding("licence", "error", f"{card.licence!r} is not an SPDX name such as Apache-2.0")
 
 
-def _check_dataset(card: SubmissionCard, dataset: Path) -> Iterator[SubmissionFinding]:
+def _check_dataset(card: SubmissionCard, dataset: Path) -> Iterator[Finding]:
     name = read_manifest(dataset).name if dataset.is_dir() else dataset.stem
     if name != card.dataset:
-        yield SubmissionFinding("dataset", "error", f"the card names {card.dataset}, but {dataset} is {name}")
+        yield Finding("dataset", "error", f"the card names {card.dataset}, but {dataset} is {name}")
 
 
-def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[SubmissionFinding]:
+def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[Finding]:
     if bool(card.method) == bool(card.predictions):
         both = "method and predictions are both given" if card.method else "neither method nor predictions is given"
-        yield SubmissionFinding("method", "error", f"{both}: name one of the two")
+        yield Finding("method", "error", f"{both}: name one of the two")
     elif card.predictions:
         try:
             read_predictions(_file_of(folder, card.predictions))
-            yield SubmissionFinding("predictions", "ok", f"{card.predictions} can be read; its row will be a claim")
+            yield Finding("predictions", "ok", f"{card.predictions} can be read; its row will be a claim")
         except BadInput as error:
-            yield SubmissionFinding("predictions", "error", str(error))
+            yield Finding("predictions", "error", str(error))
     else:
         try:
             _check_method(card.method, folder)
-            yield SubmissionFinding("method", "ok", f"{card.method}; run its checks: saf-gen methods check")
+            yield Finding("method", "ok", f"{card.method}; run its checks: saf-gen methods check")
         except BadInput as error:
-            yield SubmissionFinding("method", "error", str(error))
+            yield Finding("method", "error", str(error))
 
 
 def _check_method(method: str, folder: Path) -> None:
@@ -148,65 +138,63 @@ def _file_of(folder: Path, name: str) -> Path:
     return file
 
 
-def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[SubmissionFinding]:
+def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[Finding]:
     if not card.constants:
         return
     try:
         tuned = read_tuned(_file_of(folder, card.constants))[0]
     except BadInput as error:
-        yield SubmissionFinding("constants", "error", str(error))
+        yield Finding("constants", "error", str(error))
         return
     if tuned.split == TEST_SPLIT:
-        yield SubmissionFinding("constants", "error", f"tuned on the split {tuned.split}: tune on train or validation")
+        yield Finding("constants", "error", f"tuned on the split {tuned.split}: tune on train or validation")
     else:
         tried = f"{len(tuned.trials)} trials on the split {tuned.split} of {tuned.dataset}"
-        yield SubmissionFinding("constants", "ok", f"{tried} gave {tuned.method}")
+        yield Finding("constants", "ok", f"{tried} gave {tuned.method}")
 
 
-def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) -> Iterator[SubmissionFinding]:
+def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) -> Iterator[Finding]:
     data = dataset or "DATASET"
     again = f"run saf-gen evaluate {data} --split {TEST_SPLIT} --out {folder / EVALUATION} with your method"
     tasks = None if dataset is None else {t.id for t in select_sequences_to_evaluate(dataset, split=TEST_SPLIT).tasks}
     if not (folder / EVALUATION / RECORDS_FILE).is_file():
-        yield SubmissionFinding("answers", "error", f"there is no {EVALUATION}/{RECORDS_FILE}: {again}")
+        yield Finding("answers", "error", f"there is no {EVALUATION}/{RECORDS_FILE}: {again}")
         return
     try:
         every = read_records(folder / EVALUATION)
     except BadInput as error:
-        yield SubmissionFinding("answers", "error", str(error))
+        yield Finding("answers", "error", str(error))
         return
     group = select_records_of_submission(every, card)
     if not group:
         rows = ", ".join(sorted({record.method for record in every}))
-        yield SubmissionFinding("answers", "error", f"there is no row of {card.method or card.name}, only of {rows}")
+        yield Finding("answers", "error", f"there is no row of {card.method or card.name}, only of {rows}")
         return
     yield from _check_records(group, card, tasks=tasks)
     state = read_leaderboard_row_states(folder / EVALUATION, every).get(group[0].method)
     if state == DIFFERS:
-        yield SubmissionFinding("verified", "error", f"answers differ when the method is run again: {again}")
+        yield Finding("verified", "error", f"answers differ when the method is run again: {again}")
     elif state == RERUN_HERE or card.predictions:
-        yield SubmissionFinding("verified", "ok", state or "answers of another program stay a claim")
+        yield Finding("verified", "ok", state or "answers of another program stay a claim")
     else:
         how = f"saf-gen leaderboard verify {folder / EVALUATION} --on {data}"
         named = f" --method {folder / card.method}" if ".py:" in card.method else ""
-        yield SubmissionFinding("verified", "warning", f"{state or 'nobody has run it again'}: {how}{named}")
+        yield Finding("verified", "warning", f"{state or 'nobody has run it again'}: {how}{named}")
 
 
-def _check_records(group: list[Record], card: SubmissionCard, *, tasks: set[str] | None) -> Iterator[SubmissionFinding]:
+def _check_records(group: list[Record], card: SubmissionCard, *, tasks: set[str] | None) -> Iterator[Finding]:
     sequences = {record.sequence for record in group}
     if any(record.track != card.track for record in group):
-        yield SubmissionFinding("answers", "error", f"their track is {group[0].track}, not {card.track}")
+        yield Finding("answers", "error", f"their track is {group[0].track}, not {card.track}")
     elif tasks is not None and sequences != tasks:
         odd = sorted(sequences ^ tasks)
-        yield SubmissionFinding(
+        yield Finding(
             "answers", "error", f"{len(sequences)} sequences, but {len(tasks)} in the dataset: {odd[0]} is not in both"
         )
     else:
         right = sum(record.success_1dof is True for record in group)
         complete = "all of the split" if tasks is not None else "compare them with the dataset: --on DATASET"
-        yield SubmissionFinding(
-            "answers", "ok", f"{len(sequences)} sequences ({complete}), {right} within 1 depth of focus"
-        )
+        yield Finding("answers", "ok", f"{len(sequences)} sequences ({complete}), {right} within 1 depth of focus")
 
 
 def select_records_of_submission(records: Iterable[Record], card: SubmissionCard) -> list[Record]:

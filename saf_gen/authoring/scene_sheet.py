@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.authoring.preview.contact_sheet import ContactSheet, draw_sheet
+from saf_gen.authoring.contact_sheet import ContactSheet, draw_sheet
 from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import is_range
 from saf_gen.render.render_setup import SensorGrid
