@@ -64,10 +64,10 @@ def draw_contact_sheets():
     """
     real = run._write_previews
 
-    def write_empty(resolved, folder):
+    def write_empty(plan):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("saf_gen.authoring.contact_sheet.write_preview", _write_empty_sheet)
-            real(resolved, folder)
+            real(plan)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "_write_previews", write_empty)

@@ -12,7 +12,7 @@ import pytest
 
 import saf_gen
 from saf_gen.errors import BadInput
-from saf_gen.generate.shipped_recipes import find_recipe, recipe_names
+from saf_gen.generate.recipe import find_recipe, recipe_names
 
 CHECKOUT = Path(saf_gen.__file__).resolve().parents[1]
 

@@ -16,8 +16,7 @@ from saf_gen.core.config.frozen_benchmarks import FILE_NAME, FrozenBenchmark, re
 from saf_gen.core.files import write_text
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput
-from saf_gen.generate.benchmark_digest import recipe_digest
-from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.resolve import recipe_digest, resolve_recipe
 
 
 def freeze(name: str) -> str:
@@ -30,7 +29,7 @@ def freeze(name: str) -> str:
     if name in frozen and frozen[name].digest != digest:
         raise BadInput(f"{name} was frozen on {frozen[name].since} with another digest", hint="choose another name")
     if name not in frozen:
-        counts = Counter(s.planned.split for s in resolved.plan)
+        counts = Counter(s.planned.split for s in resolved.all_sequences)
         frozen = {
             **frozen,
             name: FrozenBenchmark(digest=digest, since=datetime.now(UTC).date(), sequences=dict(counts)),

@@ -45,8 +45,7 @@ from saf_gen.cli import app
 from saf_gen.core.config import registry
 from saf_gen.core.config.field_docs import field_docs
 from saf_gen.errors import BadInput
-from saf_gen.generate.recipe import Recipe
-from saf_gen.generate.recipe_schema import recipe_schema
+from saf_gen.generate.recipe import Recipe, recipe_schema
 from saf_gen.leaderboard.axes import AXES
 from saf_gen.leaderboard.columns import list_leaderboard_columns
 from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS
@@ -424,7 +423,7 @@ def _entries(title: str, body: str) -> str:
 
 
 NAMES = """
-PlannedSequence ResolvedRecipe SceneFamily SceneCard RenderSetup SensorGrid FocalStack StackSpec
+PlannedSequence ResolvedRecipe SceneFamily Plan SceneCard RenderSetup SensorGrid FocalStack StackSpec
 StackStore TimeResolvedStack Grain StackGrain RecordedGrain PlaneSource ChargeSource Sensor Encoder
 FixedPattern Recording StreamRecording EncodedRecording SpikeStatistics PatternStatistics
 DarkStatistics SensorFit Estimate ResponseFit PatternFit DarkFit LightVariation Recorder SpikeStream

@@ -9,13 +9,11 @@ from rich.progress import TaskID
 from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import ClusterAddress, RecipeName, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
-from saf_gen.core.object_store import AnyPath, StorePath, find_path
+from saf_gen.core.object_store import find_path
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
-    from saf_gen.generate.plan import PlannedSequence
-    from saf_gen.generate.resolve import ResolvedRecipe
-    from saf_gen.generate.to_store import StorePlan
+    from saf_gen.generate.plan import Plan
 
 
 def generate_command(
@@ -43,30 +41,23 @@ def generate_command(
     if machines > 1 and not dry_run:
         raise BadInput(f"--machines is {machines}", allowed="with --dry-run alone", hint="start machines: --cluster")
     with defer_interrupts():
-        from saf_gen.generate.benchmark_digest import benchmark_name
-        from saf_gen.generate.coarse_sampling import coarse_sampling
-        from saf_gen.generate.job_order import validate_keep_slices
-        from saf_gen.generate.resolve import resolve_recipe
-        from saf_gen.generate.run import generate as make
-        from saf_gen.generate.to_store import generate_to_store, plan_for_store
+        from saf_gen.generate.plan import make_plan
+        from saf_gen.generate.resolve import coarse_sampling, resolve_recipe
+        from saf_gen.generate.run import run_plan
+        from saf_gen.generate.store import run_to_store
 
-    validate_keep_slices(keep_slices)
-    work = resolve_recipe(recipe, part=_parse_shard(shard), split=split)
-    benchmark_name(work)
-    target = find_path(folder or Path("datasets") / work.recipe.name)
-    store_plan = plan_for_store(work, target) if isinstance(target, StorePath) else None
-    to_render = store_plan.stacks if store_plan else work.stacks_to_render(Path(str(target)), keep_slices)
-    if to_render and not cluster:
+    resolved = resolve_recipe(recipe, part=_parse_shard(shard), split=split)
+    target = find_path(folder or Path("datasets") / resolved.recipe.name)
+    plan = make_plan(resolved, target, keep_slices=keep_slices)
+    if plan.to_render and not cluster:
         _warn_if_slow_renderer(variant, dry_run=dry_run)
-    for line in coarse_sampling(work):
+    for line in coarse_sampling(resolved):
         err.print(f"warning: {line}")
-    if store_plan and store_plan.upload_bytes:
-        size = store_plan.scratch_bytes
-        err.print(
-            f"scratch: at most about {_gigabytes(size)} in {store_plan.scratch}, deleted once the store has everything"
-        )
+    if plan.in_store and plan.sequences:
+        size = _gigabytes(plan.disk_bytes)
+        err.print(f"scratch: at most about {size} in {plan.folder}, deleted once the store has everything")
     if dry_run:
-        _print_plan(work, target, keep_slices=keep_slices, store_plan=store_plan, workers=workers, machines=machines)
+        _print_plan(plan, workers=workers, machines=machines)
         return
     with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
@@ -83,16 +74,8 @@ def generate_command(
                 bars.remove_task(tasks.pop(name))
                 err.print(f"done: {name}")
 
-        result = (generate_to_store if store_plan else make)(
-            work,
-            target,  # type: ignore[arg-type]  # each takes its own kind of path
-            workers=workers,
-            variant=variant,
-            cluster=cluster,
-            keep_slices=keep_slices,
-            report=report,
-            tell=err.print,
-        )
+        make = run_to_store if plan.in_store else run_plan
+        result = make(plan, workers=workers, variant=variant, cluster=cluster, report=report, tell=err.print)
     out.print(
         f"{len(result.recorded)} sequences recorded, {len(result.kept)} kept from before, "
         f"{len(result.rendered)} pieces of focal stacks rendered"
@@ -136,50 +119,31 @@ def _gigabytes(size: float) -> str:
     return f"{size / 1e9:.2f} GB"
 
 
-def _print_plan(
-    work: "ResolvedRecipe",
-    target: AnyPath,
-    *,
-    keep_slices: str,
-    store_plan: "StorePlan | None" = None,
-    workers: int,
-    machines: int,
-) -> None:
-    from saf_gen.generate.job_order import KEEP_SLICES
+def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
+    from saf_gen.generate.plan import KEEP_SLICES
 
-    def is_made(sequence: "PlannedSequence") -> bool:
-        return sequence.id in store_plan.in_store if store_plan else (target / sequence.file).exists()
-
-    planned, frames = [sequence.planned for sequence in work.sequences], f"{work.recipe.camera.frames:,}"
+    recipe, planned = plan.resolved.recipe, [sequence.planned for sequence in plan.resolved.sequences]
     columns = TableColumn("sequence"), TableColumn("split"), TableColumn("frames", drop_order=1)
+    frames = f"{recipe.camera.frames:,}"
     print_table(
         [*columns, TableColumn("seed", drop_order=2), TableColumn("exists")],
-        [(s.id, s.split, frames, str(s.seed), "yes" if is_made(s) else "no") for s in planned],
-        title=f"{work.recipe.name}: {len(planned)} sequences in {target}",
+        [(s.id, s.split, frames, str(s.seed), "yes" if s.id in plan.made else "no") for s in planned],
+        title=f"{recipe.name}: {len(planned)} sequences in {plan.target}",
         where_to_find="a wider terminal or a pipe shows them",
     )
-    here = Path(str(target))
-    if store_plan:
-        work, here = store_plan.missing, store_plan.scratch
-        missing = store_plan.stacks
-    else:
-        missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(here, keep_slices).items()]
-    out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all exist'}")
-    left = work.estimate_work(here, keep_slices, workers=workers, machines=machines)
-    needed = work.estimate_bytes(here, keep_slices)
-    sizes = {choice: work.kept_slice_bytes(choice) for choice in KEEP_SLICES}
-    if sizes["all"]:
-        listed = ", ".join(f"{choice} {_gigabytes(size)}" for choice, size in sizes.items())
-        out.print(f"time slices kept at the end: {listed}; chosen: --keep-slices {keep_slices}")
-    if store_plan:
-        out.print(f"to upload to {target}: about {_gigabytes(store_plan.upload_bytes)}")
-        needed = store_plan.scratch_bytes
+    out.print(f"focal stacks to render: {'; '.join(plan.labels) or 'none, all exist'}")
+    if plan.kept_bytes("all"):
+        listed = ", ".join(f"{choice} {_gigabytes(plan.kept_bytes(choice))}" for choice in KEEP_SLICES)
+        out.print(f"time slices kept at the end: {listed}; chosen: --keep-slices {plan.keep_slices}")
+    if plan.in_store:
+        out.print(f"to upload to {plan.target}: about {_gigabytes(plan.upload_bytes)}")
+    left = plan.estimate(workers=workers, machines=machines)
     out.print(
-        f"jobs: {left.stacks:,} to render, about {_time(left.render_s)} on one machine; "
-        f"{left.recordings:,} to record, about {_time(left.record_s)}"
+        f"jobs: {len(plan.to_render):,} to render, about {_time(left.render_s)} on one machine; "
+        f"{len(plan.unrecorded):,} to record, about {_time(left.record_s)}"
     )
     who = "two cores with LLVM" if machines == 1 else f"{machines} machines of two cores with LLVM"
-    out.print(f"disk still needed: about {_gigabytes(needed)}; time: about {_time(left.seconds)} on {who}")
+    out.print(f"disk still needed: about {_gigabytes(plan.disk_bytes)}; time: about {_time(left.seconds)} on {who}")
 
 
 def _time(seconds: float) -> str:

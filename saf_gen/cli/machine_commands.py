@@ -23,7 +23,7 @@ def init_command(
     recipes and scene cards, with which editors complete keys and mark mistakes.
     """
     from saf_gen.core.files import unwritable
-    from saf_gen.generate.recipe_schema import recipe_schema
+    from saf_gen.generate.recipe import recipe_schema
     from saf_gen.scene.card_schema import card_schema
     from saf_gen.scene.scene_folder import CARD_FILE
     from saf_gen.scene.trusted_folders import forget_folder, register_folder

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 
 def list_recipes_command(*, as_json: AsJson = False) -> None:
     """List the recipes that come with saf_gen; ``saf-gen generate NAME`` makes the dataset of one."""
-    from saf_gen.generate.recipe import read_recipe
-    from saf_gen.generate.shipped_recipes import find_recipe, recipe_names
+    from saf_gen.generate.recipe import find_recipe, read_recipe, recipe_names
 
     recipes = [read_recipe(find_recipe(name)) for name in recipe_names()]
     columns = TableColumn("recipe"), TableColumn("frames", justify="right")
@@ -32,15 +31,12 @@ def _format_splits(recipe: "Recipe") -> str:
 
 def check_recipe_command(recipe: RecipeName) -> None:
     """Check a recipe and the scenes, sensor and files that it names, without generating anything."""
-    from saf_gen.generate.benchmark_digest import benchmark_name, recipe_digest
-    from saf_gen.generate.coarse_sampling import coarse_sampling
-    from saf_gen.generate.resolve import resolve_recipe
+    from saf_gen.generate.resolve import coarse_sampling, recipe_digest, resolve_recipe
 
     work = resolve_recipe(recipe)
     for line in coarse_sampling(work):
         out.print(f"warning: {line}")
-    is_frozen = benchmark_name(work) != ""
-    digest = f"{recipe_digest(work):.12}{', a frozen benchmark' if is_frozen else ''}"
+    digest = f"{recipe_digest(work):.12}{', a frozen benchmark' if work.benchmark else ''}"
     out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}; digest {digest}")
 
 

@@ -1,15 +1,17 @@
 """The jobs that make a dataset, as values that can be sent to another process."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from saf_gen.core.cores import defer_interrupts, usable_cores
-from saf_gen.core.execution import ReportProgress
+from saf_gen.core.execution import Job, ReportProgress
 from saf_gen.core.files import undeletable, unwritable
-from saf_gen.generate.finished_recordings import recording_digest
-from saf_gen.generate.plan import PlannedSequence
-from saf_gen.generate.recorder import Recorder
+from saf_gen.generate.plan import Plan
+from saf_gen.generate.record import Recorder, recording_digest
+from saf_gen.generate.resolve import PlannedSequence
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
@@ -207,3 +209,97 @@ class ChooseBackendJob:
 
         chosen = backend.choose_backend(self.requested)
         return chosen, backend.can_render_waves(chosen)
+
+
+class JobOrder:
+    """The order of the jobs that a dataset folder still needs.
+
+    Missing stacks are rendered, and the recordings from each stack follow. A recording whose time slices were deleted
+    is read first, and the slices are rendered again only if its file is damaged. Slices that are not to be kept are
+    deleted once every recording of the recipe that needs them is made, in all splits and shards.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is missing.
+    recorder : Recorder
+        Records the sequences.
+    workers : int
+        Number of sequences that are recorded at a time.
+    choose_backend : callable
+        Returns the backend to render with; called at most once, when something must be rendered.
+    """
+
+    def __init__(self, plan: Plan, recorder: Recorder, *, workers: int, choose_backend: Callable[[], str]) -> None:
+        self._plan, self._stacks = plan, plan.folder / "stacks"
+        self._recorder, self._workers, self._choose_backend = recorder, workers, choose_backend
+        self._ids = frozenset(s.planned.id for s in plan.sequences)
+        self._finished: set[str] = set()
+        self._rendered_again: set[TimeResolvedStack] = set()
+
+    def first_jobs(self) -> list[Job]:
+        """Return the jobs that do not wait for another job."""
+        jobs: list[Job] = [self._render_job(stack) for stack in self._plan.to_render]
+        for stack in self._plan.by_stack:
+            if stack not in self._plan.to_render:
+                jobs += self._record_jobs(stack)
+        return [*jobs, *self._jobs_that_delete_unrecorded()]
+
+    def jobs_after(self, job: Job, result: Any) -> list[Job]:
+        """Return the jobs that may start now that ``job`` has succeeded with ``result``."""
+        if isinstance(job, RenderJob):
+            return self._record_jobs(job.time_stack)
+        if not isinstance(job, RecordJob):
+            return []
+        if result.lacks_slices:
+            if job.time_stack in self._rendered_again:
+                return []
+            self._rendered_again.add(job.time_stack)
+            return [self._render_job(job.time_stack)]
+        self._finished.add(job.sequence.id)
+        return self._jobs_that_delete(job.sequence.id)
+
+    @cached_property
+    def _backend(self) -> str:
+        return self._choose_backend()
+
+    def _render_job(self, stack: TimeResolvedStack) -> Job:
+        user, measure_grain = self._plan.users[stack], stack in self._plan.by_stack
+        return RenderJob(user.stack_label(stack), user.scene, stack, self._stacks, self._backend, measure_grain)
+
+    def _record_jobs(self, stack: TimeResolvedStack) -> list[Job]:
+        users = self._plan.by_stack.get(stack, [])
+        self._finished -= {s.planned.id for s in users}
+        digest = stack.digest(self._stacks) if users else ""
+        return [
+            RecordJob(
+                self._recorder,
+                s.planned,
+                stack,
+                self._stacks,
+                self._plan.folder / s.planned.file,
+                s.fingerprint(digest),
+                self._workers,
+            )
+            for s in users
+        ]
+
+    def _jobs_that_delete(self, just_finished: str) -> list[Job]:
+        """Return jobs that delete each group of slices whose recordings in this run are all made."""
+        return [
+            self._delete_job(users, specs)
+            for users, specs in self._plan.deletable.items()
+            if just_finished in users and users & self._ids <= self._finished
+        ]
+
+    def _jobs_that_delete_unrecorded(self) -> list[Job]:
+        """Return jobs that delete slices of an earlier run that only a closed-loop run would need."""
+        specs = [spec for spec in self._plan.deletable.get(frozenset(), []) if (self._stacks / spec.key).exists()]
+        return [self._delete_job(frozenset(), specs)] if specs else []
+
+    def _delete_job(self, users: frozenset[str], specs: list[StackSpec]) -> Job:
+        needed_by = [s for s in self._plan.resolved.all_sequences if s.planned.id in users]
+        label = needed_by[0].planned.label if needed_by else "the closed loop"
+        digests = {stack: stack.digest(self._stacks) for stack in {s.time_stack for s in needed_by}}
+        files = tuple((self._plan.folder / s.planned.file, s.fingerprint(digests[s.time_stack])) for s in needed_by)
+        return DeleteJob(label, tuple(specs), self._stacks, files)

@@ -1,208 +1,385 @@
-"""The planned sequences of a recipe, with every open number drawn and every random stream named."""
+"""The plan of a run: what a dataset lacks, and what making it takes in bytes and seconds.
+
+A plan looks at the disk or the store once and makes nothing; ``generate --dry-run`` prints it.
+"""
 
 import hashlib
-import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from itertools import product
-from typing import Any
+import heapq
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from urllib.parse import quote
 
-from saf_gen.core import seeds
-from saf_gen.core.config import components
-from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
-from saf_gen.errors import BadInput, closest, unknown
-from saf_gen.generate.recipe import Recipe
-from saf_gen.plugins.lights import draw_schedule
+from saf_gen.core.object_store import AnyPath, StorePath
+from saf_gen.core.object_transfers import list_objects
+from saf_gen.errors import BadInput, unknown
+from saf_gen.generate.record import has_recording
+from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
+from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.stack.time_resolved import TimeResolvedStack
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest
+
+KEEP_SLICES = ("all", "closed-loop", "none")
+"""Time slices to keep: all; those that a closed-loop run needs; or none, in which case none are rendered for it."""
+BATCH_BYTES = 8_000_000_000
+"""Approximate size of the stacks and streams of a batch; a stack that is larger with its streams is a batch alone."""
+SLICE_BYTES_PER_VALUE = {"filtered": 1.3, "plain": 1.5}
+"""Bytes per stored value of a time slice, by estimator; upper bounds. Filtered, with 16 samples: 1.15 to 1.29 in the
+middle 200 × 125 pixels of fan, crossroad and cardiac_muscle, under each of their lights, at three positions and at all
+129. Plain, with 15 % of noise: 1.3 to 1.5."""
+SLICE_GEOMETRY_BYTES = 3.0  # per pixel, an upper bound: up to 2.8 in the middle of fan
+STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound for a stream on disk
+FILTERED_TIME = 3.1
+"""Time of a filtered sample divided by the time of a plain sample: the mean of the 985 test slices of saf_bench-v2.
+
+By scene it is 1.3 (fabric), 1.6 to 2 (two_depths, gears), 2.7 to 3.5 (cardiac_muscle, crossroad, rain_window), and 11
+for a target that is seen through a glass bottle."""
 
 
 @dataclass(frozen=True)
-class SceneFamily:
-    """The facts about a scene that a plan needs, from its card.
+class MachineRates:
+    """The speed of a machine at each kind of work; the defaults are for two cores of 2.8 GHz with LLVM.
 
     Attributes
     ----------
-    params : mapping
-        Parameters of the scene, with their values or ranges.
-    moves : bool
-        Whether anything in the scene moves.
-    illuminance_lux : mapping of str to float
-        Illuminance of the target at gain 1, by light group.
+    cores : float
+        Cores that rendering uses, and that parallel recordings share.
+    paths_per_s : float
+        Plain light paths that all cores together trace and splat per second.
+    load_s : float
+        Seconds to load a scene, which is done for each light group of each stack.
+    plane_s_per_pixel : float
+        Seconds to sum and store one pixel at one focus position.
+    pixel_frames_per_s : float
+        Pixels times frames that one worker encodes, stores and verifies per second.
+    pixel_frames_per_core_s : float
+        Pixels times frames per second of processor time, a limit that many parallel workers cannot exceed.
+    job_s : float
+        Seconds that the scheduler spends on any job, measured on 100,000 jobs that do nothing.
+    sequence_s : float
+        Seconds that one process needs to draw a sequence and, at the end, to list its file in the manifest.
+    start_s : float
+        Seconds to start processes, load kernels and draw contact sheets; of the 25 s of quickstart, only 9 s are work.
     """
 
-    params: Mapping[str, Any] = field(default_factory=dict)
-    moves: bool = False
-    illuminance_lux: Mapping[str, float] = field(default_factory=dict)
+    cores: float = 2
+    paths_per_s: float = 2.5e6
+    load_s: float = 0.3
+    plane_s_per_pixel: float = 8e-8
+    pixel_frames_per_s: float = 0.7e9
+    pixel_frames_per_core_s: float = 0.97e9
+    job_s: float = 0.00024
+    sequence_s: float = 0.004
+    start_s: float = 15.0
+
+    def recorded_per_s(self, workers: int) -> float:
+        """Return the pixels times frames that ``workers`` workers on this machine record per second."""
+        return min(workers * self.pixel_frames_per_s, max(1.0, self.cores) * self.pixel_frames_per_core_s)
+
+    def render_seconds(self, spec: StackSpec) -> float:
+        """Return the approximate time to render a stack, in seconds."""
+        pixels = spec.rows * spec.columns
+        sample = (FILTERED_TIME if spec.estimator == "filtered" else 1.0) / self.paths_per_s
+        planes = spec.rendered_count * self.plane_s_per_pixel
+        return len(spec.groups) * (self.load_s + pixels * (spec.samples * sample + planes))
 
 
 @dataclass(frozen=True)
-class PlannedSequence:
-    """One recording to make, with all numbers drawn.
+class WorkEstimate:
+    """The seconds that a run takes.
 
     Attributes
     ----------
-    id : str
-        Name within the dataset.
-    split, scene, light : str
-        Names, as in the recipe.
-    member : int
-        Number of the member of the scene's family within the split, from 0.
-    params : dict
-        Parameters of that member.
-    scene_motion : str
-        "static" or "dynamic".
-    repeat : int
-        Number of the repeat, from 0.
-    seed : int
-        Seed of the random streams of this recording alone.
-    schedule : dict
-        Light schedule, ``{kind: ..., ...}``, by light group; '' means all groups.
-    motion : dict
-        Lens motion, ``{kind: ..., ...}``.
-    mean_rate : float or None
-        Spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
+    render_s, record_s : float
+        Seconds of all rendering and of all recording on one machine.
+    seconds : float
+        Seconds from start to end on all machines, including the scheduler; 0 without a job.
     """
 
-    id: str
-    split: str
-    scene: str
-    member: int
-    params: dict[str, Any]
-    scene_motion: str
-    light: str
-    repeat: int
-    seed: int
-    schedule: dict[str, dict[str, Any]]
-    motion: dict[str, Any]
-    mean_rate: float | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant"."""
-        return {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
-
-    @property
-    def file(self) -> str:
-        """Path of the stream file within the dataset."""
-        return f"{self.split}/{self.id}.h5"
-
-    @property
-    def label(self) -> str:
-        """Name of the captured scene in messages: its name, the member, and whether it moves."""
-        member = f"{self.scene} (member {self.member})" if self.params else self.scene
-        return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
+    render_s: float
+    record_s: float
+    seconds: float
 
 
-def plan_sequences(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
-    """Return the sequences of a recipe, in the order of splits, scenes, static and dynamic, lights, repeats.
+def simulate_machines(
+    works: Sequence[tuple[float, int]], *, record_s: float, machines: int, rates: MachineRates
+) -> float:
+    """Return the seconds from start to end if ``machines`` machines get jobs from one scheduler, in order.
 
-    ``families`` holds the scene families by scene; a scene that it lacks has no parameters, no motion and no
-    illuminance.
+    Stacks come first, and the recordings from a stack wait until it is rendered. The scheduler hands out one job after
+    the other, each in ``rates.job_s`` seconds.
 
-    Raises BadInput if the recipe sets a parameter that a scene does not have, or a value that its card does not allow,
-    if a split asks for motion but nothing moves, or if two sequences would have the same id.
+    Parameters
+    ----------
+    works : sequence of (float, int)
+        Seconds to render each stack, 0 if it exists, and the number of recordings to make from it.
+    record_s : float
+        Seconds of one recording.
+    machines : int
+        Number of machines.
+    rates : MachineRates
+        Rates of each machine.
     """
-    families = families or {}
-    sequences = []
-    for split_name, split in recipe.splits.items():
-        moving = [s for s in split.scenes if s not in split.at_rest and families.get(s, SceneFamily()).moves]
-        if "dynamic" in split.scene_motion and not moving:
-            raise BadInput(
-                f"split {split_name!r} asks for dynamic, but nothing moves in {', '.join(split.scenes)}",
-                allowed="scene_motion: [static]",
-                hint="or add a scene whose card has motion; see: saf-gen scenes list",
-            )
-        for scene in split.scenes:
-            motions = [m for m in split.scene_motion if m == "static" or scene in moving]
-            for motion, light, repeat in product(motions, split.lights, range(split.repeats)):
-                family = families.get(scene, SceneFamily())
-                sequences.append(
-                    _plan_sequence(
-                        recipe, split_name, scene=scene, family=family, scene_motion=motion, light=light, repeat=repeat
-                    )
-                )
-    _check_ids(sequences)
-    return sequences
+    free, scheduler, rendered = [0.0] * machines, 0.0, []
+    for render_s, recordings in works:
+        if render_s:
+            scheduler = max(scheduler, free[0]) + rates.job_s
+            heapq.heapreplace(free, scheduler + render_s)
+        rendered.append((scheduler + render_s if render_s else 0.0, recordings))
+    for ready, recordings in sorted(rendered):
+        for _ in range(recordings):
+            scheduler = max(scheduler, free[0], ready) + rates.job_s
+            heapq.heapreplace(free, scheduler + record_s)
+    sequences = sum(recordings for _, recordings in works)
+    return rates.start_s + max(free) + sequences * rates.sequence_s if max(free) else 0.0
 
 
-def _check_ids(sequences: list[PlannedSequence]) -> None:
-    """Raise BadInput if two sequences have the same id, because a manifest that lists both cannot be read again."""
-    first: dict[str, PlannedSequence] = {}
-    for s in sequences:
-        one = first.setdefault(s.id, s)
-        if one is not s:
-            both = (f"{s.scene}, {s.scene_motion}, under {s.light!r} in {s.split!r}" for s in (one, s))
-            raise BadInput(
-                f"two sequences would have the id {s.id!r}: {', and '.join(both)}",
-                allowed="each id once in a dataset",
-                hint=f"rename the light {one.light!r}",
-            )
+def bytes_of_stacks(specs: Iterable[StackSpec]) -> int:
+    """Return the approximate disk space of stacks, including their depth maps and targets, in bytes."""
+    return sum(map(_stored_bytes, specs))
 
 
-def _plan_sequence(
-    recipe: Recipe, split: str, *, scene: str, family: SceneFamily, scene_motion: str, light: str, repeat: int
-) -> PlannedSequence:
-    name = "-".join([scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"])
-    stream = (recipe.seed, split, name)
-    # All lights have the same lens motion, so that they can be compared and share the stacks of a moving scene.
-    under_any_light = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
-    member = repeat % recipe.splits[split].variants
-    return PlannedSequence(
-        id=name,
-        split=split,
-        scene=scene,
-        member=member,
-        params=_draw_params(recipe, split, scene=scene, family=family, member=member),
-        scene_motion=scene_motion,
-        light=light,
-        repeat=repeat,
-        seed=seeds.derive_seed(*stream, "camera"),
-        schedule=draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux),
-        motion=components.draw_component("motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)),
-        mean_rate=draw_range(recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")),
-    )
+def bytes_of_streams(sequences: Iterable[ResolvedSequence]) -> int:
+    """Return the approximate disk space of the streams of these sequences, in bytes."""
+    return int(sum(s.pixel_frames for s in sequences) * STREAM_BITS_PER_PIXEL_FRAME / 8)
 
 
-def _draw_params(recipe: Recipe, split: str, *, scene: str, family: SceneFamily, member: int) -> dict[str, Any]:
-    """Return the parameters of one member of a scene's family, which are the same under every light."""
-    chosen = recipe.scene_params.get(scene, {})
-    for key in chosen:
-        if key not in family.params:
-            raise unknown(f"parameter of scene {scene!r}:", key, allowed=family.params)
-        _check_fits(chosen[key], family.params[key], what=f"scene_params.{scene}.{key}")
-    return {
-        key: draw_range(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))
-        for key, value in {**family.params, **chosen}.items()
+def _stored_bytes(spec: StackSpec) -> int:
+    pixels = spec.rows * spec.columns
+    values = len(spec.groups) * spec.rendered_count * pixels
+    if spec.window:
+        return int(values * SLICE_BYTES_PER_VALUE[spec.estimator] + pixels * SLICE_GEOMETRY_BYTES)
+    return values * 4 + pixels * 8
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The work that is left of a dataset, and the files that are there.
+
+    Attributes
+    ----------
+    resolved : ResolvedRecipe
+        The recipe.
+    target : Path or StorePath
+        Folder of the dataset.
+    folder : Path
+        Folder in which the dataset is made: the same, or a scratch folder on this machine if the target is in a store.
+    keep_slices : str
+        One of KEEP_SLICES.
+    manifest : Manifest or None
+        Manifest of the target; None if it has none yet.
+    made : frozenset of str
+        Ids of the sequences whose file exists in the target, judged by its name.
+    sequences : tuple of ResolvedSequence
+        Sequences to make or to verify; of a store, those that it lacks.
+    by_stack : dict of TimeResolvedStack to list of ResolvedSequence
+        Every stack of these recordings once, with the sequences that are recorded from it.
+    to_render : dict of TimeResolvedStack to tuple of StackSpec
+        Stacks to render, those of recordings first, with the parts that are missing; no part is missing where only the
+        grain must be measured.
+    """
+
+    resolved: ResolvedRecipe
+    target: AnyPath
+    folder: Path
+    keep_slices: str
+    manifest: Manifest | None
+    made: frozenset[str]
+    sequences: tuple[ResolvedSequence, ...]
+    by_stack: dict[TimeResolvedStack, list[ResolvedSequence]]
+    to_render: dict[TimeResolvedStack, tuple[StackSpec, ...]]
+
+    @property
+    def in_store(self) -> bool:
+        """Whether the dataset is in an object store."""
+        return isinstance(self.target, StorePath)
+
+    @cached_property
+    def users(self) -> dict[TimeResolvedStack, ResolvedSequence]:
+        """The first sequence that needs each stack, for its recording or for the closed loop."""
+        pairs = [(stack, s) for s in self.sequences for stack in (s.time_stack, s.closed_loop_slices) if stack]
+        return dict(reversed(pairs))
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of the stacks to render."""
+        return [self.users[stack].stack_label(stack) for stack in self.to_render]
+
+    @cached_property
+    def unrecorded(self) -> frozenset[str]:
+        """Ids of the sequences that have no file yet."""
+        return frozenset(s.planned.id for s in self.sequences if not (self.folder / s.planned.file).exists())
+
+    @cached_property
+    def _batch_bytes(self) -> list[int]:
+        return [_count_bytes(batch) for batch in split_into_batches(self.sequences)]
+
+    @property
+    def upload_bytes(self) -> int:
+        """Approximate bytes to upload into the store."""
+        return sum(self._batch_bytes)
+
+    @property
+    def disk_bytes(self) -> int:
+        """Approximate disk space on this machine that the work takes while it runs, in bytes, rounded up."""
+        if self.in_store:
+            return max(a + b for a, b in pairwise([0, *self._batch_bytes, 0]))
+        missing = {spec for specs in self.to_render.values() for spec in specs}
+        return bytes_of_stacks(missing) + bytes_of_streams(s for s in self.sequences if s.planned.id in self.unrecorded)
+
+    def kept_bytes(self, keep_slices: str) -> int:
+        """Return the approximate size of the time slices that ``keep_slices`` keeps in the end, in bytes."""
+        stacks = {s.time_stack for s in self.sequences if keep_slices == "all" and s.time_stack.is_moving}
+        if keep_slices != "none":
+            stacks |= {s.closed_loop_slices for s in self.sequences if s.closed_loop_slices}
+        return bytes_of_stacks({spec for stack in stacks for spec in stack.specs})
+
+    @cached_property
+    def deletable(self) -> dict[frozenset[str], list[StackSpec]]:
+        """The slices that are not kept, by the ids of all sequences of the recipe that are recorded from them."""
+        if self.keep_slices == "all":
+            return {}
+        users: defaultdict[StackSpec, set[str]] = defaultdict(set)
+        for sequence in self.resolved.all_sequences:
+            for spec in sequence.time_stack.specs if sequence.time_stack.is_moving else ():
+                users[spec].add(sequence.planned.id)
+        slices = [s.closed_loop_slices for s in self.resolved.all_sequences if s.closed_loop_slices]
+        of_loop = dict.fromkeys(spec for stack in slices for spec in stack.specs)
+        groups: defaultdict[frozenset[str], list[StackSpec]] = defaultdict(list)
+        for spec in dict.fromkeys([*users, *of_loop]):
+            if self.keep_slices == "none" or spec not in of_loop:
+                groups[frozenset(users.get(spec, ()))].append(spec)
+        return groups
+
+    def estimate(self, *, workers: int = 1, machines: int = 1) -> WorkEstimate:
+        """Return the time of the work, with ``workers`` workers on each of ``machines`` machines.
+
+        The machines have two cores with LLVM, and get their jobs from one scheduler.
+        """
+        rates, works = MachineRates(), list[tuple[float, int]]()
+        counted = set[StackSpec]()
+        for stack in self.to_render | self.by_stack:
+            missing = [spec for spec in self.to_render.get(stack, ()) if spec not in counted]
+            counted.update(missing)  # several stacks may have slices in common
+            recordings = sum(s.planned.id in self.unrecorded for s in self.by_stack.get(stack, ()))
+            works.append((sum(map(rates.render_seconds, missing)), recordings))
+        record_s = self.resolved.pixel_frames / rates.recorded_per_s(workers)
+        return WorkEstimate(
+            render_s=sum(render_s for render_s, _ in works),
+            record_s=len(self.unrecorded) * record_s,
+            seconds=simulate_machines(works, record_s=record_s, machines=machines, rates=rates),
+        )
+
+
+def make_plan(resolved: ResolvedRecipe, target: AnyPath, *, keep_slices: str = "all") -> Plan:
+    """Return what a dataset lacks, without making or writing anything.
+
+    Time slices that were deleted after all their recordings had been made are not rendered again, unless the closed
+    loop needs them and ``keep_slices`` is not "none".
+
+    Raises BadInput if ``keep_slices`` is not one of KEEP_SLICES, or if the target cannot be read or holds another
+    dataset.
+    """
+    if keep_slices not in KEEP_SLICES:
+        raise unknown("choice of time slices to keep:", keep_slices, allowed=KEEP_SLICES)
+    manifest = check_same_dataset(resolved, target)
+    if isinstance(target, StorePath):
+        objects, folder = list_objects(target), find_scratch(resolved, target)
+        made = frozenset(s.planned.id for s in resolved.sequences if s.planned.file in objects)
+        sequences = tuple(s for s in resolved.sequences if s.planned.id not in made)
+    else:
+        objects, folder, sequences = set[str](), target.resolve(), resolved.sequences
+        made = frozenset(s.planned.id for s in sequences if (folder / s.planned.file).exists())
+    by_stack: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
+    for sequence in sequences:
+        by_stack.setdefault(sequence.time_stack, []).append(sequence)
+    stacks = folder / "stacks"
+
+    def missing(stack: TimeResolvedStack) -> tuple[StackSpec, ...]:
+        return tuple(spec for spec in stack.find_missing(stacks) if not picture_names(spec) <= objects)
+
+    to_render = {
+        stack: specs
+        for stack, users in by_stack.items()
+        if (specs := missing(stack)) and not _is_recorded(stack, users, folder)
     }
+    for slices in dict.fromkeys(s.closed_loop_slices for s in sequences if keep_slices != "none"):
+        if slices and slices not in to_render and (specs := missing(slices)):
+            to_render[slices] = specs
+    for stack, users in by_stack.items() if not objects else ():  # the grain that a store holds is not read
+        unmade = any(s.planned.id not in made for s in users)
+        if stack not in to_render and unmade and not stack.has_grain(stacks):  # as after a stopped run
+            to_render[stack] = ()
+    return Plan(resolved, target, folder, keep_slices, manifest, made, sequences, by_stack, to_render)
 
 
-def _check_fits(value: Any, card: Any, *, what: str) -> None:
-    """Raise BadInput if a recipe's value, or one end of its range, does not fit the value on the scene card.
-
-    A choice on the card lists all allowed values; with another value, the scene would fail to build, or be the same as
-    with one of these. A number may be outside the range on the card, which the author merely draws from and has
-    checked; the scene's ``build`` refuses numbers that it cannot build.
-    """
-    if is_range(card) and "choice" in card:
-        # Values are compared as text, because Python takes true for 1 and 3.0 for 3, but a scene's script may not.
-        known = [json.dumps(one, ensure_ascii=False) for one in card["choice"]]
-        between = is_range(value) and "choice" not in value
-        for one in range_extremes(value):
-            text = json.dumps(one, ensure_ascii=False)
-            if between or text not in known:
-                raise BadInput(
-                    f"{what} is {value!r}",
-                    allowed=f"{', '.join(known)}, as on the scene's card, or a choice among them",
-                    nearest=closest(text, known).strip('"'),
-                )
-    elif is_range(card) or is_number(card):
-        for one in range_extremes(value):
-            if not is_number(one):
-                raise BadInput(f"{what} is {one!r}", allowed="a number, as on the scene's card, or a range")
+def _is_recorded(stack: TimeResolvedStack, users: list[ResolvedSequence], folder: Path) -> bool:
+    """Return whether all time slices have notes and all recordings are made; spikes are not read."""
+    if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
+        return False
+    digest = stack.digest(folder / "stacks")
+    return all(has_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
 
 
-def recipe_fingerprint(recipe: Recipe) -> str:
-    """Return the SHA-256 of the values of a recipe, regardless of comments, file name and the order of keys."""
-    values = recipe.model_dump(mode="json")
-    for split in values["splits"].values():
-        if not split["at_rest"]:
-            del split["at_rest"]  # recipes without this key keep their fingerprint from before it existed
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+def check_same_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Manifest | None:
+    """Return the manifest in a folder, or None if it is missing; raise BadInput if it describes another dataset."""
+    if not (folder / MANIFEST_NAME).exists():
+        return None
+    manifest = read_manifest(folder)
+    if manifest.name != resolved.recipe.name:
+        raise BadInput(
+            f"{folder} holds the dataset {manifest.name!r}, but the recipe makes {resolved.recipe.name!r}",
+            hint="give another folder with --out",
+        )
+    return manifest
+
+
+def find_scratch(resolved: ResolvedRecipe, store: StorePath) -> Path:
+    """Return the folder on this machine in which these sequences are made, different for each shard."""
+    ids = "\n".join(s.planned.id for s in resolved.sequences)
+    name = quote(f"{store.scheme}-{store.key}", safe="")
+    return Path("datasets") / f".{name}.{hashlib.sha256(ids.encode()).hexdigest()[:8]}"
+
+
+def split_into_batches(sequences: Iterable[ResolvedSequence]) -> list[list[ResolvedSequence]]:
+    """Return the sequences in batches of about BATCH_BYTES, so that no stack belongs to two batches."""
+    group_of: dict[StackSpec, list[ResolvedSequence]] = {}
+    for sequence in sequences:
+        group, specs = [sequence], stacks_of([sequence])
+        for spec in specs:
+            other = group_of.get(spec, group)
+            if other is not group:
+                other += group
+                group_of |= dict.fromkeys(stacks_of(group), other)
+                group = other
+        group_of |= dict.fromkeys(specs, group)
+    batches: list[list[ResolvedSequence]] = []
+    remaining = 0
+    for group in {id(one): one for one in group_of.values()}.values():
+        size = _count_bytes(group)
+        if not batches or size > remaining:
+            batches, remaining = [*batches, []], BATCH_BYTES
+        batches[-1].extend(group)
+        remaining -= size
+    return batches
+
+
+def _count_bytes(sequences: list[ResolvedSequence]) -> int:
+    return bytes_of_stacks(stacks_of(sequences)) + bytes_of_streams(sequences)
+
+
+def stacks_of(sequences: Iterable[ResolvedSequence]) -> list[StackSpec]:
+    """Return all stacks of these sequences, including those of the closed loop, each once."""
+    found: dict[StackSpec, None] = {}
+    for sequence in sequences:
+        for stack in (sequence.time_stack, sequence.closed_loop_slices):
+            found |= dict.fromkeys(stack.specs if stack else ())
+    return list(found)
+
+
+def picture_names(spec: StackSpec) -> set[str]:
+    """Return the names of the objects that hold the pictures of a stack."""
+    return {f"stacks/{spec.key}/{piece}.exr" for piece in StackStore(Path(), spec).pieces}

@@ -1,6 +1,6 @@
 """A recipe: the description of a dataset, as one frozen value that is read from a YAML file.
 
-This module draws no numbers and opens no scenes: :mod:`saf_gen.generate.plan` turns a recipe into sequences.
+This module draws no numbers and opens no scenes: :mod:`saf_gen.generate.resolve` turns a recipe into sequences.
 """
 
 import math
@@ -11,11 +11,13 @@ from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from saf_gen.core.config import components
 from saf_gen.core.config.document import FrozenModel, validate_document
+from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_schema, model_schema
 from saf_gen.core.config.ranges import check_parameter, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
+from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
 from saf_gen.generate.sealing import SealedSeed, open_seed
-from saf_gen.plugins.lights import read_schedule
+from saf_gen.plugins.lights import COMMON_KEYS, UNITS, read_schedule
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
 
@@ -268,3 +270,50 @@ def _check_name(what: str, name: str, *, where: str) -> None:
         raise BadInput(
             f"{what} {name!r} cannot be part of a file name", where=where, allowed="lower-case letters, digits, - and _"
         )
+
+
+COMMON: dict[str, Schema] = {
+    "offset": {"type": "number", "minimum": 0},
+    "unit": {"enum": list(UNITS)},
+    "lux_at_gain_1": {"type": "number", "exclusiveMinimum": 0},
+}
+"""Schemas of the keys that every light schedule accepts."""
+
+
+def recipe_schema() -> Schema:
+    """Return the JSON Schema (draft 2020-12) of a recipe, with every registered light schedule and lens motion."""
+    schema = model_schema(Recipe, "saf_gen recipe")
+    common = {key: {"anyOf": [COMMON[key], OPEN], "description": text} for key, text in COMMON_KEYS.items()}
+    light = define_schema(schema, "lights", common=common)
+    by_group = {
+        "type": "object",
+        "description": "A schedule for each light group by its name; a group that is not named stays at gain 1.",
+        "not": {"anyOf": [{"required": [key]} for key in ("kind", "choice")]},
+        "additionalProperties": light,
+    }
+    schema["properties"]["lights"]["additionalProperties"] = {"anyOf": [light, by_group]}
+    schema["properties"]["scene_params"]["additionalProperties"] = {"type": "object", "additionalProperties": PARAMETER}
+    focus, exposure = schema["$defs"]["FocusSettings"]["properties"], schema["$defs"]["ExposureSettings"]["properties"]
+    focus["motion"] = {**define_schema(schema, "motions"), "description": focus["motion"]["description"]}
+    rate = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
+    exposure["mean_rate"]["anyOf"] = [rate, OPEN, {"type": "null"}]
+    return schema
+
+
+def recipe_names() -> list[str]:
+    """Return the names of the recipes that come with saf_gen, sorted."""
+    return sorted(path.stem for path in shipped_folder("recipes").glob("*.yaml"))
+
+
+def find_recipe(recipe: str | Path) -> Path:
+    """Return the file of a recipe, given by its name if it comes with saf_gen, and otherwise by its path.
+
+    A file in the working directory must be given as a path, such as "./mine", so that a name means the same everywhere.
+    Raises BadInput for an unknown name; a path is returned unchanged.
+    """
+    name = str(recipe)
+    if Path(name).suffix or Path(name).name != name:
+        return Path(recipe)
+    if name not in recipe_names():
+        raise unknown("recipe", name, allowed=recipe_names(), hint="or the path of a recipe file, such as ./mine.yaml")
+    return shipped_folder("recipes") / f"{name}.yaml"

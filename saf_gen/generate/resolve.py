@@ -1,33 +1,231 @@
 """Resolution of a recipe: finds its scenes and sensor, draws its sequences, and names their focal stacks.
 
-Everything is decided and checked here; :mod:`saf_gen.generate.run` then renders and records.
+Everything is decided and checked here; :mod:`saf_gen.generate.plan` then finds out what is left to make.
 """
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, replace
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from saf_gen.camera import Sensor, get_sensor
+from saf_gen.core import seeds
+from saf_gen.core.config import components
+from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.presets import is_preset_file
-from saf_gen.errors import BadInput, located, unknown
-from saf_gen.generate.cost import MachineRates, WorkEstimate, bytes_of_stacks, bytes_of_streams, simulate_machines
-from saf_gen.generate.finished_recordings import has_recording
-from saf_gen.generate.plan import PlannedSequence, SceneFamily, plan_sequences
-from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.generate.shipped_recipes import find_recipe
-from saf_gen.plugins.lights import group_gains
+from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
+from saf_gen.errors import BadInput, closest, located, unknown
+from saf_gen.generate.recipe import Recipe, find_recipe, read_recipe
+from saf_gen.plugins.lights import draw_schedule, group_gains
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
+
+@dataclass(frozen=True)
+class SceneFamily:
+    """The facts about a scene from which sequences are drawn, from its card.
+
+    Attributes
+    ----------
+    params : mapping
+        Parameters of the scene, with their values or ranges.
+    moves : bool
+        Whether anything in the scene moves.
+    illuminance_lux : mapping of str to float
+        Illuminance of the target at gain 1, by light group.
+    """
+
+    params: Mapping[str, Any] = field(default_factory=dict)
+    moves: bool = False
+    illuminance_lux: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PlannedSequence:
+    """One recording to make, with all numbers drawn.
+
+    Attributes
+    ----------
+    id : str
+        Name within the dataset.
+    split, scene, light : str
+        Names, as in the recipe.
+    member : int
+        Number of the member of the scene's family within the split, from 0.
+    params : dict
+        Parameters of that member.
+    scene_motion : str
+        "static" or "dynamic".
+    repeat : int
+        Number of the repeat, from 0.
+    seed : int
+        Seed of the random streams of this recording alone.
+    schedule : dict
+        Light schedule, ``{kind: ..., ...}``, by light group; '' means all groups.
+    motion : dict
+        Lens motion, ``{kind: ..., ...}``.
+    mean_rate : float or None
+        Spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
+    """
+
+    id: str
+    split: str
+    scene: str
+    member: int
+    params: dict[str, Any]
+    scene_motion: str
+    light: str
+    repeat: int
+    seed: int
+    schedule: dict[str, dict[str, Any]]
+    motion: dict[str, Any]
+    mean_rate: float | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant"."""
+        return {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
+
+    @property
+    def file(self) -> str:
+        """Path of the stream file within the dataset."""
+        return f"{self.split}/{self.id}.h5"
+
+    @property
+    def label(self) -> str:
+        """Name of the captured scene in messages: its name, the member, and whether it moves."""
+        member = f"{self.scene} (member {self.member})" if self.params else self.scene
+        return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
+
+
+def draw_sequences(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
+    """Return the sequences of a recipe, in the order of splits, scenes, static and dynamic, lights, repeats.
+
+    ``families`` holds the scene families by scene; a scene that it lacks has no parameters, no motion and no
+    illuminance.
+
+    Raises BadInput if the recipe sets a parameter that a scene does not have, or a value that its card does not allow,
+    if a split asks for motion but nothing moves, or if two sequences would have the same id.
+    """
+    families = families or {}
+    sequences = []
+    for split_name, split in recipe.splits.items():
+        moving = [s for s in split.scenes if s not in split.at_rest and families.get(s, SceneFamily()).moves]
+        if "dynamic" in split.scene_motion and not moving:
+            raise BadInput(
+                f"split {split_name!r} asks for dynamic, but nothing moves in {', '.join(split.scenes)}",
+                allowed="scene_motion: [static]",
+                hint="or add a scene whose card has motion; see: saf-gen scenes list",
+            )
+        for scene in split.scenes:
+            motions = [m for m in split.scene_motion if m == "static" or scene in moving]
+            for motion, light, repeat in product(motions, split.lights, range(split.repeats)):
+                family = families.get(scene, SceneFamily())
+                sequences.append(
+                    _draw_sequence(
+                        recipe, split_name, scene=scene, family=family, scene_motion=motion, light=light, repeat=repeat
+                    )
+                )
+    _check_ids(sequences)
+    return sequences
+
+
+def _check_ids(sequences: list[PlannedSequence]) -> None:
+    """Raise BadInput if two sequences have the same id, because a manifest that lists both cannot be read again."""
+    first: dict[str, PlannedSequence] = {}
+    for s in sequences:
+        one = first.setdefault(s.id, s)
+        if one is not s:
+            both = (f"{s.scene}, {s.scene_motion}, under {s.light!r} in {s.split!r}" for s in (one, s))
+            raise BadInput(
+                f"two sequences would have the id {s.id!r}: {', and '.join(both)}",
+                allowed="each id once in a dataset",
+                hint=f"rename the light {one.light!r}",
+            )
+
+
+def _draw_sequence(
+    recipe: Recipe, split: str, *, scene: str, family: SceneFamily, scene_motion: str, light: str, repeat: int
+) -> PlannedSequence:
+    name = "-".join([scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"])
+    stream = (recipe.seed, split, name)
+    # All lights have the same lens motion, so that they can be compared and share the stacks of a moving scene.
+    under_any_light = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
+    member = repeat % recipe.splits[split].variants
+    return PlannedSequence(
+        id=name,
+        split=split,
+        scene=scene,
+        member=member,
+        params=_draw_params(recipe, split, scene=scene, family=family, member=member),
+        scene_motion=scene_motion,
+        light=light,
+        repeat=repeat,
+        seed=seeds.derive_seed(*stream, "camera"),
+        schedule=draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux),
+        motion=components.draw_component("motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)),
+        mean_rate=draw_range(recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")),
+    )
+
+
+def _draw_params(recipe: Recipe, split: str, *, scene: str, family: SceneFamily, member: int) -> dict[str, Any]:
+    """Return the parameters of one member of a scene's family, which are the same under every light."""
+    chosen = recipe.scene_params.get(scene, {})
+    for key in chosen:
+        if key not in family.params:
+            raise unknown(f"parameter of scene {scene!r}:", key, allowed=family.params)
+        _check_fits(chosen[key], family.params[key], what=f"scene_params.{scene}.{key}")
+    return {
+        key: draw_range(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))
+        for key, value in {**family.params, **chosen}.items()
+    }
+
+
+def _check_fits(value: Any, card: Any, *, what: str) -> None:
+    """Raise BadInput if a recipe's value, or one end of its range, does not fit the value on the scene card.
+
+    A choice on the card lists all allowed values; with another value, the scene would fail to build, or be the same as
+    with one of these. A number may be outside the range on the card, which the author merely draws from and has
+    checked; the scene's ``build`` refuses numbers that it cannot build.
+    """
+    if is_range(card) and "choice" in card:
+        # Values are compared as text, because Python takes true for 1 and 3.0 for 3, but a scene's script may not.
+        known = [json.dumps(one, ensure_ascii=False) for one in card["choice"]]
+        between = is_range(value) and "choice" not in value
+        for one in range_extremes(value):
+            text = json.dumps(one, ensure_ascii=False)
+            if between or text not in known:
+                raise BadInput(
+                    f"{what} is {value!r}",
+                    allowed=f"{', '.join(known)}, as on the scene's card, or a choice among them",
+                    nearest=closest(text, known).strip('"'),
+                )
+    elif is_range(card) or is_number(card):
+        for one in range_extremes(value):
+            if not is_number(one):
+                raise BadInput(f"{what} is {one!r}", allowed="a number, as on the scene's card, or a range")
+
+
+def recipe_fingerprint(recipe: Recipe) -> str:
+    """Return the SHA-256 of the values of a recipe, regardless of comments, file name and the order of keys."""
+    values = recipe.model_dump(mode="json")
+    for split in values["splits"].values():
+        if not split["at_rest"]:
+            del split["at_rest"]  # recipes without this key keep their fingerprint from before it existed
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+
+
 MODEL = 4
 """Version of the models, raised whenever the same stack, recipe and seed would give different spikes; files of an older
 version are made again. If a change reaches only some recordings, see
-:func:`saf_gen.generate.finished_recordings.fingerprint_generated_recording`."""
+:func:`saf_gen.generate.record.fingerprint_generated_recording`."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +270,11 @@ class ResolvedSequence:
         has_full_travel = stack.is_moving and stack.holds_full_travel
         return f"{self.planned.label}{', all positions' if has_full_travel else ''}"
 
+    @property
+    def pixel_frames(self) -> int:
+        """Pixels times readouts of the recording."""
+        return self.frames * self.sensor.rows * self.sensor.columns
+
     def fingerprint(self, stack_digest: str) -> str:
         """Return the SHA-256 of all that determines the spikes; a file with another fingerprint is made again."""
         stack, sensor = self.time_stack, asdict(self.sensor)
@@ -95,7 +298,7 @@ class ResolvedRecipe:
     ----------
     recipe : Recipe
         The recipe.
-    plan : tuple of ResolvedSequence
+    all_sequences : tuple of ResolvedSequence
         All sequences of the recipe.
     sequences : tuple of ResolvedSequence
         Sequences of the requested split and shard.
@@ -103,23 +306,24 @@ class ResolvedRecipe:
         Scenes of the recipe, by name.
     sensor : Sensor
         Sensor of the recipe.
+    benchmark : str, default ""
+        Name and digest of the recipe's frozen benchmark, as streams store them; "" if it has none.
     """
 
     recipe: Recipe
-    plan: tuple[ResolvedSequence, ...]
+    all_sequences: tuple[ResolvedSequence, ...]
     sequences: tuple[ResolvedSequence, ...]
     scenes: dict[str, Scene]
     sensor: Sensor
+    benchmark: str = ""
 
-    def sequences_by_stack(self) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
-        """Return every time-resolved stack once, with the sequences that are recorded from it."""
-        found: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
-        for sequence in self.sequences:
-            found.setdefault(sequence.time_stack, []).append(sequence)
-        return found
+    @property
+    def pixel_frames(self) -> int:
+        """Pixels times readouts of a recording."""
+        return self.recipe.camera.frames * self.sensor.rows * self.sensor.columns
 
     def without_diffraction(self) -> "ResolvedRecipe":
-        """Return the recipe with ``diffraction: false``."""
+        """Return the recipe with ``diffraction: false``, which is of no frozen benchmark."""
 
         def geometric(sequence: ResolvedSequence) -> ResolvedSequence:
             slices = sequence.closed_loop_stack
@@ -133,85 +337,10 @@ class ResolvedRecipe:
         return replace(
             self,
             recipe=self.recipe.model_copy(update={"render": render}),
-            plan=tuple(map(geometric, self.plan)),
+            all_sequences=tuple(map(geometric, self.all_sequences)),
             sequences=tuple(map(geometric, self.sequences)),
+            benchmark="",
         )
-
-    def stacks_to_render(
-        self, folder: Path, keep_slices: str = "all"
-    ) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
-        """Return the stacks that are incomplete in this dataset folder; stacks of recordings come first.
-
-        Time slices that were deleted after all their recordings had been made are left out, unless the closed loop
-        needs them and ``keep_slices`` is not "none".
-        """
-        stacks = folder / "stacks"
-        found = {
-            stack: users
-            for stack, users in self.sequences_by_stack().items()
-            if stack.find_missing(stacks) and not self._is_recorded(stack, users, folder=folder)
-        }
-        for_closed_loop: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
-        for sequence in self.sequences:
-            slices = sequence.closed_loop_slices
-            if keep_slices != "none" and slices is not None and slices not in found:
-                for_closed_loop.setdefault(slices, []).append(sequence)
-        return found | {stack: users for stack, users in for_closed_loop.items() if stack.find_missing(stacks)}
-
-    def _is_recorded(self, stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
-        """Return whether all time slices have notes and all recordings are made; spikes are not read."""
-        if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
-            return False
-        digest = stack.digest(folder / "stacks")
-        return all(has_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
-
-    def kept_slice_bytes(self, keep_slices: str) -> int:
-        """Return the approximate size of the time slices that ``keep_slices`` keeps in the end, in bytes."""
-        kept: set[StackSpec] = set()
-        for sequence in self.sequences:
-            if keep_slices == "all" and sequence.time_stack.is_moving:
-                kept |= set(sequence.time_stack.specs)
-            if keep_slices != "none" and sequence.closed_loop_slices is not None:
-                kept |= set(sequence.closed_loop_slices.specs)
-        return bytes_of_stacks(kept)
-
-    def estimate_bytes(self, folder: Path, keep_slices: str = "all") -> int:
-        """Return the approximate disk space that the remaining work takes while it runs, in bytes, rounded up."""
-        missing = self._missing_stacks(folder, keep_slices)
-        return bytes_of_stacks(missing) + bytes_of_streams(self._missing_pixel_frames(folder))
-
-    def estimate_work(
-        self, folder: Path, keep_slices: str = "all", *, workers: int = 1, machines: int = 1
-    ) -> WorkEstimate:
-        """Return the remaining jobs and their time, with ``workers`` workers on each of ``machines`` machines.
-
-        The machines have two cores with LLVM, and get their jobs from one scheduler.
-        """
-        rates, stacks, counted = MachineRates(), folder / "stacks", set[StackSpec]()
-        record_s = self.sensor.rows * self.sensor.columns * self.recipe.camera.frames / rates.recorded_per_s(workers)
-        by_stack, works = self.sequences_by_stack(), list[tuple[float, int]]()
-        to_render = self.stacks_to_render(folder, keep_slices)
-        for stack in to_render | by_stack:
-            missing = set(stack.find_missing(stacks)) - counted if stack in to_render else set()
-            counted |= missing  # several stacks may have slices in common
-            recordings = sum(not (folder / s.planned.file).exists() for s in by_stack.get(stack, ()))
-            works.append((sum(map(rates.render_seconds, missing)), recordings))
-        recordings = sum(count for _, count in works)
-        return WorkEstimate(
-            stacks=len(to_render),
-            recordings=recordings,
-            render_s=sum(render_s for render_s, _ in works),
-            record_s=recordings * record_s,
-            seconds=simulate_machines(works, record_s=record_s, machines=machines, rates=rates),
-        )
-
-    def _missing_stacks(self, folder: Path, keep_slices: str) -> set[StackSpec]:
-        stacks = folder / "stacks"
-        return {spec for stack in self.stacks_to_render(folder, keep_slices) for spec in stack.find_missing(stacks)}
-
-    def _missing_pixel_frames(self, folder: Path) -> int:
-        missing = sum(not (folder / sequence.planned.file).exists() for sequence in self.sequences)
-        return missing * self.sensor.rows * self.sensor.columns * self.recipe.camera.frames
 
 
 def resolve_recipe(
@@ -238,8 +367,9 @@ def resolve_recipe(
     Raises
     ------
     BadInput
-        If the recipe, a scene or the sensor is missing or invalid, or if they do not fit together; the error names the
-        recipe and, if the recipe itself is wrong, the line.
+        If the recipe, a scene or the sensor is missing or invalid, if they do not fit together, or if the recipe has
+        the name of a frozen benchmark but would give different spikes; the error names the recipe and, if the recipe
+        itself is wrong, the line.
     """
     recipe_path = find_recipe(recipe_path)
     recipe, where = read_recipe(recipe_path), str(recipe_path)
@@ -256,7 +386,7 @@ def resolve_recipe(
         for name, scene in scenes.items()
     }
     with located(where):
-        planned = plan_sequences(recipe, families)
+        planned = draw_sequences(recipe, families)
     # This takes milliseconds, and finds errors before hours of rendering.
     frames, hz = recipe.camera.frames, sensor.readout_hz
     for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
@@ -269,7 +399,8 @@ def resolve_recipe(
         resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
     wanted = [sequence for sequence in resolved if split in (None, sequence.planned.split)]
     index, count = part
-    return ResolvedRecipe(recipe, resolved, tuple(wanted[index - 1 :: count]), scenes, sensor)
+    found = ResolvedRecipe(recipe, resolved, tuple(wanted[index - 1 :: count]), scenes, sensor)
+    return replace(found, benchmark=_benchmark(found))
 
 
 def _distinct(sequences: list[PlannedSequence], key: Callable[[PlannedSequence], Any]) -> list[PlannedSequence]:
@@ -347,3 +478,81 @@ def _check_drive(recipe: Recipe, scene: Scene) -> None:
             allowed=scene.card.lens.drive,
             hint="or leave focus.drive out: each scene then has its own",
         )
+
+
+def recipe_digest(resolved: ResolvedRecipe) -> str:
+    """Return the SHA-256 of everything that determines the spikes of a recipe, in every split.
+
+    It covers the recipe, the members and files of its scenes, the sensor, and the versions of the models of lens, light
+    and sensor. It does not cover the renderer, because LLVM and CUDA differ in the last digits of a picture
+    (docs/explanation/one-pass.md).
+    """
+    decisive = [
+        (s.fingerprint(""), [spec.key for spec in s.closed_loop_stack.specs] if s.closed_loop_stack else [])
+        for s in resolved.all_sequences
+    ]
+    return hashlib.sha256(json.dumps([resolved.recipe.name, decisive]).encode()).hexdigest()
+
+
+def _benchmark(resolved: ResolvedRecipe) -> str:
+    """Return the name and digest of a recipe's frozen benchmark, as streams store them; '' if it has no such benchmark.
+
+    Raises BadInput if the recipe has the name of a frozen benchmark but would give different spikes.
+    """
+    name = resolved.recipe.name
+    frozen = read_frozen_digests().get(name)
+    if frozen is None:
+        return ""
+    digest = recipe_digest(resolved)
+    if digest != frozen.digest:
+        raise BadInput(
+            f"the benchmark {name!r} is frozen, but this recipe would give different spikes: digest {digest:.12}…",
+            allowed=f"{frozen.digest:.12}…, as on {frozen.since}",
+            hint="give the recipe another name, or use the recipe and the scenes that come with saf_gen",
+        )
+    return f"{name} {digest}"
+
+
+MIN_POSITIONS = 2.0
+"""Minimum number of focus positions per depth of focus; with two, there is always one within a quarter of the depth of
+focus. Recipes that come with saf_gen have 3.6 to 10.5."""
+
+
+def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
+    """Return a line for each scene with too few focus positions, or with fewer time slices than its card states."""
+    return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved)]
+
+
+def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:
+    """Return a line for each scene with too few positions in the depth of focus at the middle of the travel."""
+    lines = []
+    scenes = {sequence.scene.id: sequence.time_stack.specs[0] for sequence in resolved.sequences}
+    for name, spec in scenes.items():
+        depth = np.array([float(spec.drive.focus_depth(0.5))])
+        low, high = spec.drive.depth_of_focus(depth, spec.pitch_m, wavelength_m=spec.wavelength_m)
+        count = (high - low) * (spec.positions - 1)
+        if count < MIN_POSITIONS:
+            enough = math.ceil(MIN_POSITIONS / (high - low)) + 1
+            lines.append(
+                f"focus.positions is {spec.positions}: the depth of focus of {name} contains only {count:.1f} of them, "
+                f"so focus curves show steps; use {enough} or more"
+            )
+    return lines
+
+
+def _find_coarse_slices(resolved: ResolvedRecipe) -> list[str]:
+    """Return a line for each moving scene with fewer time slices per second in the recipe than on its card."""
+    rate = resolved.recipe.render.slices_per_s
+    moving = {s.scene.id: s.scene.card for s in resolved.sequences if s.time_stack.is_moving}
+    lines = []
+    for name, card in moving.items():
+        if rate is None or card.slices_per_s is None or rate >= card.slices_per_s:
+            continue
+        error = card.estimate_interpolation_error(rate)
+        lines.append(
+            f"render.slices_per_s is {rate:g}: half way between two time slices {name} is shown as a mixture of both"
+            + ("" if error is None else f", with an error of about {error:.2g} of the mean brightness")
+            + f"; its card states {card.slices_per_s:g}"
+            + ("" if error is None else f", for an error of {card.interpolation_error:g}")
+        )
+    return lines

@@ -2,32 +2,37 @@
 
 import json
 import platform
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
+from string import Template
+from typing import Any
 
 import yaml
 
 import saf_gen
 from saf_gen.core import seeds
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY
+from saf_gen.core.config.ranges import is_range, range_extremes
 from saf_gen.core.execution import Cluster, ReportProgress, SchedulerLost, run_jobs
 from saf_gen.core.extras import RESULT_PACKAGES, installed_version
-from saf_gen.core.files import check_file_system, check_writable, free_disk_bytes, remove_leftovers
+from saf_gen.core.files import check_file_system, check_writable, free_disk_bytes, remove_leftovers, write_text
 from saf_gen.core.object_store import AnyPath
+from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput, SafGenError, unknown
-from saf_gen.generate.benchmark_digest import benchmark_name
-from saf_gen.generate.dataset_card import write_dataset_card
-from saf_gen.generate.finished_recordings import has_generated_fingerprint
-from saf_gen.generate.job_order import JobOrder, stacks_to_generate, validate_keep_slices
-from saf_gen.generate.jobs import ChooseBackendJob, RecordJob, RenderJob
-from saf_gen.generate.plan import recipe_fingerprint
-from saf_gen.generate.recorder import Recorder
-from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
+from saf_gen.generate.jobs import ChooseBackendJob, JobOrder, RecordJob, RenderJob
+from saf_gen.generate.plan import Plan, make_plan
+from saf_gen.generate.recipe import Recipe
+from saf_gen.generate.record import Recorder, has_generated_fingerprint
+from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, recipe_fingerprint
+from saf_gen.scene.scene_folder import SceneCard
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
-from saf_gen.stream.manifest import Manifest, SequenceEntry, read_manifest, write_manifest
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.sharing.croissant import SYNTHETIC, DatasetFacts, front_matter, read_licences, write_croissant
 from saf_gen.stream.stream_file import open_stream
 
 BACKENDS = ("auto", "cuda", "llvm", "scalar")
@@ -124,41 +129,45 @@ def generate(
     SafGenError
         If the scheduler of the cluster is lost; the manifest lists what was finished before.
     """
+    plan = make_plan(resolved, Path(folder or Path("datasets") / resolved.recipe.name), keep_slices=keep_slices)
+    return run_plan(plan, workers=workers, variant=variant, cluster=cluster, report=report, tell=tell)
+
+
+def run_plan(
+    plan: Plan,
+    *,
+    workers: int = 1,
+    variant: str = "auto",
+    cluster: str | None = None,
+    report: ReportProgress = lambda name, done: None,
+    tell: Callable[[str], None] = lambda line: None,
+) -> GenerationResult:
+    """Make what a dataset folder lacks; see :func:`generate` for the parameters and the errors."""
     if variant not in BACKENDS:
         raise unknown("variant", variant, allowed=BACKENDS)
-    validate_keep_slices(keep_slices)
-    folder = (Path(folder) if folder is not None else Path("datasets") / resolved.recipe.name).resolve()
-    to_render = stacks_to_generate(resolved, folder, keep_slices=keep_slices)
-    machines = None if cluster is None else Cluster(cluster, folder, writes=True)
-    benchmark = benchmark_name(resolved)
+    machines = None if cluster is None else Cluster(cluster, plan.folder, writes=True)
 
+    @cache
     def choose_backend() -> tuple[str, bool]:
         return choose_renderer(variant, cluster=machines, notify=tell)
 
-    backend_name, renders_waves = choose_backend() if to_render else (variant, True)
-    leave_out = not renders_waves and resolved.recipe.render.diffraction is not False
+    backend_name, renders_waves = choose_backend() if plan.to_render else (variant, True)
+    diffraction = plan.resolved.recipe.render.diffraction
+    leave_out = not renders_waves and diffraction is not False
     if leave_out:
-        if resolved.recipe.render.diffraction:
+        if diffraction:
             raise _no_waves_error(backend_name, "the recipe asks for")
-        resolved, benchmark = resolved.without_diffraction(), ""
-        to_render = stacks_to_generate(resolved, folder, keep_slices=keep_slices)
-    _check_folder(resolved, folder, keep_slices=keep_slices)
+        plan = make_plan(plan.resolved.without_diffraction(), plan.folder, keep_slices=plan.keep_slices)
+    resolved, folder = plan.resolved, plan.folder
+    _check_folder(plan)
     remove_leftovers(folder, recursive=True)
     recorder = Recorder(
         sensor=resolved.sensor,
         frames=resolved.recipe.camera.frames,
         device_seed=seeds.derive_seed(resolved.recipe.seed, "device"),
-        provenance=_provenance(resolved, benchmark),
+        provenance=_provenance(resolved),
     )
-    order = JobOrder(
-        resolved,
-        folder,
-        to_render=to_render,
-        recorder=recorder,
-        keep_slices=keep_slices,
-        workers=workers,
-        choose_backend=lambda: _check_waves(resolved, choose_backend()),
-    )
+    order = JobOrder(plan, recorder, workers=workers, choose_backend=lambda: _check_waves(resolved, choose_backend()))
     rendered: list[str] = []
     recordings: dict[str, bool] = {}  # by id, whether an earlier run had made it
     failed: dict[str, SafGenError] = {}
@@ -183,12 +192,12 @@ def generate(
     except SchedulerLost as lost:
         listed = len(_write_manifest(resolved, folder).sequences)
         raise SafGenError(
-            f"{lost}; {listed} of {len(resolved.plan)} sequences are complete and listed; start a scheduler and run "
-            "the same command again to continue"
+            f"{lost}; {listed} of {len(resolved.all_sequences)} sequences are complete and listed; "
+            "start a scheduler and run the same command again to continue"
         ) from lost
     recorded, kept = ([name for name, was_kept in recordings.items() if was_kept == one] for one in (False, True))
     manifest = _write_manifest(resolved, folder)
-    _write_previews(resolved, folder)
+    _write_previews(plan)
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out, freed)
 
 
@@ -219,7 +228,7 @@ def _no_waves_error(backend_name: str, which: str) -> BadInput:
     )
 
 
-def _provenance(resolved: ResolvedRecipe, benchmark: str) -> dict[str, str]:
+def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
     versions = {"saf_gen": saf_gen.__version__, "python": platform.python_version()}
     versions |= {name: installed_version(name) for name in RESULT_PACKAGES}
     return {
@@ -227,27 +236,14 @@ def _provenance(resolved: ResolvedRecipe, benchmark: str) -> dict[str, str]:
         "recipe_fingerprint": recipe_fingerprint(resolved.recipe),
         "sensor": yaml.safe_dump(asdict(resolved.sensor), sort_keys=False),
         "versions": json.dumps(versions, indent=1),
-        **({BENCHMARK_KEY: benchmark} if benchmark else {}),
+        **({BENCHMARK_KEY: resolved.benchmark} if resolved.benchmark else {}),
     }
 
 
-def check_same_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Manifest | None:
-    """Return the manifest in a folder, or None if it is missing; raise BadInput if it describes another dataset."""
-    if not (folder / "manifest.json").exists():
-        return None
-    manifest = read_manifest(folder)
-    if manifest.name != resolved.recipe.name:
-        raise BadInput(
-            f"{folder} holds the dataset {manifest.name!r}, but the recipe makes {resolved.recipe.name!r}",
-            hint="give another folder with --out",
-        )
-    return manifest
-
-
-def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -> None:
-    check_same_dataset(resolved, folder)
+def _check_folder(plan: Plan) -> None:
+    folder = plan.folder
     check_writable(folder)
-    needed, free = resolved.estimate_bytes(folder, keep_slices), free_disk_bytes(folder)
+    needed, free = plan.disk_bytes, free_disk_bytes(folder)
     if needed > free:
         raise BadInput(
             f"the dataset needs about {needed / 1e6:,.0f} MB in {folder}, but only {free / 1e6:,.0f} MB are free",
@@ -257,16 +253,16 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -
     check_file_system(folder)
 
 
-def _write_previews(resolved: ResolvedRecipe, folder: Path) -> None:
+def _write_previews(plan: Plan) -> None:
     """Write the missing contact sheets of still scenes whose focal stacks are complete."""
     from saf_gen.authoring.contact_sheet import write_preview  # loads matplotlib, which a dry run does not need
 
-    for stack in resolved.sequences_by_stack():
+    for stack in plan.by_stack:
         spec = stack.specs[0]
-        sheet = folder / "preview" / f"{spec.key}.png"
-        store = StackStore(folder / "stacks", spec)
+        sheet = plan.folder / "preview" / f"{spec.key}.png"
+        store = StackStore(plan.folder / "stacks", spec)
         if not (stack.is_moving or sheet.exists() or store.missing_pieces()):
-            write_preview(store.load(), resolved.sensor, path=sheet)
+            write_preview(store.load(), plan.resolved.sensor, path=sheet)
 
 
 def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
@@ -278,7 +274,7 @@ def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
     stacks = folder / "stacks"
     digests: dict[TimeResolvedStack, str | None] = {}
     entries = []
-    for sequence in resolved.plan:
+    for sequence in resolved.all_sequences:
         stack = sequence.time_stack
         if stack not in digests:
             digests[stack] = None if stack.find_missing(stacks) else stack.digest(stacks)
@@ -290,7 +286,7 @@ def write_dataset_manifest(
     resolved: ResolvedRecipe, folder: Path, *, entries: list[SequenceEntry], stacks: Path
 ) -> Manifest:
     """Write manifest.json, README.md and croissant.json for these sequences; notes in ``stacks`` name the renderer."""
-    specs = (spec for stack in resolved.sequences_by_stack() for spec in stack.specs)
+    specs = {spec for s in resolved.sequences for spec in s.time_stack.specs}
     backends: set[str] = set().union(*(StackStore(stacks, spec).backends() for spec in specs))
     manifest = Manifest(
         name=resolved.recipe.name,
@@ -333,3 +329,90 @@ def find_entry(sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str
         fingerprint=provenance["fingerprint"],
         content_sha256=content,
     )
+
+
+PAGE = Template("""# $name: spike-camera autofocus data
+
+Made by saf_gen from a recipe: scenes rendered by Mitsuba through a thin lens, seen by a model of the spike
+camera `$sensor`. Every sequence holds its true focus and the lens position at every frame.
+
+| | |
+|---|---|
+| sequences | $count ($splits) |
+| frames per sequence | $frames |
+| focus positions rendered | $positions, $samples samples per pixel |
+| lens motion | $motion |
+| light schedules | $lights |
+| recipe fingerprint | `$fingerprint` |
+
+## Scenes
+
+$scenes
+
+## Files
+
+- `croissant.json`: this card for programs ([Croissant](https://mlcommons.org/croissant)).
+- `manifest.json`: every sequence with split, scene, light, seed, file and `content_sha256`.
+- `<split>/<id>.h5`: a spike stream with its truth, and in `/provenance/recipe` the recipe that makes it again.
+- `stacks/`: the focal stacks (OpenEXR), shared by the sequences; needed only to record more.
+
+```python
+import saf_gen
+with saf_gen.open_stream("$example") as stream:   # from this folder
+    print(stream.shape, stream.truth.position)
+    image = stream.counts(0, 200)
+```
+
+To evaluate focus methods on it, from this folder: `$next_command`; to publish it: `saf-gen pack . --out FOLDER`.
+""")
+
+
+def _describe_motion(motion: dict[str, Any]) -> str:
+    """Return a lens motion as Markdown, such as `hand` (bandwidth_hz 10, seed 3)."""
+    if is_range(motion):
+        return " or ".join(_describe_motion(one) for one in range_extremes(motion))
+    options = ", ".join(f"{key} {_describe_value(value)}" for key, value in motion.items() if key != "kind")
+    return f"`{motion['kind']}`" + (f" ({escape_markdown(options)})" if options else "")
+
+
+def _describe_value(value: Any) -> str:
+    if is_range(value):
+        ((form, among),) = value.items()
+        return f"{form} {', '.join(_describe_value(one) for one in among)}"
+    return value["path"] if isinstance(value, dict) else str(value)
+
+
+def _describe_scene(card: SceneCard) -> str:
+    licence = card.licence or "not stated"
+    return f"- `{card.id}`: {escape_markdown(f'{card.title}. Licence {licence}.')}"
+
+
+def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]) -> None:
+    """Write README.md and croissant.json to a dataset folder that has its manifest, each completely or not at all."""
+    cards = list(scenes)
+    licences = read_licences(card.licence for card in cards)
+    splits = Counter(entry.split for entry in manifest.sequences)
+    text = PAGE.substitute(
+        name=recipe.name,
+        sensor=recipe.camera.sensor,
+        count=len(manifest.sequences),
+        splits=", ".join(f"{split} {count}" for split, count in splits.items()) or "none finished yet",
+        frames=recipe.camera.frames,
+        positions=recipe.focus.positions,
+        samples=recipe.render.samples,
+        motion=_describe_motion(recipe.focus.motion),
+        lights=escape_markdown(", ".join(recipe.lights)),
+        fingerprint=manifest.recipe_fingerprint,
+        scenes="\n".join(map(_describe_scene, cards)),
+        next_command=manifest.next_command("."),
+        example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
+    )
+    matter = front_matter(manifest, licences, pattern="{split}/*.h5")
+    write_text(folder / "README.md", matter + text)
+    described = (
+        f"Spike-camera autofocus data, rendered and simulated: {len(manifest.sequences)} sequences of "
+        f"{recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "
+        f"{'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each sequence holds its true focus and the lens "
+        "position at every frame."
+    )
+    write_croissant(folder, manifest, facts=DatasetFacts(described, licences, responsible=SYNTHETIC))

@@ -11,7 +11,7 @@ import saf_gen
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.camera.counting_law import noise_per_spike
-from saf_gen.generate.coarse_sampling import coarse_sampling
+from saf_gen.generate.resolve import coarse_sampling
 from saf_gen.leaderboard.grain_tables import compose_leaderboard_grain_notes
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stream.recorded_grain import grain_of_stream

@@ -19,10 +19,9 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import read_methods
 from saf_gen.benchmark.records import Record, format_records, read_records
 from saf_gen.core.files import write_text
-from saf_gen.generate.recipe import read_recipe
+from saf_gen.generate.recipe import find_recipe, read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.generate.shipped_recipes import find_recipe
 from saf_gen.leaderboard import rank_methods
 from saf_gen.stream.manifest import ALL_SPLITS
 

@@ -9,10 +9,9 @@ from typing import Any
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.errors import SafGenError
-from saf_gen.generate.recipe import read_recipe
+from saf_gen.generate.recipe import find_recipe, read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import GenerationResult, generate
-from saf_gen.generate.shipped_recipes import find_recipe
 from saf_gen.leaderboard import rank_methods, write_leaderboard
 from saf_gen.leaderboard.report import write_report
 from saf_gen.stream.manifest import ALL_SPLITS

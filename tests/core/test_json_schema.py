@@ -10,8 +10,7 @@ from small_dataset import HERE, SCENES
 
 from saf_gen.core.config.field_docs import field_docs
 from saf_gen.core.config.ranges import RANGE_FORMS
-from saf_gen.generate.recipe import Recipe
-from saf_gen.generate.recipe_schema import recipe_schema
+from saf_gen.generate.recipe import Recipe, recipe_schema
 from saf_gen.scene.card_schema import card_schema
 from saf_gen.scene.scene_folder import SceneCard
 

@@ -1,6 +1,7 @@
 """Frozen benchmarks: a published recipe keeps its digest, and results name it."""
 
 import shutil
+from dataclasses import replace
 from datetime import date
 
 import pytest
@@ -10,9 +11,8 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.tracks import recorded_benchmark
 from saf_gen.benchmark.tracks.recorded_benchmark import benchmark_of
 from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_digests
-from saf_gen.generate import benchmark_digest
-from saf_gen.generate.benchmark_digest import benchmark_name, recipe_digest
-from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate import resolve
+from saf_gen.generate.resolve import recipe_digest, resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.leaderboard import rank_methods, table_formats
 from saf_gen.scene.trusted_folders import register_folder
@@ -23,7 +23,7 @@ from saf_gen.stream.stream_file import open_stream
 def test_a_frozen_recipe_gives_the_spikes_that_it_gave(name):
     resolved, frozen = resolve_recipe(name), read_frozen_digests()[name]
     assert recipe_digest(resolved) == frozen.digest, "a benchmark with other spikes needs another name"
-    counted = [s.planned.split for s in resolved.plan]
+    counted = [s.planned.split for s in resolved.all_sequences]
     assert {split: counted.count(split) for split in counted} == frozen.sequences
 
 
@@ -58,7 +58,7 @@ def frozen_small(small_recipe, test_scenes, monkeypatch):
     small_recipe.write_text(small_recipe.read_text().replace("max_depth: 3", "max_depth: 3, diffraction: false"))
     digest = recipe_digest(resolve_recipe(small_recipe))
     benchmark = FrozenBenchmark(digest=digest, since=date(2026, 11, 23), sequences={"test": 3})
-    for module in (benchmark_digest, recorded_benchmark, table_formats):
+    for module in (resolve, recorded_benchmark, table_formats):
         monkeypatch.setattr(module, "read_frozen_digests", lambda: {"small": benchmark})
     return digest
 
@@ -78,7 +78,10 @@ def test_a_frozen_name_with_other_spikes_is_refused_before_anything_is_made(call
 
 def test_streams_and_results_name_their_benchmark_and_how_much_of_it_they_cover(frozen_small, small_recipe, tmp_path):
     resolved = resolve_recipe(small_recipe, part=(1, 2))
-    assert benchmark_name(resolved) == f"small {frozen_small}"
+    assert resolved.benchmark == f"small {frozen_small}"
+    batch = resolved.sequences[:1]  # as a run into an object store makes it
+    assert replace(resolved, all_sequences=batch, sequences=batch).benchmark == resolved.benchmark
+    assert resolved.without_diffraction().benchmark == ""
     generate(resolved, tmp_path / "data")
     label = f"small {frozen_small:.12}"
     with open_stream(next((tmp_path / "data/test").glob("*.h5"))) as stream:

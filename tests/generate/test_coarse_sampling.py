@@ -5,9 +5,8 @@ import re
 import capture_dataset
 import pytest
 
-from saf_gen.generate.coarse_sampling import MIN_POSITIONS, coarse_sampling
-from saf_gen.generate.resolve import resolve_recipe
-from saf_gen.generate.shipped_recipes import find_recipe, recipe_names
+from saf_gen.generate.recipe import find_recipe, recipe_names
+from saf_gen.generate.resolve import MIN_POSITIONS, coarse_sampling, resolve_recipe
 
 
 @pytest.mark.parametrize("name", recipe_names())

@@ -6,8 +6,8 @@ import pytest
 from small_dataset import SMALL_RECIPE
 from windowed_dataset import ENTRY
 
-from saf_gen.generate.dataset_card import write_dataset_card
 from saf_gen.generate.recipe import read_recipe
+from saf_gen.generate.run import write_dataset_card
 from saf_gen.stream.manifest import Manifest, write_manifest
 
 

@@ -18,12 +18,12 @@ from small_dataset import HERE, make_sequence
 import saf_gen
 from saf_gen.camera import get_sensor
 from saf_gen.core.object_store import StorePath
-from saf_gen.generate import recorder as recorder_module
-from saf_gen.generate.finished_recordings import has_recording, recording_digest
-from saf_gen.generate.recorder import Recorder
+from saf_gen.generate import record as recorder_module
+from saf_gen.generate.plan import make_plan
+from saf_gen.generate.record import Recorder, has_recording, recording_digest
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import find_entry, generate
-from saf_gen.generate.to_store import generate_to_store
+from saf_gen.generate.store import run_to_store
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.stack.charge_source import ChargeSource
@@ -214,7 +214,7 @@ PLANS = {
 def test_plans_keep_their_fingerprints(lens, tmp_path, monkeypatch):
     write_moving_plane(tmp_path, monkeypatch)
     (tmp_path / "r.yaml").write_text(RECIPE.replace("MOTION", lens))
-    planned = [s.fingerprint("a stack") for s in resolve_recipe(tmp_path / "r.yaml").plan]
+    planned = [s.fingerprint("a stack") for s in resolve_recipe(tmp_path / "r.yaml").all_sequences]
     assert len(set(planned)) == 6
     assert hashlib.sha256("".join(planned).encode()).hexdigest()[:16] == PLANS[lens]
 
@@ -256,7 +256,7 @@ def test_a_dataset_of_earlier_files_makes_only_the_misexposed_ones_again(tmp_pat
     )
     work, now, old = resolve_recipe(tmp_path / "r.yaml"), tmp_path / "now", tmp_path / "old"
     made = generate(work, now, variant=VARIANT)
-    still, moving = ([s for s in work.plan if s.time_stack.is_moving == moves] for moves in (False, True))
+    still, moving = ([s for s in work.all_sequences if s.time_stack.is_moving == moves] for moves in (False, True))
     shutil.copytree(now, old)
     with monkeypatch.context() as patch:
         patch.setattr(recorder_module, "fingerprint_generated_recording", lambda planned, *_, **__: planned)
@@ -276,7 +276,7 @@ def test_a_dataset_of_earlier_files_makes_only_the_misexposed_ones_again(tmp_pat
             ]
             write_manifest(old, replace(read_manifest(old), sequences=tuple(listed)))
     s3.put(str(old), "data/sets/old", recursive=True)
-    in_store = generate_to_store(work, StorePath("s3", "data/sets/old"), variant=VARIANT)
+    in_store = run_to_store(make_plan(work, StorePath("s3", "data/sets/old")), variant=VARIANT)
     on_disk = generate(work, old, variant=VARIANT)
     for result in (in_store, on_disk):
         assert result.failed == {}
@@ -284,5 +284,5 @@ def test_a_dataset_of_earlier_files_makes_only_the_misexposed_ones_again(tmp_pat
         assert sorted(result.kept) == sorted(s.planned.id for s in still)
         assert sorted(result.recorded) == sorted(s.planned.id for s in moving)
         assert result.manifest == made.manifest
-    again = generate_to_store(work, StorePath("s3", "data/sets/old"), variant=VARIANT)
+    again = run_to_store(make_plan(work, StorePath("s3", "data/sets/old")), variant=VARIANT)
     assert (again.recorded, len(again.kept)) == ([], 4)

@@ -212,7 +212,7 @@ def test_a_shard_after_a_change_of_recipe_lists_nothing_of_the_old_one(small_rec
 
 def stack_spec(work):
     """The only stack of the small dataset."""
-    ((spec,),) = (time_stack.specs for time_stack in work.sequences_by_stack())
+    ((spec,),) = {s.time_stack.specs for s in work.sequences}
     return spec
 
 
@@ -328,7 +328,7 @@ def test_scalar_renders_geometric_stacks_and_says_so(work, small_recipe, tmp_pat
     code, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--variant", "scalar")
     assert code == 0
     assert "rendered without diffraction: only the variants llvm and cuda support it" in out
-    (spec,) = work.without_diffraction().sequences_by_stack().popitem()[0].specs
+    (spec,) = work.without_diffraction().sequences[0].time_stack.specs
     assert StackStore(tmp_path / "ds" / "stacks", spec).missing_pieces() == []
     with saf_gen.open_stream(tmp_path / "ds" / "test" / "plane-constant-00.h5") as stream:
         depths = stream.truth.depth[stream.truth.target]

@@ -14,6 +14,7 @@ from capture_dataset import VARIANT
 from refusals import assert_says, refusal
 
 import saf_gen
+from saf_gen.generate.plan import make_plan
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.stack import focal_stack
@@ -59,7 +60,7 @@ def pictures(folder, stack):
 
 def slices(work):
     """The time slices of the moving plane's recordings, and those of its closed loop."""
-    moving = next(s for s in work.plan if s.planned.scene_motion == "dynamic")
+    moving = next(s for s in work.all_sequences if s.planned.scene_motion == "dynamic")
     return moving.time_stack, moving.closed_loop_slices
 
 
@@ -80,7 +81,7 @@ def run_again(work, folder, choice):
 def test_each_choice_keeps_what_it_says_and_the_recordings(work, made, copy, choice):
     """11 slices of some positions and 6 of all, each with depth and two lights; the static scene keeps its stack."""
     recorded_from, for_closed_loop = slices(work)
-    still = next(s.time_stack for s in work.plan if s.planned.scene_motion == "static")
+    still = next(s.time_stack for s in work.all_sequences if s.planned.scene_motion == "static")
     before = {path: path.stat().st_size for path in copy.glob("stacks/*/*")}
     result = run_again(work, copy, choice)
     assert (result.rendered, result.recorded) == ([], [])
@@ -110,9 +111,9 @@ def test_with_no_slices_to_keep_none_are_rendered_for_the_closed_loop_alone(work
     """Like the case ``none`` above, but the stacks of the recordings exist and are not rendered."""
     folder = tmp_path / "fresh"
     recorded_from, for_closed_loop = slices(work)
-    still = next(s.time_stack for s in work.plan if s.planned.scene_motion == "static")
-    assert set(work.stacks_to_render(folder, "none")) == {still, recorded_from}
-    assert set(work.stacks_to_render(folder, "closed-loop")) == {still, recorded_from, for_closed_loop}
+    still = next(s.time_stack for s in work.all_sequences if s.planned.scene_motion == "static")
+    assert set(make_plan(work, folder, keep_slices="none").to_render) == {still, recorded_from}
+    assert set(make_plan(work, folder, keep_slices="closed-loop").to_render) == {still, recorded_from, for_closed_loop}
     for stack in (still, recorded_from):
         put_slices(made, folder, stack)
     result = run_again(work, folder, "none")
@@ -132,16 +133,16 @@ def test_the_sizes_are_those_of_the_planes(work, tmp_path):
     some = plane * sum(spec.rendered_count for spec in recorded_from.specs) + 11 * geometry
     complete = plane * 9 * 6 + 6 * geometry
     assert {spec.rendered_count for spec in for_closed_loop.specs} == {9}
-    assert [work.kept_slice_bytes(choice) for choice in CHOICES] == [some + complete, complete, 0]
-    expected = [work.estimate_bytes(tmp_path / "new", choice) for choice in CHOICES]
+    assert [make_plan(work, tmp_path).kept_bytes(choice) for choice in CHOICES] == [some + complete, complete, 0]
+    expected = [make_plan(work, tmp_path / "new", keep_slices=choice).disk_bytes for choice in CHOICES]
     assert [expected[0] - one for one in expected] == [0, 0, complete]
     (tmp_path / "takes.yaml").write_text(RECIPE.replace("samples: 16,", "samples: 16, estimator: plain,", 1))
-    plain = resolve_recipe(tmp_path / "takes.yaml").kept_slice_bytes("closed-loop") - 6 * geometry
+    plain = make_plan(resolve_recipe(tmp_path / "takes.yaml"), tmp_path).kept_bytes("closed-loop") - 6 * geometry
     assert plain == pytest.approx(plane * 9 * 6 * 15 / 13)
 
 
 def test_a_dry_run_says_what_each_choice_keeps(work, tmp_path, call):
-    sizes = ", ".join(f"{choice} {work.kept_slice_bytes(choice) / 1e9:.2f} GB" for choice in CHOICES)
+    sizes = ", ".join(f"{choice} {make_plan(work, tmp_path).kept_bytes(choice) / 1e9:.2f} GB" for choice in CHOICES)
     recipe, folder = tmp_path / "takes.yaml", tmp_path / "dry"
     code, shown, _ = call("generate", recipe, "--out", folder, "--dry-run", "--keep-slices", "none")
     assert code == 0
@@ -200,12 +201,12 @@ def test_if_all_slices_are_whole_only_they_would_be_rendered(captured_dataset, t
     with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
         error = refusal(Capture.from_stream, stream, folder / "stacks")
     assert_says(error, "were not kept | generate again with --keep-slices closed-loop, or use --track recorded")
-    assert work.stacks_to_render(folder, "none") == {}
-    (needed,) = work.stacks_to_render(folder, "closed-loop")
+    assert make_plan(work, folder, keep_slices="none").to_render == {}
+    (needed,) = make_plan(work, folder, keep_slices="closed-loop").to_render
     assert needed == slices(work)[1]
     assert {spec.rendered_count for spec in needed.specs} == {9}
     put_slices(captured_dataset, folder, needed)
-    assert work.stacks_to_render(folder, "closed-loop") == {}
+    assert make_plan(work, folder, keep_slices="closed-loop").to_render == {}
     with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
         assert Capture.from_stream(stream, folder / "stacks").frames == 800
 
@@ -241,11 +242,11 @@ def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(mad
     path = tmp_path / "takes.yaml"
     path.write_text(text.replace("scene_motion: [static, dynamic]", "repeats: 4, scene_motion: [dynamic]"))
     work = resolve_recipe(path)
-    stacks = {s.planned.motion["kind"]: s.time_stack for s in work.plan}
+    stacks = {s.planned.motion["kind"]: s.time_stack for s in work.all_sequences}
     shared = set(stacks["sweep"].specs) & set(stacks["from_csv"].specs)
     assert 4 < len(shared) < 11
-    one = replace(work, sequences=tuple(s for s in work.plan if s.planned.motion["kind"] == "sweep"))
-    other = replace(work, sequences=tuple(s for s in work.plan if s.planned.motion["kind"] == "from_csv"))
+    one = replace(work, sequences=tuple(s for s in work.all_sequences if s.planned.motion["kind"] == "sweep"))
+    other = replace(work, sequences=tuple(s for s in work.all_sequences if s.planned.motion["kind"] == "from_csv"))
     folder = tmp_path / "two"
     put_slices(made, folder, stacks["sweep"])
     first = run_again(one, folder, "none")
@@ -256,7 +257,7 @@ def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(mad
     rest = run_again(other, folder, "none")
     assert len(rest.rendered) == 3 * (11 - len(shared))
     assert list(folder.glob("stacks/*/*.exr")) == []
-    assert verify_dataset(folder) == (len(work.plan), {})
+    assert verify_dataset(folder) == (len(work.all_sequences), {})
 
 
 def test_a_damaged_recording_has_its_slices_rendered_again(work, copy):
@@ -286,7 +287,7 @@ def test_more_repeats_need_the_slices_again(work, made, copy, tmp_path):
     run_again(work, copy, "closed-loop")
     (tmp_path / "takes.yaml").write_text(RECIPE.replace("scene_motion:", "repeats: 2, scene_motion:"))
     more = resolve_recipe(tmp_path / "takes.yaml")
-    (needed,) = more.stacks_to_render(copy, "closed-loop")
+    (needed,) = make_plan(more, copy, keep_slices="closed-loop").to_render
     assert needed == slices(work)[0]
     put_slices(made, copy, needed)
     again = run_again(more, copy, "closed-loop")
@@ -302,7 +303,7 @@ def test_a_recording_that_cannot_be_made_leaves_the_slices(work, copy, monkeypat
     def failing(self, sequence, *args, **kwargs):
         raise OSError(28, "no space")
 
-    monkeypatch.setattr("saf_gen.generate.recorder.Recorder.record", failing)
+    monkeypatch.setattr("saf_gen.generate.record.Recorder.record", failing)
     again = generate(work, copy, variant=VARIANT, keep_slices="none")
     assert list(again.failed) == [f"record {MOVING[1]}"]
     recorded_from, for_closed_loop = slices(work)
@@ -358,7 +359,7 @@ def test_a_killed_run_goes_on_and_renders_nothing_twice(work, made, tmp_path, fi
     """
     folder = tmp_path / "killed"
     if "stacks/*/lamp.exr" not in files:
-        for stack in {s.time_stack for s in work.plan}:
+        for stack in {s.time_stack for s in work.all_sequences}:
             put_slices(made, folder, stack)
     command = [sys.executable, "-c", IN_ONE_PROCESS, str(tmp_path / "takes.yaml"), str(folder), VARIANT]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}

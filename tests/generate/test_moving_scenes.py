@@ -90,7 +90,7 @@ def test_static_and_dynamic_of_every_member_are_listed(made, recipe):
         "plane-dynamic-constant-00": (0, "dynamic"),
         "plane-dynamic-constant-01": (1, "dynamic"),
     }
-    plan = [s.planned for s in resolve_recipe(recipe).plan if s.planned.scene == "plane"]
+    plan = [s.planned for s in resolve_recipe(recipe).all_sequences if s.planned.scene == "plane"]
     assert {s.id: (s.member, s.scene_motion) for s in plan} == planned
     listed = {s.id: (s.variant, s.scene_motion) for s in read_manifest(outcome.folder).sequences}
     assert listed == {s.planned.id: planned[s.planned.id] for s in work.sequences}
@@ -105,7 +105,7 @@ def test_members_of_a_family_have_parameters_and_stacks_of_their_own(made):
     with saf_gen.open_stream(outcome.folder / "test" / "plane-constant-01.h5") as stream:
         written = json.loads(stream.metadata.provenance["sequence"])
     assert written["params"] == {"contrast": contrasts["plane-constant-01"]}
-    assert len(work.sequences_by_stack()) == 3
+    assert len({s.time_stack for s in work.sequences}) == 3
 
 
 def test_the_truth_of_a_target_that_comes_nearer_is_the_closed_form(made):

@@ -1,200 +1,110 @@
-"""Recipes become sequences; drawn numbers depend on names only."""
+"""The plan of a run, as `saf-gen generate --dry-run` states it, with simulated machines."""
+
+from dataclasses import replace
 
 import pytest
-import yaml
-from refusals import assert_says, refusal
 
-from saf_gen.generate.plan import SceneFamily, plan_sequences, recipe_fingerprint
-from saf_gen.generate.recipe import Recipe, read_recipe
+from saf_gen.generate.plan import MachineRates, make_plan, simulate_machines
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
 
-BASE = {
-    "name": "tiny",
-    "seed": 1,
-    "camera": {"sensor": "vidar_400x250", "frames": 100, "exposure": {"mean_rate": {"uniform": [0.1, 0.3]}}},
-    "focus": {"positions": 5},
-    "render": {"samples": 4},
-    "lights": {"fixed": {"kind": "constant"}, "open": {"kind": "ramp", "from": 0.5, "to": {"uniform": [1, 2]}}},
-    "splits": {
-        "train": {"scenes": ["camel"], "lights": ["open"], "repeats": 2},
-        "test": {"scenes": ["usaf_target"], "lights": ["fixed", "open"]},
-    },
-}
-
-
-def plan(**changes):
-    return plan_sequences(Recipe.model_validate(BASE | changes))
-
-
-def test_sequences_are_the_product_of_scenes_lights_and_repeats():
-    files = [s.file for s in plan()]
-    assert files == [
-        "train/camel-open-00.h5",
-        "train/camel-open-01.h5",
-        "test/usaf_target-fixed-00.h5",
-        "test/usaf_target-open-00.h5",
-    ]
-
-
-def test_open_numbers_are_drawn_within_their_range_and_differ_between_repeats():
-    first, second = plan()[:2]
-    assert 1 <= first.schedule[""]["to"] <= 2
-    assert first.schedule[""]["to"] != second.schedule[""]["to"]
-    assert 0.1 <= first.mean_rate <= 0.3
-    assert first.seed != second.seed
-
-
-def drawn_motions(motion, **changes):
-    return [s.motion for s in plan(focus={"positions": 5, "motion": motion}, **changes)]
-
-
-def test_a_lens_sweeps_by_default():
-    assert [s.motion for s in plan()] == [{"kind": "sweep"}] * 4
-
-
-def test_open_numbers_of_a_motion_are_drawn_for_each_repeat_and_are_the_same_under_every_light():
-    drawn = drawn_motions({"kind": "sweep", "from": {"uniform": [0.0, 0.2]}, "to": 0.9})
-    assert all(0 <= m["from"] <= 0.2 and m["to"] == 0.9 for m in drawn)
-    starts = {}
-    for sequence, motion in zip(plan(), drawn, strict=True):
-        starts.setdefault((sequence.scene, sequence.repeat), set()).add(motion["from"])
-    assert {len(found) for found in starts.values()} == {1}
-    assert len(set.union(*starts.values())) == len(starts) == 3
-
-
-def test_a_motion_may_be_drawn_among_several():
-    among = [{"kind": "sweep"}, {"kind": "hold", "position": {"uniform": [0.2, 0.4]}}]
-    drawn = drawn_motions({"choice": among}, splits={"test": BASE["splits"]["test"] | {"repeats": 20}})
-    assert {m["kind"] for m in drawn} == {"sweep", "hold"}
-    held = [m["position"] for m in drawn if m["kind"] == "hold"]
-    assert len(set(held)) > 5
-
-
-def test_a_hand_moves_differently_in_each_repeat_unless_the_recipe_names_its_seed():
-    assert len({m["seed"] for m in drawn_motions({"kind": "hand"})}) == 3
-    assert {m["seed"] for m in drawn_motions({"kind": "hand", "seed": 5})} == {5}
-
-
-def test_a_motion_moves_nothing_else_of_a_sequence():
-    for one, other in zip(plan(), plan(focus={"positions": 5, "motion": {"kind": "hand"}}), strict=True):
-        assert (one.seed, one.schedule, one.mean_rate) == (other.seed, other.schedule, other.mean_rate)
-
-
-def test_an_edited_table_of_a_motion_makes_other_sequences(tmp_path):
-    recipe = BASE | {"focus": {"positions": 5, "motion": {"kind": "from_csv", "file": "lens.csv"}}}
-    (tmp_path / "r.yaml").write_text(yaml.safe_dump(recipe))
-    plans = []
-    for end in ("0.9", "0.8"):
-        (tmp_path / "lens.csv").write_text(f"time_s,position\n0,0.1\n1,{end}\n")
-        plans.append(plan_sequences(read_recipe(tmp_path / "r.yaml")))
-    assert plans[0][0].motion["file"] == {"path": "lens.csv", "text": "time_s,position\n0,0.1\n1,0.9\n"}
-    assert plans[0] != plans[1]
-
-
-def test_a_sequence_does_not_depend_on_its_neighbours():
-    alone = {"test": BASE["splits"]["test"]}
-    assert plan(splits=alone) == plan()[2:]
-
-
-def test_another_seed_draws_other_numbers():
-    assert plan(seed=2)[0].seed != plan()[0].seed
-
-
-def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
-    recipe = Recipe.model_validate(BASE)
-    turned = Recipe.model_validate(dict(reversed(BASE.items())))
-    assert recipe_fingerprint(recipe) == recipe_fingerprint(turned)
-    assert recipe_fingerprint(recipe) != recipe_fingerprint(Recipe.model_validate(BASE | {"seed": 2}))
-
-
-def test_a_scene_at_rest_is_static_alone_and_changes_nothing_of_the_others():
-    families = {"camel": SceneFamily(moves=True), "bottle": SceneFamily(moves=True)}
-    split = {"scenes": ["camel", "bottle"], "lights": ["fixed"], "scene_motion": ["static", "dynamic"]}
-    plans = [
-        plan_sequences(Recipe.model_validate(BASE | {"splits": {"test": split | at_rest}}), families)
-        for at_rest in ({}, {"at_rest": ["camel"]})
-    ]
-    assert [s.id for s in plans[1]] == ["camel-fixed-00", "bottle-fixed-00", "bottle-dynamic-fixed-00"]
-    assert plans[1] == [s for s in plans[0] if s.id != "camel-dynamic-fixed-00"]
-
-
-# --- ids ----------------------------------------------------------------------------------------------
-
-
-def test_two_sequences_of_one_id_are_refused_and_both_are_named():
-    """A static scene under 'dynamic-fixed' and a moving one under 'fixed' would have the same id."""
-    lights = {"fixed": {"kind": "constant"}, "dynamic-fixed": {"kind": "constant"}}
-    split = {"scenes": ["camel"], "lights": list(lights), "scene_motion": ["static", "dynamic"]}
-    recipe = Recipe.model_validate(BASE | {"lights": lights, "splits": {"test": split}})
-    error = refusal(plan_sequences, recipe, {"camel": SceneFamily(moves=True)})
-    assert_says(
-        error, "'camel-dynamic-fixed-00' | camel, static, under 'dynamic-fixed' | camel, dynamic, under 'fixed'"
-    )
-    assert error.hint == "rename the light 'dynamic-fixed'"
-
-
-# --- parameters ---------------------------------------------------------------------------------------
-
-CARD = {
-    "cup": {"choice": ["left", "right"]},
-    "blades": {"choice": [3, 4, 5]},
-    "shape": {"choice": [[1, 2], [3, 4]]},
-    "distance_m": {"uniform": [0.4, 0.5]},
-    "texels": 64,
-    "word": "free",
-}
-
-
-def member(**chosen):
-    split = {"test": {"scenes": ["camel"], "lights": ["fixed"]}}
-    recipe = Recipe.model_validate(BASE | {"splits": split, "scene_params": {"camel": chosen}})
-    (sequence,) = plan_sequences(recipe, {"camel": SceneFamily(CARD)})
-    return sequence.params
+RECIPE = """\
+name: many
+seed: 7
+camera: {{sensor: vidar_400x250, frames: 400, exposure: {{mean_rate: 0.2}}}}
+focus: {{positions: 4096{motion}}}
+render: {{samples: 16}}
+lights: {{constant: {{kind: constant}}, ramp: {{kind: ramp, from: 0.5, to: 2.0}}}}
+splits:
+  train: {{scenes: [fan, bottle], lights: [constant, ramp], repeats: 12{more}}}
+  test: {{scenes: [usaf_target], lights: [constant], repeats: 12}}
+"""
+RANDOM_MOTION = ", motion: {kind: sweep, from: {uniform: [0, 0.2]}}"
+NO_OVERHEAD = MachineRates(start_s=0, job_s=0, sequence_s=0)
 
 
 @pytest.mark.parametrize(
-    "chosen",
+    ("more", "motion", "stacks"),
     [
-        {"cup": "left"},
-        {"cup": {"choice": ["right"]}},
-        {"blades": {"choice": [3, 5]}},
-        {"shape": [3, 4]},
-        {"distance_m": 0.45},
-        {"distance_m": 2},
-        {"distance_m": {"log_uniform": [0.1, 9]}},
-        {"distance_m": {"choice": [0.1, 0.2]}},
-        {"texels": {"choice": [32, 128]}},
-        {"word": "another"},
+        ("", "", 3),
+        (", variants: 12", "", 25),
+        (", scene_motion: [static, dynamic]", "", 5),
+        (", scene_motion: [static, dynamic]", RANDOM_MOTION, 3 + 2 * 12),
     ],
-    ids=str,
 )
-def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_its_range(chosen):
-    ((key, value),) = chosen.items()
-    drawn = member(**chosen)[key]
-    if not isinstance(value, dict):
-        assert drawn == value
-    elif "choice" in value:
-        assert drawn in value["choice"]
-    else:
-        assert 0.1 <= drawn <= 9
+def test_a_stack_is_counted_once_and_a_recording_for_each_sequence(tmp_path, more, motion, stacks):
+    path = tmp_path / "many.yaml"
+    path.write_text(RECIPE.format(more=more, motion=motion))
+    work = resolve_recipe(path)
+    plan = make_plan(work, tmp_path / "new")
+    left = plan.estimate()
+    assert (len(plan.to_render), len(plan.unrecorded)) == (stacks, len(work.sequences))
+    overhead = left.seconds - left.render_s - left.record_s - MachineRates().start_s
+    jobs = (len(plan.to_render) + len(plan.unrecorded)) * MachineRates().job_s
+    assert overhead == pytest.approx(jobs + len(plan.unrecorded) * MachineRates().sequence_s, rel=1e-6)
+    many = plan.estimate(workers=2, machines=8)
+    assert many.render_s == left.render_s
+    assert many.record_s < left.record_s
+    assert left.seconds / 8 < many.seconds < left.seconds
+
+
+def test_what_is_there_costs_nothing(small_recipe, test_scenes, tmp_path):
+    work, folder = resolve_recipe(small_recipe), tmp_path / "ds"
+    generate(work, folder)
+    plan = make_plan(work, folder)
+    left = plan.estimate()
+    assert (len(plan.to_render), len(plan.unrecorded), left.seconds) == (0, 0, 0.0)
+    (folder / work.sequences[0].planned.file).unlink()
+    plan = make_plan(work, folder)
+    left = plan.estimate()
+    assert (len(plan.to_render), len(plan.unrecorded), left.render_s) == (0, 1, 0.0)
+    assert left.seconds > MachineRates().start_s
+    for grain in folder.glob("stacks/*/stack.grain.json"):
+        grain.unlink()
+    assert list(make_plan(work, folder).to_render.values()) == [()], "its grain is to be measured, as after a stopped run"
+    assert make_plan(work, folder).labels == ["plane"]
+
+
+def test_machines_wait_for_stacks_and_for_the_scheduler():
+    """By hand: a stack of 10 s, 8 recordings of 1 s. One machine of two renders; both record 4 once it is there."""
+
+    def seconds(*works, machines, rates=NO_OVERHEAD):
+        return simulate_machines(works, record_s=1.0, machines=machines, rates=rates)
+
+    assert [seconds((10.0, 8), machines=n) for n in (1, 2, 100)] == [18, 14, 11]
+    assert seconds((10.0, 4), (10.0, 4), machines=2) == 14
+    assert seconds((0.0, 8), machines=2) == 4, "the stack is there"
+    slow = replace(NO_OVERHEAD, job_s=2.0)  # nine jobs are handed out, the last after 12 + 8 · 2 s
+    assert seconds((10.0, 8), machines=100, rates=slow) == 12 + 16 + 1
+    assert seconds(machines=3, rates=MachineRates()) == 0
+
+
+def test_more_workers_record_faster_until_the_cores_are_busy():
+    rates = MachineRates(cores=4, pixel_frames_per_s=3e8, pixel_frames_per_core_s=2e8)
+    assert [rates.recorded_per_s(n) for n in (1, 2, 3, 9)] == pytest.approx([3e8, 6e8, 8e8, 8e8])
+
+
+def test_a_dry_run_states_jobs_and_how_machines_share_them(call, tmp_path):
+    def last_lines(*options):
+        code, out, _ = call("generate", "quickstart", "--out", tmp_path / "new", "--dry-run", *options)
+        assert code == 0
+        return out.splitlines()[-2:]
+
+    jobs, alone = last_lines()
+    assert jobs.startswith("jobs: 3 to render, about ")
+    assert "; 9 to record, about " in jobs
+    assert alone.endswith(" on two cores with LLVM")
+    assert last_lines("--machines", "3")[0] == jobs
+    assert last_lines("--machines", "3")[1].endswith(" on 3 machines of two cores with LLVM")
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize(
-    ("chosen", "message"),
-    [
-        ({"cup": "lfet"}, 'scene_params.camel.cup is \'lfet\' | "left", "right" | mean \'left'),
-        ({"cup": {"choice": ["left", "rihgt"]}}, "'rihgt' | mean 'right"),
-        ({"cup": 1}, 'cup is 1 | "left", "right"'),
-        ({"blades": 6}, "blades is 6 | 3, 4, 5"),
-        ({"blades": True}, "blades is True | 3, 4, 5"),
-        ({"blades": 3.0}, "blades is 3.0 | 3, 4, 5 | mean '3"),
-        ({"blades": {"uniform": [3, 5]}}, "blades is {'uniform': [3, 5]} | 3, 4, 5"),
-        ({"shape": [1, 4]}, "shape is [1, 4] | [1, 2], [3, 4]"),
-        ({"distance_m": "4e-1"}, "distance_m is '4e-1' | a number"),
-        ({"distance_m": {"choice": [0.4, "far"]}}, "distance_m is 'far' | a number"),
-        ({"distance_m": True}, "distance_m is True | a number"),
-        ({"texels": [64, 64]}, "texels is [64, 64] | a number"),
-    ],
-    ids=str,
+    ("options", "message"),
+    [(("--machines", "3"), "--machines is 3; allowed: with --dry-run alone"), (("--shard", "3/2"), "--shard is '3/2'")],
 )
-def test_a_parameter_that_the_card_could_not_have_is_refused(chosen, message):
-    assert_says(refusal(member, **chosen), message)
+def test_options_that_cannot_be_meant_are_refused_and_nothing_is_made(call, tmp_path, options, message):
+    code, _, err = call("generate", "quickstart", "--out", tmp_path / "new", *options)
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
+    assert not (tmp_path / "new").exists()

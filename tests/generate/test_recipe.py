@@ -219,5 +219,5 @@ def test_stacks_have_the_sensors_waves_unless_they_are_switched_off(tmp_path, ke
     specs = {spec for sequence in resolved.sequences for spec in sequence.time_stack.specs}
     assert {spec.wavelength_m for spec in specs} == {wavelength_m}
     geometric = resolved.without_diffraction()
-    assert {s.time_stack.specs[0].wavelength_m for s in geometric.sequences + geometric.plan} == {0.0}
+    assert {s.time_stack.specs[0].wavelength_m for s in geometric.sequences + geometric.all_sequences} == {0.0}
     assert geometric.recipe.render.diffraction is False

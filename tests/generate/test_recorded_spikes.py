@@ -11,7 +11,7 @@ from small_dataset import make_sequence
 
 import saf_gen
 from saf_gen.camera import get_sensor
-from saf_gen.generate.recorder import Recorder
+from saf_gen.generate.record import Recorder
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack

@@ -7,7 +7,7 @@ from small_dataset import DRIVE, SPEC, make_sequence
 
 import saf_gen
 from saf_gen.camera import get_sensor
-from saf_gen.generate.recorder import Recorder
+from saf_gen.generate.record import Recorder
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.stack.focal_stack import FocalStack

@@ -21,9 +21,9 @@ planter = Planter(source)
 planter.install()
 from saf_gen.camera import encoder
 from saf_gen.core import seeds
-from saf_gen.generate import plan
+from saf_gen.generate import resolve
 print(json.dumps([
-    encoder.derive_seed is seeds.derive_seed, plan.seeds.derive_seed("a"), seeds.derive_seed("a"), seeds.__file__,
+    encoder.derive_seed is seeds.derive_seed, resolve.seeds.derive_seed("a"), seeds.derive_seed("a"), seeds.__file__,
     sorted(planter.planted),
 ]))
 """

@@ -13,7 +13,7 @@ from saf_gen import get_light
 from saf_gen.camera import get_sensor
 from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
-from saf_gen.generate.recorder import Recorder
+from saf_gen.generate.record import Recorder
 from saf_gen.plugins.lights import gains_at_readouts, group_gains
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource

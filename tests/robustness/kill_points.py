@@ -57,12 +57,7 @@ CHANGES = ("fsync", "rename", "replace", "unlink", "remove", "rmdir")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMED = ("seconds",)
 LOADED = {
-    "generate": (
-        "mitsuba",
-        "saf_gen.authoring.contact_sheet",
-        "saf_gen.generate.coarse_sampling",
-        "saf_gen.render.grain",
-    ),
+    "generate": ("mitsuba", "saf_gen.authoring.contact_sheet", "saf_gen.generate.resolve", "saf_gen.render.grain"),
     "tune": ("saf_gen.leaderboard.tuning", "saf_gen.plugins.searches", "scipy.signal"),
     "import": ("saf_gen.stream.interop",),
     "export": ("saf_gen.stream.interop",),

@@ -9,7 +9,7 @@ from small_dataset import make_sequence
 
 import saf_gen
 from saf_gen.camera import Encoder, get_sensor
-from saf_gen.generate.recorder import Recorder
+from saf_gen.generate.record import Recorder
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore

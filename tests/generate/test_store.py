@@ -12,10 +12,12 @@ from small_dataset import SCENES, SMALL_RECIPE
 
 from saf_gen.core.object_store import StorePath
 from saf_gen.errors import BadInput
-from saf_gen.generate import store_transfer, to_store
+from saf_gen.generate import plan as plan_module
+from saf_gen.generate import store as store_module
+from saf_gen.generate.plan import find_scratch, make_plan, split_into_batches
 from saf_gen.generate.resolve import resolve_recipe
-from saf_gen.generate.run import generate
-from saf_gen.generate.to_store import find_scratch, generate_to_store, split_into_batches
+from saf_gen.generate.run import generate, run_plan
+from saf_gen.generate.store import run_to_store
 from saf_gen.stream.dataset import verify_dataset
 from saf_gen.stream.manifest import read_manifest
 
@@ -61,7 +63,7 @@ def fill_scratch(made, work, store):
 
 
 def run(work, store, **options):
-    return generate_to_store(work, store, variant=VARIANT, **options)
+    return run_to_store(make_plan(work, store), variant=VARIANT, **options)
 
 
 @pytest.mark.slow
@@ -82,12 +84,12 @@ def test_a_dataset_in_a_store_is_the_one_on_a_disk_and_nothing_is_left_here(made
 def test_what_the_store_holds_is_neither_rendered_nor_recorded_nor_sent_again(made, work, store, s3, monkeypatch):
     """Eight files of stacks, three streams, and twice three cards are uploaded."""
     fill_scratch(made, work, store)
-    sent, send = [], store_transfer.upload_file
-    monkeypatch.setattr(store_transfer, "upload_file", lambda file, target: (sent.append(target), send(file, target)))
+    sent, send = [], store_module.upload_file
+    monkeypatch.setattr(store_module, "upload_file", lambda file, target: (sent.append(target), send(file, target)))
     first = run(work, store)
     assert len(sent) == 8 + 3 + 2 * 3
     before = s3.find("data/sets/small", detail=True)
-    monkeypatch.setattr(to_store, "generate", lambda *args, **options: pytest.fail("something is made again"))
+    monkeypatch.setattr(store_module, "run_plan", lambda *args, **options: pytest.fail("something is made again"))
     again = run(work, store)
     assert (again.recorded, again.kept, again.manifest) == ([], NAMES, first.manifest)
     after = s3.find("data/sets/small", detail=True)
@@ -118,9 +120,9 @@ def test_a_run_stopped_at_any_upload_lists_only_complete_streams_and_resumes(mad
 
     The test of what is not sent again covers a run that stops after the last of them.
     """
-    send, sent = store_transfer.upload_file, []
+    send, sent = store_module.upload_file, []
     whole = {file.name: hashlib.md5(file.read_bytes()).hexdigest() for file in (made / "local/test").iterdir()}
-    monkeypatch.setattr(store_transfer, "TRANSFERS", 1)
+    monkeypatch.setattr(store_module, "TRANSFERS", 1)
     for steps in (0, 7, 16, 17, 21, 24, 27):
         fill_scratch(made, work, store)
         sent.clear()
@@ -133,10 +135,10 @@ def test_a_run_stopped_at_any_upload_lists_only_complete_streams_and_resumes(mad
             if len(sent) == at // 2 + 1:
                 raise Killed
 
-        monkeypatch.setattr(store_transfer, "upload_file", stop)
+        monkeypatch.setattr(store_module, "upload_file", stop)
         with pytest.raises(Killed):
             run(work, store)
-        monkeypatch.setattr(store_transfer, "upload_file", send)
+        monkeypatch.setattr(store_module, "upload_file", send)
         if s3.exists(f"{store.key}/manifest.json"):
             assert verify_dataset(store)[1] == {}
         if steps % 4 == 3:
@@ -162,9 +164,9 @@ def test_a_stream_of_another_recipe_is_not_listed_while_it_is_made_again(made, w
 
     def look(*args, **options):
         assert [entry.id for entry in read_manifest(store).sequences] == [NAMES[0], NAMES[2]]
-        return generate(*args, **options)
+        return run_plan(*args, **options)
 
-    monkeypatch.setattr(to_store, "generate", look)
+    monkeypatch.setattr(store_module, "run_plan", look)
     assert run(work, store).recorded == [NAMES[1]]
     assert verify_dataset(store) == (3, {})
 
@@ -187,7 +189,7 @@ def test_batches_hold_complete_stacks_up_to_a_size(work, monkeypatch):
     specs = [replace(spec, samples=99) for spec in sequences[0].time_stack.specs]
     apart = [replace(s, time_stack=replace(s.time_stack, specs=tuple(specs))) for s in sequences]
     mixed = [one for pair in zip(sequences, apart, strict=True) for one in pair]
-    monkeypatch.setattr(to_store, "BATCH_BYTES", 1)
+    monkeypatch.setattr(plan_module, "BATCH_BYTES", 1)
     assert split_into_batches(mixed) == [sequences, apart]
     assert split_into_batches([]) == []
 
@@ -229,7 +231,7 @@ def test_bad_stores_are_refused_before_anything_is_made(work, store, here, s3, c
 @pytest.mark.slow
 def test_a_store_that_fails_later_ends_the_run_in_one_line_and_the_next_one_goes_on(made, work, store, monkeypatch):
     fill_scratch(made, work, store)
-    send = store_transfer.upload_file
+    send = store_module.upload_file
 
     def fail(file, target):
         if file.suffix == ".h5":
@@ -237,7 +239,7 @@ def test_a_store_that_fails_later_ends_the_run_in_one_line_and_the_next_one_goes
         send(file, target)
 
     with monkeypatch.context() as patch:
-        patch.setattr(store_transfer, "upload_file", fail)
+        patch.setattr(store_module, "upload_file", fail)
         assert_says(refusal(run, work, store), "s3://data/sets/small/test/ | does not answer")
     result = run(work, store)
     assert (result.recorded, result.rendered) == ([], [])

@@ -1,18 +1,27 @@
-"""Transfers between a dataset in an object store and the scratch folder in which it is made."""
+"""Generation of a dataset in an object store, through a scratch folder on this machine that stays small.
 
+The dataset is made in batches of complete focal stacks and the recordings made from them. While a batch is made, the
+previous one is uploaded: first its stacks, then its streams; each file is checked on arrival. The batch is then
+deleted here, and the manifest that lists it is written. A manifest therefore never lists incomplete files, and a run
+that was killed continues from what is in the store and in the scratch folder.
+"""
+
+import shutil
 import threading
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
-from saf_gen.core.execution import ReportProgress
+from saf_gen.core.execution import Cluster, ReportProgress
+from saf_gen.core.files import check_writable
 from saf_gen.core.object_store import StorePath
-from saf_gen.core.object_transfers import download_file, list_objects, upload_file
-from saf_gen.generate.finished_recordings import fingerprint_generated_out_of_focus
-from saf_gen.generate.plan import recipe_fingerprint
-from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
-from saf_gen.generate.run import check_same_dataset, find_entry, write_dataset_manifest
-from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.core.object_transfers import abort_uploads, check_store, download_file, list_objects, upload_file
+from saf_gen.generate.plan import Plan, check_same_dataset, make_plan, split_into_batches, stacks_of
+from saf_gen.generate.record import fingerprint_generated_out_of_focus
+from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, recipe_fingerprint
+from saf_gen.generate.run import GenerationResult, choose_renderer, find_entry, run_plan, write_dataset_manifest
+from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry
 from saf_gen.stream.sharing.croissant import CARD_NAME
@@ -21,6 +30,104 @@ TRANSFERS = 4
 """Number of files that are uploaded or downloaded at a time; each may take 150 MB of memory."""
 CARDS = ("README.md", CARD_NAME, MANIFEST_NAME)
 """Files that describe the dataset, in the order in which they are uploaded: the manifest comes last."""
+
+
+def run_to_store(
+    plan: Plan,
+    *,
+    workers: int = 1,
+    variant: str = "auto",
+    cluster: str | None = None,
+    report: ReportProgress = lambda name, done: None,
+    tell: Callable[[str], None] = lambda line: None,
+) -> GenerationResult:
+    """Make what a dataset in an object store lacks.
+
+    Sequences of this recipe that the store holds are kept. The manifest is trusted if it lists a stream with the right
+    fingerprint; otherwise the metadata of the stream decide. ``saf-gen verify`` reads all spikes.
+
+    Parameters
+    ----------
+    plan : Plan
+        Result of :func:`saf_gen.generate.plan.make_plan`, whose target is in a store.
+    workers, variant, cluster, report, tell : optional
+        See :func:`saf_gen.generate.run.generate`; uploads are reported too. The workers of a cluster must see the
+        scratch folder, which is in the working directory.
+
+    Returns
+    -------
+    GenerationResult
+        Result of the run, with the store as its folder.
+
+    Raises
+    ------
+    BadInput
+        If ``generate`` would raise it, or if the store cannot be written to or fails; the same call then continues from
+        the contents of the store.
+    """
+    assert isinstance(plan.target, StorePath)
+    resolved, store, scratch = plan.resolved, plan.target, plan.folder.resolve()
+    check_store(store)
+    check_writable(scratch)
+    aborted, left = abort_uploads(store, own_names={s.planned.file for s in resolved.sequences})
+    if aborted or left:
+        tell(f"interrupted uploads: {aborted} removed, {left} left that may belong to other runs")
+    listed = {entry.id: entry for entry in plan.manifest.sequences} if plan.manifest else {}
+    transfer = StoreTransfer(resolved, store, scratch, report=report)
+    in_store = transfer.find_entries(listed)
+    leave_out = False
+    if any(s.planned.id not in in_store for s in resolved.sequences) and resolved.recipe.render.diffraction is None:
+        scratch.mkdir(parents=True, exist_ok=True)
+        machines = None if cluster is None else Cluster(cluster, scratch, writes=True)
+        leave_out = not choose_renderer(variant, cluster=machines, notify=tell)[1]
+    if leave_out:
+        resolved = resolved.without_diffraction()
+        transfer = StoreTransfer(resolved, store, scratch, report=report)
+        in_store = transfer.find_entries(listed)
+    if any(in_store.get(name) != entry for name, entry in listed.items()):
+        transfer.publish(in_store, with_others=False)  # so that sequences to be made again are not listed
+    kept = [s.planned.id for s in resolved.sequences if s.planned.id in in_store]
+    parts: list[GenerationResult] = []
+    with ThreadPoolExecutor(1, "upload") as upload_pool:
+        upload: Future[None] | None = None
+        try:
+            for batch in split_into_batches([s for s in resolved.sequences if s.planned.id not in in_store]):
+                transfer.fetch_stacks(batch)
+                of_batch = replace(resolved, all_sequences=tuple(batch), sequences=tuple(batch))
+                part = run_plan(
+                    make_plan(of_batch, scratch, keep_slices=plan.keep_slices),
+                    workers=workers,
+                    variant=variant,
+                    cluster=cluster,
+                    report=report,
+                    tell=tell,
+                )
+                parts.append(part)
+                if upload is not None:
+                    upload.result()
+                in_store |= {entry.id: entry for entry in part.manifest.sequences}
+                upload = upload_pool.submit(
+                    transfer.upload_batch, batch, part.manifest.sequences, in_store=dict(in_store)
+                )
+            if upload is not None:
+                upload.result()
+            manifest = transfer.publish(in_store, with_others=True)
+        except BaseException:
+            transfer.stop.set()
+            raise
+    failed = {name: error for part in parts for name, error in part.failed.items()}
+    if not failed:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return GenerationResult(
+        store,
+        manifest,
+        rendered=[name for part in parts for name in part.rendered],
+        recorded=[name for part in parts for name in part.recorded],
+        kept=[*kept, *(name for part in parts for name in part.kept)],
+        failed=failed,
+        without_diffraction=leave_out,
+        freed_bytes=sum(part.freed_bytes for part in parts),
+    )
 
 
 class StoreTransfer:
@@ -38,11 +145,11 @@ class StoreTransfer:
         The notes of all stacks are fetched, because the fingerprints of sequences depend on them. Streams that the
         manifest does not list with the right fingerprint are opened, and read by ranges.
         """
-        keys = {spec.key for sequence in self._resolved.plan for spec in sequence.time_stack.specs}
+        keys = {spec.key for sequence in self._resolved.all_sequences for spec in sequence.time_stack.specs}
         self._fetch(name for name in self._objects if name.endswith(".json") and _stack_key(name) in keys)
         digests: dict[TimeResolvedStack, str | None] = {}
         found = {}
-        for sequence in self._resolved.plan:
+        for sequence in self._resolved.all_sequences:
             stack, name = sequence.time_stack, sequence.planned.id
             if sequence.planned.file not in self._objects:
                 continue
@@ -109,27 +216,13 @@ class StoreTransfer:
         now = check_same_dataset(self._resolved, self._store) if with_others else None
         if now is not None and now.recipe_fingerprint == recipe_fingerprint(self._resolved.recipe):
             known = {entry.id: entry for entry in now.sequences} | known
-        entries = [known[s.planned.id] for s in self._resolved.plan if s.planned.id in known]
+        entries = [known[s.planned.id] for s in self._resolved.all_sequences if s.planned.id in known]
         if CARD_NAME in self._objects:
             self._fetch([CARD_NAME])  # it holds the date of the first publication
         manifest = write_dataset_manifest(self._resolved, self._scratch, entries=entries, stacks=self._stacks)
         for name in CARDS:
             upload_file(self._scratch / name, self._store / name)
         return manifest
-
-
-def stacks_of(sequences: Iterable[ResolvedSequence]) -> list[StackSpec]:
-    """Return all stacks of these sequences, including those of the closed loop, each once."""
-    found: dict[StackSpec, None] = {}
-    for sequence in sequences:
-        for stack in (sequence.time_stack, sequence.closed_loop_slices):
-            found |= dict.fromkeys(stack.specs if stack else ())
-    return list(found)
-
-
-def picture_names(specs: Iterable[StackSpec]) -> set[str]:
-    """Return the names of the objects that hold the pictures of these stacks."""
-    return {f"stacks/{spec.key}/{piece}.exr" for spec in specs for piece in StackStore(Path(), spec).pieces}
 
 
 def _stack_key(name: str) -> str:

@@ -1,0 +1,200 @@
+"""Recipes become sequences; drawn numbers depend on names only."""
+
+import pytest
+import yaml
+from refusals import assert_says, refusal
+
+from saf_gen.generate.recipe import Recipe, read_recipe
+from saf_gen.generate.resolve import SceneFamily, draw_sequences, recipe_fingerprint
+
+BASE = {
+    "name": "tiny",
+    "seed": 1,
+    "camera": {"sensor": "vidar_400x250", "frames": 100, "exposure": {"mean_rate": {"uniform": [0.1, 0.3]}}},
+    "focus": {"positions": 5},
+    "render": {"samples": 4},
+    "lights": {"fixed": {"kind": "constant"}, "open": {"kind": "ramp", "from": 0.5, "to": {"uniform": [1, 2]}}},
+    "splits": {
+        "train": {"scenes": ["camel"], "lights": ["open"], "repeats": 2},
+        "test": {"scenes": ["usaf_target"], "lights": ["fixed", "open"]},
+    },
+}
+
+
+def plan(**changes):
+    return draw_sequences(Recipe.model_validate(BASE | changes))
+
+
+def test_sequences_are_the_product_of_scenes_lights_and_repeats():
+    files = [s.file for s in plan()]
+    assert files == [
+        "train/camel-open-00.h5",
+        "train/camel-open-01.h5",
+        "test/usaf_target-fixed-00.h5",
+        "test/usaf_target-open-00.h5",
+    ]
+
+
+def test_open_numbers_are_drawn_within_their_range_and_differ_between_repeats():
+    first, second = plan()[:2]
+    assert 1 <= first.schedule[""]["to"] <= 2
+    assert first.schedule[""]["to"] != second.schedule[""]["to"]
+    assert 0.1 <= first.mean_rate <= 0.3
+    assert first.seed != second.seed
+
+
+def drawn_motions(motion, **changes):
+    return [s.motion for s in plan(focus={"positions": 5, "motion": motion}, **changes)]
+
+
+def test_a_lens_sweeps_by_default():
+    assert [s.motion for s in plan()] == [{"kind": "sweep"}] * 4
+
+
+def test_open_numbers_of_a_motion_are_drawn_for_each_repeat_and_are_the_same_under_every_light():
+    drawn = drawn_motions({"kind": "sweep", "from": {"uniform": [0.0, 0.2]}, "to": 0.9})
+    assert all(0 <= m["from"] <= 0.2 and m["to"] == 0.9 for m in drawn)
+    starts = {}
+    for sequence, motion in zip(plan(), drawn, strict=True):
+        starts.setdefault((sequence.scene, sequence.repeat), set()).add(motion["from"])
+    assert {len(found) for found in starts.values()} == {1}
+    assert len(set.union(*starts.values())) == len(starts) == 3
+
+
+def test_a_motion_may_be_drawn_among_several():
+    among = [{"kind": "sweep"}, {"kind": "hold", "position": {"uniform": [0.2, 0.4]}}]
+    drawn = drawn_motions({"choice": among}, splits={"test": BASE["splits"]["test"] | {"repeats": 20}})
+    assert {m["kind"] for m in drawn} == {"sweep", "hold"}
+    held = [m["position"] for m in drawn if m["kind"] == "hold"]
+    assert len(set(held)) > 5
+
+
+def test_a_hand_moves_differently_in_each_repeat_unless_the_recipe_names_its_seed():
+    assert len({m["seed"] for m in drawn_motions({"kind": "hand"})}) == 3
+    assert {m["seed"] for m in drawn_motions({"kind": "hand", "seed": 5})} == {5}
+
+
+def test_a_motion_moves_nothing_else_of_a_sequence():
+    for one, other in zip(plan(), plan(focus={"positions": 5, "motion": {"kind": "hand"}}), strict=True):
+        assert (one.seed, one.schedule, one.mean_rate) == (other.seed, other.schedule, other.mean_rate)
+
+
+def test_an_edited_table_of_a_motion_makes_other_sequences(tmp_path):
+    recipe = BASE | {"focus": {"positions": 5, "motion": {"kind": "from_csv", "file": "lens.csv"}}}
+    (tmp_path / "r.yaml").write_text(yaml.safe_dump(recipe))
+    plans = []
+    for end in ("0.9", "0.8"):
+        (tmp_path / "lens.csv").write_text(f"time_s,position\n0,0.1\n1,{end}\n")
+        plans.append(draw_sequences(read_recipe(tmp_path / "r.yaml")))
+    assert plans[0][0].motion["file"] == {"path": "lens.csv", "text": "time_s,position\n0,0.1\n1,0.9\n"}
+    assert plans[0] != plans[1]
+
+
+def test_a_sequence_does_not_depend_on_its_neighbours():
+    alone = {"test": BASE["splits"]["test"]}
+    assert plan(splits=alone) == plan()[2:]
+
+
+def test_another_seed_draws_other_numbers():
+    assert plan(seed=2)[0].seed != plan()[0].seed
+
+
+def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
+    recipe = Recipe.model_validate(BASE)
+    turned = Recipe.model_validate(dict(reversed(BASE.items())))
+    assert recipe_fingerprint(recipe) == recipe_fingerprint(turned)
+    assert recipe_fingerprint(recipe) != recipe_fingerprint(Recipe.model_validate(BASE | {"seed": 2}))
+
+
+def test_a_scene_at_rest_is_static_alone_and_changes_nothing_of_the_others():
+    families = {"camel": SceneFamily(moves=True), "bottle": SceneFamily(moves=True)}
+    split = {"scenes": ["camel", "bottle"], "lights": ["fixed"], "scene_motion": ["static", "dynamic"]}
+    plans = [
+        draw_sequences(Recipe.model_validate(BASE | {"splits": {"test": split | at_rest}}), families)
+        for at_rest in ({}, {"at_rest": ["camel"]})
+    ]
+    assert [s.id for s in plans[1]] == ["camel-fixed-00", "bottle-fixed-00", "bottle-dynamic-fixed-00"]
+    assert plans[1] == [s for s in plans[0] if s.id != "camel-dynamic-fixed-00"]
+
+
+# --- ids ----------------------------------------------------------------------------------------------
+
+
+def test_two_sequences_of_one_id_are_refused_and_both_are_named():
+    """A static scene under 'dynamic-fixed' and a moving one under 'fixed' would have the same id."""
+    lights = {"fixed": {"kind": "constant"}, "dynamic-fixed": {"kind": "constant"}}
+    split = {"scenes": ["camel"], "lights": list(lights), "scene_motion": ["static", "dynamic"]}
+    recipe = Recipe.model_validate(BASE | {"lights": lights, "splits": {"test": split}})
+    error = refusal(draw_sequences, recipe, {"camel": SceneFamily(moves=True)})
+    assert_says(
+        error, "'camel-dynamic-fixed-00' | camel, static, under 'dynamic-fixed' | camel, dynamic, under 'fixed'"
+    )
+    assert error.hint == "rename the light 'dynamic-fixed'"
+
+
+# --- parameters ---------------------------------------------------------------------------------------
+
+CARD = {
+    "cup": {"choice": ["left", "right"]},
+    "blades": {"choice": [3, 4, 5]},
+    "shape": {"choice": [[1, 2], [3, 4]]},
+    "distance_m": {"uniform": [0.4, 0.5]},
+    "texels": 64,
+    "word": "free",
+}
+
+
+def member(**chosen):
+    split = {"test": {"scenes": ["camel"], "lights": ["fixed"]}}
+    recipe = Recipe.model_validate(BASE | {"splits": split, "scene_params": {"camel": chosen}})
+    (sequence,) = draw_sequences(recipe, {"camel": SceneFamily(CARD)})
+    return sequence.params
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        {"cup": "left"},
+        {"cup": {"choice": ["right"]}},
+        {"blades": {"choice": [3, 5]}},
+        {"shape": [3, 4]},
+        {"distance_m": 0.45},
+        {"distance_m": 2},
+        {"distance_m": {"log_uniform": [0.1, 9]}},
+        {"distance_m": {"choice": [0.1, 0.2]}},
+        {"texels": {"choice": [32, 128]}},
+        {"word": "another"},
+    ],
+    ids=str,
+)
+def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_its_range(chosen):
+    ((key, value),) = chosen.items()
+    drawn = member(**chosen)[key]
+    if not isinstance(value, dict):
+        assert drawn == value
+    elif "choice" in value:
+        assert drawn in value["choice"]
+    else:
+        assert 0.1 <= drawn <= 9
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ({"cup": "lfet"}, 'scene_params.camel.cup is \'lfet\' | "left", "right" | mean \'left'),
+        ({"cup": {"choice": ["left", "rihgt"]}}, "'rihgt' | mean 'right"),
+        ({"cup": 1}, 'cup is 1 | "left", "right"'),
+        ({"blades": 6}, "blades is 6 | 3, 4, 5"),
+        ({"blades": True}, "blades is True | 3, 4, 5"),
+        ({"blades": 3.0}, "blades is 3.0 | 3, 4, 5 | mean '3"),
+        ({"blades": {"uniform": [3, 5]}}, "blades is {'uniform': [3, 5]} | 3, 4, 5"),
+        ({"shape": [1, 4]}, "shape is [1, 4] | [1, 2], [3, 4]"),
+        ({"distance_m": "4e-1"}, "distance_m is '4e-1' | a number"),
+        ({"distance_m": {"choice": [0.4, "far"]}}, "distance_m is 'far' | a number"),
+        ({"distance_m": True}, "distance_m is True | a number"),
+        ({"texels": [64, 64]}, "texels is [64, 64] | a number"),
+    ],
+    ids=str,
+)
+def test_a_parameter_that_the_card_could_not_have_is_refused(chosen, message):
+    assert_says(refusal(member, **chosen), message)
