@@ -156,6 +156,51 @@ def test_a_check_of_a_measure_that_exits_reports_it(call, monkeypatch, write_par
     assert "CodeStopped: its code called exit(0) (mine.py, line 6), for random counts" in out
 
 
+FAULTS = {"sys.exit(2)": "CodeStopped: its code called exit(2)", "1 / 0": "ZeroDivisionError: division by zero"}
+IN_THE_LOOP = ("--track", "closed_loop", "--budget", "30", "--actuator", "ideal")
+
+
+@pytest.mark.parametrize(("statement", "reason"), FAULTS.items())
+@pytest.mark.parametrize("part", ["{mine}:score+argmax", "sd+{mine}:look"])
+@pytest.mark.parametrize("track", ["recorded", "closed_loop"])
+def test_a_method_whose_code_breaks_is_one_line_and_exit_code_1(
+    call, request, tmp_path, write_parts, track, part, statement, reason
+):
+    data = request.getfixturevalue("sweeps" if track == "recorded" else "captured_dataset")
+    broken, out = part.format(mine=write_parts(in_use=statement)), tmp_path / "out"
+    options = IN_THE_LOOP if track == "closed_loop" else ()
+    code, printed, err = call("evaluate", data, f"--method={broken}", "--method=sd+argmax", "--out", out, *options)
+    records = read_records(out / "records.jsonl")
+    count = sum(record.method == broken for record in records)
+    assert (code, printed.count("sd+argmax")) == (1, 1)
+    noun = "sequence" if count == 1 else "sequences"
+    assert only_error(err) == f"saf-gen: {broken} failed on {count} of {count} {noun}: {reason}"
+    assert {record.status for record in records if record.method == "sd+argmax"} == {"answered"}
+
+
+def test_a_method_that_breaks_on_some_sequences_is_counted(call, sweeps, tmp_path, write_parts):
+    mine = write_parts(in_use="return 1 / 0 if view.score(300, 500) > view.score(100, 300) else None")
+    code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
+    assert code == 1
+    assert " failed on 2 of 3 sequences: ZeroDivisionError: division by zero" in only_error(err)
+
+
+@pytest.mark.parametrize(
+    ("in_use", "status"),
+    [
+        ("from saf_gen.errors import BadInput; raise BadInput('too short')", "failed"),
+        ("view.score(0, 10**6)", "failed"),
+        ("return 10.0**6", "failed"),
+        ("return None", "abstained"),
+    ],
+)
+def test_a_refusal_or_an_abstention_is_a_result(call, sweeps, tmp_path, write_parts, in_use, status):
+    mine = write_parts(in_use=in_use)
+    code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
+    assert (code, err) == (0, "")
+    assert {record.status for record in read_records(tmp_path / "out/records.jsonl")} == {status}
+
+
 def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts):
     mine = write_parts(in_use="raise KeyboardInterrupt")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
@@ -263,11 +308,15 @@ def test_a_process_that_checks_a_file_with_argparse_ends_with_2(write_parts):
 
 @pytest.mark.slow
 def test_a_process_that_evaluates_a_method_that_exits_keeps_the_others(sweeps, tmp_path, write_parts):
-    """It ends with 0, as if the method had raised an exception: the failure is a result of the method."""
+    """The rows of the others stand, and the exit code says that something is wrong."""
     mine = write_parts(in_use="sys.exit(0)")
     methods = [f"--method={name}" for name in (f"{mine}:score+argmax", "sd+argmax", f"sd+{mine}:look")]
     run = command_line("evaluate", sweeps, *methods, "--out", tmp_path / "out")
-    assert (run.returncode, run.stderr) == (0, "")
+    assert run.returncode == 1
+    broke = "failed on 3 of 3 sequences: CodeStopped: its code called exit(0)"
+    assert run.stderr.splitlines() == [
+        f"saf-gen: {name} {broke}" for name in (f"{mine}:score+argmax", f"sd+{mine}:look")
+    ]
     assert "mine.py:score+argmax" in run.stdout
     assert_good_rows_stand(read_records(tmp_path / "out/records.jsonl"), "exit(0)")
 
