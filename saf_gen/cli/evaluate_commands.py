@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.records import Record
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-    from saf_gen.benchmark.tracks.sequence_tasks import SequenceSelection
+    from saf_gen.benchmark.tracks.tasks import SequenceSelection
 
 TRACKS = ("recorded", "closed_loop")
 Track = Annotated[
@@ -66,7 +66,7 @@ def evaluate_command(
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.method_spec import parse_method, read_methods
-    from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
+    from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_writable
     from saf_gen.core.object_store import StorePath, find_path
     from saf_gen.leaderboard import rank_methods

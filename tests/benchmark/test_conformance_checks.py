@@ -18,9 +18,7 @@ from saf_gen.benchmark.conformance import CheckLimits, check_by_name, check_meas
 from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, TARGET_RATE, write_recordings
 from saf_gen.benchmark.conformance._sample_counts import sample_texture
 from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, bell
-from saf_gen.benchmark.conformance.name_resolution import resolve_name
-from saf_gen.benchmark.method_spec import Method, parse_method
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned
+from saf_gen.benchmark.method_spec import Method, TunedMethod, TuningTrial, format_tuned, parse_method, resolve_name
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 from saf_gen.stream.stream_file import open_stream

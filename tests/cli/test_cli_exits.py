@@ -13,6 +13,7 @@ import pytest
 from planted_sweeps import write_three_sweeps
 from small_dataset import SCENES, SMALL_RECIPE
 
+import saf_gen.leaderboard.report.evaluation_folder  # noqa: F401  so that reports are made without figures
 from saf_gen.authoring.template import scene_from_template
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import read_records, write_records
@@ -29,7 +30,7 @@ EXITS = {
 }
 """Statements of users' code, and the call of exit that errors state."""
 PARTS = """\
-import argparse, sys
+import argparse, sys; from saf_gen.parts import Answer
 
 AT_LOAD
 
@@ -161,44 +162,44 @@ IN_THE_LOOP = ("--track", "closed_loop", "--budget", "30", "--actuator", "ideal"
 
 
 @pytest.mark.parametrize(("statement", "reason"), FAULTS.items())
-@pytest.mark.parametrize("part", ["{mine}:score+argmax", "sd+{mine}:look"])
 @pytest.mark.parametrize("track", ["recorded", "closed_loop"])
 def test_a_method_whose_code_breaks_is_one_line_and_exit_code_1(
-    call, request, tmp_path, write_parts, track, part, statement, reason
+    call, request, tmp_path, write_parts, track, statement, reason
 ):
     data = request.getfixturevalue("sweeps" if track == "recorded" else "captured_dataset")
-    broken, out = part.format(mine=write_parts(in_use=statement)), tmp_path / "out"
-    options = IN_THE_LOOP if track == "closed_loop" else ()
-    code, printed, err = call("evaluate", data, f"--method={broken}", "--method=sd+argmax", "--out", out, *options)
+    mine, out = write_parts(in_use=statement), tmp_path / "out"
+    broken = f"{mine}:score+argmax", f"sd+{mine}:look"
+    methods = [f"--method={name}" for name in (*broken, "sd+argmax")]
+    code, printed, err = call("evaluate", data, *methods, "--out", out, *(IN_THE_LOOP if track != "recorded" else ()))
     records = read_records(out / "records.jsonl")
-    count = sum(record.method == broken for record in records)
-    assert (code, printed.count("sd+argmax")) == (1, 1)
-    noun = "sequence" if count == 1 else "sequences"
-    assert only_error(err) == f"saf-gen: {broken} failed on {count} of {count} {noun}: {reason}"
+    count = len(records) // 3
+    assert (code, printed.count(" sd+argmax ")) == (1, 1)
+    assert err.splitlines() == [f"saf-gen: {name} failed on {count} of {count} sequences: {reason}" for name in broken]
     assert {record.status for record in records if record.method == "sd+argmax"} == {"answered"}
 
 
 def test_a_method_that_breaks_on_some_sequences_is_counted(call, sweeps, tmp_path, write_parts):
-    mine = write_parts(in_use="return 1 / 0 if view.score(300, 500) > view.score(100, 300) else None")
+    mine = write_parts(in_use="return 1 / 0 if view.score(300, 500) > view.score(100, 300) else Answer()")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
     assert code == 1
     assert " failed on 2 of 3 sequences: ZeroDivisionError: division by zero" in only_error(err)
 
 
-@pytest.mark.parametrize(
-    ("in_use", "status"),
-    [
-        ("from saf_gen.errors import BadInput; raise BadInput('too short')", "failed"),
-        ("view.score(0, 10**6)", "failed"),
-        ("return 10.0**6", "failed"),
-        ("return None", "abstained"),
-    ],
-)
-def test_a_refusal_or_an_abstention_is_a_result(call, sweeps, tmp_path, write_parts, in_use, status):
-    mine = write_parts(in_use=in_use)
-    code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
+def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, sweeps, tmp_path):
+    mine = tmp_path / "mine.py"
+    searches = {
+        "refuses": "raise BadInput('too short')",
+        "looks_too_far": "view.score(0, 10**6)",
+        "answers_too_far": "return Answer(10.0**6)",
+        "abstains": "return Answer()",
+    }
+    code = [f"def {name}(view):\n    {statement}\n" for name, statement in searches.items()]
+    mine.write_text("\n".join(["from saf_gen.errors import BadInput\nfrom saf_gen.parts import Answer", *code]))
+    methods = [f"--method=sd+{mine}:{name}" for name in searches]
+    code, _, err = call("evaluate", sweeps, *methods, "--out", tmp_path / "out")
     assert (code, err) == (0, "")
-    assert {record.status for record in read_records(tmp_path / "out/records.jsonl")} == {status}
+    found = {record.method.split(":")[-1]: record.status for record in read_records(tmp_path / "out/records.jsonl")}
+    assert found == {name: "abstained" if name == "abstains" else "failed" for name in searches}
 
 
 def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts):

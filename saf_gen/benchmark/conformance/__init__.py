@@ -12,8 +12,7 @@ from saf_gen.benchmark.conformance._check_runner import CheckLimits, run_checks
 from saf_gen.benchmark.conformance.estimating_search_checks import estimating_checks
 from saf_gen.benchmark.conformance.measure_checks import measure_checks
 from saf_gen.benchmark.conformance.method_checks import method_checks
-from saf_gen.benchmark.conformance.name_resolution import resolve_name
-from saf_gen.benchmark.method_spec import Method
+from saf_gen.benchmark.method_spec import Method, resolve_name
 from saf_gen.parts import Measure, Search, commands
 
 __all__ = ["CheckLimits", "CheckResult", "check_by_name", "check_measure", "check_method", "check_search"]

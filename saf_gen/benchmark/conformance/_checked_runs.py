@@ -15,10 +15,9 @@ from saf_gen.benchmark.conformance._check_result import CheckFailure
 from saf_gen.benchmark.conformance._check_runner import CheckLimits, describe_crash
 from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, OVEREXPOSURE, make_scene
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.view.captured_frames import CapturedFrames
-from saf_gen.benchmark.view.running_camera import BudgetSpentError
+from saf_gen.benchmark.view.running_camera import BudgetSpentError, CapturedFrames
 from saf_gen.core.user_code import user_code
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Search, View, commands

@@ -12,9 +12,9 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
-from saf_gen.benchmark.tracks.recorded_grain_fields import grain_fields
 from saf_gen.benchmark.tracks.search_run import run_search
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream, describe_sequence, measure_rate
+from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, grain_fields, measure_rate
+from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
