@@ -1,7 +1,7 @@
 """The commands ``evaluate`` and ``score``."""
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,8 +14,9 @@ from saf_gen.errors import BadInput, escape_controls, unknown
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.kept_sequences import KeptSequences
+    from saf_gen.benchmark.records import Record
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-    from saf_gen.benchmark.tracks.sequence_tasks import SequenceSelection
+    from saf_gen.benchmark.tracks.tasks import SequenceSelection
 
 TRACKS = ("recorded", "closed_loop")
 Track = Annotated[
@@ -65,7 +66,7 @@ def evaluate_command(
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.method_spec import parse_method, read_methods
-    from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
+    from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_writable
     from saf_gen.core.object_store import StorePath, find_path
     from saf_gen.leaderboard import rank_methods
@@ -113,8 +114,21 @@ def evaluate_command(
     print_written_paths(written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
-    if result.failures:
+    broken = _print_broken(result.records)
+    if result.failures or broken:
         raise typer.Exit(1)
+
+
+def _print_broken(records: "Sequence[Record]") -> bool:
+    """Print a line on stderr for each method whose code broke, and return whether there is one."""
+    from saf_gen.leaderboard.table_formats import format_leaderboard_count
+
+    runs = Counter(record.method for record in records)
+    broke = [record for record in records if record.broke]
+    for method, count in Counter(record.method for record in broke).items():
+        why = next(record.note for record in broke if record.method == method)
+        print_error(f"{method} failed on {count} of {format_leaderboard_count(runs[method], 'sequence')}: {why}", 1)
+    return bool(broke)
 
 
 def _print_selection(selection: "SequenceSelection", scene_motion: str | None) -> None:

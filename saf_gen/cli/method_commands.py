@@ -65,8 +65,7 @@ def show_method_command(
     name: Annotated[str, typer.Argument(help="Measure, search or MEASURE+SEARCH, with its form and options.")],
 ) -> None:
     """Show a measure or a search in full: formula, options, range, degree, cost and source."""
-    from saf_gen.benchmark.conformance.name_resolution import resolve_name
-    from saf_gen.benchmark.method_spec import Method, split_region
+    from saf_gen.benchmark.method_spec import Method, resolve_name, split_region
     from saf_gen.benchmark.plugin_description import describe_plugin
 
     found = resolve_name(name)

@@ -29,7 +29,7 @@ def tune_command(
 ) -> None:
     """Evaluate every combination of values on a split, and write the best one; `@FILE` then names this method."""
     from saf_gen.benchmark.kept_sequences import KeptSequences
-    from saf_gen.benchmark.tuned_method import format_tuned
+    from saf_gen.benchmark.method_spec import format_tuned
     from saf_gen.core.files import atomic_file, check_writable
     from saf_gen.leaderboard.tuning import tune_method as run
     from saf_gen.stream.manifest import read_manifest

@@ -18,7 +18,7 @@ from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, Method, parse_method, split_options, split_region
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.benchmark.tracks.recorded_track import check_leaves_lens
+from saf_gen.benchmark.tracks.recorded import check_leaves_lens
 from saf_gen.core.config.registry import refuse_code
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.rank_agreement import RankAgreement

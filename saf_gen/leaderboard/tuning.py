@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 from saf_gen import __version__
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import parse_method, split_options, split_region
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial
+from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, parse_method, split_options, split_region
 from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown

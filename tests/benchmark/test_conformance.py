@@ -18,9 +18,8 @@ from refusals import refusal
 
 from saf_gen import get_measure, get_motion, get_search
 from saf_gen.benchmark.conformance import check_measure, check_search
-from saf_gen.benchmark.conformance._check_runner import CheckFailure
-from saf_gen.benchmark.conformance._declaration_checks import check_class
-from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, bell
+from saf_gen.benchmark.conformance._check_runner import CheckFailure, check_class
+from saf_gen.benchmark.conformance._samples import SyntheticRecording, bell
 from saf_gen.core.config import registry
 from saf_gen.parts import commands, wants_halves
 from saf_gen.plugins.measures import measure_names

@@ -15,12 +15,15 @@ from refusals import refusal
 
 from saf_gen import get_measure, get_search
 from saf_gen.benchmark.conformance import CheckLimits, check_by_name, check_measure, check_method, check_search
-from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, TARGET_RATE, write_recordings
-from saf_gen.benchmark.conformance._sample_counts import sample_texture
-from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, bell
-from saf_gen.benchmark.conformance.name_resolution import resolve_name
-from saf_gen.benchmark.method_spec import Method, parse_method
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned
+from saf_gen.benchmark.conformance._samples import (
+    BEST_FOCUS,
+    TARGET_RATE,
+    SyntheticRecording,
+    bell,
+    sample_texture,
+    write_recordings,
+)
+from saf_gen.benchmark.method_spec import Method, TunedMethod, TuningTrial, format_tuned, parse_method, resolve_name
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 from saf_gen.stream.stream_file import open_stream

@@ -20,10 +20,10 @@ from windowed_dataset import make_windowed_dataset
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
-from saf_gen.benchmark.gym.observation_images import average_observation, draw_observation
+from saf_gen.benchmark.gym.episode import average_observation, draw_observation
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import format_records, read_records
-from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.cli import app
 from saf_gen.errors import BadInput

@@ -16,7 +16,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.results import Evaluation, LensPath
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
+from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.core.user_folder import sign_as_user, user_folder
 from saf_gen.leaderboard.tuning import tune_method
 from saf_gen.optics.actuators import get_actuator

@@ -13,11 +13,10 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym.episode import Episode
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
-from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
-from saf_gen.benchmark.view.captured_frames import rows_in_view
+from saf_gen.benchmark.tracks.tasks import SequenceTask
+from saf_gen.benchmark.view.running_camera import rows_in_view
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 from saf_gen.optics import ImageDistanceDrive

@@ -8,8 +8,8 @@ import pytest
 from small_dataset import SCENES
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.tracks import recorded_benchmark
-from saf_gen.benchmark.tracks.recorded_benchmark import benchmark_of
+from saf_gen.benchmark.tracks import sequence_fields
+from saf_gen.benchmark.tracks.sequence_fields import benchmark_of
 from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_digests
 from saf_gen.generate import resolve
 from saf_gen.generate.resolve import recipe_digest, resolve_recipe
@@ -58,7 +58,7 @@ def frozen_small(small_recipe, test_scenes, monkeypatch):
     small_recipe.write_text(small_recipe.read_text().replace("max_depth: 3", "max_depth: 3, diffraction: false"))
     digest = recipe_digest(resolve_recipe(small_recipe))
     benchmark = FrozenBenchmark(digest=digest, since=date(2026, 11, 23), sequences={"test": 3})
-    for module in (resolve, recorded_benchmark, table_formats):
+    for module in (resolve, sequence_fields, table_formats):
         monkeypatch.setattr(module, "read_frozen_digests", lambda: {"small": benchmark})
     return digest
 

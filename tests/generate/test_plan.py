@@ -61,7 +61,9 @@ def test_what_is_there_costs_nothing(small_recipe, test_scenes, tmp_path):
     assert left.seconds > MachineRates().start_s
     for grain in folder.glob("stacks/*/stack.grain.json"):
         grain.unlink()
-    assert list(make_plan(work, folder).to_render.values()) == [()], "its grain is to be measured, as after a stopped run"
+    assert list(make_plan(work, folder).to_render.values()) == [()], (
+        "its grain is to be measured, as after a stopped run"
+    )
     assert make_plan(work, folder).labels == ["plane"]
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from handmade_evaluations import CENTRES, LENS, make_sweep
 
-from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
+from saf_gen.benchmark.sequence_evaluation import assess_curves
 from saf_gen.leaderboard import rank_measures_by_curves, write_leaderboard_curves
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
 

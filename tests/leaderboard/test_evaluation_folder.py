@@ -12,9 +12,9 @@ from handmade_evaluations import make_sweep
 from handmade_records import record
 from refusals import refusal
 
-from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.results import Evaluation
+from saf_gen.benchmark.sequence_evaluation import assess_curves
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import evaluation_folder, write_evaluation_report
 

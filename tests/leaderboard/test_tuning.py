@@ -9,8 +9,7 @@ from planted_sweeps import list_streams, write_sweep
 from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned, read_tuned
+from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, format_tuned, parse_method, read_tuned
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_evaluation_report
 from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_tuning_grid, tune_method

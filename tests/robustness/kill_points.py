@@ -43,8 +43,8 @@ from planted_sweeps import list_streams, write_sweep
 from small_dataset import SCENES, SMALL_RECIPE
 
 from saf_gen.benchmark import kept_sequences
+from saf_gen.benchmark.method_spec import read_tuned
 from saf_gen.benchmark.records import read_records, record_to_json
-from saf_gen.benchmark.tuned_method import read_tuned
 from saf_gen.cli import main, root_command
 from saf_gen.errors import BadInput
 from saf_gen.generate import run as generate_run

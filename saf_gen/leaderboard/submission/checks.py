@@ -6,11 +6,10 @@ from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
 
-from saf_gen.benchmark.method_spec import split_options, split_region
+from saf_gen.benchmark.method_spec import read_tuned, split_options, split_region
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
-from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
-from saf_gen.benchmark.tuned_method import read_tuned
+from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.config.registry import names
 from saf_gen.core.finding import Finding

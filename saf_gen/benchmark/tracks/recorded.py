@@ -1,7 +1,7 @@
 """The recorded track, in which every method sees the same recording through a restricted view."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,9 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
-from saf_gen.benchmark.tracks.recorded_grain_fields import grain_fields
 from saf_gen.benchmark.tracks.search_run import run_search
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream, describe_sequence, measure_rate
+from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, grain_fields, measure_rate
+from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
@@ -35,17 +35,11 @@ def check_leaves_lens(methods: Sequence[Method]) -> None:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """The answer of a method, or of a prediction, on a recording, and its cost."""
+    """The answer of a method or a prediction; ``fields`` of its record say whose it is and what it cost."""
 
-    method: str
-    code: str
-    parameters: str
     answer: Answer
     problem: str
-    frames_seen: int
-    windows: int = 0
-    seconds: float = 0.0
-    tuning: str = ""
+    fields: dict[str, Any]
 
 
 def evaluate_recorded(
@@ -118,7 +112,11 @@ def evaluate_recorded(
                 task,
                 attempt,
                 stream=stream,
-                common={"region": region_name, **grain_fields(stream, attempt.method, region=region_name), **common},
+                common={
+                    "region": region_name,
+                    **grain_fields(stream, attempt.fields["method"], region=region_name),
+                    **common,
+                },
             )
             for attempt in attempts
         ]
@@ -145,31 +143,30 @@ def _run_method(method: Method, view: RecordingView, *, stream_path: str) -> _At
     answer, problem = run_search(method.search, view, scorer=view.scorer, stream_path=stream_path)
     if fault := _find_range_fault(answer, view.frames):
         answer, problem = Answer(None, answer.trace), fault
-    return _Attempt(
-        method=method.name,
-        code=method.code,
-        parameters=method.parameters,
-        answer=answer,
-        problem=problem,
-        frames_seen=view.now,
-        windows=view.scorer.windows,
-        seconds=view.scorer.seconds,
-        tuning=method.tuning,
-    )
+    fields = {
+        "method": method.name,
+        "code": method.code,
+        "parameters": method.parameters,
+        "tuning": method.tuning,
+        "frames_seen": view.now,
+        "windows": view.scorer.windows,
+        "seconds": view.scorer.seconds,
+    }
+    return _Attempt(answer, problem, fields)
 
 
 def _attempt_from_prediction(prediction: Prediction, *, code: str, frames: int) -> _Attempt:
     answer = Answer(prediction.frame, prediction.trace, prediction.note)
     problem = prediction.describe_frames_fault(frames) or _find_range_fault(answer, frames)
-    return _Attempt(
-        method=prediction.method,
-        code=code,
-        parameters="predicted elsewhere",
-        answer=answer if not problem else Answer(None, answer.trace),
-        problem=problem,
-        frames_seen=min(prediction.frames_seen or frames, frames),
-        seconds=prediction.seconds,
-    )
+    fields = {
+        "method": prediction.method,
+        "code": code,
+        "parameters": "predicted elsewhere",
+        "frames_seen": min(prediction.frames_seen or frames, frames),
+        "windows": 0,
+        "seconds": prediction.seconds,
+    }
+    return _Attempt(answer if not problem else Answer(None, answer.trace), problem, fields)
 
 
 def _find_range_fault(answer: Answer, frames: int) -> str:
@@ -179,48 +176,37 @@ def _find_range_fault(answer: Answer, frames: int) -> str:
 
 
 def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, common: Mapping[str, Any]) -> Record:
-    truth, answer = stream.truth, attempt.answer
-    judged = judge(
-        answer.frame,
-        frames_seen=attempt.frames_seen,
-        focus_position=stream.focus_position,
-        truth=truth.position,
-        track=truth.track,
-        truth_frame=truth.frame,
-        ends=truth.depth_of_focus,
+    truth, answer, seen = stream.truth, attempt.answer, attempt.fields["frames_seen"]
+    judged = asdict(
+        judge(
+            answer.frame,
+            frames_seen=seen,
+            focus_position=stream.focus_position,
+            truth=truth.position,
+            track=truth.track,
+            truth_frame=truth.frame,
+            ends=truth.depth_of_focus,
+        )
     )
     # A failure must not count as an abstention, which is a success if the focus is out of reach.
-    half, one, two = (success and not attempt.problem for success in judged.success)
+    half, one, two = (success and not attempt.problem for success in judged.pop("success"))
     return Record(
-        method=attempt.method,
         sequence=task.id,
         split=task.split,
         scene=task.scene,
         light=task.light,
         status="failed" if attempt.problem else "abstained" if answer.frame is None else "answered",
-        position=judged.position,
         frame=None if answer.frame is None else float(answer.frame),
-        truth=judged.truth,
-        truth_frame=judged.truth_frame,
-        error=judged.error,
-        error_frames=judged.error_frames,
-        error_dof=judged.error_dof,
-        blur_px=judged.blur_px,
         success_half_dof=half,
         success_1dof=one,
         success_2dof=two,
         trace=tuple(float(x) for x in answer.trace),
         frames=stream.shape[0],
-        frames_seen=attempt.frames_seen,
-        lens_travel=judged.lens_travel,
-        windows=attempt.windows,
-        seconds=attempt.seconds,
         note=attempt.problem or answer.note,
         data=stream.content_sha256,
-        code=attempt.code,
-        time_to_focus_s=None if answer.frame is None else attempt.frames_seen / stream.readout_hz,
-        parameters=attempt.parameters,
-        tuning=attempt.tuning,
+        time_to_focus_s=None if answer.frame is None else seen / stream.readout_hz,
+        **judged,
+        **attempt.fields,
         **common,
     )
 

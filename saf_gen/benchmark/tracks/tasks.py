@@ -1,26 +1,13 @@
-"""The sequences to evaluate, and the fields of a record that are equal for all methods on a sequence."""
+"""The sequences to evaluate."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
 
-import numpy as np
-
-from saf_gen.benchmark.judgement import light_ratio
-from saf_gen.benchmark.tracks.focus_location import judge_crossing, judge_location, truncate_truth
-from saf_gen.benchmark.tracks.recorded_benchmark import benchmark_of
-from saf_gen.benchmark.tracks.recorded_sensor import sensor_of
-from saf_gen.benchmark.versions import evaluator_version
-from saf_gen.benchmark.view import WindowCounts
-from saf_gen.core.cores import describe_machine
 from saf_gen.core.files import name_as_text
 from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.stream.manifest import ALL_SPLITS, TEST_SPLIT, Manifest, read_manifest
 from saf_gen.stream.stream_file import SpikeStream
-
-RATE_BLOCKS = 200
-"""Minimum number of blocks in which mean counts are measured; a recording of fewer frames has one block per frame."""
 
 
 @dataclass(frozen=True)
@@ -159,65 +146,3 @@ def check_stream(task: SequenceTask, stream: SpikeStream) -> None:
             f"{task.path} is not the stream that the manifest names",
             hint="make the dataset again with `saf-gen generate`",
         )
-
-
-def measure_rate(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centre of each block, in frames, and its mean counts, in spikes per pixel and readout."""
-    window = max(1, counts.frames // RATE_BLOCKS)
-    first = np.arange(0, counts.frames - window + 1, window)
-    rate = np.array([float(np.mean(counts.window(a, a + window))) / window for a in first.tolist()])
-    return first + (window - 1) / 2, rate
-
-
-def describe_sequence(
-    task: SequenceTask,
-    stream: SpikeStream,
-    *,
-    rate: tuple[np.ndarray, np.ndarray],
-    track: Literal["recorded", "closed_loop"],
-    frames: int | None = None,
-) -> dict[str, Any]:
-    """Return the fields of a record that describe the sequence, the evaluator and the machine.
-
-    Parameters
-    ----------
-    task : SequenceTask
-        The sequence.
-    stream : SpikeStream
-        Its open stream.
-    rate : tuple of ndarray
-        Result of measure_rate.
-    track : str
-        ``recorded`` or ``closed_loop``.
-    frames : int, optional
-        Number of frames from the beginning that are described; by default the entire recording.
-
-    Returns
-    -------
-    dict of str to any
-        Keyword arguments for Record.
-    """
-    truth, gain = truncate_truth(stream.truth, frames or stream.shape[0]), stream.metadata.gain
-    centres, mean_rate = rate
-    if frames is not None:
-        gain = None if gain is None else gain[:frames]
-        mean_rate = mean_rate[: max(1, int((centres < frames).sum()))]
-    if track == "recorded":
-        location, off_dof = judge_crossing(truth, stream.focus_position)
-    else:
-        location, off_dof = judge_location(truth)
-    return {
-        "track": track,
-        "variant": task.variant,
-        "scene_motion": task.scene_motion,
-        "lens_motion": task.lens_motion,
-        "truth_first": truth.position if truth.known else None,
-        "focus_place": location,
-        "focus_off_dof": off_dof,
-        "mean_rate": float(mean_rate.mean()),
-        "light_ratio": light_ratio(gain),
-        "sensor": sensor_of(stream.metadata.provenance),
-        "benchmark": benchmark_of(stream.metadata.provenance),
-        "machine": describe_machine(),
-        "rig": evaluator_version(track),
-    }
