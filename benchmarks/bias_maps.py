@@ -84,9 +84,9 @@ def render_case(case: Case, plan: Plan, *, references: Path | None) -> tuple[np.
     made: dict[str, Any] = {"backend_name": "llvm", "wavelength_m": sensor.wavelength_m}
     renderer = SceneRenderer(find_scene(case.scene), sensor, **made)
     plain_renderer = SceneRenderer(find_scene(case.scene), sensor, max_depth=case.plain_depth, **made)
-    seen = renderer.trace_depth_and_target(allow_unseen_target=True)
+    seen = renderer.trace_geometry(allow_unseen_target=True)
     whole = SceneRenderer(find_scene(case.scene), get_sensor("vidar_400x250"), backend_name="llvm")
-    told = whole.trace_depth_and_target() if plan.shrink > 1 else seen
+    told = whole.trace_geometry() if plan.shrink > 1 else seen
     truth = renderer.scene.build_drive().true_focus(told.depth[told.target])
     place = truth + (case.away if truth < 0.5 else -case.away)
     plane = min(round(place * (POSITIONS - 1)), POSITIONS - 2)

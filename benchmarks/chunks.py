@@ -26,7 +26,7 @@ from isal import isal_zlib
 from saf_gen.acceptance.speed import synthetic_recording
 from saf_gen.camera import get_sensor
 from saf_gen.core.cores import usable_cores
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import atomic_file
 
 HERE = Path(__file__).resolve().parent
 WINDOW = 13  # bytes: 104 frames
@@ -140,7 +140,7 @@ def main() -> None:
             times = "".join(f"{one[k]:9.4f}" for k in ("write", "all windows", "one window", "one region"))
             print(f"{chunk!s:24}{one['bits']:7.3f}{times}")
     options.out.mkdir(parents=True, exist_ok=True)
-    with write_atomically(options.out / "chunks.json") as part:
+    with atomic_file(options.out / "chunks.json") as part:
         part.write_text(json.dumps(found, indent=1) + "\n")
 
 

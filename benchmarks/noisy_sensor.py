@@ -16,9 +16,9 @@ from pathlib import Path
 from scipy.stats import kendalltau
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import read_method_list
-from saf_gen.benchmark.records import Record, format_benchmark_records, read_records
-from saf_gen.core.files import write_text_atomically
+from saf_gen.benchmark.method_spec import read_methods
+from saf_gen.benchmark.records import Record, format_records, read_records
+from saf_gen.core.files import write_text
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
@@ -39,7 +39,7 @@ def record_and_judge(recipe: str, sensor: str, *, folder: Path, methods: Sequenc
         written = folder / f"{Path(sensor).stem}.yaml"
         written.write_text(json.dumps(data, indent=1))
         generate(resolve_recipe(written), folder / "dataset")
-        write_text_atomically(kept, format_benchmark_records(evaluate(folder / "dataset", methods=methods).records))
+        write_text(kept, format_records(evaluate(folder / "dataset", methods=methods).records))
     return read_records(kept)
 
 
@@ -79,7 +79,7 @@ def main(given: Sequence[str] | None = None) -> None:
     for recipe in asked.recipe:
         folder = asked.out / Path(recipe).stem
         folder.mkdir(parents=True, exist_ok=True)
-        methods = read_method_list(asked.methods or METHOD_LISTS / METHODS.get(recipe, "claims.txt"))
+        methods = read_methods(asked.methods or METHOD_LISTS / METHODS.get(recipe, "claims.txt"))
         found = [record_and_judge(recipe, sensor, folder=folder, methods=methods) for sensor in asked.sensor]
         print(f"{recipe}\n\n{compare(found, [Path(s).stem for s in asked.sensor])}\n")
 

@@ -19,7 +19,7 @@ from saf_gen.cli import main
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.execution import run_jobs
 from saf_gen.generate import run
-from saf_gen.scene.trusted_folders import register_scene_folder
+from saf_gen.scene.trusted_folders import register_folder
 
 WORKERS = 8
 """Largest number of processes of a complete test run; each needs about a gigabyte of memory."""
@@ -66,7 +66,7 @@ def draw_contact_sheets():
 
     def write_empty(resolved, folder):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("saf_gen.authoring.preview.write_scene_preview", _write_empty_sheet)
+            patch.setattr("saf_gen.authoring.preview.write_preview", _write_empty_sheet)
             real(resolved, folder)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -156,7 +156,7 @@ def test_scenes(monkeypatch):
 def own_folder(tmp_path, monkeypatch):
     """An empty working directory whose scenes/ is registered."""
     monkeypatch.chdir(tmp_path)
-    register_scene_folder(tmp_path / "scenes")
+    register_folder(tmp_path / "scenes")
     return tmp_path
 
 

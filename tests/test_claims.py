@@ -12,7 +12,7 @@ from scipy.special import j1
 
 from saf_gen import encode, get_measure, get_search, get_sensor
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.tracks.closed_loop_run import finish_closed_loop_run
+from saf_gen.benchmark.tracks.closed_loop_run import finish_run
 from saf_gen.benchmark.view.captured_frames import CapturedFrames
 from saf_gen.benchmark.view.running_camera import RunningCamera
 from saf_gen.benchmark.view.sweep_view import SweepView
@@ -118,7 +118,7 @@ def time_to_focus(capture, search, sweep):
     view = SweepView(camera, begin=0.0, end=1.0, frames=sweep)
     answer = search(view)
     camera.commanded_trajectory = None
-    run = finish_closed_loop_run(camera, answer, to=view.position_at(answer.frame), budget=capture.frames)
+    run = finish_run(camera, answer, to=view.position_at(answer.frame), budget=capture.frames)
     assert run.path[-1] == pytest.approx(0.5, abs=0.02)
     return int(np.flatnonzero(np.abs(run.path - run.path[-1]) > 1e-3)[-1]) + 1, answer
 

@@ -38,10 +38,10 @@ from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.leaderboard.submission import SubmissionCard
 from saf_gen.optics.lens_card import LensCard
 from saf_gen.parts import commands as commands_lens
-from saf_gen.plugins.lights import light_gains_at_readouts
+from saf_gen.plugins.lights import gains_at_readouts
 from saf_gen.render import backend
 from saf_gen.scene.scene_folder import SceneCard
-from saf_gen.scene.trusted_folders import register_scene_folder
+from saf_gen.scene.trusted_folders import register_folder
 
 ROOT = HERE.parent
 FIRST = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "datasets/README.md")
@@ -333,7 +333,7 @@ def test_the_light_schedule_shown_is_a_part(tmp_path):
     space: dict[str, Any] = {"__name__": "shown"}
     exec(compile(text, "add-a-light.md", "exec"), space)
     (part,) = (v for v in space.values() if is_dataclass(v) and isinstance(v, type))
-    gains = light_gains_at_readouts(part(after_s=0.02), 400, readout_hz=20_000)
+    gains = gains_at_readouts(part(after_s=0.02), 400, readout_hz=20_000)
     assert gains == pytest.approx(np.exp(-(np.arange(400) + 0.5) / 20_000 / 0.02), rel=1e-4)
 
 
@@ -385,7 +385,7 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.chdir(folder)
         patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
-        patch.setattr("saf_gen.calibration.fit_files.draw_sensor_fit_plots", lambda fit: [])
+        patch.setattr("saf_gen.calibration.fit_files.draw_fit", lambda fit: [])
         patch.setattr("saf_gen.authoring.checks.scene_under_test.NEAR_SAMPLES", 4)
         for name in ("FLAT_FRAMES", "DARK_FRAMES"):
             patch.setattr(f"saf_gen.calibration.comparison.{name}", 400)
@@ -456,9 +456,7 @@ def follow_page(page, desk, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(
-    not backend.probe_render_backends().llvm_usable, reason=backend.probe_render_backends().llvm_description
-)
+@pytest.mark.skipif(not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description)
 def test_the_scene_shown_is_sharpest_at_its_true_focus(desk):
     """As the page claims, for noise-free sharpness, within one rendered position of nine."""
     import saf_gen
@@ -468,7 +466,7 @@ def test_the_scene_shown_is_sharpest_at_its_true_focus(desk):
             target = desk / block.path
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_text(shrunk(block.text) if "recipes/" in block.path else block.text)
-    register_scene_folder(desk / "scenes")  # the page's test does so by init, perhaps in another process
+    register_folder(desk / "scenes")  # the page's test does so by init, perhaps in another process
     run(desk, ["saf-gen", "generate", "recipes/first_look.yaml"])
     with saf_gen.open_stream(desk / "datasets/first_look/test/printed_card-constant-00.h5") as stream:
         sharpest = int(stream.truth.sharpness.argmax()) / 8

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, NO_CHROMIUM, run_in_page
 
-from saf_gen.benchmark.records import format_benchmark_records, read_records
-from saf_gen.stream.dataset_index import index_streams_of_folder
+from saf_gen.benchmark.records import format_records, read_records
+from saf_gen.stream.dataset import index_folder
 from saf_gen.stream.manifest import read_manifest, write_manifest
 from saf_gen.stream.stream_writer import write_stream
 
@@ -75,7 +75,7 @@ def desk(tmp_path_factory):
             provenance={"sequence": DEEP, "grain": DEEP, "versions": BITE} if name == "deep"
             else {"recipe": BITE, "sequence": json.dumps({"scene": BITE, "light": "evil.py:Evil"}), "note": BITE},
         )  # fmt: skip
-    index_streams_of_folder(data)
+    index_folder(data)
     for name, attack in ATTACKS.items():
         with h5py.File(data / "test" / f"{name}.h5", "r+") as file:
             attack(file)
@@ -153,7 +153,7 @@ def test_untrusted_evaluations_are_merged_without_harm(desk, at_desk):
         for r in read_records(mine)
         if r.method == "sd+argmax"
     ]
-    (theirs / "records.jsonl").write_text(format_benchmark_records(records), encoding="utf-8")
+    (theirs / "records.jsonl").write_text(format_records(records), encoding="utf-8")
     code, _, _ = at_desk("leaderboard", "judged", "judged/theirs", "--out", "merged")
     assert code == 0
     page = (desk / "merged/index.html").read_text(encoding="utf-8")

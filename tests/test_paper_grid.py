@@ -6,13 +6,13 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.render import backend
-from saf_gen.stream.manifest import read_manifest, verify_manifest_entry
+from saf_gen.stream.manifest import read_manifest, verify_entry
 
 METHODS = ["sd+argmax", "sd_code+sgfs_code", "sd_calibrated+photon_aware", "er_count+argmax"]
 pytestmark = pytest.mark.long
 
 
-@pytest.mark.skipif(not backend.probe_render_backends().llvm_usable, reason="half an hour without LLVM")
+@pytest.mark.skipif(not backend.probe_backends().llvm_usable, reason="half an hour without LLVM")
 def test_a_tenth_of_the_grid_is_complete_and_shows_the_claims_of_the_paper(tmp_path):
     """SD is at most one depth of focus off in every sequence, and the spike count is wrong in some."""
     work = resolve_recipe("recipes/sad_synthetic.yaml", part=(1, 10))
@@ -23,7 +23,7 @@ def test_a_tenth_of_the_grid_is_complete_and_shows_the_claims_of_the_paper(tmp_p
     entries = read_manifest(tmp_path / "grid").sequences
     assert [entry.id for entry in entries] == [s.planned.id for s in work.sequences]
     for entry in entries:
-        verify_manifest_entry(tmp_path / "grid", entry)
+        verify_entry(tmp_path / "grid", entry)
         assert entry.frames == 20_000
     records = evaluate(tmp_path / "grid", methods=METHODS).records
     right = {m: [bool(r.success_1dof) for r in records if r.method == m] for m in METHODS}

@@ -26,12 +26,10 @@ POSITIONS = 3
 def render(name: str, variant: str, *, samples: int, seed: int) -> np.ndarray:
     """Return a focal stack of a scene under all its lights, float64 (position, row, column)."""
     scene = find_scene(name)
-    backend.activate_render_backend(variant)
+    backend.activate_backend(variant)
     lamps = [lamp for group in scene.card.lights.values() for lamp in group]
-    lit, integrator = mitsuba_scene.load_lit_mitsuba_scene(
-        mitsuba_scene.build_mitsuba_scene_dict(scene), tuple(lamps), max_depth=4
-    )
-    to_world = mitsuba_scene.mitsuba_camera_to_world(scene)
+    lit, integrator = mitsuba_scene.load_lit_scene(mitsuba_scene.scene_dict(scene), tuple(lamps), max_depth=4)
+    to_world = mitsuba_scene.camera_to_world(scene)
     setup = RenderSetup(lit, integrator, to_world, scene.build_drive(), GRID, scene.card.unit_m)
     renderer = one_pass if variant == "llvm" else thin_lens
     stack, _ = renderer.render_stack(setup, positions=POSITIONS, samples=samples, seed=seed)

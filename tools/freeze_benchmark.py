@@ -13,10 +13,10 @@ from collections import Counter
 from datetime import UTC, datetime
 
 from saf_gen.core.config.frozen_benchmarks import FILE_NAME, FrozenBenchmark, read_frozen_digests
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput
-from saf_gen.generate.benchmark_digest import digest_resolved_recipe
+from saf_gen.generate.benchmark_digest import recipe_digest
 from saf_gen.generate.resolve import resolve_recipe
 
 
@@ -26,7 +26,7 @@ def freeze(name: str) -> str:
     Raises BadInput if the recipe is already frozen with another digest.
     """
     resolved, frozen = resolve_recipe(name), read_frozen_digests()
-    digest = digest_resolved_recipe(resolved)
+    digest = recipe_digest(resolved)
     if name in frozen and frozen[name].digest != digest:
         raise BadInput(f"{name} was frozen on {frozen[name].since} with another digest", hint="choose another name")
     if name not in frozen:
@@ -36,7 +36,7 @@ def freeze(name: str) -> str:
             name: FrozenBenchmark(digest=digest, since=datetime.now(UTC).date(), sequences=dict(counts)),
         }
         text = json.dumps({"benchmarks": {key: one.model_dump(mode="json") for key, one in frozen.items()}}, indent=1)
-        write_text_atomically(shipped_folder("recipes") / FILE_NAME, text + "\n")
+        write_text(shipped_folder("recipes") / FILE_NAME, text + "\n")
     return digest
 
 

@@ -44,8 +44,8 @@ from planted_sweeps import list_streams, write_sweep  # noqa: E402
 from small_dataset import SCENES, SMALL_RECIPE  # noqa: E402
 
 from saf_gen.benchmark import kept_sequences  # noqa: E402
-from saf_gen.benchmark.records import benchmark_record_to_json, read_records  # noqa: E402
-from saf_gen.benchmark.tuned_method import read_method_with_constants  # noqa: E402
+from saf_gen.benchmark.records import read_records, record_to_json  # noqa: E402
+from saf_gen.benchmark.tuned_method import read_tuned  # noqa: E402
 from saf_gen.cli import main, root_command  # noqa: E402
 from saf_gen.errors import BadInput  # noqa: E402
 from saf_gen.generate import run as generate_run  # noqa: E402
@@ -115,7 +115,7 @@ def state_of_stream(path: Path) -> Any:
 
 def state_of_records(folder: Path) -> Any:
     """Return the records without the seconds that they took."""
-    return [{k: v for k, v in benchmark_record_to_json(r).items() if k not in TIMED} for r in read_records(folder)]
+    return [{k: v for k, v in record_to_json(r).items() if k not in TIMED} for r in read_records(folder)]
 
 
 def state_of_dataset(folder: Path) -> Any:
@@ -134,7 +134,7 @@ def state_of_bytes(path: Path) -> Any:
 
 
 def state_of_tuned(path: Path) -> Any:
-    return read_method_with_constants(path)
+    return read_tuned(path)
 
 
 TRY = ("--method", "sd+argmax", "--try", "search.window=100,200")

@@ -27,7 +27,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests/helpers")]
 from dask_processes import children, scheduler_process, wait_until, worker_processes  # noqa: E402
 from small_dataset import SCENES, SMALL_RECIPE  # noqa: E402
 
-from saf_gen.stream.inspection import verify_streams_of_dataset  # noqa: E402
+from saf_gen.stream.dataset import verify_dataset  # noqa: E402
 from saf_gen.stream.manifest import read_manifest  # noqa: E402
 
 LINES = (
@@ -58,7 +58,7 @@ class Trials:
 
     def read_digests(self, name: str) -> dict[str, str]:
         """Return the digests of the sequences in the manifest, after a check that all their streams are intact."""
-        _, problems = verify_streams_of_dataset(self.folder / name)
+        _, problems = verify_dataset(self.folder / name)
         assert not problems, problems
         return {entry.id: entry.content_sha256 for entry in read_manifest(self.folder / name).sequences}
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.core import seeds
-from saf_gen.stream.dataset_index import index_streams_of_folder
+from saf_gen.stream.dataset import index_folder
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_writer import write_stream
 
@@ -50,7 +50,7 @@ def make_dataset(folder: Path, *, sequences: int, scenes: int) -> None:
         name = f"scene_{number % scenes}-{LIGHTS[number // scenes % 5]}-{number // scenes // 5:04d}"
         truth = Truth(position=peak, depth_of_focus=(peak - 0.05, peak + 0.05), frame=peak * (FRAMES - 1))
         write_stream(folder / "test" / f"{name}.h5", spikes.astype(np.uint8), focus_position=lens, truth=truth)
-    index_streams_of_folder(folder)
+    index_folder(folder)
 
 
 def measure_command(*command: str) -> str:

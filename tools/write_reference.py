@@ -33,26 +33,26 @@ import saf_gen.stream.metadata
 import saf_gen.stream.stream_file
 from saf_gen.benchmark.curve_quality import CurveQuality
 from saf_gen.benchmark.plugin_description import (
-    build_method_plugin_or_class,
-    format_method_attribute,
-    measure_suffixes_of_method,
-    search_kind_of_method,
-    summarise_plugin_of_method,
+    build_or_class,
+    format_attribute,
+    measure_suffixes,
+    search_kind,
+    summarise_plugin,
 )
 from saf_gen.benchmark.records import Record
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.cli import app
 from saf_gen.core.config import registry
-from saf_gen.core.config.field_docs import config_field_docs
+from saf_gen.core.config.field_docs import field_docs
 from saf_gen.errors import BadInput
 from saf_gen.generate.recipe import Recipe
-from saf_gen.generate.recipe_schema import make_recipe_schema
+from saf_gen.generate.recipe_schema import recipe_schema
 from saf_gen.leaderboard.axes import AXES
 from saf_gen.leaderboard.columns import list_leaderboard_columns
 from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.plugins.lights import COMMON_KEYS
-from saf_gen.scene.card_schema import make_scene_card_schema
+from saf_gen.scene.card_schema import card_schema
 from saf_gen.scene.scene_folder import SceneCard
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -143,7 +143,7 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[list[str]]:
         if isinstance(inner, type) and issubclass(inner, BaseModel):
             yield from keys_of(inner, f"{at}.")
         else:
-            yield [f"`{at}`", _allowed(inner, field), _default_of(field), tick(config_field_docs(model).get(name, ""))]
+            yield [f"`{at}`", _allowed(inner, field), _default_of(field), tick(field_docs(model).get(name, ""))]
 
 
 def kinds_of(hint: Any) -> list[type[BaseModel]]:
@@ -223,7 +223,7 @@ def drive_keys() -> str:
     kinds = kinds_of(SceneCard.model_fields["lens"].annotation)
     common = set.intersection(*(set(kind.model_fields) for kind in kinds))
     for kind in kinds:
-        said = config_field_docs(kind)
+        said = field_docs(kind)
         rows.append([f"`{kind.drive_class.kind}`", "", "", said["drive"]])
         own = [(name, field) for name, field in kind.model_fields.items() if name not in common]
         rows += [["", f"`lens.{name}`", _allowed(field.annotation, field), said[name]] for name, field in own]
@@ -237,8 +237,8 @@ def _options(plugin_kind: str) -> str:
     rows = []
     for name in registry.names(plugin_kind):
         cls = registry.plugin_class(plugin_kind, name)
-        rows.append([f"`{name}`", "", "", "", tick(summarise_plugin_of_method(cls))])
-        said = config_field_docs(cls)
+        rows.append([f"`{name}`", "", "", "", tick(summarise_plugin(cls))])
+        said = field_docs(cls)
         for field in fields(cls):
             allowed, _, meaning = tick(said[field.name]).partition(": ")
             default = REQUIRED if field.default is MISSING else "" if field.default is None else _written(field.default)
@@ -266,11 +266,11 @@ def measure_table() -> str:
     """Return the table of the focus measures."""
     rows = []
     for name in registry.names("measures"):
-        measure = build_method_plugin_or_class("measures", name)
-        options = ", ".join(f"`{key}`" for key in registry.registered_option_fields("measures", name))
-        cost, degree = (format_method_attribute(measure, key) for key in ("cost", "degree"))
-        forms = ", ".join(f"`{suffix}`" for suffix in measure_suffixes_of_method(measure) if suffix != "_n_tfi")
-        rows.append([f"`{name}`", tick(summarise_plugin_of_method(measure)), cost, degree, options, forms])
+        measure = build_or_class("measures", name)
+        options = ", ".join(f"`{key}`" for key in registry.option_fields("measures", name))
+        cost, degree = (format_attribute(measure, key) for key in ("cost", "degree"))
+        forms = ", ".join(f"`{suffix}`" for suffix in measure_suffixes(measure) if suffix != "_n_tfi")
+        rows.append([f"`{name}`", tick(summarise_plugin(measure)), cost, degree, options, forms])
     return table("measure", "what it is", "cost", "degree", "options", "forms", rows=rows)
 
 
@@ -278,9 +278,9 @@ def search_table() -> str:
     """Return the table of the searches."""
     rows = []
     for name in registry.names("searches"):
-        search = build_method_plugin_or_class("searches", name)
-        options = ", ".join(f"`{key}`" for key in registry.registered_option_fields("searches", name))
-        rows.append([f"`{name}`", tick(summarise_plugin_of_method(search)), search_kind_of_method(search), options])
+        search = build_or_class("searches", name)
+        options = ", ".join(f"`{key}`" for key in registry.option_fields("searches", name))
+        rows.append([f"`{name}`", tick(summarise_plugin(search)), search_kind(search), options])
     return table("search", "what it is", "kind", "options", rows=rows)
 
 
@@ -331,14 +331,12 @@ def rank_agreement() -> str:
 
 def curve_criteria() -> str:
     """Return the table of the criteria of a focus curve."""
-    return table(
-        "number", "meaning", rows=([f"`{key}`", tick(said)] for key, said in config_field_docs(CurveQuality).items())
-    )
+    return table("number", "meaning", rows=([f"`{key}`", tick(said)] for key, said in field_docs(CurveQuality).items()))
 
 
 def record_keys() -> str:
     """Return the table of the keys of a line of records.jsonl."""
-    said = config_field_docs(Record)
+    said = field_docs(Record)
     return table("key", "meaning", rows=([f"`{field.name}`", tick(said[field.name])] for field in fields(Record)))
 
 
@@ -476,7 +474,7 @@ PARTS: dict[str, Callable[[], str]] = {
     )
 }
 """Functions that make the parts of pages, by the name of the part."""
-SCHEMAS = {"recipe.schema.json": make_recipe_schema, "scene.schema.json": make_scene_card_schema}
+SCHEMAS = {"recipe.schema.json": recipe_schema, "scene.schema.json": card_schema}
 
 
 def rewritten(page: Path) -> str:

@@ -18,7 +18,7 @@ from saf_gen.plugins.searches._lens_commanding import (
     FocusSampler,
     LensCommandingSearch,
     OutOfFramesError,
-    check_search_fraction,
+    check_fraction,
 )
 
 CROP, CROPS = 64, 6
@@ -167,7 +167,7 @@ class SingleShot(LensCommandingSearch):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_search_fraction("step", self.step)
+        check_fraction("step", self.step)
         if not isinstance(self.looks, int) or self.looks < 3:
             raise BadInput(f"looks is {self.looks!r}", allowed="a whole number, 3 or more")
         if not 0 < self.sure < 1:

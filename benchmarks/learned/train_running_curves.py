@@ -30,7 +30,7 @@ from training import (
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core import seeds
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.measure_input import choose_stream_region
+from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.stream_file import open_stream
 
 NAME = "running_curves"
@@ -50,7 +50,7 @@ def read_examples(dataset: Path, split: str, *, keep: Path) -> list[Example]:
         with open_stream(path) as stream:
             kept = keep / f"{stream.content_sha256[:16]}.npy"
             if not kept.exists():
-                counts = WindowCounts(stream, choose_stream_region(stream, "target")[0])
+                counts = WindowCounts(stream, choose_region(stream, "target")[0])
                 *_, rows = np.zeros((0, 9)), *method.follow_sweep(RecordingView(counts, get_measure(MEASURE)))
                 keep.mkdir(parents=True, exist_ok=True)
                 part = kept.with_suffix(".part.npy")

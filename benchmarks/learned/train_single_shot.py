@@ -28,7 +28,7 @@ from training import (
 )
 
 from saf_gen.core import seeds
-from saf_gen.stream.measure_input import choose_stream_region
+from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 NAME = "single_shot"
@@ -107,7 +107,7 @@ def measure_windows(windows: np.ndarray) -> Example:
 def cut_windows(stream: SpikeStream) -> Example:
     """Return an example of a recording: WINDOWS windows at random times, one in each of as many equal parts."""
     random = seeds.make_generator(NAME, stream.content_sha256)
-    region, truth = choose_stream_region(stream, "target")[0], stream.truth
+    region, truth = choose_region(stream, "target")[0], stream.truth
     part, seen, position, away = stream.shape[0] // WINDOWS, [], [], []
     for number in range(WINDOWS):
         half = min(int(random.choice(HALVES)), part // 2)

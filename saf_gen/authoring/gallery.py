@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.authoring.preview import save_preview_image_grid
-from saf_gen.authoring.preview.scene_sheet import render_preview_images
+from saf_gen.authoring.preview import save_image_grid
+from saf_gen.authoring.preview.scene_sheet import render_images
 from saf_gen.camera import Sensor
-from saf_gen.core.config.ranges import config_range_extremes, is_config_range
-from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.config.ranges import is_range, range_extremes
+from saf_gen.core.display_tone import display_gamma, white_level
+from saf_gen.core.files import write_text
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput
 from saf_gen.render.depth_and_target import DepthAndTarget
@@ -76,10 +76,10 @@ def write_scene_gallery(
             failed[scene.id] = problem
             continue
         picture = folder / "pictures" / "scenes" / f"{scene.id}.jpg"
-        save_preview_image_grid(view.rows, picture, max_bytes=MAX_BYTES)
+        save_image_grid(view.rows, picture, max_bytes=MAX_BYTES)
         sections.append(_format_section(scene, view, picture=picture, folder=folder))
     page = folder / "scenes.md"
-    write_text_atomically(page, "\n".join(sections))
+    write_text(page, "\n".join(sections))
     return page, failed
 
 
@@ -94,18 +94,18 @@ class _View:
     @classmethod
     def render(cls, scene: Scene, sensor: Sensor, *, backend: str) -> "_View":
         renderer = SceneRenderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
-        seen = renderer.trace_depth_and_target(allow_unseen_target=True)
+        seen = renderer.trace_geometry(allow_unseen_target=True)
         depths = seen.depth[seen.target]
         truth = scene.build_drive().true_focus(depths) if depths.size else float("nan")
         best = float(np.clip(np.nan_to_num(truth, nan=0.5), 0, 1))
         samples = SLOW_SAMPLES if renderer.is_slow else SAMPLES
         images = [renderer.render_picture(p, samples=samples) for p in (0.0, best, 1.0)]
-        white = find_display_white_level(images[1])
-        rows = [[apply_display_gamma(image, white) for image in images]]
+        white = white_level(images[1])
+        rows = [[display_gamma(image, white) for image in images]]
         samples = SLOW_SAMPLES if renderer.is_slow else SMALL_SAMPLES
-        small = [image for _, image in render_preview_images(renderer, best, samples=samples, count=SMALL_IMAGES)]
+        small = [image for _, image in render_images(renderer, best, samples=samples, count=SMALL_IMAGES)]
         if small:
-            rows.append([apply_display_gamma(image, find_display_white_level(image)) for image in small])
+            rows.append([display_gamma(image, white_level(image)) for image in small])
         return cls(rows, seen, truth)
 
 
@@ -122,7 +122,7 @@ def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -
         "lens": f"{card.lens.summary}{drive}, in focus from {near:.4g} to {far:.4g} m",
         "target": target,
         "light": ", ".join(f"`{group}` {lux[group]:,g} lux" if group in lux else f"`{group}`" for group in card.lights),
-        "family": "; ".join(_format_range(*param) for param in card.params.items() if is_config_range(param[1])),
+        "family": "; ".join(_format_range(*param) for param in card.params.items() if is_range(param[1])),
         "motion": _format_motion(card),
         "licence": card.licence,
         "source": _format_source(scene, folder),
@@ -143,7 +143,7 @@ def _format_motion(card: SceneCard) -> str:
 
 
 def _format_range(name: str, value: Any) -> str:
-    values = config_range_extremes(value)
+    values = range_extremes(value)
     if "choice" in value:
         return f"`{name}` {', '.join(str(choice) for choice in dict.fromkeys(values))}"
     return f"`{name}` {values[0]:,.10g} to {values[1]:,.10g}"

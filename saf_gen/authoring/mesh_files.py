@@ -31,7 +31,7 @@ class MeshPart:
     """Smallest and largest coordinates, float64 (2, 3), in units of the file."""
 
 
-def convert_mesh_for_new_scene(path: Path) -> list[MeshPart]:
+def convert_mesh(path: Path) -> list[MeshPart]:
     """Return the meshes of a glTF or STL file, placed as in the scene of the file.
 
     Parameters

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.authoring.mesh_files import CONVERTED_MESHES, MeshPart, convert_mesh_for_new_scene
+from saf_gen.authoring.mesh_files import CONVERTED_MESHES, MeshPart, convert_mesh
 from saf_gen.errors import BadInput
 
 MITSUBA_MESHES = (".obj", ".ply")
@@ -69,7 +69,7 @@ SURROUNDINGS = """\
 """
 
 
-def is_mesh_for_new_scene(path: Path) -> bool:
+def is_mesh(path: Path) -> bool:
     """Return whether the file is a mesh around which a scene can be made.
 
     Raises BadInput for a file format of another program, with a hint on how to convert it.
@@ -85,7 +85,7 @@ def is_mesh_for_new_scene(path: Path) -> bool:
     return suffix in (*MITSUBA_MESHES, *CONVERTED_MESHES)
 
 
-def compose_new_scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
+def scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
     """Return the content of the files of a scene around a mesh, by file name.
 
     The mesh is scaled so that its largest side is SIZE_M, and centred at the origin, 0.5 m in front of the lens. All
@@ -129,11 +129,11 @@ def compose_new_scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
 
 def _read_parts(path: Path) -> Sequence[MeshPart]:
     if path.suffix.lower() in CONVERTED_MESHES:
-        return convert_mesh_for_new_scene(path)
-    from saf_gen.render.mesh_extent import measure_mitsuba_mesh  # loads Mitsuba
+        return convert_mesh(path)
+    from saf_gen.render.mesh_extent import mesh_extent  # loads Mitsuba
 
     file = f"meshes/mesh{path.suffix.lower()}"
-    return [MeshPart("mesh", {file: path.read_bytes()}, file, "", (0.6, 0.6, 0.6), measure_mitsuba_mesh(path))]
+    return [MeshPart("mesh", {file: path.read_bytes()}, file, "", (0.6, 0.6, 0.6), mesh_extent(path))]
 
 
 def _format_shape(part: MeshPart, *, scale: float, middle: np.ndarray) -> str:

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saf_gen.camera import Sensor
-from saf_gen.core.region import Region, mask_bounding_box
+from saf_gen.core.region import Region, bounding_box
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.stack.focal_stack import FocalStack
-from saf_gen.stack.grain import Grain, GrainFigure, correlate_stack_grain, estimate_stack_grain
+from saf_gen.stack.grain import Grain, GrainFigure, correlate_grain, estimate_grain
 from saf_gen.stack.time_resolved import SHADING_MOMENTS
 
 BEST_FOCUS, QUARTER_AWAY = "best focus", "a quarter away"
@@ -34,25 +34,25 @@ class PositionGrain:
     target: Grain
 
 
-def list_scene_grain_positions(true_focus: float) -> dict[str, float]:
+def grain_positions(true_focus: float) -> dict[str, float]:
     """Return the positions (0 to 1) at which grain is measured, by name."""
     away = true_focus + QUARTER_TRAVEL if true_focus < 0.5 else true_focus - QUARTER_TRAVEL
     return {BEST_FOCUS: true_focus, QUARTER_AWAY: away, "position 0": 0.0, "position 1": 1.0}
 
 
-def crop_sensor_for_scene_grain(sensor: Sensor, target: np.ndarray) -> Sensor:
+def crop_sensor(sensor: Sensor, target: np.ndarray) -> Sensor:
     """Return the sensor cropped to a target, bool (row, col), by the same number of pixels on opposite sides.
 
     The optical axis remains in the middle of the sensor, so the remaining pixels see the same as before.
     """
-    rows, columns = mask_bounding_box(target)
+    rows, columns = bounding_box(target)
     sizes = []
     for span, size in ((rows, sensor.rows), (columns, sensor.columns)):
         sizes.append(size - 2 * min(span.start, size - span.stop))
     return replace(sensor, rows=sizes[0], columns=sizes[1])
 
 
-def measure_still_scene_grain(
+def measure_still(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
@@ -88,7 +88,7 @@ def measure_still_scene_grain(
         If the scene cannot be rendered.
     """
     planes = {name: round(position * (positions - 1)) for name, position in measured_positions.items()}
-    box, renders = mask_bounding_box(seen.target), []
+    box, renders = bounding_box(seen.target), []
     for run in (1, 2):
         progress((run - 1) / 2)
         stack = renderer.render_stack(seen, positions=positions, samples=samples, run=run)
@@ -100,7 +100,7 @@ def measure_still_scene_grain(
     }
 
 
-def measure_scene_grain_of_slices(
+def measure_slices(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
@@ -141,7 +141,7 @@ def measure_scene_grain_of_slices(
     BadInput
         If the scene cannot be rendered.
     """
-    box, found = mask_bounding_box(seen.target), {}
+    box, found = bounding_box(seen.target), {}
     for done, (name, position) in enumerate(measured_positions.items()):
         progress(done / len(measured_positions))
         one, other = _render_slice_pair(
@@ -152,7 +152,7 @@ def measure_scene_grain_of_slices(
     return found
 
 
-def correlate_scene_grain_of_slices(
+def correlate_slices(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
@@ -168,7 +168,7 @@ def correlate_scene_grain_of_slices(
     Each item is the number of slices between the two, one of ``steps``, and the correlation. The pixels are those of
     the target's box at ``time_s``. Raises BadInput if the scene cannot be rendered.
     """
-    box = mask_bounding_box(seen.target)
+    box = bounding_box(seen.target)
 
     def render_box(at_s: float) -> tuple[np.ndarray, np.ndarray]:
         pair = _render_slice_pair(
@@ -178,7 +178,7 @@ def correlate_scene_grain_of_slices(
 
     earlier = render_box(time_s)
     for step in steps:
-        yield step, correlate_stack_grain(earlier, render_box(time_s + step * step_s))
+        yield step, correlate_grain(earlier, render_box(time_s + step * step_s))
 
 
 def _render_slice_pair(
@@ -221,4 +221,4 @@ def _mix_box(stack: FocalStack, plane: int, *, box: Region) -> np.ndarray:
 
 
 def _compare(first: np.ndarray, second: np.ndarray, *, position: float, mask: np.ndarray) -> PositionGrain:
-    return PositionGrain(position, estimate_stack_grain(first, second), estimate_stack_grain(first, second, mask=mask))
+    return PositionGrain(position, estimate_grain(first, second), estimate_grain(first, second, mask=mask))

@@ -8,10 +8,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from saf_gen.authoring.mesh_scene import compose_new_scene_of_mesh, is_mesh_for_new_scene
-from saf_gen.core.files import rename_durably, temporary_folder, unwritable_file_error
+from saf_gen.authoring.mesh_scene import is_mesh, scene_of_mesh
+from saf_gen.core.files import rename_durably, temporary_folder, unwritable
 from saf_gen.errors import BadInput
-from saf_gen.scene.scene_folder import load_scene_folder, scene_names
+from saf_gen.scene.scene_folder import load_scene, scene_names
 from saf_gen.scene.xml import SceneXml, read_scene_xml
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ For each mesh and texture, state here who made it, where it is from, its licence
 YAML_KEYWORDS = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML does not read these as text
 
 
-def create_scene_from_template(name: str, root: Path, *, kind: str = "script") -> list[Path]:
+def scene_from_template(name: str, root: Path, *, kind: str = "script") -> list[Path]:
     """Write a template to ``root/name``, and return the paths of its files.
 
     Parameters
@@ -65,7 +65,7 @@ def create_scene_from_template(name: str, root: Path, *, kind: str = "script") -
     return written
 
 
-def create_scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
+def scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
     """Copy an exported scene and its files to ``root/name``, write its card, and return the paths of the files.
 
     Files keep the names that the scene uses; links are followed. The card has the pose and the field of view of the
@@ -91,8 +91,8 @@ def create_scene_from_export(exported: Path, name: str, *, root: Path) -> list[P
         If the scene cannot be read; has no camera, no lamp or no shape in the middle; has a camera that no card can
         describe; or if the name cannot be used. In these cases, no file is left behind.
     """
-    if is_mesh_for_new_scene(exported):
-        files = compose_new_scene_of_mesh(exported, name)
+    if is_mesh(exported):
+        files = scene_of_mesh(exported, name)
         with _new_folder(name, root) as folder:
             for file, data in files.items():
                 (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -100,12 +100,9 @@ def create_scene_from_export(exported: Path, name: str, *, root: Path) -> list[P
         return [root / name / file for file in files]
     read = read_scene_xml(exported, {})
     with _new_folder(name, root) as folder:
-        from saf_gen.render.exported_camera import mitsuba_camera_of_export  # loads Mitsuba
+        from saf_gen.render.exported_camera import exported_camera  # loads Mitsuba
 
-        texts = {
-            "scene.yaml": _format_card(name, mitsuba_camera_of_export(read, exported)),
-            "SOURCE.md": EXPORTED_SOURCE,
-        }
+        texts = {"scene.yaml": _format_card(name, exported_camera(read, exported)), "SOURCE.md": EXPORTED_SOURCE}
         sources = _copied_files(read, exported)
         for file, source in sources.items():
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -113,7 +110,7 @@ def create_scene_from_export(exported: Path, name: str, *, root: Path) -> list[P
         for file, text in texts.items():
             (folder / file).write_text(re.sub(r"\bNAME\b", name, text), encoding="utf-8")
         try:
-            load_scene_folder(folder)  # checks the card
+            load_scene(folder)  # checks the card
         except BadInput as refused:
             raise BadInput(
                 f"no card can describe this camera: {refused.problem}",
@@ -147,7 +144,7 @@ def _new_folder(name: str, root: Path) -> Iterator[Path]:
             yield hidden / name
             rename_durably(hidden / name, folder)
     except OSError as error:
-        raise unwritable_file_error(folder, error) from error
+        raise unwritable(folder, error) from error
     finally:
         if created_root:
             with suppress(OSError):  # it is not empty

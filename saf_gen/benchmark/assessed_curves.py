@@ -5,12 +5,12 @@ from math import isfinite, nan
 
 import numpy as np
 
-from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality, assess_evaluated_curve
-from saf_gen.benchmark.judgement import judged_depth_of_focus, judged_lens_position
+from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality, assess_curve
+from saf_gen.benchmark.judgement import judged_dof, lens_position
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 
 
-def assess_evaluated_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurve]:
+def assess_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurve]:
     """Return the quality of every focus curve, in the order of the sweeps."""
     return [
         AssessedCurve(
@@ -20,7 +20,7 @@ def assess_evaluated_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurv
             sweep.scene,
             sweep.light,
             sweep.truth if isfinite(sweep.truth) else None,
-            judged_depth_of_focus(sweep.depth_of_focus),
+            judged_dof(sweep.depth_of_focus),
             _assess(sweep, curve=curve),
         )
         for sweep in sweeps
@@ -36,10 +36,10 @@ def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
     if sweep.track is not None and curve.scores.size:  # if the target moves, the truth at the peak counts
         is_known = isfinite(truth) and np.isfinite(sweep.track).all()
         peak_frame = float(curve.frames[curve.scores.argmax()])
-        truth = judged_lens_position(peak_frame, sweep.track) if is_known else nan
-    return assess_evaluated_curve(
+        truth = lens_position(peak_frame, sweep.track) if is_known else nan
+    return assess_curve(
         np.interp(curve.frames, np.arange(len(lens)), lens),
         curve.scores,
         truth=truth if isfinite(truth) else None,
-        depth=judged_depth_of_focus(sweep.depth_of_focus),
+        depth=judged_dof(sweep.depth_of_focus),
     )

@@ -64,7 +64,7 @@ class AssessedCurve:
     quality: CurveQuality | None
 
 
-def assess_evaluated_curve(
+def assess_curve(
     position: np.ndarray, scores: np.ndarray, *, truth: float | None = None, depth: float | None = None
 ) -> CurveQuality | None:
     """Return the quality of a focus curve.

@@ -15,35 +15,36 @@ import numpy as np
 
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
-from saf_gen.benchmark.plugin_description import describe_plugins_of_methods
+from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.results import Drawn, Evaluation, SequenceFailure
 from saf_gen.benchmark.sequence_evaluation import (
     EvaluateJob,
     MethodGroups,
     NamedMethods,
+    by_region,
     evaluate_sequence,
-    group_methods_by_region,
     parse_methods,
 )
-from saf_gen.benchmark.thumbnails import select_evaluated_to_show
-from saf_gen.benchmark.tracks.predictions import PredictionSet, read_method_predictions
-from saf_gen.benchmark.tracks.recorded_track import check_method_leaves_lens
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequences_to_evaluate
+from saf_gen.benchmark.thumbnails import select_to_show
+from saf_gen.benchmark.tracks.predictions import PredictionSet, read_predictions
+from saf_gen.benchmark.tracks.recorded_track import check_leaves_lens
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequences
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.core.region import REGIONS
+from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.parts import Measure
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.measure_input import choose_stream_region
+from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 DRAWN_SEQUENCES = 48
-"""Maximum number of sequences whose sweeps are kept for drawing; select_evaluated_to_show chooses them."""
+"""Maximum number of sequences whose sweeps are kept for drawing; select_to_show chooses them."""
 THUMBNAIL_SEQUENCES = 12
 """Maximum number of sequences of which small pictures are kept, too."""
 ProgressCallback = Callable[[int, int, str], None]
@@ -128,17 +129,17 @@ def evaluate(
         )
     chosen = parse_methods(methods)
     if protocol is None:
-        check_method_leaves_lens(list(chosen.values()))
-    groups = group_methods_by_region(chosen, region)
+        check_leaves_lens(list(chosen.values()))
+    groups = by_region(chosen, region)
     count = sum(len(group) for group in groups.values())
-    tasks = list_sequences_to_evaluate(path, split=split, scene_motion=scene_motion)
+    tasks = list_sequences(path, split=split, scene_motion=scene_motion)
     prediction_set = None
     if predictions is not None:
         if protocol is not None:
             raise BadInput(
                 f"predictions {str(predictions)!r} cannot be judged in the closed loop", allowed="--track recorded"
             )
-        prediction_set = read_method_predictions(predictions)
+        prediction_set = read_predictions(predictions)
         if not path.is_dir():  # no manifest describes a single stream
             with open_stream(path) as stream:
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
@@ -148,8 +149,8 @@ def evaluate(
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
     drawn: dict[int, Drawn] = {}
     if draw:
-        drawn |= dict.fromkeys(select_evaluated_to_show(conditions, DRAWN_SEQUENCES), "sweep")
-        drawn |= dict.fromkeys(select_evaluated_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
+        drawn |= dict.fromkeys(select_to_show(conditions, DRAWN_SEQUENCES), "sweep")
+        drawn |= dict.fromkeys(select_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
     store = keep if keep is not None and path.is_dir() else KeptSequences()
     store.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
     parts: dict[int, Evaluation] = {}
@@ -190,7 +191,7 @@ def evaluate(
         sweeps=tuple(sweep for part in in_order for sweep in part.sweeps),
         failures=tuple(failures[number] for number in sorted(failures)),
         lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
-        plugins=describe_plugins_of_methods(chosen.values()),
+        plugins=describe_plugins(chosen.values()),
         curves=tuple(curve for part in in_order for curve in part.curves),
     )
 
@@ -265,7 +266,7 @@ def _run_on_cluster(
         yield job.number, part, error
 
 
-def score_evaluated_blocks(
+def score_blocks(
     stream: SpikeStream, measure: str | Measure, *, window: int, region: str = "target"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the scores of consecutive blocks of frames; a shorter block at the end is left out.
@@ -291,14 +292,15 @@ def score_evaluated_blocks(
     Raises
     ------
     BadInput
-        If the window is out of range, or if the region or the measure is unknown.
+        If the window is out of range, if the region or the measure is unknown, or if the measure fails.
     """
     frames = stream.shape[0]
     if not (isinstance(window, int) and 1 <= window <= frames):
         raise BadInput(f"the window is {window!r}", allowed=f"1 to {frames}, the number of frames in the stream")
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
-    counts = WindowCounts(stream, choose_stream_region(stream, region)[0])
+    counts = WindowCounts(stream, choose_region(stream, region)[0])
     view = RecordingView(counts, get_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)
-    return first, np.array([view.score(a, a + window) for a in first.tolist()])
+    with named_user_code(measure, "focus measure"):
+        return first, np.array([view.score(a, a + window) for a in first.tolist()])

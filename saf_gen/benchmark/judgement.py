@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saf_gen.optics.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import focus_crossings
 
 SUCCESS_LIMITS_DOF = (0.5, 1.0, 2.0)
 """Largest distances from the truth, in depths of focus, that count as a success."""
@@ -39,10 +39,10 @@ class Judgement:
     success: tuple[bool | None, ...] = (None,) * len(SUCCESS_LIMITS_DOF)
     """For each of SUCCESS_LIMITS_DOF, whether the answer is a success within that limit."""
     lens_travel: float | None = None
-    """Distance that the lens moved, in travels; see lens_travel_to_method_answer."""
+    """Distance that the lens moved, in travels; see travel_to_answer."""
 
 
-def judged_lens_position(frame: float, focus_position: np.ndarray) -> float:
+def lens_position(frame: float, focus_position: np.ndarray) -> float:
     """Return the lens position at a frame, as a fraction of the travel.
 
     Parameters
@@ -61,15 +61,13 @@ def judged_lens_position(frame: float, focus_position: np.ndarray) -> float:
     return float(np.interp(frame, np.arange(len(focus_position)), focus_position))
 
 
-def judged_depth_of_focus(ends: tuple[float, float]) -> float | None:
+def judged_dof(ends: tuple[float, float]) -> float | None:
     """Return the depth of focus from its two ends, as a fraction of the travel; None unless finite and above 0."""
     width = abs(ends[1] - ends[0])
     return width if math.isfinite(width) and width > 0 else None
 
 
-def find_judged_focus_crossing(
-    frame: float | None, *, offset: np.ndarray, truth_frame: float = math.nan
-) -> float | None:
+def focus_crossing(frame: float | None, *, offset: np.ndarray, truth_frame: float = math.nan) -> float | None:
     """Return the frame nearest to ``frame`` at which the lens crosses the truth, or None if it never does.
 
     A lens that comes back crosses the truth more than once; while it rests at the truth, every frame is a crossing.
@@ -88,17 +86,17 @@ def find_judged_focus_crossing(
     float or None
         Frame, counted from 0; may be fractional.
     """
-    found = find_focus_crossings(offset, 0.0)
+    found = focus_crossings(offset, 0.0)
     if math.isfinite(truth_frame):
         found = np.concatenate(([truth_frame], found[1:]))
     if found.size == 0 or frame is None:
         return float(found[0]) if found.size else None
-    if judged_lens_position(frame, offset) == 0:
+    if lens_position(frame, offset) == 0:
         return frame
     return float(found[np.abs(found - frame).argmin()])
 
 
-def lens_travel_to_method_answer(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
+def travel_to_answer(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
     """Return the distance that the lens moves during the frames seen and then back to the answer, in travels.
 
     A full sweep with the focus half way gives 1.5. For an abstention (``answer`` is None), only the frames seen count.
@@ -109,10 +107,10 @@ def lens_travel_to_method_answer(frames_seen: int, answer: float | None, *, focu
     travelled = float(np.abs(np.diff(seen)).sum())
     if answer is None:
         return travelled
-    return travelled + abs(float(seen[-1]) - judged_lens_position(answer, focus_position))
+    return travelled + abs(float(seen[-1]) - lens_position(answer, focus_position))
 
 
-def light_ratio_for_record(gain: np.ndarray | None) -> float | None:
+def light_ratio(gain: np.ndarray | None) -> float | None:
     """Return the largest gain of a light divided by its smallest gain.
 
     Parameters
@@ -136,7 +134,7 @@ def light_ratio_for_record(gain: np.ndarray | None) -> float | None:
     return float((brightest[on] / darkest[on]).max())
 
 
-def judge_method_answer(
+def judge(
     frame: float | None,
     *,
     frames_seen: int,
@@ -191,17 +189,17 @@ def judge_method_answer(
         return Judgement(truth=_finite_or_none(truth), truth_frame=_finite_or_none(truth_frame))
     lens = np.asarray(focus_position, dtype=np.float64)
     offset = lens - (truth if track is None else track)
-    crossing = find_judged_focus_crossing(frame, offset=offset, truth_frame=truth_frame)
-    position = None if frame is None else judged_lens_position(frame, lens)
+    crossing = focus_crossing(frame, offset=offset, truth_frame=truth_frame)
+    position = None if frame is None else lens_position(frame, lens)
     known = Judgement(
         position=position,
-        truth=_finite_or_none(truth if frame is None or track is None else judged_lens_position(frame, track)),
+        truth=_finite_or_none(truth if frame is None or track is None else lens_position(frame, track)),
         truth_frame=crossing,
-        lens_travel=lens_travel_to_method_answer(frames_seen, frame, focus_position=lens),
+        lens_travel=travel_to_answer(frames_seen, frame, focus_position=lens),
     )
     if known.truth is None:
         return known
-    dof = judged_depth_of_focus(ends)
+    dof = judged_dof(ends)
     if frame is None or position is None:
         if dof is None:
             return known

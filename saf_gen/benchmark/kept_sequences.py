@@ -25,9 +25,9 @@ from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import atomic_file
 from saf_gen.core.object_store import AnyPath
-from saf_gen.core.user_folder import SIGNATURE_BYTES, is_signed_by_user, sign_as_user
+from saf_gen.core.user_folder import SIGNATURE_BYTES, is_signed, sign_as_user
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def _write(folder: Path, results: Mapping[str, Evaluation]) -> None:
     data = content.getvalue()
     signature = sign_as_user(data)
     if signature is not None:
-        with write_atomically(folder / f"{min(results)[:32]}.npz") as part:
+        with atomic_file(folder / f"{min(results)[:32]}.npz") as part:
             part.write_bytes(signature + data)
 
 
@@ -168,7 +168,7 @@ def _read(path: Path) -> dict[str, Evaluation]:
     except OSError:
         return {}
     signature, data = content[:SIGNATURE_BYTES], content[SIGNATURE_BYTES:]
-    if not is_signed_by_user(data, signature):
+    if not is_signed(data, signature):
         return {}
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
         document = json.loads(arrays["document"].tobytes())

@@ -11,9 +11,9 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from saf_gen.benchmark.tuned_method import read_method_with_constants
+from saf_gen.benchmark.tuned_method import read_tuned
 from saf_gen.core.config.document import read_text
-from saf_gen.core.config.registry import refuse_code_named_in_file
+from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.config.source_digest import class_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
@@ -82,7 +82,7 @@ class Method:
 
     @property
     def search_name(self) -> str:
-        return split_method_options(split_method_region(self.name)[0].split("+")[1])[0]
+        return split_options(split_region(self.name)[0].split("+")[1])[0]
 
     @property
     def parameters(self) -> str:
@@ -111,16 +111,16 @@ def parse_method(spec: str) -> Method:
         If the name is malformed, if the measure, search or region is unknown, or if a plug-in refuses its options.
     """
     if spec.startswith("@"):
-        path, region = split_method_region(spec[1:])
-        tuned, digest = read_method_with_constants(path)
+        path, region = split_region(spec[1:])
+        tuned, digest = read_tuned(path)
         if tuned.method.startswith("@"):
             raise BadInput(
                 f"{spec[1:]} names another tuned file, {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file"
             )
-        method = f"{split_method_region(tuned.method)[0]}@{region}" if region else tuned.method
-        with refuse_code_named_in_file(path):
+        method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
+        with refuse_code(path):
             return replace(parse_method(method), tuning=digest)
-    text, region = split_method_region("".join(spec.split()))
+    text, region = split_region("".join(spec.split()))
     halves = text.split("+")
     if len(halves) != 2 or not all(halves):
         raise BadInput(
@@ -128,7 +128,7 @@ def parse_method(spec: str) -> Method:
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
             hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
         )
-    (measure, measure_options), (search, search_options) = (parse_method_options(half, spec) for half in halves)
+    (measure, measure_options), (search, search_options) = (parse_options(half, spec) for half in halves)
     try:
         plugins = get_measure(measure, **measure_options), get_search(search, **search_options)
         others = [get_measure(name) for name in wants_measures(plugins[1])]
@@ -144,7 +144,7 @@ def parse_method(spec: str) -> Method:
     return Method(name, *plugins, code=_digest_code([*plugins, *others]), region=region)
 
 
-def split_method_region(method: str) -> tuple[str, str]:
+def split_region(method: str) -> tuple[str, str]:
     """Return the name of a method without its region, and the region, or '' if the name has no region.
 
     Raises BadInput if the region is unknown.
@@ -157,7 +157,7 @@ def split_method_region(method: str) -> tuple[str, str]:
     return name, region
 
 
-def split_method_options(half: str) -> tuple[str, str]:
+def split_options(half: str) -> tuple[str, str]:
     """Return the name of a measure or search, and its options as a string."""
     name, _, tail = half.partition(":")
     if "." in name:  # package.module:Class, or file.py:Class
@@ -166,12 +166,12 @@ def split_method_options(half: str) -> tuple[str, str]:
     return name, tail
 
 
-def parse_method_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
+def parse_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
     """Return the name of a measure or search, and its parsed options.
 
     Raises BadInput, which quotes the full method name ``spec``, if an option is malformed.
     """
-    name, tail = split_method_options(half)
+    name, tail = split_options(half)
     options: dict[str, Any] = {}
     for item in tail.split(",") if tail else ():
         key, equals, value = item.partition("=")
@@ -211,7 +211,7 @@ def _find_nested(plugin: object) -> Iterator[object]:
             yield from _find_nested(getattr(plugin, field.name))
 
 
-def read_method_list(path: Path) -> list[str]:
+def read_methods(path: Path) -> list[str]:
     """Return the names in a list of methods.
 
     A list cannot cause other code to be loaded: it may name only plug-ins that are registered or already loaded.
@@ -241,7 +241,7 @@ def read_method_list(path: Path) -> list[str]:
     for number, line in enumerate(text.splitlines(), 1):
         if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
             try:
-                with refuse_code_named_in_file(str(path)):
+                with refuse_code(str(path)):
                     parse_method(name)
             except BadInput as error:
                 raise BadInput(str(error), where=f"{path}:{number}") from error

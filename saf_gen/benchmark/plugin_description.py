@@ -10,10 +10,11 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from inspect import cleandoc
 from typing import Any
 
-from saf_gen.benchmark.method_spec import Method, parse_method, split_method_options, split_method_region
+from saf_gen.benchmark.method_spec import Method, parse_method, split_options, split_region
 from saf_gen.benchmark.records import Record
 from saf_gen.core.config.registry import build_plugin, is_builtin_name, plugin_class
 from saf_gen.core.config.source_digest import class_source_files
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.parts import cite_source, commands, wants_halves, wants_intervals, wants_measures
 from saf_gen.plugins.measures import BrightnessNormalised, IntervalTexture
@@ -38,7 +39,7 @@ class PluginDescription:
     left out."""
 
 
-def describe_plugin_of_method(name: str, plugin_kind: str, *, plug_in: Any) -> PluginDescription:
+def describe_plugin(name: str, plugin_kind: str, *, plug_in: Any) -> PluginDescription:
     """Return the description of a plug-in.
 
     Parameters
@@ -58,32 +59,33 @@ def describe_plugin_of_method(name: str, plugin_kind: str, *, plug_in: Any) -> P
     layers = [plug_in]
     while isinstance(layers[-1], BrightnessNormalised | IntervalTexture):
         layers.append(layers[-1].measure)
-    facts = _state_facts(split_method_options(name)[0], plugin_kind, layers=layers)
+    facts = _state_facts(split_options(name)[0], plugin_kind, layers=layers)
     return PluginDescription(name, plugin_kind, tuple(facts), _read_code(type(layers[-1])))
 
 
-def describe_plugins_of_methods(methods: Iterable[Method]) -> tuple[PluginDescription, ...]:
+def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]:
     """Return descriptions of the measures of these methods and then of the searches, without repetitions."""
     found: dict[tuple[str, str], PluginDescription] = {}
     for method in methods:
-        halves = split_method_region(method.name)[0].split("+")
+        halves = split_region(method.name)[0].split("+")
         for half, kind, plug_in in zip(halves, ("measures", "searches"), (method.measure, method.search), strict=True):
             if (kind, half) in found:
                 continue
             try:
-                found[kind, half] = describe_plugin_of_method(half, kind, plug_in=plug_in)
+                with user_code():
+                    found[kind, half] = describe_plugin(half, kind, plug_in=plug_in)
             except Exception as error:  # noqa: BLE001  (a third-party plug-in may raise anything)
                 problem = f"it cannot be described: {type(error).__name__}: {error}"
                 found[kind, half] = PluginDescription(half, kind, (("what", problem),), ())
     return tuple(sorted(found.values(), key=lambda d: d.plugin_kind))
 
 
-def describe_recorded_methods(records: Iterable[Record]) -> tuple[PluginDescription, ...]:
+def describe_recorded(records: Iterable[Record]) -> tuple[PluginDescription, ...]:
     """Return descriptions of the plug-ins in records, if saf_gen contains them with the code that made the records."""
     recorded = {record.method: record.code for record in records}
     methods = []
     for name, code in recorded.items():
-        halves = [split_method_options(half)[0] for half in split_method_region(name)[0].split("+")]
+        halves = [split_options(half)[0] for half in split_region(name)[0].split("+")]
         if len(halves) != 2 or not all(map(is_builtin_name, ("measures", "searches"), halves)):
             continue
         try:
@@ -92,10 +94,10 @@ def describe_recorded_methods(records: Iterable[Record]) -> tuple[PluginDescript
             continue
         if method.code == code:
             methods.append(method)
-    return describe_plugins_of_methods(methods)
+    return describe_plugins(methods)
 
 
-def build_method_plugin_or_class(plugin_kind: str, name: str) -> Any:
+def build_or_class(plugin_kind: str, name: str) -> Any:
     """Return the plug-in ``name`` built without options, or its class if it needs options.
 
     Raises BadInput if the plug-in cannot be loaded.
@@ -106,10 +108,11 @@ def build_method_plugin_or_class(plugin_kind: str, name: str) -> Any:
         return plugin_class(plugin_kind, name)
 
 
-def format_method_attribute(plug_in: Any, key: str) -> str:
+def format_attribute(plug_in: Any, key: str) -> str:
     """Return the text of the attribute ``key`` of a plug-in or its class, or '-' if the attribute is missing."""
     try:
-        value = getattr(plug_in, key, None)
+        with user_code():
+            value = getattr(plug_in, key, None)
     except Exception as error:  # noqa: BLE001  (a property of a third-party plug-in may raise anything)
         return f"? {type(error).__name__}: {error}"
     if isinstance(plug_in, type) and isinstance(value, property):
@@ -119,19 +122,19 @@ def format_method_attribute(plug_in: Any, key: str) -> str:
     return UNKNOWN if value is None else str(value)
 
 
-def summarise_plugin_of_method(plug_in: Any) -> str:
+def summarise_plugin(plug_in: Any) -> str:
     """Return the first paragraph of a plug-in's docstring on one line."""
     return " ".join((plug_in.__doc__ or "").split("\n\n")[0].split())
 
 
-def search_kind_of_method(plug_in: Any) -> str:
+def search_kind(plug_in: Any) -> str:
     """Return the kind of a search: ``commands``, ``estimates`` or ``estimates, causal``."""
     if commands(plug_in):
         return "commands"
     return f"estimates{', causal' if getattr(plug_in, 'causal', None) is True else ''}"
 
 
-def measure_suffixes_of_method(measure: Any) -> Iterator[str]:
+def measure_suffixes(measure: Any) -> Iterator[str]:
     """Yield the suffixes of the forms that a measure has: ``_n``, ``_tfi`` and ``_n_tfi``."""
     counts_windows = not (wants_halves(measure) or wants_intervals(measure))
     grows = isinstance(degree := getattr(measure, "degree", 0), int) and degree > 0
@@ -146,20 +149,20 @@ def measure_suffixes_of_method(measure: Any) -> Iterator[str]:
 def _state_facts(name: str, plugin_kind: str, *, layers: Sequence[Any]) -> Iterator[tuple[str, str]]:
     """Yield key and text of each fact of a plug-in; ``layers`` holds it and the measures in it, outermost first."""
     plug_in, inner = layers[0], layers[-1]
-    yield "kind", "focus measure" if plugin_kind == "measures" else f"search, {search_kind_of_method(plug_in)}"
+    yield "kind", "focus measure" if plugin_kind == "measures" else f"search, {search_kind(plug_in)}"
     yield "what", "\n\n".join(_prose(type(layer)) for layer in reversed(layers))
     yield "options", "\n".join(_options(inner)) or "none"
     if plugin_kind == "measures":
         yield "input", _input(plug_in)
-        yield "range", format_method_attribute(plug_in, "score_range")
-        yield "degree", format_method_attribute(plug_in, "degree")
-        cost = format_method_attribute(plug_in, "cost")
+        yield "range", format_attribute(plug_in, "score_range")
+        yield "degree", format_attribute(plug_in, "degree")
+        cost = format_attribute(plug_in, "cost")
         yield ("cost", cost if cost == UNKNOWN else f"{cost} operations per pixel (additions, multiplications, roots)")
         if len(layers) == 1:
-            yield "forms", ", ".join(f"{name}{form}" for form in measure_suffixes_of_method(plug_in)) or "none"
+            yield "forms", ", ".join(f"{name}{form}" for form in measure_suffixes(plug_in)) or "none"
     elif wants_measures(plug_in):
         yield "also scores", ", ".join(wants_measures(plug_in))
-    stated = format_method_attribute(plug_in, "source")
+    stated = format_attribute(plug_in, "source")
     yield "source", cite_source(plug_in) or UNKNOWN if stated == UNKNOWN else stated
     if ":" not in name:  # otherwise the name contains it
         yield "class", f"{type(inner).__module__}:{type(inner).__qualname__}"

@@ -19,7 +19,7 @@ from pydantic import ConfigDict, Field, WrapValidator
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.core.config.document import STRICT, Document, read_lines, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import atomic_file
 from saf_gen.errors import BadInput
 
 RECORDS_FILE = "records.jsonl"
@@ -170,27 +170,27 @@ class Record:
     """Name and digest of the frozen benchmark that the sequence belongs to; None if it belongs to no benchmark."""
 
 
-def benchmark_record_to_json(record: Record) -> dict[str, Any]:
+def record_to_json(record: Record) -> dict[str, Any]:
     """Return the record in plain JSON types: numbers that are not finite become null, and tuples become lists."""
     return {"format": RECORD_FORMAT, **{f.name: _to_json_value(getattr(record, f.name)) for f in fields(record)}}
 
 
-def format_benchmark_records(records: Iterable[Record]) -> str:
+def format_records(records: Iterable[Record]) -> str:
     """Return the text of a ``records.jsonl``, in which each line has its own checksum."""
     return "".join(map(_format_line, records))
 
 
-def write_benchmark_records(path: str | Path, records: Iterable[Record]) -> None:
+def write_records(path: str | Path, records: Iterable[Record]) -> None:
     """Write a ``records.jsonl``, completely or not at all, without holding its text in memory.
 
     Raises BadInput if the file cannot be written.
     """
-    with write_atomically(path) as part, part.open("w", encoding="utf-8") as file:
+    with atomic_file(path) as part, part.open("w", encoding="utf-8") as file:
         file.writelines(map(_format_line, records))
 
 
 def _format_line(record: Record) -> str:
-    return format_checked_json(benchmark_record_to_json(record)) + "\n"
+    return format_checked_json(record_to_json(record)) + "\n"
 
 
 def read_records(source: str | Path) -> list[Record]:
@@ -232,7 +232,7 @@ def read_records(source: str | Path) -> list[Record]:
     return records
 
 
-def pop_benchmark_record_format(document: Document, expected: str, *, what: str, hint: str) -> None:
+def pop_format(document: Document, expected: str, *, what: str, hint: str) -> None:
     """Remove the key ``format`` from a document; raise BadInput unless its value is the ``expected`` format."""
     data = document.data
     found = data.pop("format", "no format") if isinstance(data, dict) else data
@@ -248,7 +248,7 @@ def pop_benchmark_record_format(document: Document, expected: str, *, what: str,
 def _parse_record(document: Document) -> Record:
     if isinstance(document.data, dict) and (keys := KEYS_SINCE.get(str(document.data.get("format")))):
         document.data |= {"format": RECORD_FORMAT, **{key: document.data.get(key) for key in keys}}
-    pop_benchmark_record_format(document, RECORD_FORMAT, what="record", hint=HINT)
+    pop_format(document, RECORD_FORMAT, what="record", hint=HINT)
     # Most strings occur in many records; interning keeps each in memory once.
     document.data = {key: sys.intern(value) if type(value) is str else value for key, value in document.data.items()}
     record = validate_document(Record, document, hint=HINT)

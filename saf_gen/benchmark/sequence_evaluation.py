@@ -6,12 +6,12 @@ from contextlib import chdir
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
-from saf_gen.benchmark.assessed_curves import assess_evaluated_curves
+from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.method_spec import Method, parse_method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Drawn, Evaluation, LensPath, SweepSummary
 from saf_gen.benchmark.tracks.predictions import PredictionSet
-from saf_gen.benchmark.tracks.recorded_track import evaluate_recorded_sequence
+from saf_gen.benchmark.tracks.recorded_track import evaluate_recorded
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
 from saf_gen.core.execution import ReportProgress
 from saf_gen.core.region import REGIONS
@@ -24,7 +24,7 @@ MethodGroups = Mapping[str, Sequence[Method]]
 """Methods by the region that they look at; the region of the evaluation comes first, even if it has no methods."""
 
 
-def group_methods_by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:
+def by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:
     """Return the methods that look at each region.
 
     Parameters
@@ -110,7 +110,7 @@ def evaluate_sequence(
             step(before + done, what)
 
         if protocol is None:
-            group_records, sweep = evaluate_recorded_sequence(
+            group_records, sweep = evaluate_recorded(
                 task,
                 group,
                 region=region,
@@ -124,15 +124,15 @@ def evaluate_sequence(
             continue
         else:
             # Imported late because this loads the reader of OpenEXR files.
-            from saf_gen.benchmark.tracks.closed_loop_track import evaluate_closed_loop_sequence
+            from saf_gen.benchmark.tracks.closed_loop_track import evaluate_closed_loop
 
-            group_records, group_paths = evaluate_closed_loop_sequence(
+            group_records, group_paths = evaluate_closed_loop(
                 task, group, region=region, rate_region=usual, protocol=protocol, step=group_step
             )
             lens_paths += group_paths
         records += group_records
         before += len(group)
-    curves = tuple(assess_evaluated_curves(sweeps))
+    curves = tuple(assess_curves(sweeps))
     if not draw:
         sweeps, lens_paths = [], []
     return Evaluation(tuple(records), tuple(sweeps), (), tuple(lens_paths), curves=curves)
@@ -167,7 +167,7 @@ class NamedMethods:
     def find(self) -> dict[str, list[Method]]:
         """Return the methods by region; raise BadInput if one is missing on this machine or has different code."""
         with chdir(self.folder):
-            groups = group_methods_by_region(parse_methods(self.specs), self.region)
+            groups = by_region(parse_methods(self.specs), self.region)
         for (name, code), (_, found) in zip(self.codes, _codes(groups), strict=True):
             if code != found:
                 raise BadInput(f"method {name!r} has different code on a worker ({found}, not {code})")

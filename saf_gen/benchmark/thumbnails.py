@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saf_gen.core.region import Region
-from saf_gen.stream.interval_texture import texture_of_stream_window
+from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.stream_file import SpikeStream
 
 THUMBNAIL_COUNT = 48
@@ -37,7 +37,7 @@ class Thumbnails:
     """Where measures look: top, left, bottom and right, as fractions of the picture."""
 
 
-def make_evaluated_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
+def make_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
     """Return THUMBNAIL_COUNT pictures of a recording, or one per frame if it has fewer frames.
 
     Frames after the last full window, and rows and columns beyond a multiple of the binning, are left out.
@@ -73,7 +73,7 @@ def make_evaluated_thumbnails(stream: SpikeStream, region: Region | None) -> Thu
     for first in firsts:
         middle = first + window // 2
         images.append(_bin_pixels(count(first, first + window), binning))
-        texture = texture_of_stream_window(read, count, first=first, stop=first + window)
+        texture = window_texture(read, count, first=first, stop=first + window)
         textures.append(_bin_pixels(texture.astype(np.float32), binning))
         spikes.append(stream.counts(middle, middle + 1, region=spikes_part).astype(np.uint8))
     return Thumbnails(
@@ -87,7 +87,7 @@ def make_evaluated_thumbnails(stream: SpikeStream, region: Region | None) -> Thu
     )
 
 
-def select_evaluated_to_show(keys: Sequence[tuple[Hashable, Hashable]], max_count: int) -> list[int]:
+def select_to_show(keys: Sequence[tuple[Hashable, Hashable]], max_count: int) -> list[int]:
     """Return which of many sequences to show, so that few pictures show many scenes and many conditions.
 
     Scenes take turns, and each scene starts one condition later than the scene before it. Of sequences with the same

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from pydantic import ConfigDict
 
-from saf_gen.benchmark.records import Count, Number, pop_benchmark_record_format
+from saf_gen.benchmark.records import Count, Number, pop_format
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 
@@ -50,18 +50,18 @@ class TunedMethod:
     trials: tuple[TuningTrial, ...]
 
 
-def format_tuned_method(tuned: TunedMethod) -> str:
+def format_tuned(tuned: TunedMethod) -> str:
     """Return the text of the file of a tuned method."""
     return format_checked_json({"format": FORMAT, **asdict(tuned)}, indent=1) + "\n"
 
 
-def read_method_with_constants(path: str | Path) -> tuple[TunedMethod, str]:
+def read_tuned(path: str | Path) -> tuple[TunedMethod, str]:
     """Read a tuned file, and return its contents and the first 12 digits of its SHA-256.
 
     Raises BadInput if the file cannot be read, or was not made by ``saf-gen tune`` of this version.
     """
     path = Path(path)
     document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
-    pop_benchmark_record_format(document, FORMAT, what="tuned method", hint=HINT)
+    pop_format(document, FORMAT, what="tuned method", hint=HINT)
     tuned = validate_document(TunedMethod, document, hint=HINT)
     return tuned, hashlib.sha256(path.read_bytes()).hexdigest()[:12]

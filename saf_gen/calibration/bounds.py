@@ -10,14 +10,14 @@ import numpy as np
 
 from saf_gen.calibration.estimates import Estimate
 from saf_gen.calibration.interval_noise import fit_interval_noise
-from saf_gen.calibration.spike_statistics import SpikeStatistics, flat_areas_for_statistics
+from saf_gen.calibration.spike_statistics import SpikeStatistics, flat_areas
 from saf_gen.errors import BadInput
 
 _BLOCK = 8
 MIN_PIXELS = 500
 
 
-def fit_bounds_of_sensor(statistics: SpikeStatistics, *, where: str = "") -> dict[str, Estimate]:
+def noise_bounds(statistics: SpikeStatistics, *, where: str = "") -> dict[str, Estimate]:
     """Return upper bounds on a sensor's parameters, by key, from a recording of any scene.
 
     The light adds its own variation to the sensor's, so the observed variation is an upper bound. The fixed pattern
@@ -51,7 +51,7 @@ def fit_bounds_of_sensor(statistics: SpikeStatistics, *, where: str = "") -> dic
             hint=f"record about {needed} readouts, or with more light" if needed < 10**7 else "record with more light",
         )
     noise = _noise_bound(statistics, usable)
-    flat = flat_areas_for_statistics(statistics.rates) & usable
+    flat = flat_areas(statistics.rates) & usable
     charge = statistics.rates / (1 - np.minimum(statistics.rates, 0.9))
     column_steps, row_steps = np.diff(charge, axis=1), np.diff(charge, axis=0)
     means = (charge[:, 1:] + charge[:, :-1]) / 2

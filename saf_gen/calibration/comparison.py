@@ -7,21 +7,10 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
-from saf_gen.calibration.pattern_statistics import (
-    BANDS,
-    DEGREES,
-    PatternStatistics,
-    measure_dark_statistics,
-    measure_pattern_statistics,
-)
+from saf_gen.calibration.pattern_statistics import BANDS, DEGREES, PatternStatistics, measure_dark, measure_pattern
 from saf_gen.calibration.recordings import BLOCK_FRAMES, EncodedRecording, Recording
-from saf_gen.calibration.spike_statistics import (
-    SpikeStatistics,
-    flat_areas_for_statistics,
-    measure_spike_statistics,
-    rms_statistic_between_halves,
-)
-from saf_gen.camera import Sensor, encoder_knot_weights
+from saf_gen.calibration.spike_statistics import SpikeStatistics, flat_areas, measure_spikes, rms_between_halves
+from saf_gen.camera import Sensor, knot_weights
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput
 
@@ -62,7 +51,7 @@ _PERCENT = {
 
 
 @dataclass(frozen=True)
-class ComparedStatistic:
+class Compared:
     """One statistic of all compared recordings or sensors.
 
     Attributes
@@ -86,14 +75,14 @@ class ComparedStatistic:
         return f"{value:.3g}" if self.key.split(".")[1] not in _PERCENT else f"{100 * value:.3g} %"
 
 
-def compare_recording_statistics(columns: list[Figures]) -> list[ComparedStatistic]:
+def compare_statistics(columns: list[Figures]) -> list[Compared]:
     """Return the statistics of all columns side by side, in the order in which their keys first appear.
 
     Statistics without a finite value in any column are left out.
     """
     keys = list(dict.fromkeys(key for column in columns for key in column))
     values = {key: tuple(column.get(key, float("nan")) for column in columns) for key in keys}
-    return [ComparedStatistic(key, _describe(key), values[key]) for key in keys if np.isfinite(values[key]).any()]
+    return [Compared(key, _describe(key), values[key]) for key in keys if np.isfinite(values[key]).any()]
 
 
 def _describe(key: str) -> str:
@@ -117,7 +106,7 @@ def _time_figures(statistics: SpikeStatistics, group: str) -> Figures:
     return {
         f"{group}.rate": statistics.mean_rate,
         f"{group}.cv2": statistics.cv2,
-        f"{group}.halves_rms": rms_statistic_between_halves(statistics),
+        f"{group}.halves_rms": rms_between_halves(statistics),
         f"{group}.interval_change": statistics.interval_change,
         **{f"{group}.fano_{window}": value for window, value in statistics.fano.items()},
     }
@@ -182,24 +171,24 @@ def sensor_statistics(
     size = shape or (sensor.rows, sensor.columns)
 
     def measure(what: str, recording: Recording) -> SpikeStatistics:
-        return measure_spike_statistics(recording, report=None if report is None else lambda done: report(what, done))
+        return measure_spikes(recording, report=None if report is None else lambda done: report(what, done))
 
-    light = mean_light_for_statistics(sensor, rate)
+    light = mean_light(sensor, rate)
     even = np.full((1, *size), light, np.float32)
     flat = measure("flat field", EncodedRecording("flat", sensor, even, frames=FLAT_FRAMES, seed=seed, before=_SETTLE))
     found, response = _time_figures(flat, "flat"), flat.rates
     if sensor.mean_dark_e > 0:
         dark = measure("dark", EncodedRecording("dark", sensor, 0 * even, frames=DARK_FRAMES, seed=seed)).rates
-        found |= {f"dark.{key}": value for key, value in vars(measure_dark_statistics(dark)).items()}
+        found |= {f"dark.{key}": value for key, value in vars(measure_dark(dark)).items()}
         response = response - dark
-    found |= _pattern_figures(measure_pattern_statistics(response))
+    found |= _pattern_figures(measure_pattern(response))
     moving = EncodedRecording(
         "moving", sensor, light * _moving_bars(size), frames=FLAT_FRAMES, seed=seed, knots=_knots_along(FLAT_FRAMES)
     )
     return found | _time_figures(measure("moving light", moving), "moving")
 
 
-def mean_light_for_statistics(sensor: Sensor, rate: float) -> float:
+def mean_light(sensor: Sensor, rate: float) -> float:
     """Return the light, in photo-electrons per readout without the dark charge, that gives a mean rate of spikes.
 
     Raises BadInput if the rate is 0.9 or more, or not above the dark rate of the sensor.
@@ -222,21 +211,21 @@ def _moving_bars(size: tuple[int, int]) -> np.ndarray:
 
 
 def _knots_along(frames: int, knots: int = _KNOTS) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    return lambda readout: encoder_knot_weights(2 * (readout + 0.5) / frames % 1, knots)
+    return lambda readout: knot_weights(2 * (readout + 0.5) / frames % 1, knots)
 
 
 def recording_statistics(recording: Recording, *, report: Report | None = None) -> Figures:
     """Return the temporal statistics of a recording of any scene, and the spread of its rates about a local mean."""
     name = recording.name
-    found = measure_spike_statistics(recording, report=None if report is None else lambda done: report(name, done))
+    found = measure_spikes(recording, report=None if report is None else lambda done: report(name, done))
     rates = np.where(np.isfinite(found.rates), found.rates, 0.0)
     smooth = gaussian_filter(rates, 2.0)
-    flat = flat_areas_for_statistics(found.rates) & (smooth > 0)
+    flat = flat_areas(found.rates) & (smooth > 0)
     spread = float(np.std(rates[flat] / smooth[flat])) if flat.any() else float("nan")
     return _time_figures(found, "recording") | {"recording.highpass_rms": spread}
 
 
-def encode_again_for_statistics(recording: Recording, sensor: Sensor, *, seed: int = 1) -> EncodedRecording:
+def encode_again(recording: Recording, sensor: Sensor, *, seed: int = 1) -> EncodedRecording:
     """Return a simulated recording of the light that another recording shows.
 
     The light is estimated from rates in up to 32 time windows of at least 48 readouts, smoothed by Gaussians with
@@ -269,12 +258,12 @@ def encode_again_for_statistics(recording: Recording, sensor: Sensor, *, seed: i
 
     def knots(readout: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         position = np.clip((readout + 0.5) / (8 * step) - 0.5, 0, len(rates) - 1)
-        return encoder_knot_weights(position / max(len(rates) - 1, 1), len(rates))
+        return knot_weights(position / max(len(rates) - 1, 1), len(rates))
 
     return EncodedRecording(f"{sensor.name}", sensor, charge, frames=frames, seed=seed, knots=knots, before=_SETTLE)
 
 
-def published_sensor_statistics() -> tuple[Figures, dict[str, str]]:
+def published_statistics() -> tuple[Figures, dict[str, str]]:
     """Return the published statistics of real cameras by key, and the source of each group of keys."""
     data = read_yaml(Path(__file__).with_name("published.yaml")).data
     found: Figures = {}
@@ -284,17 +273,15 @@ def published_sensor_statistics() -> tuple[Figures, dict[str, str]]:
     return found, {name: part["source"] for name, part in data.items()}
 
 
-def sensor_statistics_as_published(sensor: Sensor, *, seed: int = 1, report: Report | None = None) -> Figures:
+def as_published(sensor: Sensor, *, seed: int = 1, report: Report | None = None) -> Figures:
     """Return the statistics of a sensor that are also published for real cameras, measured under equal conditions.
 
     The simulated stream has 200 readouts of 250 × 250 pixels at a mean rate of 0.031 spikes per readout. Its light is
     constant in time and rises linearly from the first column to the last, from 0.5 to 1.5 times its mean.
     """
     frames, *size = STREAM_SHAPE
-    ramp = np.broadcast_to(np.linspace(0.5, 1.5, size[1]), (1, *size)) * mean_light_for_statistics(sensor, STREAM_RATE)
+    ramp = np.broadcast_to(np.linspace(0.5, 1.5, size[1]), (1, *size)) * mean_light(sensor, STREAM_RATE)
     stream = EncodedRecording("stream", sensor, ramp.astype(np.float32), frames=frames, seed=seed, before=BLOCK_FRAMES)
-    found = sensor_statistics(sensor, seed=seed, report=report) | _time_figures(
-        measure_spike_statistics(stream), "stream"
-    )
-    wanted, _ = published_sensor_statistics()
+    found = sensor_statistics(sensor, seed=seed, report=report) | _time_figures(measure_spikes(stream), "stream")
+    wanted, _ = published_statistics()
     return {key: found[key] for key in wanted if key in found}

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from saf_gen.calibration.estimates import Estimate, binomial_interval_of_fit, normal_estimate_of_fit
+from saf_gen.calibration.estimates import Estimate, binomial_interval, normal_estimate
 from saf_gen.errors import BadInput
 
 _MIN_SPIKES = 2.0
@@ -54,7 +54,7 @@ class DarkFit:
     silent: float
 
 
-def fitted_dark_probabilities(
+def dark_probabilities(
     counts: np.ndarray, *, median: float, log_sd: float, extra: float, factor: float, exponent: float
 ) -> np.ndarray:
     """Return the probability of each count under the fitted law of dark rates.
@@ -88,7 +88,7 @@ def fitted_dark_probabilities(
     return shortfall(n + 1) - 2 * shortfall(n) + shortfall(n - 1)
 
 
-def fit_dark_recording(counts: np.ndarray, frames: int, *, factor: float, exponent: float, where: str = "") -> DarkFit:
+def fit_dark(counts: np.ndarray, frames: int, *, factor: float, exponent: float, where: str = "") -> DarkFit:
     """Return the distribution of a chip's dark rates from the counts of its pixels in a dark recording.
 
     Parameters
@@ -136,7 +136,7 @@ def fit_dark_recording(counts: np.ndarray, frames: int, *, factor: float, expone
         }
 
     def loss(unknown: np.ndarray) -> float:
-        p = fitted_dark_probabilities(seen, **unpack(unknown))
+        p = dark_probabilities(seen, **unpack(unknown))
         return -float(number @ np.log(np.maximum(p, 1e-300)))
 
     fit = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-6, "maxiter": 4000})
@@ -157,11 +157,11 @@ def fit_dark_recording(counts: np.ndarray, frames: int, *, factor: float, expone
 
     how = "maximum likelihood of the counts in the dark, including pixels that never fired"
     found = hot_fraction(here)
-    tail = normal_estimate_of_fit(here["exponent"], delta(lambda p: p["exponent"]), how=how, minimum=1)
-    low, high = binomial_interval_of_fit(round(found * counts.size), counts.size)
+    tail = normal_estimate(here["exponent"], delta(lambda p: p["exponent"]), how=how, minimum=1)
+    low, high = binomial_interval(round(found * counts.size), counts.size)
     return DarkFit(
-        rate=normal_estimate_of_fit(rate(here), delta(rate), how=how, minimum=0),
-        log_sd=normal_estimate_of_fit(here["log_sd"], delta(lambda p: p["log_sd"]), how=how, minimum=0),
+        rate=normal_estimate(rate(here), delta(rate), how=how, minimum=0),
+        log_sd=normal_estimate(here["log_sd"], delta(lambda p: p["log_sd"]), how=how, minimum=0),
         hot_fraction=Estimate(found, low, high, how),
         hot_exponent=tail if many else None,
         median=here["median"] / frames,

@@ -11,9 +11,9 @@ from math import sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.calibration.estimates import NORMAL_95, Estimate, normal_estimate_of_fit, root_estimate_of_fit
+from saf_gen.calibration.estimates import NORMAL_95, Estimate, normal_estimate, root_estimate
 from saf_gen.calibration.pattern_statistics import ROBUST
-from saf_gen.camera.fixed_pattern import legendre_basis_over_pixels
+from saf_gen.camera.fixed_pattern import legendre_basis
 
 DEGREE = 4
 """Highest degree of the Legendre polynomials that separate the smooth part of a profile from its white noise."""
@@ -45,7 +45,7 @@ class PatternFit:
     rows: np.ndarray
 
 
-def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndarray) -> PatternFit:
+def fit_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndarray) -> PatternFit:
     """Return the parts of a response map.
 
     Parameters
@@ -91,7 +91,7 @@ def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndar
         estimates |= _fit_profile(
             name, profile[1:], noise=pixel_variance / max(length - 1, 1), full_length=profile.size
         )
-    estimates["response_twist_rms"] = normal_estimate_of_fit(
+    estimates["response_twist_rms"] = normal_estimate(
         abs(twist), sqrt(pixel_variance / core.sum()), how="product of the two tilts in the response map", minimum=0
     )
     if per_dark.how:
@@ -101,7 +101,7 @@ def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndar
     edges = {"response_first_column": (profiles[0], left[1:, 0]), "response_first_row": (profiles[1], left[0, 1:])}
     for key, (profile, edge) in edges.items():
         off = edge[np.isfinite(edge)] - profile[0] + _edge(profile)
-        estimates[key] = normal_estimate_of_fit(
+        estimates[key] = normal_estimate(
             float(np.median(off)) if off.size else 0.0,
             1.2533 * sqrt(pixel_variance / max(off.size, 1) + _white_noise_rms(profile) ** 2),
             how="edge compared with the extrapolated profile",
@@ -111,7 +111,7 @@ def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndar
 
 
 def _twist(shape: tuple[int, ...]) -> np.ndarray:
-    return legendre_basis_over_pixels(shape[0], 1) * legendre_basis_over_pixels(shape[1], 1).T
+    return legendre_basis(shape[0], 1) * legendre_basis(shape[1], 1).T
 
 
 def _profiles(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -140,7 +140,7 @@ def _slope(rest: np.ndarray, excess: np.ndarray) -> Estimate:
         return Estimate(0.0, 0.0, 0.0, "")
     slope = float(x @ rest[use] / total)
     off = rest[use] - rest[use].mean() - slope * x
-    return normal_estimate_of_fit(
+    return normal_estimate(
         slope, sqrt(float((x * off) @ (x * off))) / total, how="regression of the response on the dark rate"
     )
 
@@ -192,9 +192,9 @@ def _fit_white(squares: np.ndarray, dark: np.ndarray, *, noise: float, size: tup
         score = scaled * (y - x @ fit)[:, None]
         error = np.sqrt(np.diag(bread @ (score.T @ score) @ bread))
     how = "response map without profiles, dark charge and measurement noise"
-    found = {"white_and_threshold_rms": root_estimate_of_fit(float(fit[0]) - noise, float(error[0]), how=how)}
+    found = {"white_and_threshold_rms": root_estimate(float(fit[0]) - noise, float(error[0]), how=how)}
     if not flat:
-        found["per_dark_rms"] = root_estimate_of_fit(
+        found["per_dark_rms"] = root_estimate(
             float(fit[1]), float(error[1]), how="growth of the white rest with the dark rate"
         )
     return found
@@ -207,7 +207,7 @@ def _fit_profile(name: str, profile: np.ndarray, *, noise: float, full_length: i
     pixels adds.
     """
     length, degree = profile.size, min(DEGREE, profile.size - 2)
-    basis = np.concatenate([np.ones((length, 1)), legendre_basis_over_pixels(full_length, degree)[1:]], axis=1)
+    basis = np.concatenate([np.ones((length, 1)), legendre_basis(full_length, degree)[1:]], axis=1)
     solve = np.linalg.pinv(basis)
     terms = solve @ profile
     off = profile - basis @ terms
@@ -217,7 +217,7 @@ def _fit_profile(name: str, profile: np.ndarray, *, noise: float, full_length: i
     squares = np.maximum(terms[1:] ** 2 - error**2, 0.0)
     square = float(squares.sum() + white_variance)
     spread = sqrt(float((4 * terms[1:] ** 2 * error**2).sum()) + 2 * scatter**2 / max(length - degree - 1, 1))
-    rms = root_estimate_of_fit(square, spread, how=f"mean of each {name}, minus the noise of its pixels")
+    rms = root_estimate(square, spread, how=f"mean of each {name}, minus the noise of its pixels")
     free = max(length - degree - 1, 1)
     seen = (scatter, max(scatter, noise))  # a scatter below the pixels' noise is chance and must not tighten the bound
     ends = [
@@ -241,7 +241,7 @@ def _fit_profile(name: str, profile: np.ndarray, *, noise: float, full_length: i
 def _edge(profile: np.ndarray) -> float:
     """Return the first value of a profile minus the Legendre fit of the other values, extrapolated to it."""
     degree = min(DEGREE, profile.size - 2)
-    basis = np.concatenate([np.ones((profile.size, 1)), legendre_basis_over_pixels(profile.size, degree)], axis=1)
+    basis = np.concatenate([np.ones((profile.size, 1)), legendre_basis(profile.size, degree)], axis=1)
     terms = np.linalg.pinv(basis[1:]) @ profile[1:]
     return float(profile[0] - basis[0] @ terms)
 

@@ -9,22 +9,16 @@ from math import floor, inf, sqrt
 
 import numpy as np
 
-from saf_gen.calibration.dark_rates import DarkFit, fit_dark_recording
-from saf_gen.calibration.estimates import Estimate, binomial_interval_of_fit, root_estimate_of_fit
-from saf_gen.calibration.fit_pattern import DEGREE, PatternFit, fit_sensor_pattern
-from saf_gen.calibration.flat_checks import (
-    LightVariation,
-    check_calibration_camera,
-    check_flat_recording,
-    check_levels_of_flats,
-    find_light_variation_of_flat,
-)
-from saf_gen.calibration.interval_noise import START_NOISE, NoiseOfLevels, combine_fitted_noise, fit_interval_noise
-from saf_gen.calibration.linearity import ResponseFit, fit_sensor_response, infer_fitted_saturation
+from saf_gen.calibration.dark_rates import DarkFit, fit_dark
+from saf_gen.calibration.estimates import Estimate, binomial_interval, root_estimate
+from saf_gen.calibration.fit_pattern import DEGREE, PatternFit, fit_pattern
+from saf_gen.calibration.flat_checks import LightVariation, check_camera, check_flat, check_levels, light_variation
+from saf_gen.calibration.interval_noise import START_NOISE, NoiseOfLevels, combine_noise, fit_interval_noise
+from saf_gen.calibration.linearity import ResponseFit, fit_response, infer_saturation
 from saf_gen.calibration.recordings import Recording
-from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spike_statistics
+from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spikes
 from saf_gen.camera import Sensor
-from saf_gen.core.config.presets import change_preset_fields
+from saf_gen.core.config.presets import change_fields
 from saf_gen.errors import BadInput
 
 Report = Callable[[str, float], None]
@@ -112,27 +106,27 @@ def fit_sensor(
     recordings = [*flats, dark]
     if len({r.name for r in recordings}) < len(recordings):
         raise BadInput("a recording is given twice", allowed="flat fields and a dark recording from different files")
-    check_calibration_camera({r.name: (r.shape, r.readout_hz) for r in recordings})
+    check_camera({r.name: (r.shape, r.readout_hz) for r in recordings})
 
     def measure(recording: Recording, light: np.ndarray | None = None) -> SpikeStatistics:
         name, again = recording.name, "" if light is None else ", light divided out"
         progress = None if report is None else lambda done: report(f"{name}{again}", done)
-        return measure_spike_statistics(recording, light=light, report=progress)
+        return measure_spikes(recording, light=light, report=progress)
 
     dark_statistics = measure(dark)
     measured, variations = {}, {}
     for flat in flats:
         found = measure(flat)
         rough, _ = fit_interval_noise(found)
-        variation = find_light_variation_of_flat(
+        variation = light_variation(
             found, noise=rough if np.isfinite(rough) else START_NOISE, readout_hz=flat.readout_hz
         )
-        check_flat_recording(flat.name, found, dark=dark_statistics.rates, variation=variation)
+        check_flat(flat.name, found, dark=dark_statistics.rates, variation=variation)
         if variation.light is not None:
             found = measure(flat, variation.light)
         measured[flat.name], variations[flat.name] = found, variation
     names = list(measured)
-    check_levels_of_flats(names, np.array([measured[n].mean_rate - dark_statistics.mean_rate for n in names]))
+    check_levels(names, np.array([measured[n].mean_rate - dark_statistics.mean_rate for n in names]))
     return _fit(
         measured, dark_statistics, variations=variations, base=base, name=name, threshold_e=threshold_e,
         dark_name=dark.name, readout_hz=dark.readout_hz,
@@ -157,12 +151,12 @@ def _fit(
     loss, noise = base.post_spike_loss if len(lit) == 1 else 0.0, START_NOISE
     for _ in range(3):
         dark_rates = dark_statistics.rates / (1 - loss * np.minimum(dark_statistics.rates, 0.5))
-        response = fit_sensor_response(lit, dark_rates, dark_error=dark_error, noise=noise, loss=loss)
+        response = fit_response(lit, dark_rates, dark_error=dark_error, noise=noise, loss=loss)
         is_measured = response.loss is not None and response.loss.measured
         loss = response.loss.value if is_measured and response.loss is not None else base.post_spike_loss
         joint = _noise_of_levels(flats, variations, loss=loss)
         noise = joint.value
-    dark_fit = fit_dark_recording(
+    dark_fit = fit_dark(
         _counts_without_loss(dark_statistics.counts[~dead], dark_statistics.shape[0], loss=loss),
         dark_statistics.shape[0],
         factor=base.dark_hot_factor,
@@ -170,7 +164,7 @@ def _fit(
         where=dark_name,
     )
     how = "second differences of spike times in the flat fields"
-    estimates: dict[str, Estimate] = {"interval_noise": root_estimate_of_fit(noise, joint.error, how=how)}
+    estimates: dict[str, Estimate] = {"interval_noise": root_estimate(noise, joint.error, how=how)}
     if joint.jitter is not None:
         estimates["reset_jitter"] = joint.jitter
     if not joint.agree:
@@ -179,7 +173,7 @@ def _fit(
     changes["readout_hz"] = readout_hz
     changes |= _saturation(response, estimates, notes=notes, base=base)
     changes |= _threshold(estimates, notes, noise=(noise, joint.error), base=base, threshold_e=threshold_e)
-    pattern = fit_sensor_pattern(response.response, response.error, dark=dark_rates / dark_fit.rate.value)
+    pattern = fit_pattern(response.response, response.error, dark=dark_rates / dark_fit.rate.value)
     estimates |= pattern.estimates
     estimates |= _shared_white(estimates, notes)
     estimates |= {
@@ -222,9 +216,7 @@ def _build(base: Sensor, changes: dict[str, object]) -> Sensor:
     noise = {**asdict(base.noise), **dict.fromkeys(_FITTED_NOISE, True)}
     noise["reset_jitter"] = bool(plain.get("reset_jitter"))
     sources = ("fitted by saf-gen sensors fit", f"numbers that flat fields do not determine: {base.name}")
-    return change_preset_fields(
-        replace(base, sources=sources), {**plain, "noise": noise}, where=f"sensor {changes['name']}"
-    )
+    return change_fields(replace(base, sources=sources), {**plain, "noise": noise}, where=f"sensor {changes['name']}")
 
 
 def _noise_of_levels(
@@ -232,7 +224,7 @@ def _noise_of_levels(
 ) -> NoiseOfLevels:
     found = [fit_interval_noise(f, loss=loss, stretch=variations[n].stretch) for n, f in flats.items()]
     lengths = [float(np.nanmedian(f.interval)) - loss for f in flats.values()]
-    return combine_fitted_noise(found, lengths)
+    return combine_noise(found, lengths)
 
 
 def _saturation(
@@ -240,7 +232,7 @@ def _saturation(
 ) -> dict[str, object]:
     if response.loss is not None:
         estimates["loss"] = response.loss
-    inferred = infer_fitted_saturation(response.loss)
+    inferred = infer_saturation(response.loss)
     if inferred is None:
         why = "with one level" if response.loss is None else "at these levels"
         notes.append(
@@ -280,7 +272,7 @@ def _threshold(
                 f"--threshold-e {threshold_e:g} gives more shot noise than the measured noise of intervals",
                 allowed=f"at least {1 / value:.4g} electrons",
             )
-        estimates["threshold_noise_rms"] = root_estimate_of_fit(value - 1 / threshold_e, error, how=how)
+        estimates["threshold_noise_rms"] = root_estimate(value - 1 / threshold_e, error, how=how)
         estimates["threshold_e"] = Estimate(threshold_e, threshold_e, threshold_e, "given", measured=False)
         return {}
     theta = float(base.threshold_e) if 1 / base.threshold_e < value else 2 / value
@@ -329,7 +321,7 @@ def _spread_per_dark(estimates: dict[str, Estimate]) -> dict[str, Estimate]:
 
 def _dead_fraction(dead: np.ndarray) -> Estimate:
     hits, trials = int(dead.sum()), dead.size
-    low, high = binomial_interval_of_fit(hits, trials)
+    low, high = binomial_interval(hits, trials)
     return Estimate(hits / trials, low, high, "pixels that never fire in a flat field")
 
 

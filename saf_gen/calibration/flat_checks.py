@@ -7,9 +7,9 @@ from math import sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.calibration.pattern_statistics import ROBUST, split_pattern_for_statistics
+from saf_gen.calibration.pattern_statistics import ROBUST, split_pattern
 from saf_gen.calibration.spike_statistics import SERIES_FRAMES, SpikeStatistics
-from saf_gen.camera.fixed_pattern import legendre_basis_over_pixels
+from saf_gen.camera.fixed_pattern import legendre_basis
 from saf_gen.errors import BadInput
 
 SATURATED_RATE, SATURATED_PIXELS = 0.9, 0.01
@@ -46,7 +46,7 @@ class LightVariation:
         return 1.0 if self.light is None else float(np.mean(self.light**3))
 
 
-def check_calibration_camera(named: dict[str, tuple[tuple[int, int, int], float]]) -> None:
+def check_camera(named: dict[str, tuple[tuple[int, int, int], float]]) -> None:
     """Raise BadInput unless all recordings have the same rows, columns and readout rate.
 
     Parameters
@@ -70,7 +70,7 @@ def check_calibration_camera(named: dict[str, tuple[tuple[int, int, int], float]
             )
 
 
-def find_light_variation_of_flat(statistics: SpikeStatistics, *, noise: float, readout_hz: float) -> LightVariation:
+def light_variation(statistics: SpikeStatistics, *, noise: float, readout_hz: float) -> LightVariation:
     """Return the variation in time of the light of a flat field.
 
     The light is estimated from the mean over all pixels, because the pixels share the light but not the noise. Two
@@ -107,9 +107,7 @@ def find_light_variation_of_flat(statistics: SpikeStatistics, *, noise: float, r
     return LightVariation(series / mean, rms, hz if strongest > _SLOW else 0.0)
 
 
-def check_flat_recording(
-    name: str, statistics: SpikeStatistics, *, dark: np.ndarray, variation: LightVariation
-) -> None:
+def check_flat(name: str, statistics: SpikeStatistics, *, dark: np.ndarray, variation: LightVariation) -> None:
     """Raise BadInput unless a recording can serve as a flat field.
 
     Parameters
@@ -169,7 +167,7 @@ def check_flat_recording(
 
 
 def _check_even(name: str, response: np.ndarray) -> None:
-    columns, rows, rest = split_pattern_for_statistics(response)
+    columns, rows, rest = split_pattern(response)
     for words, profile in (("columns", columns), ("rows", rows)):
         if profile[1:].std() > PICTURE_PROFILE:
             raise BadInput(
@@ -215,7 +213,7 @@ def _check_steps(name: str, statistics: SpikeStatistics) -> None:
         )
 
 
-def check_levels_of_flats(names: list[str], levels: np.ndarray) -> None:
+def check_levels(names: list[str], levels: np.ndarray) -> None:
     """Raise BadInput if the levels of two flat fields differ by less than a factor of 1.2."""
     order = np.argsort(levels)
     for a, b in pairwise(order.tolist()):
@@ -245,7 +243,7 @@ def _neighbour_correlation(map_: np.ndarray) -> tuple[float, float]:
 
 def _without_bow(rest: np.ndarray) -> np.ndarray:
     """Return a map without the products of tilts and bows of columns and rows, which lenses and lamps cause."""
-    rows, columns = (legendre_basis_over_pixels(n, 2) for n in rest.shape)
+    rows, columns = (legendre_basis(n, 2) for n in rest.shape)
     for i in range(2):
         for j in range(2):
             shape = rows[:, i : i + 1] * columns[:, j]

@@ -18,10 +18,9 @@ from math import inf, sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.calibration.estimates import NORMAL_95, Estimate, root_estimate_of_fit
-from saf_gen.calibration.spike_kernel import LAGS
-from saf_gen.calibration.spike_statistics import SpikeStatistics
-from saf_gen.camera.counting_law import TERMS, pixel_count_oscillation
+from saf_gen.calibration.estimates import NORMAL_95, Estimate, root_estimate
+from saf_gen.calibration.spike_statistics import LAGS, SpikeStatistics
+from saf_gen.camera.counting_law import TERMS, count_oscillation
 
 START_NOISE = 1e-4
 """Value of v before the first fit, and if the recordings do not determine it."""
@@ -30,7 +29,7 @@ _SIGNIFICANCE = 1e-3
 _ROUNDS = 4
 
 
-def fitted_difference_variance(
+def difference_variance(
     interval: np.ndarray, noise: float, *, lag: int, loss: float = 0.0, stretch: float = 1.0
 ) -> np.ndarray:
     """Return the variance, in readouts², of second differences of spike times at a given lag.
@@ -51,14 +50,14 @@ def fitted_difference_variance(
     grown = noise * (interval - loss) ** 2
     phases = (
         0.5
-        - 4 * fitted_phase_oscillation(lag * interval, lag * grown)
-        + fitted_phase_oscillation(2 * lag * interval, 2 * lag * grown)
+        - 4 * phase_oscillation(lag * interval, lag * grown)
+        + phase_oscillation(2 * lag * interval, 2 * lag * grown)
     )
     return 2 * lag * grown + stretch * phases
 
 
-def fitted_phase_oscillation(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return :func:`saf_gen.camera.counting_law.pixel_count_oscillation` within 10⁻¹², in a quarter of the time.
+def phase_oscillation(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Return :func:`saf_gen.camera.counting_law.count_oscillation` within 10⁻¹², in a quarter of the time.
 
     The cosines and exponentials of the series are computed by recurrence: cos(2πkX) is the real part of a k-th power,
     and the ratio of consecutive e^(−ak²) falls by a constant factor.
@@ -67,7 +66,7 @@ def fitted_phase_oscillation(mean: np.ndarray, variance: np.ndarray) -> np.ndarr
     if smallest > 1.5:  # the first term is below 10⁻¹³
         return np.zeros(mean.shape)
     if smallest > 0.1:  # for a few terms the direct sum is faster
-        return pixel_count_oscillation(mean, variance)
+        return count_oscillation(mean, variance)
     last = TERMS if smallest <= 0 else min(TERMS, int(np.sqrt(40 / (2 * np.pi**2 * smallest))) + 1)
     turn = np.exp(2j * np.pi * (mean % 1))
     fall = np.exp(-2 * np.pi**2 * variance)
@@ -80,10 +79,10 @@ def fitted_phase_oscillation(mean: np.ndarray, variance: np.ndarray) -> np.ndarr
     return out / np.pi**2
 
 
-def interpolate_fitted_variance(
+def interpolate_variance(
     interval: np.ndarray, noise: float, *, lag: int, loss: float = 0.0, stretch: float = 1.0
 ) -> np.ndarray:
-    """Return :func:`fitted_difference_variance` of many pixels, interpolated between intervals.
+    """Return :func:`difference_variance` of many pixels, interpolated between intervals.
 
     At an interval m, the law is smooth over a scale of √(lag·noise)·(m − ℓ)/lag. Steps of a 64th of this scale give an
     error below 10⁻⁴ readout². If as many steps as pixels are needed, the law is evaluated for each pixel instead.
@@ -91,9 +90,9 @@ def interpolate_fitted_variance(
     low, high = (max(float(end) - loss, 1e-3) for end in (interval.min(), interval.max()))
     steps = int(np.log(high / low) / np.sqrt(noise / lag) * 64) + 2
     if steps >= interval.size:
-        return fitted_difference_variance(interval, noise, lag=lag, loss=loss, stretch=stretch)
+        return difference_variance(interval, noise, lag=lag, loss=loss, stretch=stretch)
     grid = loss + np.geomspace(low, high, steps)
-    law = fitted_difference_variance(grid, noise, lag=lag, loss=loss, stretch=stretch)
+    law = difference_variance(grid, noise, lag=lag, loss=loss, stretch=stretch)
     return np.interp(interval, grid, law)
 
 
@@ -169,8 +168,7 @@ def _moments(
     off, slope = np.empty((interval.size, len(usable))), np.empty(len(usable))
     for at, lag in enumerate(usable):
         law, more = (
-            interpolate_fitted_variance(interval, v, lag=1 << lag, loss=loss, stretch=stretch)
-            for v in (noise, 1.02 * noise)
+            interpolate_variance(interval, v, lag=1 << lag, loss=loss, stretch=stretch) for v in (noise, 1.02 * noise)
         )
         off[:, at] = squares[:, lag] - numbers[:, lag] * law
         slope[at] = np.mean(numbers[:, lag] * (more - law)) / (0.02 * noise)
@@ -205,7 +203,7 @@ class NoiseOfLevels:
     agree: bool
 
 
-def combine_fitted_noise(found: list[tuple[float, float]], lengths: list[float]) -> NoiseOfLevels:
+def combine_noise(found: list[tuple[float, float]], lengths: list[float]) -> NoiseOfLevels:
     """Return the joint noise of several levels.
 
     A reset jitter of j readouts raises v at a level to v + j²/(m − ℓ)². If the levels show no significant jitter, the
@@ -236,7 +234,7 @@ def combine_fitted_noise(found: list[tuple[float, float]], lengths: list[float])
         rest = float(((values / errors - design @ solution) ** 2).sum())
         agree = len(known) < 3 or stats.chi2.sf(rest, len(known) - 2) > _SIGNIFICANCE
         return NoiseOfLevels(
-            float(solution[0]), sqrt(spread[0, 0]), root_estimate_of_fit(float(solution[1]), wide, how=how), bool(agree)
+            float(solution[0]), sqrt(spread[0, 0]), root_estimate(float(solution[1]), wide, how=how), bool(agree)
         )
     agree = stats.chi2.sf(off, len(known) - 1) > _SIGNIFICANCE
     bound = Estimate(0.0, 0.0, sqrt(max(solution[1] + NORMAL_95 * wide, 0.0)), how)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from saf_gen.calibration.estimates import Estimate, normal_estimate_of_fit
+from saf_gen.calibration.estimates import Estimate, normal_estimate
 from saf_gen.calibration.spike_statistics import SpikeStatistics
 
 _NEWTON = 3
@@ -54,7 +54,7 @@ class ResponseFit:
     misfit_rms: float
 
 
-def fit_sensor_response(
+def fit_response(
     flats: list[SpikeStatistics], dark: np.ndarray, *, dark_error: np.ndarray, noise: float, loss: float = 0.0
 ) -> ResponseFit:
     """Return the response of the pixels, the levels, and the loss after a spike.
@@ -100,9 +100,7 @@ def fit_sensor_response(
         score = np.einsum("kp,kpu->pu", off, fit.jac.reshape(*off.shape, -1))
         bread = np.linalg.inv(fit.jac.T @ fit.jac)
         error = float(np.sqrt((bread @ (score.T @ score) @ bread)[-1, -1]))
-        found = normal_estimate_of_fit(
-            float(fit.x[-1]), error, how="intervals at one level against intervals at another"
-        )
+        found = normal_estimate(float(fit.x[-1]), error, how="intervals at one level against intervals at another")
         if _reliability(m, variance) < _MIN_RELIABILITY:
             found = Estimate(loss, -np.inf, np.inf, "the pixels differ too little from each other", measured=False)
         else:
@@ -155,7 +153,7 @@ def _spread(values: np.ndarray, use: Any, *, shape: tuple[int, ...]) -> np.ndarr
     return out.reshape(shape)
 
 
-def infer_fitted_saturation(loss: Estimate | None) -> tuple[str, Estimate] | None:
+def infer_saturation(loss: Estimate | None) -> tuple[str, Estimate] | None:
     """Return the law of saturation and the reset loss that follow from a loss after a spike.
 
     Returns None if the loss is unknown or its interval is wider than 0.6 readouts.

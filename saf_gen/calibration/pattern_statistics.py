@@ -79,7 +79,7 @@ class DarkStatistics:
     silent_fraction: float
 
 
-def split_pattern_for_statistics(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def split_pattern(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the column profile (W,), row profile (H,) and rest (H, W) of a map divided by its mean, each of mean 0.
 
     Pixels that are not finite count as equal to the mean of the map.
@@ -90,7 +90,7 @@ def split_pattern_for_statistics(map_: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return columns, rows, relative - relative.mean() - columns - rows[:, None]
 
 
-def band_statistics_of_pattern(profile: np.ndarray) -> tuple[float, ...]:
+def band_statistics(profile: np.ndarray) -> tuple[float, ...]:
     """Return the fraction of a profile's variance in each frequency band of :data:`BANDS`, from its periodogram."""
     power = np.abs(np.fft.rfft(profile - profile.mean())) ** 2
     if profile.size % 2 == 0:
@@ -102,7 +102,7 @@ def band_statistics_of_pattern(profile: np.ndarray) -> tuple[float, ...]:
     return tuple(float(power[band].sum() / total) if total > 0 else float("nan") for band in inside)
 
 
-def legendre_statistics_of_pattern(profile: np.ndarray) -> tuple[float, ...]:
+def legendre_fractions(profile: np.ndarray) -> tuple[float, ...]:
     """Return the fraction of a profile's variance that a Legendre fit of each degree in :data:`DEGREES` explains."""
     position = np.linspace(-1, 1, profile.size)
     variance = profile.var()
@@ -112,9 +112,9 @@ def legendre_statistics_of_pattern(profile: np.ndarray) -> tuple[float, ...]:
     return tuple(float(1 - (profile - fit).var() / variance) for fit in fits)
 
 
-def measure_pattern_statistics(map_: np.ndarray) -> PatternStatistics:
+def measure_pattern(map_: np.ndarray) -> PatternStatistics:
     """Return the pattern statistics of a map of shape (H, W), such as the rates of a flat field."""
-    columns, rows, white = split_pattern_for_statistics(map_)
+    columns, rows, white = split_pattern(map_)
     deviation = white - np.median(white)
     robust = float(ROBUST * np.median(np.abs(deviation)))
     beyond = [float(np.mean(np.abs(deviation) > n * robust)) if robust > 0 else float("nan") for n in (5, 10)]
@@ -134,14 +134,14 @@ def measure_pattern_statistics(map_: np.ndarray) -> PatternStatistics:
         beyond_5=beyond[0],
         beyond_10=beyond[1],
         neighbour_correlation=float(pairs / held.var()) if robust > 0 else float("nan"),
-        column_bands=band_statistics_of_pattern(columns),
-        row_bands=band_statistics_of_pattern(rows),
-        column_degrees=legendre_statistics_of_pattern(columns),
-        row_degrees=legendre_statistics_of_pattern(rows),
+        column_bands=band_statistics(columns),
+        row_bands=band_statistics(rows),
+        column_degrees=legendre_fractions(columns),
+        row_degrees=legendre_fractions(rows),
     )
 
 
-def measure_dark_statistics(rates: np.ndarray) -> DarkStatistics:
+def measure_dark(rates: np.ndarray) -> DarkStatistics:
     """Return the statistics of the rates of a dark recording, given in spikes per readout with shape (H, W)."""
     median = float(np.median(rates))
     fired = rates[rates > 0]

@@ -14,7 +14,7 @@ import numpy as np
 
 from saf_gen.camera import Encoder, Sensor
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop import import_raw_frames, sniff_imported_layout
+from saf_gen.stream.interop import import_raw_frames, sniff_layout
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
@@ -128,9 +128,7 @@ class EncodedRecording:
 
 
 @contextmanager
-def open_calibration_recording(
-    path: str | Path, *, layout: str = "auto", readout_hz: float = 20_000
-) -> Iterator[StreamRecording]:
+def open_recording(path: str | Path, *, layout: str = "auto", readout_hz: float = 20_000) -> Iterator[StreamRecording]:
     """Open a stream file (.h5 or .hdf5) or a file of raw frames of other software (any other ending) as a recording.
 
     Raw frames are first converted to a temporary stream.
@@ -165,7 +163,7 @@ def open_calibration_recording(
         raise BadInput("there is no such file", where=str(path), allowed="a stream (.h5) or raw frames (.dat)")
     with TemporaryDirectory(prefix="saf-gen-") as folder:
         converted = Path(folder) / "recording.h5"
-        kind = sniff_imported_layout(path) if layout == "auto" else layout
+        kind = sniff_layout(path) if layout == "auto" else layout
         import_raw_frames(path, converted, layout=kind, readout_hz=readout_hz)
         with open_stream(converted) as stream:
             yield StreamRecording(stream, path.name)

@@ -1,6 +1,6 @@
 """Temporal statistics of a recording: rates, intervals, counts in windows, and the variation of its light.
 
-One pass over the spikes computes them all (``spike_kernel.py``). If the light varied, a second pass measures time by
+One pass over the spikes computes them all in a compiled loop. If the light varied, a second pass measures time by
 the accumulated light.
 """
 
@@ -8,18 +8,140 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from saf_gen.calibration import spike_kernel as kernel
 from saf_gen.calibration.recordings import BLOCK_FRAMES, Recording
+from saf_gen.core.compiled import compiled
 from saf_gen.core.cores import usable_cores
 from saf_gen.errors import BadInput
 
+# Compiled inner loop of the spike statistics: one pass over packed spikes, pixel by pixel and spike by spike.
+#
+# The state of each pixel is carried from block to block, so that memory does not grow with the length of the
+# recording.
+
+
+WINDOWS = (8, 10, 20, 50)
+"""Lengths, in readouts, of the windows whose counts are summed; the light is also sampled every 8 readouts."""
+LAGS = 11
+"""Number of lags of the second differences of spike times: 1, 2, 4 … 1024 spikes."""
+
+# Columns of the state, int64 (P, STATE): the first spike, the latest spike, the interval before it, the number of
+# spikes, and, for each half of the recording, its first spike, its latest spike and its number of spikes.
+FIRST, LATEST, INTERVAL, NUMBER, HALF = 0, 1, 2, 3, 4
+STATE = HALF + 6
+# Columns of the sums, float64 (P, SUMS): the sum of 2·|d₂ − d₁|/(d₁ + d₂) and its number of terms; the sum of
+# |d₂ − d₁| over pairs with both intervals in the band, and its number of terms.
+CV2, CV2_NUMBER, CHANGE, CHANGE_NUMBER = 0, 1, 2, 3
+SUMS = 4
+# Columns for each window length: the index of the current window, its count so far, and the sums of counts and of
+# squared counts over complete windows.
+WINDOW_INDEX, WINDOW_COUNT, WINDOW_SUM, WINDOW_SQUARES = 0, 1, 2, 3
+
+
+@compiled
+def accumulate(
+    packed: Any, frames: Any, start: Any, middle: Any, complete: Any, times: Any, band: Any,
+    state: Any, sums: Any, windows: Any, anchors: Any, squares: Any, numbers: Any
+) -> Any:  # fmt: skip
+    """Add a block of readouts to the state of every pixel, in place.
+
+    Parameters
+    ----------
+    packed : ndarray of uint8, shape (P, bytes)
+        Spikes of P pixels, one bit per readout.
+    frames : int
+        Readouts in the block.
+    start : int
+        Number of the block's first readout in the recording.
+    middle : int
+        First readout of the second half of the recording.
+    complete : ndarray of int64, shape (len(WINDOWS),)
+        Readouts of the recording in complete windows, for each window length.
+    times : ndarray of float64, shape (frames,)
+        Time of each readout of the block, in readouts of mean light.
+    band : ndarray of int64, shape (2,)
+        Shortest and longest interval of the band.
+    state : ndarray of int64, shape (P, STATE)
+        State of each pixel.
+    sums : ndarray of float64, shape (P, SUMS)
+        Sums over pairs of intervals.
+    windows : ndarray of int64, shape (P, len(WINDOWS), 4)
+        Sums over windows.
+    anchors : ndarray of float64, shape (P, LAGS, 2)
+        Last two spike times at multiples of each lag.
+    squares : ndarray of float64, shape (P, LAGS)
+        Sums of squared second differences, by lag.
+    numbers : ndarray of int64, shape (P, LAGS)
+        Number of second differences, by lag.
+    """
+    for p in range(packed.shape[0]):
+        latest, interval, number = state[p, LATEST], state[p, INTERVAL], state[p, NUMBER]
+        for b in range(packed.shape[1]):
+            byte = packed[p, b]
+            if byte == 0:
+                continue
+            for bit in range(8):
+                if not (byte >> bit) & 1:
+                    continue
+                local = 8 * b + bit
+                if local >= frames:
+                    break
+                t = start + local
+                if number == 0:
+                    state[p, FIRST] = t
+                else:
+                    d = t - latest
+                    if interval > 0:
+                        change = abs(d - interval)
+                        sums[p, CV2] += 2.0 * change / (d + interval)
+                        sums[p, CV2_NUMBER] += 1
+                        if band[0] <= d <= band[1] and band[0] <= interval <= band[1]:
+                            sums[p, CHANGE] += change
+                            sums[p, CHANGE_NUMBER] += 1
+                    interval = d
+                half = HALF if t < middle else HALF + 3
+                if state[p, half + 2] == 0:
+                    state[p, half] = t
+                state[p, half + 1] = t
+                state[p, half + 2] += 1
+                for w in range(windows.shape[1]):
+                    if t < complete[w]:
+                        index = t // WINDOWS[w]
+                        if index != windows[p, w, WINDOW_INDEX]:
+                            windows[p, w, WINDOW_SQUARES] += windows[p, w, WINDOW_COUNT] ** 2
+                            windows[p, w, WINDOW_INDEX] = index
+                            windows[p, w, WINDOW_COUNT] = 0
+                        windows[p, w, WINDOW_COUNT] += 1
+                        windows[p, w, WINDOW_SUM] += 1
+                time = times[local]
+                for lag in range(LAGS):
+                    if number & ((1 << lag) - 1):
+                        break
+                    step = number >> lag
+                    if step >= 2:
+                        second = time - 2.0 * anchors[p, lag, 1] + anchors[p, lag, 0]
+                        squares[p, lag] += second * second
+                        numbers[p, lag] += 1
+                    anchors[p, lag, 0] = anchors[p, lag, 1]
+                    anchors[p, lag, 1] = time
+                latest = t
+                number += 1
+        state[p, LATEST], state[p, INTERVAL], state[p, NUMBER] = latest, interval, number
+
+
+def finish(windows: np.ndarray) -> None:
+    """Add the last window of every pixel to the sums of squares, in place."""
+    windows[:, :, WINDOW_SQUARES] += windows[:, :, WINDOW_COUNT] ** 2
+    windows[:, :, WINDOW_COUNT] = 0
+
+
 CHANGE_BAND = (20, 30)
 """Shortest and longest interval, in readouts, for which the change to the next interval is averaged."""
-SERIES_FRAMES = kernel.WINDOWS[0]
+SERIES_FRAMES = WINDOWS[0]
 Progress = Callable[[float], None]
 
 
@@ -82,7 +204,7 @@ class SpikeStatistics:
             return np.where(self.counts >= 20, 1 / self.interval, self.counts / self.shape[0])
 
 
-def measure_spike_statistics(
+def measure_spikes(
     recording: Recording, *, light: np.ndarray | None = None, report: Progress | None = None
 ) -> SpikeStatistics:
     """Return the temporal statistics of a recording.
@@ -105,12 +227,12 @@ def measure_spike_statistics(
     if frames < 2 * SERIES_FRAMES:
         raise BadInput(f"has {frames} readouts", where=recording.name, allowed=f"at least {2 * SERIES_FRAMES}")
     pixels = height * width
-    state = np.zeros((pixels, kernel.STATE), np.int64)
-    sums = np.zeros((pixels, kernel.SUMS))
-    windows = np.zeros((pixels, len(kernel.WINDOWS), 4), np.int64)
-    anchors, squares = np.zeros((pixels, kernel.LAGS, 2)), np.zeros((pixels, kernel.LAGS))
-    numbers = np.zeros((pixels, kernel.LAGS), np.int64)
-    complete = np.array([frames // w * w for w in kernel.WINDOWS])
+    state = np.zeros((pixels, STATE), np.int64)
+    sums = np.zeros((pixels, SUMS))
+    windows = np.zeros((pixels, len(WINDOWS), 4), np.int64)
+    anchors, squares = np.zeros((pixels, LAGS, 2)), np.zeros((pixels, LAGS))
+    numbers = np.zeros((pixels, LAGS), np.int64)
+    complete = np.array([frames // w * w for w in WINDOWS])
     times = _stretched_times(light, frames)
     series = np.zeros(-(-frames // SERIES_FRAMES))
     threads = min(usable_cores(), height)
@@ -122,7 +244,7 @@ def measure_spike_statistics(
             count = min(BLOCK_FRAMES, frames - start)
             jobs = [
                 pool.submit(
-                    kernel.accumulate_spike_statistics, packed[a:b], count, start, frames // 2, complete,
+                    accumulate, packed[a:b], count, start, frames // 2, complete,
                     times[start : start + count], np.array(CHANGE_BAND), state[a:b], sums[a:b], windows[a:b],
                     anchors[a:b], squares[a:b], numbers[a:b],
                 )
@@ -135,7 +257,7 @@ def measure_spike_statistics(
             start += count
             if report is not None:
                 report(start / frames)
-    kernel.finish_spike_statistics(windows)
+    finish(windows)
     return _summarise(recording.shape, state, sums=sums, windows=windows, series=series, lags=(squares, numbers))
 
 
@@ -159,22 +281,22 @@ def _summarise(
 ) -> SpikeStatistics:
     frames, size = shape[0], shape[1:]
     with np.errstate(invalid="ignore", divide="ignore"):
-        counts = state[:, kernel.NUMBER]
-        span = state[:, kernel.LATEST] - state[:, kernel.FIRST]
+        counts = state[:, NUMBER]
+        span = state[:, LATEST] - state[:, FIRST]
         interval = np.where(counts >= 2, span / (counts - 1), np.nan)
-        halves = state[:, kernel.HALF :].reshape(-1, 2, 3).astype(np.float64)
+        halves = state[:, HALF:].reshape(-1, 2, 3).astype(np.float64)
         spans = halves[:, :, 1] - halves[:, :, 0]
         half_rates = np.where(spans > 0, (halves[:, :, 2] - 1) / spans, np.nan)
         total = sums.sum(axis=0)
-        cv2 = float(total[kernel.CV2] / total[kernel.CV2_NUMBER])
-        change = float(total[kernel.CHANGE] / total[kernel.CHANGE_NUMBER])
+        cv2 = float(total[CV2] / total[CV2_NUMBER])
+        change = float(total[CHANGE] / total[CHANGE_NUMBER])
     fano, variance = {}, 0.0
-    for w, length in enumerate(kernel.WINDOWS):
+    for w, length in enumerate(WINDOWS):
         number = frames // length
         if number < 2:
             continue
-        mean = windows[:, w, kernel.WINDOW_SUM] / number
-        spread = (windows[:, w, kernel.WINDOW_SQUARES] - number * mean**2) / (number - 1)
+        mean = windows[:, w, WINDOW_SUM] / number
+        spread = (windows[:, w, WINDOW_SQUARES] - number * mean**2) / (number - 1)
         if length == SERIES_FRAMES:
             variance = float(spread.mean()) / (SERIES_FRAMES**2 * counts.size)
         elif mean.any():
@@ -195,7 +317,7 @@ def _summarise(
     )
 
 
-def flat_areas_for_statistics(rates: np.ndarray) -> np.ndarray:
+def flat_areas(rates: np.ndarray) -> np.ndarray:
     """Return the quarter of the pixels with the smallest relative gradient of the smoothed rates, bool (H, W).
 
     The Gaussian that smooths the rates has a standard deviation of 3 pixels, so that the noise of a pixel does not
@@ -207,7 +329,7 @@ def flat_areas_for_statistics(rates: np.ndarray) -> np.ndarray:
     return slope <= np.quantile(slope, 0.25)
 
 
-def rms_statistic_between_halves(statistics: SpikeStatistics) -> float:
+def rms_between_halves(statistics: SpikeStatistics) -> float:
     """Return the relative temporal rms of the rate over half a recording, from the two halves, in flat areas.
 
     The median difference, which is a change of the light between the halves, is subtracted. Returns NaN if fewer than
@@ -216,7 +338,7 @@ def rms_statistic_between_halves(statistics: SpikeStatistics) -> float:
     first, second = statistics.half_rates
     with np.errstate(invalid="ignore"):
         relative = 2 * (second - first) / (first + second)
-    known = relative[np.isfinite(relative) & flat_areas_for_statistics(statistics.rates)]
+    known = relative[np.isfinite(relative) & flat_areas(statistics.rates)]
     if known.size < 2:
         return float("nan")
     return float(np.std(known - np.median(known)) / np.sqrt(2))

@@ -1,22 +1,22 @@
 """The spike camera: sensors, the charge that they collect from light, and the spikes that they fire."""
 
-from saf_gen.camera.encoder import Encoder, encode, encoder_knot_weights
-from saf_gen.camera.exposure import camera_exposure_scale, sensor_charge_of_images, sensor_electrons_per_irradiance
-from saf_gen.camera.fixed_pattern import draw_sensor_fixed_pattern
-from saf_gen.camera.noise_table import LANES
+from saf_gen.camera.encoder import Encoder, encode, knot_weights
+from saf_gen.camera.encoder_kernel import LANES
+from saf_gen.camera.exposure import charge_of_images, electrons_per_irradiance, exposure_scale
+from saf_gen.camera.fixed_pattern import draw_fixed_pattern
 from saf_gen.camera.sensor import Sensor, get_sensor, parse_sensor, sensor_names
 
 __all__ = [
     "LANES",
     "Encoder",
     "Sensor",
-    "camera_exposure_scale",
-    "draw_sensor_fixed_pattern",
+    "charge_of_images",
+    "draw_fixed_pattern",
+    "electrons_per_irradiance",
     "encode",
-    "encoder_knot_weights",
+    "exposure_scale",
     "get_sensor",
+    "knot_weights",
     "parse_sensor",
-    "sensor_charge_of_images",
-    "sensor_electrons_per_irradiance",
     "sensor_names",
 ]

@@ -30,7 +30,7 @@ TERMS = 4000
 """Limit of the number of terms; the truncation error is below 1/(π²·TERMS) = 2.5·10⁻⁵, and 0 if s exceeds 0.0004."""
 
 
-def pixel_noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
+def noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
     """Return 1/θ + σ², the relative variance of the charge of one interval, from the noise that is switched on.
 
     A reset jitter of j readouts adds (j·rate)², that is, j² to the variance of an interval in readouts at any rate.
@@ -40,7 +40,7 @@ def pixel_noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
     return shot + threshold + (sensor.reset_jitter * sensor.noise.reset_jitter * rate) ** 2
 
 
-def pixel_count_oscillation(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
+def count_oscillation(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
     """Return π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k², the oscillating term of Var N, −1/12 to 1/6, with average 0 over m.
 
     ``mean`` m and ``variance`` s² of X are numbers or arrays that broadcast.
@@ -54,12 +54,12 @@ def pixel_count_oscillation(mean: np.ndarray | float, variance: np.ndarray | flo
     return out / np.pi**2
 
 
-def pixel_count_variance(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
+def count_variance(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
     """Return the variance of the integer N if the quantity X that it counts is normal with this mean and variance."""
-    return np.asarray(variance) + 1 / 6 - pixel_count_oscillation(mean, variance)
+    return np.asarray(variance) + 1 / 6 - count_oscillation(mean, variance)
 
 
-def pixel_count_probabilities(mean: float, variance: float) -> tuple[np.ndarray, np.ndarray]:
+def count_probabilities(mean: float, variance: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the integers that a count N can be and the probability of each, if X is normal with a positive variance.
 
     P(N = n) is the mean of max(0, 1 − |X − n|), which is the second difference of G(x), the mean of max(0, x − X).
@@ -71,7 +71,7 @@ def pixel_count_probabilities(mean: float, variance: float) -> tuple[np.ndarray,
     return n, np.maximum(np.diff(g, 2), 0)
 
 
-def pixel_count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]) -> tuple[float, int]:
+def count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]) -> tuple[float, int]:
     """Return Pearson's χ² of observed integers against a law, and its degrees of freedom.
 
     Cells with an expected count below 10 are merged into one, which is merged into its neighbour if it still expects
@@ -82,7 +82,7 @@ def pixel_count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]
     seen : ndarray of int, any shape
         Observed numbers. Numbers outside the range of the law are counted at its ends.
     law : tuple of ndarray, shapes (n,) and (n,)
-        Consecutive integers and the probability of each, as :func:`pixel_count_probabilities` returns them.
+        Consecutive integers and the probability of each, as :func:`count_probabilities` returns them.
     """
     numbers, probabilities = law
     seen = np.asarray(seen).ravel()
@@ -96,21 +96,21 @@ def pixel_count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]
     return float(((found - expected) ** 2 / expected).sum()), expected.size - 1
 
 
-def pixel_count_p_value(seen: np.ndarray, mean: float, *, variance: float) -> float:
+def count_p_value(seen: np.ndarray, mean: float, *, variance: float) -> float:
     """Return the p-value of Pearson's χ² test of observed integers ``seen`` against the exact law of counting.
 
     ``mean`` and ``variance`` describe the continuous quantity X that the integers count.
     """
-    return float(stats.chi2.sf(*pixel_count_chi_squared(seen, pixel_count_probabilities(mean, variance))))
+    return float(stats.chi2.sf(*count_chi_squared(seen, count_probabilities(mean, variance))))
 
 
-def pixel_count_deviations(seen: np.ndarray, mean: float, *, variance: float) -> float:
+def count_deviations(seen: np.ndarray, mean: float, *, variance: float) -> float:
     """Return by how many standard deviations the variance of the integers ``seen`` exceeds the exact law of counting.
 
     The variance of ``seen`` is taken about the mean of the law; the variance of this estimate is (μ₄ − μ₂²)/n,
     with the moments of the law.
     """
-    n, p = pixel_count_probabilities(mean, variance)
-    expected = pixel_count_variance(mean, variance)
+    n, p = count_probabilities(mean, variance)
+    expected = count_variance(mean, variance)
     fourth = (p * (n - mean) ** 4).sum()
     return float((np.mean((seen - mean) ** 2) - expected) / np.sqrt((fourth - expected**2) / np.size(seen)))

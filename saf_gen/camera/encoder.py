@@ -30,9 +30,8 @@ from math import gcd
 
 import numpy as np
 
-from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, advance_encoder_pixels
-from saf_gen.camera.fixed_pattern import FixedPattern, draw_sensor_fixed_pattern
-from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE, make_sensor_noise_table
+from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, LANES, NOISE_TABLE_SIZE, advance_pixels, make_noise_table
+from saf_gen.camera.fixed_pattern import FixedPattern, draw_fixed_pattern
 from saf_gen.camera.sensor import Sensor, get_sensor
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.seeds import derive_seed, make_generator
@@ -70,12 +69,12 @@ def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) 
     if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
         raise BadInput(f"frames is {frames!r}", allowed="a whole number of readouts, at least 1")
     sensor = sensor if isinstance(sensor, Sensor) else get_sensor(sensor)
-    index, fraction = encoder_knot_weights((np.arange(frames) + 0.5) / frames, charge.shape[0])
+    index, fraction = knot_weights((np.arange(frames) + 0.5) / frames, charge.shape[0])
     encoder = Encoder(sensor, charge.shape[1:], seed=seed)
     return encoder.encode(charge[None], index=index, fraction=fraction, gain=np.ones((frames, 1), np.float32))
 
 
-def encoder_knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
+def knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the knot before each position, int64 (T,), and the fraction of the way to the next knot, float64 (T,).
 
     Positions run from 0 at the first of the evenly spaced knots to 1 at the last; others are clipped to this range.
@@ -126,7 +125,7 @@ class Encoder:
         if len(shape) != 2 or min(shape) < 1:
             raise BadInput(f"the array's shape is {tuple(shape)}", allowed="(rows, columns), each at least 1")
         self.sensor, self.shape = sensor, (int(shape[0]), int(shape[1]))
-        self.pattern = draw_sensor_fixed_pattern(sensor, self.shape, seed=seed if device_seed is None else device_seed)
+        self.pattern = draw_fixed_pattern(sensor, self.shape, seed=seed if device_seed is None else device_seed)
         self._frames = 0
         self._key = np.uint64(derive_seed("encoder", seed, "noise"))
         self._response = self.pattern.response.ravel()
@@ -135,7 +134,7 @@ class Encoder:
         size = self._response.size
         self._state = np.ones((3, size), np.float32)
         first = make_generator("encoder", seed, "first thresholds").integers(0, NOISE_TABLE_SIZE, size)
-        self._state[1] = self._constants[1] + self._constants[2] * make_sensor_noise_table()[first]
+        self._state[1] = self._constants[1] + self._constants[2] * make_noise_table()[first]
         self._state[0] = make_generator("encoder", seed, "phases").random(size, dtype=np.float32) * self._state[1]
         self._threads = threads or usable_cores()
         if rows is not None:
@@ -220,8 +219,8 @@ class Encoder:
         with ThreadPoolExecutor(self._threads) as pool:  # the kernel releases the interpreter's lock
             jobs = [
                 pool.submit(
-                    advance_encoder_pixels, first, stop, flat, index, low, high, self._key, self._frames,
-                    make_sensor_noise_table(), self._response, self._constants, weight, jitter, self._lead,
+                    advance_pixels, first, stop, flat, index, low, high, self._key, self._frames,
+                    make_noise_table(), self._response, self._constants, weight, jitter, self._lead,
                     self._before, self._state, out,
                 )
                 for first, stop in pairwise(cuts)

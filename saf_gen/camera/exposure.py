@@ -35,7 +35,7 @@ class ExposingLens(Protocol):
         ...
 
 
-def sensor_irradiance_ratio(
+def irradiance_ratio(
     shape: tuple[int, int],
     image_distance: np.ndarray,
     *,
@@ -74,15 +74,13 @@ def sensor_irradiance_ratio(
     return transmission * pi * aperture_radius_m**2 / v2 * cos2 * cos2
 
 
-def sensor_electrons_per_irradiance(sensor: Sensor) -> float:
+def electrons_per_irradiance(sensor: Sensor) -> float:
     """Return the photo-electrons per readout and pixel for an irradiance of 1 W m⁻²."""
     energy = sensor.pitch_m**2 * sensor.fill_factor / sensor.readout_hz
     return energy * sensor.quantum_efficiency * sensor.wavelength_m / (h * c)
 
 
-def sensor_charge_of_images(
-    radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray
-) -> np.ndarray:
+def charge_of_images(radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray) -> np.ndarray:
     """Return the charge that each image of a focal stack gives on a sensor, in photo-electrons per readout.
 
     Parameters
@@ -120,10 +118,10 @@ def sensor_charge_of_images(
         raise BadInput(f"the aperture radius is {aperture_radius_m:g} m", allowed="metres, above 0")
     if not 0 < transmission <= 1:
         raise BadInput(f"the transmission of the lens is {transmission:g}", allowed="above 0, at most 1")
-    electrons = sensor_electrons_per_irradiance(sensor)
+    electrons = electrons_per_irradiance(sensor)
     out = np.empty(radiance.shape, np.float32)
     for k, distance in enumerate(image_distance):  # one position at a time: the stack may be large
-        factor = sensor_irradiance_ratio(
+        factor = irradiance_ratio(
             (radiance.shape[2], radiance.shape[3]),
             distance[None],
             pitch_m=sensor.pitch_m,
@@ -134,7 +132,7 @@ def sensor_charge_of_images(
     return out
 
 
-def sensor_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
+def firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Return the spikes per readout at a constant mean charge.
 
     The rate is charge/(threshold + loss·charge), up to the highest rate of the sensor, which is 1 or, with
@@ -152,10 +150,10 @@ def sensor_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
     return np.minimum(charge / (sensor.threshold_e + sensor.post_spike_loss * charge), _highest_rate(sensor))
 
 
-def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sensor: Sensor, mean_rate: float) -> float:
+def exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sensor: Sensor, mean_rate: float) -> float:
     """Return the factor by which to scale the light so that the target fires at a mean rate, including dark current.
 
-    The mean of :func:`sensor_firing_rate` is taken over the pixels of the target. The factor is rounded to 20 bits, so
+    The mean of :func:`firing_rate` is taken over the pixels of the target. The factor is rounded to 20 bits, so
     that the order in which a processor sums cannot change a spike.
 
     Parameters
@@ -179,7 +177,7 @@ def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sen
     if light.size == 0:
         raise BadInput("the target has no pixel", hint="check the target's shape ids and the focus travel")
     dark = sensor.mean_dark_e
-    floor = float(sensor_firing_rate(np.array(dark), sensor))
+    floor = float(firing_rate(np.array(dark), sensor))
     lit = float(np.mean(light > 0))
     highest = _highest_rate(sensor)
     ceiling = lit * highest + (1 - lit) * floor
@@ -196,11 +194,11 @@ def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sen
         )
     charge = mean_rate * sensor.threshold_e / (1 - sensor.post_spike_loss * mean_rate)  # the inverse law
     low, high = 0.0, charge / light.max()
-    while np.mean(sensor_firing_rate(high * light + dark, sensor)) < mean_rate:
+    while np.mean(firing_rate(high * light + dark, sensor)) < mean_rate:
         high *= 2
     for _ in range(64):  # the mean rate increases with the factor, so bisection converges to double precision
         middle = (low + high) / 2
-        if np.mean(sensor_firing_rate(middle * light + dark, sensor)) < mean_rate:
+        if np.mean(firing_rate(middle * light + dark, sensor)) < mean_rate:
             low = middle
         else:
             high = middle

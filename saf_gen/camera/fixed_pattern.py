@@ -39,7 +39,7 @@ class FixedPattern:
     threshold: np.ndarray
 
 
-def draw_sensor_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> FixedPattern:
+def draw_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> FixedPattern:
     """Return the maps of a device.
 
     Imperfections that are switched off give flat maps. The profiles span the array of the given shape, so that their
@@ -65,7 +65,7 @@ def draw_sensor_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: i
     )
 
 
-def legendre_basis_over_pixels(length: int, degree: int) -> np.ndarray:
+def legendre_basis(length: int, degree: int) -> np.ndarray:
     """Return Legendre polynomials of degree 1 to ``degree`` at the pixel centres, with mean square 1 over the interval.
 
     The result has the shape (length, degree).
@@ -85,7 +85,7 @@ def _draw_profile(length: int, rms: float, *, fractions: tuple[float, ...], rand
     """
     white = random.standard_normal(length) * sqrt(max(0.0, 1.0 - sum(fractions)))
     signs = random.integers(0, 2, len(fractions)) * 2 - 1
-    return rms * (legendre_basis_over_pixels(length, len(fractions)) @ (signs * np.sqrt(fractions)) + white)
+    return rms * (legendre_basis(length, len(fractions)) @ (signs * np.sqrt(fractions)) + white)
 
 
 def _draw_response(sensor: Sensor, dark: np.ndarray, *, seed: int) -> np.ndarray:
@@ -104,7 +104,7 @@ def _draw_response(sensor: Sensor, dark: np.ndarray, *, seed: int) -> np.ndarray
         + _draw_profile(rows, sensor.response_row_rms, fractions=sensor.response_row_legendre, random=row_random)[
             :, None
         ]
-        + twist * legendre_basis_over_pixels(rows, 1) * legendre_basis_over_pixels(columns, 1).T
+        + twist * legendre_basis(rows, 1) * legendre_basis(columns, 1).T
         + sensor.response_white_rms * white_random.standard_normal(dark.shape)
         + sensor.response_per_dark * (per_dark * dark - 1.0)
     )

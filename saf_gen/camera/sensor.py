@@ -7,7 +7,7 @@ from pydantic import ConfigDict, PlainValidator
 from pydantic.dataclasses import dataclass
 
 from saf_gen.core.config.document import validate_document
-from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_preset_fields, checked
+from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields, checked
 from saf_gen.core.config.ranges import is_number
 from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.errors import BadInput
@@ -250,7 +250,7 @@ class Sensor:
 
         Raises BadInput if a switch is unknown.
         """
-        return change_preset_fields(self, {"noise": switches}, where=f"sensor {self.name}")
+        return change_fields(self, {"noise": switches}, where=f"sensor {self.name}")
 
 
 PRESETS = Presets("sensor", Sensor, folder=Path(__file__).parent / "sensors")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from scipy.special import ndtr
 
-from saf_gen.camera import Sensor, get_sensor, sensor_electrons_per_irradiance
+from saf_gen.camera import Sensor, electrons_per_irradiance, get_sensor
 from saf_gen.camera.sensor import PRESETS
 from saf_gen.core.config.document import read_text
 from saf_gen.core.config.presets import is_preset_file
@@ -42,13 +42,13 @@ _SWITCHED = {
 """By noise switch: the keys that have an effect only if it is on."""
 
 
-def read_sensor_file_text(name: str | Path) -> str:
+def sensor_text(name: str | Path) -> str:
     """Return the text of a sensor file, with comments and sources; raise BadInput as :func:`get_sensor` does."""
     get_sensor(name)
     return read_text(Path(name) if is_preset_file(name) else PRESETS.folder / f"{name}.yaml")
 
 
-def nominal_sensor_keys(text: str) -> list[str]:
+def nominal_keys(text: str) -> list[str]:
     """Return the keys of a sensor file whose comments say that they are assumed, derived or nominal.
 
     A file that differs from another in some keys names the other in its first lines ("is as in NAME.yaml"); the
@@ -57,11 +57,11 @@ def nominal_sensor_keys(text: str) -> list[str]:
     found = [found[1] for found in _NOMINAL.finditer(text)]
     if other := _AS_IN.search(text):
         explained = set(re.findall(r"^(\w+):[^#\n]*#", text, re.MULTILINE))
-        found += [key for key in nominal_sensor_keys(read_sensor_file_text(other[1])) if key not in explained]
+        found += [key for key in nominal_keys(sensor_text(other[1])) if key not in explained]
     return list(dict.fromkeys(found))
 
 
-def find_implausible_sensor_keys(sensor: Sensor) -> Iterator[str]:
+def implausible_keys(sensor: Sensor) -> Iterator[str]:
     """Yield a line for each value of a sensor that is allowed but unusual, and for each that has no effect."""
     values = asdict(sensor)
     for key, (factor, low, high, unit) in _USUAL.items():
@@ -85,7 +85,7 @@ def find_implausible_sensor_keys(sensor: Sensor) -> Iterator[str]:
         yield "reset_loss has no effect: with saturation dead_readout the readout after a spike collects nothing"
     if sensor.reset == "hard":
         yield "reset hard loses the charge above the threshold: rates are wrong by −4 to −20 % and rise in steps"
-    lux = 0.5 * sensor.threshold_e / sensor_electrons_per_irradiance(sensor) * 683
+    lux = 0.5 * sensor.threshold_e / electrons_per_irradiance(sensor) * 683
     if not 100 <= lux <= 50_000:
         yield f"a rate of 0.5 takes {lux:.3g} lux at the sensor (555 nm); usual: 100 to 50,000; see threshold_e"
     if sensor.noise.dark and sensor.dark_rate * exp(2 * sensor.dark_log_sd) > 0.3:

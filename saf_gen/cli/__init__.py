@@ -5,12 +5,16 @@ folder imports typer, and only this folder prints.
 """
 
 import os
+import select
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from io import TextIOWrapper
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -34,9 +38,10 @@ from saf_gen.cli import (
     validate_commands,
     view_command,
 )
-from saf_gen.cli._examples import help_ending_of_command
+from saf_gen.cli._examples import help_ending
 from saf_gen.cli._terminal import out, print_error
 from saf_gen.core.cores import check_address_space
+from saf_gen.core.user_code import describe_exit
 from saf_gen.errors import SafGenError
 
 __all__ = ["app", "main", "root_command"]
@@ -134,6 +139,7 @@ STOP_MESSAGES = {
 
 _MEMORY_ADVICE = ": finished work is kept; stop other programs, raise the limit (ulimit -v, -u), or use fewer --workers"
 MIN_MEMORY = 1 << 30
+TYPER = Path(typer.__file__).parent
 
 
 class _Command(TyperCommand):
@@ -163,7 +169,7 @@ def _hide_type_of_flags(params: list[Any]) -> list[Any]:
 
 app = typer.Typer(
     help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
-    epilog=help_ending_of_command(""),
+    epilog=help_ending(""),
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -188,11 +194,11 @@ def _options(*, version: Version = False) -> None:
 
 
 for name, command in COMMANDS.items():
-    app.command(name, cls=_Command, epilog=help_ending_of_command(name))(command)
+    app.command(name, cls=_Command, epilog=help_ending(name))(command)
 for group, (words, commands) in GROUPS.items():
     under = typer.Typer(
         help=words,
-        epilog=help_ending_of_command(group),
+        epilog=help_ending(group),
         no_args_is_help=group not in GROUP_DEFAULTS,
         invoke_without_command=group in GROUP_DEFAULTS,
         cls=_GroupThatTakesArguments if group in GROUPS_THAT_TAKE_ARGUMENTS else _Group,
@@ -200,7 +206,7 @@ for group, (words, commands) in GROUPS.items():
     if group in GROUP_DEFAULTS:
         under.callback()(GROUP_DEFAULTS[group])
     for name, command in commands.items():
-        under.command(name, cls=_Command, epilog=help_ending_of_command(f"{group} {name}"))(command)
+        under.command(name, cls=_Command, epilog=help_ending(f"{group} {name}"))(command)
     app.add_typer(under, name=group)
 
 
@@ -208,6 +214,32 @@ for group, (words, commands) in GROUPS.items():
 def root_command() -> Any:
     """Return the command that contains all others; cached, because ``app`` would build it again at each call."""
     return typer.main.get_command(app)
+
+
+def _find_exit_code(error: BaseException) -> Any:
+    """Return the exit code for a SystemExit or a BrokenPipeError, after printing a line if it is a fault.
+
+    If the reader of the output has gone, as with ``| head``, the code is 0: in place of a BrokenPipeError, typer raises
+    SystemExit, and so does rich, which first puts the null device in place of stdout. typer also exits after it has
+    completed a line of the shell. Nothing else may end the program, least of all with 0.
+    """
+    cause = error.__context__ if isinstance(error.__context__, BrokenPipeError) else error
+    origin, raised_by = (traceback.extract_tb(one.__traceback__)[-1] for one in (cause, error))
+    if isinstance(cause, BrokenPipeError) and (raised_by.name == "on_broken_pipe" or _is_output_closed()):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes on exit
+        return 0
+    if isinstance(cause, SystemExit) and TYPER in Path(origin.filename).parents:
+        return cause.code
+    problem = f"called {describe_exit(cause)}" if isinstance(cause, SystemExit) else f"failed: {cause}"
+    return print_error(f"{origin.filename}, line {origin.lineno}, {problem}", 1)
+
+
+def _is_output_closed() -> bool:
+    poll = select.poll()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError, ValueError):  # a stream may be None, closed, or no file
+            poll.register(stream.fileno(), 0)  # errors and hang-ups are reported all the same
+    return bool(poll.poll(0))
 
 
 def main(argv: list[str] | None = None) -> NoReturn:
@@ -247,9 +279,8 @@ def main(argv: list[str] | None = None) -> NoReturn:
         message = error.format_message()  # empty if typer printed the help of a group instead
         at = getattr(getattr(error, "ctx", None), "command_path", "saf-gen")
         code = print_error(f"{message.removesuffix('.')}; see: {at} --help", 2) if message else 0
-    except (SystemExit, BrokenPipeError):  # from typer, if a pipe closes early, as with `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes on exit
-        code = 0
+    except (SystemExit, BrokenPipeError) as error:
+        code = _find_exit_code(error)
     except MemoryError:
         code = print_error(f"memory ran out{_MEMORY_ADVICE}", 1)
     except RuntimeError as error:

@@ -87,7 +87,7 @@ EXAMPLES = {
 """Examples by command, without the word saf-gen; "" is the program itself."""
 
 
-def help_ending_of_command(command: str) -> str:
+def help_ending(command: str) -> str:
     """Return the end of a help text: the examples of a command, or of a group and the first of each of its commands."""
     lines = list(EXAMPLES.get(command, ()))
     lines += [found[0] for name, found in EXAMPLES.items() if command and name.startswith(f"{command} ")]

@@ -67,10 +67,10 @@ def print_table(
     where_to_find : str, optional
         Clause that says where to find the columns that were left out.
     as_json : bool, default False
-        Print :func:`list_objects_to_print` as JSON instead.
+        Print :func:`to_objects` as JSON instead.
     """
     if as_json:
-        print_json(list_objects_to_print(columns, rows))
+        print_json(to_objects(columns, rows))
         return
     cells = [[escape_controls(cell, keep="\n") if isinstance(cell, str) else cell for cell in row] for row in rows]
 
@@ -109,9 +109,7 @@ def _choose_columns(
     return shown
 
 
-def list_objects_to_print(
-    columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]]
-) -> list[dict[str, str]] | dict:
+def to_objects(columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]]) -> list[dict[str, str]] | dict:
     """Return a table for JSON: an object per row, whose keys are the headings with _ instead of blanks.
 
     A table of two columns without headings becomes a single object of keys and values.
@@ -121,7 +119,7 @@ def list_objects_to_print(
     return [dict(zip(keys, row, strict=True)) for row in texts] if any(keys) else dict(texts)
 
 
-def finite_value_to_print(value: float) -> float | None:
+def finite_value(value: float) -> float | None:
     """Return a value for JSON, with None for infinite values and NaN."""
     return value if math.isfinite(value) else None
 

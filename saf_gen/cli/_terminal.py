@@ -48,7 +48,7 @@ def print_error(line: str, code: int) -> int:
 
 
 @contextmanager
-def print_progress_bars() -> Iterator[Progress]:
+def progress_bars() -> Iterator[Progress]:
     """Yield progress bars with the time left, on stderr so that stdout stays clean for pipes."""
     columns = (
         TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
@@ -60,7 +60,7 @@ def print_progress_bars() -> Iterator[Progress]:
         yield progress
 
 
-def make_terminal_reporter(verb: str, bars: Progress) -> Callable[[int, int, str], None]:
+def terminal_reporter(verb: str, bars: Progress) -> Callable[[int, int, str], None]:
     """Return a function that reports progress, called with (steps done, total steps, current step).
 
     It updates a bar on a terminal, and prints a line every half minute if stderr is not a terminal.

@@ -7,7 +7,7 @@ import typer
 from rich.progress import TaskID
 
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import ClusterAddress, RecipeName, err, out, print_error, print_progress_bars
+from saf_gen.cli._terminal import ClusterAddress, RecipeName, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.object_store import AnyPath, StorePath, find_path
 from saf_gen.errors import BadInput
@@ -36,22 +36,22 @@ def generate_command(
 ) -> None:
     """Generate a dataset from a recipe, or resume one that was stopped."""
     with defer_interrupts():
-        from saf_gen.generate.benchmark_digest import name_generated_benchmark
-        from saf_gen.generate.coarse_sampling import find_coarse_recipe_sampling
-        from saf_gen.generate.job_order import validate_generated_slices_kept
+        from saf_gen.generate.benchmark_digest import benchmark_name
+        from saf_gen.generate.coarse_sampling import coarse_sampling
+        from saf_gen.generate.job_order import validate_keep_slices
         from saf_gen.generate.resolve import resolve_recipe
         from saf_gen.generate.run import generate as make
         from saf_gen.generate.to_store import generate_to_store, plan_for_store
 
-    validate_generated_slices_kept(keep_slices)
-    work = resolve_recipe(recipe, part=parse_shard_of_command(shard), split=split)
-    name_generated_benchmark(work)
+    validate_keep_slices(keep_slices)
+    work = resolve_recipe(recipe, part=parse_shard(shard), split=split)
+    benchmark_name(work)
     target = find_path(folder or Path("datasets") / work.recipe.name)
     store_plan = plan_for_store(work, target) if isinstance(target, StorePath) else None
     to_render = store_plan.stacks if store_plan else work.stacks_to_render(Path(str(target)), keep_slices)
     if to_render and not cluster:
         _warn_if_slow_renderer(variant, dry_run=dry_run)
-    for line in find_coarse_recipe_sampling(work):
+    for line in coarse_sampling(work):
         err.print(f"warning: {line}")
     if store_plan and store_plan.upload_bytes:
         size = store_plan.scratch_bytes
@@ -61,7 +61,7 @@ def generate_command(
     if dry_run:
         _print_plan(work, target, keep_slices=keep_slices, store_plan=store_plan)
         return
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
         finished: set[str] = set()
 
@@ -113,11 +113,11 @@ def _warn_if_slow_renderer(variant: str, *, dry_run: bool) -> None:
             raise
         err.print(f"scenes cannot be rendered here: {missing}")
         return
-    if variant == "auto" and backend.choose_render_backend() == "scalar":
+    if variant == "auto" and backend.choose_backend() == "scalar":
         err.print(f"scenes are rendered by variant scalar here, slowly and without diffraction; {backend.ADVICE}")
 
 
-def parse_shard_of_command(text: str) -> tuple[int, int]:
+def parse_shard(text: str) -> tuple[int, int]:
     """Return (I, N) of the text "I/N"; raise BadInput if the text has another form."""
     index, _, count = text.partition("/")
     if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
@@ -165,9 +165,9 @@ def _print_plan(
 
 def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder, or s3://BUCKET/FOLDER.")]) -> None:
     """Check every file of a dataset against the digest in its manifest."""
-    from saf_gen.stream.inspection import verify_streams_of_dataset
+    from saf_gen.stream.dataset import verify_dataset
 
-    count, problems = verify_streams_of_dataset(dataset)
+    count, problems = verify_dataset(dataset)
     for name, problem in problems.items():
         print_error(f"{name}: {problem}", 1)
     out.print(f"{count - len(problems)} of {count} sequences are intact")

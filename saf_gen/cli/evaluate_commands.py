@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
-from saf_gen.cli._terminal import (
-    ClusterAddress,
-    OutFolder,
-    err,
-    make_terminal_reporter,
-    out,
-    print_error,
-    print_progress_bars,
-)
+from saf_gen.cli._terminal import ClusterAddress, OutFolder, err, out, print_error, progress_bars, terminal_reporter
 from saf_gen.errors import BadInput, unknown
 
 if TYPE_CHECKING:
@@ -66,25 +58,25 @@ def evaluate_command(
     """Run focus methods on recordings, rank them, and write tables, figures and a page."""
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.kept_sequences import KeptSequences
-    from saf_gen.benchmark.method_spec import parse_method, read_method_list
-    from saf_gen.core.files import check_folder_writable
+    from saf_gen.benchmark.method_spec import parse_method, read_methods
+    from saf_gen.core.files import check_writable
     from saf_gen.core.object_store import StorePath, find_path
     from saf_gen.leaderboard import rank_methods
     from saf_gen.leaderboard.report import write_evaluation_report
 
     for one in method or ():
         parse_method(one)  # lists and tuned files may name only code that --method names as well
-    named = [*(method or ()), *(read_method_list(methods) if methods else ())]
-    protocol = protocol_from_command_options(track, actuator=actuator, budget=budget, sweep=sweep)
+    named = [*(method or ()), *(read_methods(methods) if methods else ())]
+    protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
     data = find_path(source)
     if isinstance(data, StorePath):
         target = folder or Path(f"{data.stem}-{name}")
     else:
         target = folder or (data / name if data.is_dir() else data.with_name(f"{data.stem}-{name}"))
-    check_folder_writable(target)
+    check_writable(target)
     kept = KeptSequences(target / ".evaluation.unfinished")
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         result = run(
             data,
             methods=named or None,
@@ -93,12 +85,12 @@ def evaluate_command(
             region=region,
             protocol=protocol,
             predictions=predictions,
-            progress=make_terminal_reporter("evaluate", bars),
+            progress=terminal_reporter("evaluate", bars),
             keep=kept,
             cluster=cluster,
             tell=err.print,
         )
-    print_kept_results(kept)
+    print_kept(kept)
     rows = rank_methods(result.records)
     sequences = len({record.sequence for record in result.records})
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
@@ -117,7 +109,7 @@ def evaluate_command(
         raise typer.Exit(1)
 
 
-def print_kept_results(kept: "KeptSequences") -> None:
+def print_kept(kept: "KeptSequences") -> None:
     """Print on stderr how many sequences an earlier run had evaluated before it was stopped."""
     if kept.reused:
         err.print(
@@ -125,7 +117,7 @@ def print_kept_results(kept: "KeptSequences") -> None:
         )
 
 
-def protocol_from_command_options(
+def protocol_from_options(
     track: str, *, actuator: str | None, budget: float | None, sweep: float | None
 ) -> "ClosedLoopProtocol | None":
     """Return the closed-loop protocol of command options, whose times are in ms, or None for the recorded track."""
@@ -159,15 +151,15 @@ def score_command(
     region: Annotated[str, typer.Option(help="Where to look: frame, or target (its bounding box).")] = "frame",
 ) -> None:
     """Score consecutive blocks of a stream, as CSV with the first frame and the score of each block."""
-    from saf_gen.benchmark.evaluate import score_evaluated_blocks
-    from saf_gen.core.files import write_text_atomically
+    from saf_gen.benchmark.evaluate import score_blocks
+    from saf_gen.core.files import write_text
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:
-        frames, scores = score_evaluated_blocks(opened, measure, window=window, region=region)
+        frames, scores = score_blocks(opened, measure, window=window, region=region)
     text = "frame,score\n" + "".join(f"{f},{s!r}\n" for f, s in zip(frames.tolist(), scores.tolist(), strict=True))
     if csv is None:
         out.file.write(text)
         return
-    write_text_atomically(csv, text)
+    write_text(csv, text)
     out.print(f"{len(frames)} blocks in {csv}")

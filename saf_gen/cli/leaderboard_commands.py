@@ -8,8 +8,8 @@ import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import AsJson, OutFolder, err, make_terminal_reporter, out, print_progress_bars
-from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, protocol_from_command_options
+from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars, terminal_reporter
+from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, protocol_from_options
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -21,9 +21,9 @@ def merge_command(
     folder: OutFolder = None,
 ) -> None:
     """Rank the methods of several evaluations in one table, if their data and code agree."""
-    from saf_gen.benchmark.plugin_description import describe_recorded_methods
+    from saf_gen.benchmark.plugin_description import describe_recorded
     from saf_gen.benchmark.results import Evaluation
-    from saf_gen.core.files import check_folder_writable
+    from saf_gen.core.files import check_writable
     from saf_gen.leaderboard import read_leaderboard
     from saf_gen.leaderboard.report import write_evaluation_report
 
@@ -34,13 +34,11 @@ def merge_command(
                     f"--out {str(folder)!r} is one of the evaluations",
                     allowed="another folder: the evaluations are not changed",
                 )
-        check_folder_writable(folder)
+        check_writable(folder)
     board = read_leaderboard(*runs)
     written = None
     if folder is not None:
-        evaluation = Evaluation(
-            records=board.records, sweeps=(), failures=(), plugins=describe_recorded_methods(board.records)
-        )
+        evaluation = Evaluation(records=board.records, sweeps=(), failures=(), plugins=describe_recorded(board.records))
         written = write_evaluation_report(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
     print_leaderboard(board, records=board.records, title=f"{board.size}, {len(runs)} evaluations")
     if written is not None:
@@ -107,8 +105,8 @@ def rank_on_saf_folder_command(
 
     The authors' protocol uses blocks of dt frames, the last frame of the best block, and a truth chosen by hand.
     """
-    from saf_gen.benchmark.method_spec import parse_method, read_method_list
-    from saf_gen.core.files import check_folder_writable
+    from saf_gen.benchmark.method_spec import parse_method, read_methods
+    from saf_gen.core.files import check_writable
     from saf_gen.leaderboard import rank_methods
     from saf_gen.leaderboard.report import write_evaluation_report
     from saf_gen.leaderboard.saf_output import (
@@ -122,16 +120,16 @@ def rank_on_saf_folder_command(
 
     for one in method or ():
         parse_method(one)  # a list may name only code that --method names as well
-    named = [*(method or ()), *(read_method_list(methods) if methods else ())]
-    check_folder_writable(target)
-    with print_progress_bars() as bars:
+    named = [*(method or ()), *(read_methods(methods) if methods else ())]
+    check_writable(target)
+    with progress_bars() as bars:
         ranking = rank_methods_on_saf_folder(
             folder,
             target,
             methods=named or None,
             beside=beside or (),
             readout_hz=rate,
-            progress=make_terminal_reporter("rank", bars),
+            progress=terminal_reporter("rank", bars),
             notify=err.print,
         )
     rows = rank_methods(ranking.own.records)
@@ -183,21 +181,21 @@ def verify_evaluation_command(
     of the evaluation.
     """
     from saf_gen.benchmark.records import read_records
-    from saf_gen.core.files import check_folder_writable
+    from saf_gen.core.files import check_writable
     from saf_gen.leaderboard.rerun import verify_leaderboard_rows
     from saf_gen.leaderboard.verification import DIFFERS, write_leaderboard_verification
 
     track = read_records(folder)[0].track
-    protocol = protocol_from_command_options(track, actuator=actuator, budget=budget, sweep=sweep)
+    protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
     folder = folder if folder.is_dir() else folder.parent
-    check_folder_writable(folder)
-    with print_progress_bars() as bars:
+    check_writable(folder)
+    with progress_bars() as bars:
         found = verify_leaderboard_rows(
             folder,
             source or folder.resolve().parent,
             methods=method or (),
             protocol=protocol,
-            progress=make_terminal_reporter("verify", bars),
+            progress=terminal_reporter("verify", bars),
         )
     path = write_leaderboard_verification(folder, found)
     print_table(

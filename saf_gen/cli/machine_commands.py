@@ -9,8 +9,8 @@ from rich.progress import TaskID
 
 import saf_gen
 from saf_gen.cli._bench_table import print_figures, print_scene_grain
-from saf_gen.cli._tables import TableColumn, finite_value_to_print, print_json, print_table
-from saf_gen.cli._terminal import AsJson, err, out, print_error, print_progress_bars
+from saf_gen.cli._tables import TableColumn, finite_value, print_json, print_table
+from saf_gen.cli._terminal import AsJson, err, out, print_error, progress_bars
 from saf_gen.errors import BadInput
 
 
@@ -24,14 +24,14 @@ def init_command(
     A scene of the folder then replaces one of the same name that comes with saf_gen. Until the folder is registered,
     no script in its scenes/ runs, so read scripts that others sent you first.
     """
-    from saf_gen.core.files import unwritable_file_error
+    from saf_gen.core.files import unwritable
     from saf_gen.scene.scene_folder import CARD_FILE
-    from saf_gen.scene.trusted_folders import forget_scene_folder, register_scene_folder
+    from saf_gen.scene.trusted_folders import forget_folder, register_folder
 
     scenes = folder / "scenes"
     shown = scenes.resolve()
     if forget:
-        was_registered = forget_scene_folder(scenes)
+        was_registered = forget_folder(scenes)
         out.print(
             f"{shown} is {'no longer' if was_registered else 'not'} registered; its files are unchanged", soft_wrap=True
         )
@@ -39,8 +39,8 @@ def init_command(
     try:
         scenes.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise unwritable_file_error(scenes, error) from error
-    is_new = register_scene_folder(scenes)
+        raise unwritable(scenes, error) from error
+    is_new = register_folder(scenes)
     out.print(f"{shown} {'is' if is_new else 'was'} registered{'' if is_new else ' already'}", soft_wrap=True)
     if scene_names := sorted(card.parent.name for card in scenes.glob(f"*/{CARD_FILE}")):
         out.print(f"scenes found by name in {folder.resolve()}: {', '.join(scene_names)}", soft_wrap=True)
@@ -71,7 +71,7 @@ def bench_command(
 
     for scene in scenes or ():
         find_scene(scene)
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
 
         def report(stage: str, done: float) -> None:
@@ -96,9 +96,7 @@ def bench_command(
         results = run_benches(names or [], size, folder=folder, report=report, show=show)
     if as_json:
         values = [{**asdict(figure), "met": figure.met} for figure in results.figures]
-        finite = [
-            {k: finite_value_to_print(v) if isinstance(v, float) else v for k, v in one.items()} for one in values
-        ]
+        finite = [{k: finite_value(v) if isinstance(v, float) else v for k, v in one.items()} for one in values]
         print_json(finite)
     elif results.figures:
         print_figures(f for f in results.figures if f not in shown)

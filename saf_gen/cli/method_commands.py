@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from saf_gen.cli._tables import TableColumn, list_objects_to_print, print_json, print_table
+from saf_gen.cli._tables import TableColumn, print_json, print_table, to_objects
 from saf_gen.cli._terminal import AsJson, err, out
 from saf_gen.errors import BadInput
 
@@ -26,11 +26,11 @@ def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> 
     if context.invoked_subcommand is not None:
         return
     from saf_gen.benchmark.plugin_description import (
-        build_method_plugin_or_class,
-        format_method_attribute,
-        measure_suffixes_of_method,
-        search_kind_of_method,
-        summarise_plugin_of_method,
+        build_or_class,
+        format_attribute,
+        measure_suffixes,
+        search_kind,
+        summarise_plugin,
     )
     from saf_gen.core.config import registry
 
@@ -39,18 +39,18 @@ def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> 
         rows: list[tuple[str | Text, ...]] = []
         for name in registry.names(plugin_kind):
             try:
-                plug_in = build_method_plugin_or_class(plugin_kind, name)
+                plug_in = build_or_class(plugin_kind, name)
             except BadInput as problem:  # a plug-in that cannot be loaded does not hide the others
                 rows.append((name, "?", *([""] * (len(columns) - 1)), Text(str(problem), "bold red")))
                 continue
             if plugin_kind == "measures":
-                forms = " ".join(form for form in measure_suffixes_of_method(plug_in) if form != "_n_tfi")
-                cells = [*(format_method_attribute(plug_in, key) for key in ("degree", "cost")), forms]
+                forms = " ".join(form for form in measure_suffixes(plug_in) if form != "_n_tfi")
+                cells = [*(format_attribute(plug_in, key) for key in ("degree", "cost")), forms]
             else:
-                cells = [search_kind_of_method(plug_in)]
-            rows.append((name, *cells, summarise_plugin_of_method(plug_in).replace("``", "")))
+                cells = [search_kind(plug_in)]
+            rows.append((name, *cells, summarise_plugin(plug_in).replace("``", "")))
         shown = [*map(TableColumn, ("name", *columns)), TableColumn("what it is", folds=True)]
-        listed[plugin_kind] = list_objects_to_print(shown, rows)
+        listed[plugin_kind] = to_objects(shown, rows)
         if not as_json:
             print_table(shown, rows, title=plugin_kind)
     if as_json:
@@ -65,13 +65,13 @@ def show_method_command(
     name: Annotated[str, typer.Argument(help="Measure, search or MEASURE+SEARCH, with its form and options.")],
 ) -> None:
     """Show a measure or a search in full: formula, options, range, degree, cost and source."""
-    from saf_gen.benchmark.conformance.name_resolution import resolve_method_name
-    from saf_gen.benchmark.method_spec import Method, split_method_region
-    from saf_gen.benchmark.plugin_description import describe_plugin_of_method
+    from saf_gen.benchmark.conformance.name_resolution import resolve_name
+    from saf_gen.benchmark.method_spec import Method, split_region
+    from saf_gen.benchmark.plugin_description import describe_plugin
 
-    found = resolve_method_name(name)
+    found = resolve_name(name)
     if isinstance(found, Method):
-        names, plug_ins = split_method_region(found.name)[0].split("+"), (found.measure, found.search)
+        names, plug_ins = split_region(found.name)[0].split("+"), (found.measure, found.search)
         pages = list(zip(names, ("measures", "searches"), plug_ins, strict=True))
     else:
         pages = [("".join(name.split()), *found)]
@@ -79,7 +79,7 @@ def show_method_command(
         table = Table(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
         table.add_column(style="bold", no_wrap=True)
         table.add_column()
-        for key, text in describe_plugin_of_method(title, kind, plug_in=plug_in).facts:
+        for key, text in describe_plugin(title, kind, plug_in=plug_in).facts:
             table.add_row(key, Text(text))
         out.print(table)
 
@@ -89,7 +89,7 @@ def check_method_command(
     as_json: AsJson = False,
 ) -> None:
     """Check that a method ends, stays within travel and budget, is reproducible, and never crashes."""
-    from saf_gen.benchmark.conformance import check_conformance_by_name as run
+    from saf_gen.benchmark.conformance import check_by_name as run
 
     results = []
     checks = run(name)

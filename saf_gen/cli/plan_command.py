@@ -8,7 +8,7 @@ import typer
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
 from saf_gen.cli._terminal import AsJson, out
-from saf_gen.cli.dataset_commands import parse_shard_of_command
+from saf_gen.cli.dataset_commands import parse_shard
 
 if TYPE_CHECKING:
     from saf_gen.generate.work_plan import WorkPlan
@@ -35,12 +35,12 @@ def plan_command(
 ) -> None:
     """Estimate the jobs, hours and disk space that recipes take from the beginning, without making anything."""
     from saf_gen.generate.cost import MachineRates, read_rates_for_plan
-    from saf_gen.generate.work_plan import plan_recipe_work
+    from saf_gen.generate.work_plan import plan_work
 
     known = read_rates_for_plan(rates) if rates else MachineRates()
-    part = parse_shard_of_command(shard)
+    part = parse_shard(shard)
     plans = [
-        plan_recipe_work(
+        plan_work(
             recipe, part=part, split=split, workers=workers, machines=machines, keep_slices=keep_slices, rates=known
         )
         for recipe in recipes

@@ -32,23 +32,23 @@ def _format_splits(recipe: "Recipe") -> str:
 
 def check_recipe_command(recipe: RecipeName) -> None:
     """Check a recipe and the scenes, sensor and files that it names, without generating anything."""
-    from saf_gen.generate.benchmark_digest import digest_resolved_recipe, name_generated_benchmark
-    from saf_gen.generate.coarse_sampling import find_coarse_recipe_sampling
+    from saf_gen.generate.benchmark_digest import benchmark_name, recipe_digest
+    from saf_gen.generate.coarse_sampling import coarse_sampling
     from saf_gen.generate.resolve import resolve_recipe
 
     work = resolve_recipe(recipe)
-    for line in find_coarse_recipe_sampling(work):
+    for line in coarse_sampling(work):
         out.print(f"warning: {line}")
-    is_frozen = name_generated_benchmark(work) != ""
-    digest = f"{digest_resolved_recipe(work):.12}{', a frozen benchmark' if is_frozen else ''}"
+    is_frozen = benchmark_name(work) != ""
+    digest = f"{recipe_digest(work):.12}{', a frozen benchmark' if is_frozen else ''}"
     out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}; digest {digest}")
 
 
 def recipe_schema_command(*, path: OutFile = None) -> None:
     """Print the JSON Schema of recipes, with which an editor completes keys and marks mistakes."""
-    from saf_gen.generate.recipe_schema import make_recipe_schema
+    from saf_gen.generate.recipe_schema import recipe_schema
 
-    print_json(make_recipe_schema(), path)
+    print_json(recipe_schema(), path)
 
 
 def seal_command(

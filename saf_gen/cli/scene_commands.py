@@ -11,16 +11,7 @@ from rich.progress import TaskID
 from rich.text import Text
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import (
-    LEVEL_STYLES,
-    AsJson,
-    ClusterAddress,
-    OutFile,
-    err,
-    out,
-    print_error,
-    print_progress_bars,
-)
+from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, OutFile, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
@@ -65,9 +56,9 @@ def new_scene_command(
 
     If ./scenes is empty or missing, it is registered as by `saf-gen init`.
     """
-    from saf_gen.authoring.template import create_scene_from_export, create_scene_from_template
+    from saf_gen.authoring.template import scene_from_export, scene_from_template
     from saf_gen.scene.scene_folder import scene_roots
-    from saf_gen.scene.trusted_folders import register_scene_folder
+    from saf_gen.scene.trusted_folders import register_folder
 
     root = Path("scenes")
     trusted = root.resolve() in scene_roots()
@@ -75,13 +66,13 @@ def new_scene_command(
     if exported is not None:
         if xml:
             raise BadInput("--xml and --from are both given", hint="leave --xml out: --from also takes a scene.xml")
-        written = create_scene_from_export(exported, name, root=root)
+        written = scene_from_export(exported, name, root=root)
     else:
-        written = create_scene_from_template(name, root, kind="xml" if xml else "script")
+        written = scene_from_template(name, root, kind="xml" if xml else "script")
     for path in written:
         out.print(str(path), soft_wrap=True)
     if empty and not trusted:
-        register_scene_folder(root)
+        register_folder(root)
         out.print(f"registered: {root.resolve()}; saf-gen init --forget undoes it", soft_wrap=True)
     elif not trusted:
         out.print("next: saf-gen init, if you trust the code of all scenes in ./scenes")
@@ -132,7 +123,7 @@ def _check_here(scenes: "list[Scene]", camera: "Sensor", *, variant: str) -> "It
     from saf_gen.authoring.checks import check_scene
 
     for scene in scenes:
-        with print_progress_bars() as bars:
+        with progress_bars() as bars:
             task = bars.add_task(f"check {scene.id}", total=1.0)
 
             def advance(done: float, task: TaskID = task) -> None:
@@ -154,7 +145,7 @@ def _check_on_cluster(
         return
     machines = Cluster(address, scenes[0].folder / "scene.yaml")
     jobs = [CheckSceneJob(scene, camera, variant) for scene in scenes]
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         task = bars.add_task("check", total=len(jobs))
         for job, result, error in run_jobs(
             jobs, workers=1, report=lambda name, done: bars.update(task, advance=1), cluster=machines, notify=err.print
@@ -204,7 +195,7 @@ def gallery_command(
     from saf_gen.scene.scene_folder import scene_names
 
     scenes = [_scene(name) for name in names or scene_names()]
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         task = bars.add_task("gallery", total=len(scenes))
         page, failed = write_scene_gallery(
             scenes,
@@ -222,14 +213,14 @@ def gallery_command(
 
 def _scene(name: str) -> "Scene":
     """Return a scene by its name, or by its folder if ``name`` is a path."""
-    from saf_gen.scene.scene_folder import find_scene, load_scene_folder
+    from saf_gen.scene.scene_folder import find_scene, load_scene
 
     folder = Path(name)
-    return load_scene_folder(folder) if folder.name != name and folder.is_dir() else find_scene(name)
+    return load_scene(folder) if folder.name != name and folder.is_dir() else find_scene(name)
 
 
 def scene_schema_command(*, path: OutFile = None) -> None:
     """Print the JSON Schema of scene cards, with which an editor completes keys and marks mistakes."""
-    from saf_gen.scene.card_schema import make_scene_card_schema
+    from saf_gen.scene.card_schema import card_schema
 
-    print_json(make_scene_card_schema(), path)
+    print_json(card_schema(), path)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import Progress, TaskID
 
-from saf_gen.cli._tables import TableColumn, finite_value_to_print, print_json, print_table
-from saf_gen.cli._terminal import AsJson, OutFolder, err, out, print_progress_bars
+from saf_gen.cli._tables import TableColumn, finite_value, print_json, print_table
+from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput, escape_controls
 
@@ -25,31 +25,31 @@ Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw 
 def list_sensors_command(*, as_json: AsJson = False) -> None:
     """List sensors with their array, their readout rate, and the numbers that are not measured."""
     from saf_gen.camera import get_sensor, sensor_names
-    from saf_gen.camera.sensor_files import nominal_sensor_keys, read_sensor_file_text
+    from saf_gen.camera.sensor_files import nominal_keys, sensor_text
 
     columns = TableColumn("sensor"), TableColumn("pixels"), TableColumn("readouts per second", folds=True)
     rows = []
     for name in sensor_names():
         sensor = get_sensor(name)
-        nominal = ", ".join(nominal_sensor_keys(read_sensor_file_text(name))) or "nothing"
+        nominal = ", ".join(nominal_keys(sensor_text(name))) or "nothing"
         rows.append((name, f"{sensor.columns}×{sensor.rows}", f"{sensor.readout_hz:,.0f}", nominal))
     print_table([*columns, TableColumn("assumed or derived", folds=True)], rows, as_json=as_json)
 
 
 def show_sensor_command(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML file.")]) -> None:
     """Print the file of a sensor, with the source of each number; edit a copy to make your own sensor."""
-    from saf_gen.camera.sensor_files import read_sensor_file_text
+    from saf_gen.camera.sensor_files import sensor_text
 
-    out.file.write(escape_controls(read_sensor_file_text(name), keep="\n\t"))
+    out.file.write(escape_controls(sensor_text(name), keep="\n\t"))
 
 
 def check_sensor_command(file: Annotated[Path, typer.Argument(help="Sensor file (.yaml).")]) -> None:
     """Check keys, units and ranges of a sensor file, and report each number that is unlikely or has no effect."""
     from saf_gen.camera import get_sensor
-    from saf_gen.camera.sensor_files import find_implausible_sensor_keys
+    from saf_gen.camera.sensor_files import implausible_keys
 
     sensor = get_sensor(file if is_preset_file(file) else str(file))
-    found = list(find_implausible_sensor_keys(sensor))
+    found = list(implausible_keys(sensor))
     for line in found:
         out.print(f"unlikely: {line}", style="yellow", soft_wrap=True)
     out.print(f"{sensor.name} is a sensor" + (f", with {len(found)} unlikely numbers" if found else ""))
@@ -74,11 +74,7 @@ def compare_command(
     Two sensors get the same even light, no light, and moving bars of light. A sensor that is compared with a recording
     gets the light that the recording shows, smoothed.
     """
-    from saf_gen.calibration.comparison import (
-        compare_recording_statistics,
-        published_sensor_statistics,
-        sensor_statistics_as_published,
-    )
+    from saf_gen.calibration.comparison import as_published, compare_statistics, published_statistics
 
     compared = names or []
     if len(compared) != (0 if published is not None else 2):
@@ -86,26 +82,24 @@ def compare_command(
             f"{len(compared)} {'name is' if len(compared) == 1 else 'names are'} given",
             allowed="two names to compare, or --published SENSOR without names",
         )
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         if published is not None:
             from saf_gen.camera import get_sensor
 
-            real, sources = published_sensor_statistics()
-            modelled = sensor_statistics_as_published(
-                get_sensor(published), seed=seed, report=_reporter(bars, published)
-            )
+            real, sources = published_statistics()
+            modelled = as_published(get_sensor(published), seed=seed, report=_reporter(bars, published))
             columns, heads = [real, modelled], ["published", Path(published).stem]
         else:
             columns = _compared_statistics(compared, bars, mean_rate=mean_rate, layout=layout, rate=rate, seed=seed)
             heads, sources = [Path(name).name for name in compared], {}
-    rows = compare_recording_statistics(columns)
+    rows = compare_statistics(columns)
     if as_json:
         named = dict(zip(("a", "b"), heads, strict=True))
         values = [
             {
                 "key": row.key,
                 "statistic": row.label,
-                **{k: finite_value_to_print(v) for k, v in zip("ab", row.values, strict=True)},
+                **{k: finite_value(v) for k, v in zip("ab", row.values, strict=True)},
             }
             for row in rows
         ]
@@ -139,14 +133,14 @@ def fit_command(
 
     A single recording of any scene, without --dark, gives bounds and no file.
     """
-    from saf_gen.calibration.fit_files import write_sensor_fit
+    from saf_gen.calibration.fit_files import write_fit
     from saf_gen.calibration.fit_sensor import fit_sensor
-    from saf_gen.calibration.recordings import open_calibration_recording
+    from saf_gen.calibration.recordings import open_recording
     from saf_gen.camera import get_sensor
-    from saf_gen.core.files import check_folder_writable
+    from saf_gen.core.files import check_writable
 
     base_sensor, target = get_sensor(base), folder or Path()
-    check_folder_writable(target)
+    check_writable(target)
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", name):
         raise BadInput(f"--name is {name!r}", allowed="letters, digits, _, . and -: it names files")
     if threshold_e is not None and not threshold_e >= 25:
@@ -157,12 +151,12 @@ def fit_command(
             allowed="--dark FILE",
             hint="record with the lens covered; one recording alone gives bounds",
         )
-    with ExitStack() as stack, print_progress_bars() as bars:
-        opened = [stack.enter_context(open_calibration_recording(f, layout=layout, readout_hz=rate)) for f in flats]
+    with ExitStack() as stack, progress_bars() as bars:
+        opened = [stack.enter_context(open_recording(f, layout=layout, readout_hz=rate)) for f in flats]
         if dark is None:
             _print_bounds(opened[0], _reporter(bars, "fit"))
             return
-        dark_recording = stack.enter_context(open_calibration_recording(dark, layout=layout, readout_hz=rate))
+        dark_recording = stack.enter_context(open_recording(dark, layout=layout, readout_hz=rate))
         found = fit_sensor(
             list(opened),
             dark_recording,
@@ -171,7 +165,7 @@ def fit_command(
             threshold_e=threshold_e,
             report=_reporter(bars, "fit"),
         )
-        written = write_sensor_fit(found, target)
+        written = write_fit(found, target)
     _print_estimates(found.estimates, f"sensor {name}")
     for note in found.notes:
         out.print(f"note: {note}", soft_wrap=True)
@@ -185,11 +179,11 @@ def fit_command(
 
 def _print_bounds(recording: "Recording", report: "Report") -> None:
     """Print the bounds that a single recording of any scene gives."""
-    from saf_gen.calibration.bounds import fit_bounds_of_sensor
-    from saf_gen.calibration.spike_statistics import measure_spike_statistics
+    from saf_gen.calibration.bounds import noise_bounds
+    from saf_gen.calibration.spike_statistics import measure_spikes
 
-    measured = measure_spike_statistics(recording, report=lambda done: report(recording.name, done))
-    _print_estimates(fit_bounds_of_sensor(measured, where=recording.name), f"bounds from {recording.name}")
+    measured = measure_spikes(recording, report=lambda done: report(recording.name, done))
+    _print_estimates(noise_bounds(measured, where=recording.name), f"bounds from {recording.name}")
     out.print(
         "note: without a dark recording and flat fields of two levels, only bounds are known, and no file is written"
     )
@@ -197,13 +191,13 @@ def _print_bounds(recording: "Recording", report: "Report") -> None:
 
 def _print_estimates(estimates: "dict[str, Estimate]", title: str) -> None:
     """Print numbers with their intervals as a table."""
-    from saf_gen.calibration.fit_files import format_fitted_interval, format_fitted_number
+    from saf_gen.calibration.fit_files import fitted_interval, fitted_number
 
     rows = [
         [
             key,
-            format_fitted_number(found.value, found.high - found.low) if found.measured else "–",
-            format_fitted_interval(found),
+            fitted_number(found.value, found.high - found.low) if found.measured else "–",
+            fitted_interval(found),
             found.how,
         ]
         for key, found in estimates.items()
@@ -216,8 +210,8 @@ def _compared_statistics(
     names: list[str], bars: Progress, *, mean_rate: float, layout: str, rate: float, seed: int
 ) -> list["Figures"]:
     """Return the statistics of each sensor or recording in ``names``, in that order."""
-    from saf_gen.calibration.comparison import encode_again_for_statistics, recording_statistics, sensor_statistics
-    from saf_gen.calibration.recordings import open_calibration_recording
+    from saf_gen.calibration.comparison import encode_again, recording_statistics, sensor_statistics
+    from saf_gen.calibration.recordings import open_recording
     from saf_gen.camera import get_sensor, sensor_names
 
     sensors = {name: get_sensor(name) for name in names if is_preset_file(name) or name in sensor_names()}
@@ -230,16 +224,14 @@ def _compared_statistics(
         ]
     with ExitStack() as stack:
         recordings = {
-            name: stack.enter_context(open_calibration_recording(name, layout=layout, readout_hz=rate))
+            name: stack.enter_context(open_recording(name, layout=layout, readout_hz=rate))
             for name in names
             if name not in sensors
         }
         shown = next(iter(recordings.values()))
         return [
             recording_statistics(
-                recordings[name]
-                if name in recordings
-                else encode_again_for_statistics(shown, sensors[name], seed=seed),
+                recordings[name] if name in recordings else encode_again(shown, sensors[name], seed=seed),
                 report=_reporter(bars, name),
             )
             for name in names

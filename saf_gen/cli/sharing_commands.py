@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from saf_gen.cli._terminal import OutFolder, err, out, print_progress_bars
+from saf_gen.cli._terminal import OutFolder, err, out, progress_bars
 
 
 def pack_command(
@@ -26,7 +26,7 @@ def pack_command(
     """Pack a dataset for publication, into tar shards with an index of digests."""
     from saf_gen.stream.sharing import pack_dataset
 
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         task = bars.add_task("pack", total=1.0)
         packed = pack_dataset(
             dataset,
@@ -55,7 +55,7 @@ def fetch_command(
     """Fetch a packed dataset, check every file and unpack it, or resume a fetch that was stopped."""
     from saf_gen.stream.sharing import fetch_dataset
 
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         task = bars.add_task("fetch", total=1.0)
         target, index = fetch_dataset(
             source,

@@ -63,7 +63,7 @@ def import_command(
         if key is not None:
             raise BadInput(f"--key {key} is given for a raw file", where=str(file), allowed="with .npz and .mat files")
         guessed = _guess_layout(file)
-        kind = (guessed or interop.sniff_imported_layout(file)) if layout == "auto" else layout
+        kind = (guessed or interop.sniff_layout(file)) if layout == "auto" else layout
         count = interop.count_raw_frames(file, kind, frames=frames)
         fields = _read_lens_log_and_truth(count, rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
         fields |= _read_light(light, count, rate=rate)
@@ -102,14 +102,14 @@ def _read_lens_log_and_truth(
     frames: int, *, rate: float, focus: Path | None, truth: str | None, depth_of_focus: tuple[float, float] | None
 ) -> dict[str, Any]:
     """Return the fields of a stream that follow from a lens log and a true focus."""
-    from saf_gen.stream.interop import import_lens_log, import_truth_from_text
+    from saf_gen.stream.interop import import_lens_log, truth_from_text
 
     fields: dict[str, Any] = {}
     if focus is not None:
         fields["focus_position"] = import_lens_log(focus, frames=frames, readout_hz=rate)
     if truth is not None:
         lens = fields.get("focus_position")
-        fields["truth"] = import_truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus)
+        fields["truth"] = truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus)
     elif depth_of_focus is not None:
         raise BadInput("--depth-of-focus is given without --truth", hint="add the position of best focus")
     return fields
@@ -126,10 +126,10 @@ def _read_light(light: Path | None, frames: int, *, rate: float) -> dict[str, An
 
 def _guess_layout(file: Path) -> str | None:
     """Return the layout that a file seems to have, or None if it is unclear; the import then reports the reason."""
-    from saf_gen.stream.interop import sniff_imported_layout
+    from saf_gen.stream.interop import sniff_layout
 
     try:
-        return sniff_imported_layout(file)
+        return sniff_layout(file)
     except BadInput:
         return None
 
@@ -155,15 +155,11 @@ def encode_command(
 ) -> None:
     """Turn pictures into spikes with the model of a sensor, cross-fading light from each picture to the next."""
     from saf_gen.camera import get_sensor
-    from saf_gen.stream.interop.encode_pictures import (
-        SLOW_READOUTS,
-        encode_pictures_as_stream,
-        prepare_stream_of_pictures,
-    )
-    from saf_gen.stream.interop.picture_frames import open_imported_pictures
+    from saf_gen.stream.interop.encode_pictures import SLOW_READOUTS, encode_pictures, prepare_pictures
+    from saf_gen.stream.interop.picture_frames import open_pictures
 
-    source = open_imported_pictures(pictures, linear=linear, key=key)
-    plan = prepare_stream_of_pictures(source, get_sensor(sensor), rate_hz=rate, mean_rate=mean_rate, frames=frames)
+    source = open_pictures(pictures, linear=linear, key=key)
+    plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate, mean_rate=mean_rate, frames=frames)
     hz = plan.sensor.readout_hz
     fields = _read_lens_log_and_truth(plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
     if plan.count > 1 and plan.readouts_per_picture > SLOW_READOUTS:
@@ -171,7 +167,7 @@ def encode_command(
             f"{plan.readouts_per_picture:.0f} readouts per picture: moving objects fade from one position to the next, "
             "and a focus between two pictures is a mixture of both, not physics"
         )
-    encode_pictures_as_stream(plan, target, seed=seed, **fields)
+    encode_pictures(plan, target, seed=seed, **fields)
     values = "linear light" if linear else "sRGB decoded"
     _print_written_stream(target, f"from {plan.count} pictures at {plan.rate_hz:g} Hz, {values}")
 
@@ -210,9 +206,9 @@ def index_command(
     split: Annotated[str, typer.Option(help="Split of the streams that are directly in the folder.")] = "test",
 ) -> None:
     """Write a manifest for a folder of streams, which makes it a dataset for `saf-gen evaluate`."""
-    from saf_gen.stream.dataset_index import index_streams_of_folder
+    from saf_gen.stream.dataset import index_folder
 
-    manifest = index_streams_of_folder(folder, split=split)
+    manifest = index_folder(folder, split=split)
     out.print(
         f"{len(manifest.sequences)} sequences in splits {', '.join(manifest.splits)}; next: saf-gen evaluate {folder}"
     )
@@ -222,11 +218,11 @@ def inspect_command(
     stream: Annotated[Path, typer.Argument(help="Stream file, or s3://BUCKET/NAME.")], *, as_json: AsJson = False
 ) -> None:
     """Describe the content of a stream (length, rates, light, lens, true focus) and how it was made."""
-    from saf_gen.stream.description import describe_stream_content, describe_stream_provenance
+    from saf_gen.stream.description import describe_content, describe_provenance
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:
-        content, provenance = describe_stream_content(opened), describe_stream_provenance(opened)
+        content, provenance = describe_content(opened), describe_provenance(opened)
     columns = TableColumn(""), TableColumn("", folds=True)
     if as_json:
         print_table(columns, [*content.items(), *provenance.items()], as_json=True)

@@ -53,13 +53,13 @@ def submissions_page_command(
 
     The command writes index.html and submissions.md into the folder, unless --out names another one.
     """
-    from saf_gen.core.files import check_folder_writable
+    from saf_gen.core.files import check_writable
     from saf_gen.leaderboard.report.submissions_page import write_submissions_page
     from saf_gen.leaderboard.submission import list_submissions
 
     target = target or folder
     listed = list_submissions(folder)
-    check_folder_writable(target)
+    check_writable(target)
     for path in write_submissions_page(target, listed, source=folder):
         out.print(str(path), soft_wrap=True)
     for submission in listed.submissions:

@@ -6,15 +6,8 @@ from typing import Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard
-from saf_gen.cli._terminal import ClusterAddress, err, make_terminal_reporter, out, print_progress_bars
-from saf_gen.cli.evaluate_commands import (
-    ActuatorName,
-    BudgetMs,
-    SweepMs,
-    Track,
-    print_kept_results,
-    protocol_from_command_options,
-)
+from saf_gen.cli._terminal import ClusterAddress, err, out, progress_bars, terminal_reporter
+from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, Track, print_kept, protocol_from_options
 from saf_gen.errors import BadInput
 
 
@@ -36,8 +29,8 @@ def tune_command(
 ) -> None:
     """Evaluate every combination of values on a split, and write the best one; `@FILE` then names this method."""
     from saf_gen.benchmark.kept_sequences import KeptSequences
-    from saf_gen.benchmark.tuned_method import format_tuned_method
-    from saf_gen.core.files import check_folder_writable, write_atomically
+    from saf_gen.benchmark.tuned_method import format_tuned
+    from saf_gen.core.files import atomic_file, check_writable
     from saf_gen.leaderboard.tuning import tune_method as run
 
     values: dict[str, list[str]] = {}
@@ -46,25 +39,25 @@ def tune_command(
         if not equals or key in values:
             raise BadInput(f"--try is {text!r}", allowed="KEY=VALUE,VALUE,..., with each key once")
         values[key] = rest.split(",")
-    check_folder_writable(file.parent)
+    check_writable(file.parent)
     kept = KeptSequences(file.with_name(f".{file.name}.unfinished"))
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         tuned, rows = run(
             dataset,
             method,
             values=values,
             split=split,
             region=region,
-            protocol=protocol_from_command_options(track, actuator=actuator, budget=budget, sweep=sweep),
-            progress=make_terminal_reporter("tune", bars),
+            protocol=protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep),
+            progress=terminal_reporter("tune", bars),
             keep=kept,
             cluster=cluster,
             notify=err.print,
         )
-    print_kept_results(kept)
+    print_kept(kept)
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
-    with write_atomically(file) as part:
-        part.write_text(format_tuned_method(tuned), encoding="utf-8")
+    with atomic_file(file) as part:
+        part.write_text(format_tuned(tuned), encoding="utf-8")
     kept.remove()
     out.print(f"best: {tuned.method}", soft_wrap=True)
     out.print(f"{file}   (next: saf-gen evaluate {dataset} --method @{file})", soft_wrap=True)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import AsJson, make_terminal_reporter, out, print_error, print_progress_bars
+from saf_gen.cli._terminal import AsJson, out, print_error, progress_bars, terminal_reporter
 
 
 def validate_command(
@@ -29,8 +29,8 @@ def validate_command(
 
     checks = choose_validation_checks(only or [])
     require_extra("render", *RENDERER, of="rendering")
-    with print_progress_bars() as bars:
-        verdicts = run_validation_checks(checks, folder, quick=quick, report=make_terminal_reporter("validate", bars))
+    with progress_bars() as bars:
+        verdicts = run_validation_checks(checks, folder, quick=quick, report=terminal_reporter("validate", bars))
     page = write_validation_page(checks, verdicts, folder=folder, quick=quick)
     if as_json:
         print_json([v.as_dict() for v in verdicts])

@@ -29,7 +29,7 @@ def _add_counts(planes, first, stop, counts):
                 counts[y, x] += np.uint32((v + (v >> np.uint8(4))) & np.uint8(0x0F))
 
 
-def sum_bits_of_planes(planes: np.ndarray, counts: np.ndarray, *, first: int, stop: int) -> None:
+def sum_planes(planes: np.ndarray, counts: np.ndarray, *, first: int, stop: int) -> None:
     """Add the spikes in frames ``first <= t < stop`` of ``planes`` (bytes, h, w) to ``counts``, uint32 (h, w)."""
     if stop > first:
         _add_counts(planes, first, stop, counts)
@@ -57,7 +57,7 @@ def _add_train_counts(words, width, firsts, stops, counts):
                 counts[k, y, x] += total
 
 
-def sum_bits_of_trains(trains: np.ndarray, counts: np.ndarray, *, firsts: np.ndarray, stops: np.ndarray) -> None:
+def sum_trains(trains: np.ndarray, counts: np.ndarray, *, firsts: np.ndarray, stops: np.ndarray) -> None:
     """Add the spikes in windows of the time-packed ``trains``, uint8 (h, w, bytes), to ``counts`` (windows, h, w).
 
     Window k is ``firsts[k] <= t < stops[k]``, int64, and is not empty. All windows of a pixel are counted before the
@@ -127,7 +127,7 @@ def _transpose(rows, trains):
                 trains[8 * c + i, b] = np.uint8(word >> np.uint64(8 * i) & np.uint64(255))
 
 
-def transpose_bits_to_trains(rows: np.ndarray) -> np.ndarray:
+def to_trains(rows: np.ndarray) -> np.ndarray:
     """Return the transpose of a bit matrix uint8 (n, B) as uint8 (8 B, ceil(n/8)), least significant bit first.
 
     Row t of ``rows`` is one frame of a file of another program; row p of the result is bit p of all frames over time.
@@ -137,10 +137,10 @@ def transpose_bits_to_trains(rows: np.ndarray) -> np.ndarray:
     return trains
 
 
-def transpose_bits_to_frames(trains: np.ndarray, count: int) -> np.ndarray:
+def to_frames(trains: np.ndarray, count: int) -> np.ndarray:
     """Return the first ``count`` frames, uint8 (count, B), of spike trains, uint8 (8 B, bytes).
 
-    This is the inverse of :func:`transpose_bits_to_trains`.
+    This is the inverse of :func:`to_trains`.
     """
     frames = np.empty((8 * trains.shape[1], trains.shape[0] // 8), np.uint8)
     _transpose(trains, frames)

@@ -16,7 +16,7 @@ from saf_gen.errors import BadInput, closest
 MAX_TABLE_BYTES = 4 << 20  # every file of the dataset contains a copy
 
 
-def read_text_in_folder(folder: str | Path, name: str, *, where: str = "") -> str:
+def read_text_in(folder: str | Path, name: str, *, where: str = "") -> str:
     """Return the text of the file ``name`` in ``folder`` or one of its subfolders.
 
     ``where`` is the file and line in which the name was found. Raises BadInput if the path leads out of the folder,
@@ -53,19 +53,19 @@ def read_text_in_folder(folder: str | Path, name: str, *, where: str = "") -> st
         raise BadInput(f"{name!r} cannot be read: {error}", where=where) from error
 
 
-def parse_csv_table(file: object, names: tuple[str, ...]) -> tuple[np.ndarray, ...]:
+def parse_csv(file: object, names: tuple[str, ...]) -> tuple[np.ndarray, ...]:
     """Return the columns of a table that a recipe holds as ``{"path": ..., "text": ...}``.
 
-    Raises BadInput if ``file`` is anything else, or if :func:`parse_csv_columns` refuses the text.
+    Raises BadInput if ``file`` is anything else, or if :func:`parse_columns` refuses the text.
     """
     if not (isinstance(file, Mapping) and set(file) == {"path", "text"}):
         allowed = "the path of a CSV file in a recipe; elsewhere {'path': ..., 'text': ...}"
         raise BadInput(f"file is {file!r}", allowed=allowed)
-    return parse_csv_columns(file["text"], names, name=file["path"])
+    return parse_columns(file["text"], names, name=file["path"])
 
 
 @lru_cache(maxsize=64)
-def parse_csv_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.ndarray, ...]:
+def parse_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.ndarray, ...]:
     """Return the columns of a CSV text as read-only arrays, float64 (N,) each; the first one rises from row to row.
 
     The first line contains the ``names``, in order. Empty lines and lines that begin with # are skipped. ``name`` is

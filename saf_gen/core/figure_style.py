@@ -92,7 +92,7 @@ class PlotStyle:
         return Line2D([], [], **{**line, "ms": 5, "mec": PAPER, "mew": 0.5, **options})
 
 
-def assign_plot_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
+def assign_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
     """Return a style for each name, in their order; there are MAX_MEASURES colours and MAX_MEASURES² styles."""
     styles = {}
     for i, name in enumerate(dict.fromkeys(names)):
@@ -112,7 +112,7 @@ def use_plot_style(style: dict[Any, Any] = STYLE) -> Iterator[None]:
         yield
 
 
-def hide_plot_spines(axes: Axes, *sides: str) -> None:
+def hide_spines(axes: Axes, *sides: str) -> None:
     """Hide these sides of the frame around the axes, such as "top"."""
     for side in sides:
         axes.spines[side].set_visible(False)

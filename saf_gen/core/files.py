@@ -30,7 +30,7 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 @contextmanager
-def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield the path of a temporary file next to ``path``, which is synced to disk and renamed to ``path`` at the end.
 
     A missing folder is created. If an exception is raised, the temporary file is removed and an older ``path`` remains.
@@ -40,7 +40,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     final = Path(path)
     check_on_disk(final)
-    part = temporary_file_name(final)
+    part = temporary_name(final)
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers_once(final.parent)
@@ -49,18 +49,18 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             os.fsync(written.fileno())
         rename_durably(part, final)
     except OSError as error:
-        raise unwritable_file_error(final, error) from error
+        raise unwritable(final, error) from error
     finally:
         with suppress(OSError):  # it is already removed, or its parent is not a folder
             part.unlink(missing_ok=True)
 
 
-def file_name_as_text(name: str) -> str:
+def name_as_text(name: str) -> str:
     """Return a file name as text that can be written to a file: bytes that are not UTF-8 become escapes."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
-def sha256_of_file(path: Path) -> str:
+def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file; raise BadInput if it cannot be read."""
     try:
         with path.open("rb") as file:
@@ -69,14 +69,14 @@ def sha256_of_file(path: Path) -> str:
         raise BadInput(f"cannot be read: {error.strerror}", where=str(path)) from error
 
 
-def write_text_atomically(path: str | os.PathLike[str], text: str) -> None:
-    """Write a UTF-8 text file completely or not at all; raise BadInput as :func:`write_atomically` does."""
-    with write_atomically(path) as part:
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a UTF-8 text file completely or not at all; raise BadInput as :func:`atomic_file` does."""
+    with atomic_file(path) as part:
         part.write_text(text, encoding="utf-8")
 
 
 @contextmanager
-def write_folder_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
+def write_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary folder next to ``path`` to fill, which is renamed to ``path`` at the end.
 
     ``path`` must not exist or must be an empty folder. Raises BadInput if the disk is full or a folder cannot be
@@ -88,16 +88,16 @@ def write_folder_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             yield part
             rename_durably(part, final)
     except OSError as error:
-        raise unwritable_file_error(final, error) from error
+        raise unwritable(final, error) from error
 
 
 @contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
     """Yield a new folder with a temporary name next to ``path``; it is removed at the end."""
     check_on_disk(path)
-    part = temporary_file_name(path)
+    part = temporary_name(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    remove_leftover_files(path.parent)
+    remove_leftovers(path.parent)
     part.mkdir()
     try:
         yield part
@@ -130,14 +130,14 @@ def _nearest_existing(folder: Path) -> Path:
     return next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
 
 
-def check_folder_writable(folder: Path) -> None:
+def check_writable(folder: Path) -> None:
     """Raise BadInput if ``folder`` could not be created or written to; nothing is created."""
     check_on_disk(folder)
     existing = _nearest_existing(folder)
     if not existing.is_dir():
-        raise unwritable_file_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(existing)))
+        raise unwritable(folder, NotADirectoryError(errno.ENOTDIR, "", str(existing)))
     if not os.access(existing, os.W_OK):
-        raise unwritable_file_error(folder, PermissionError(errno.EACCES, "", str(existing)))
+        raise unwritable(folder, PermissionError(errno.EACCES, "", str(existing)))
 
 
 def check_file_system(folder: Path) -> None:
@@ -146,7 +146,7 @@ def check_file_system(folder: Path) -> None:
     Some file systems on a network or an object store cannot do this, and half-written files would be mistaken for
     complete ones. The check writes two small files and removes them.
     """
-    new, old = temporary_file_name(folder / "new"), temporary_file_name(folder / "old")
+    new, old = temporary_name(folder / "new"), temporary_name(folder / "old")
     step = ""
     try:
         old.write_bytes(b"old")
@@ -164,7 +164,7 @@ def check_file_system(folder: Path) -> None:
             raise OSError(errno.EIO, "")
     except OSError as error:
         if not step:
-            raise unwritable_file_error(folder, error) from error
+            raise unwritable(folder, error) from error
         raise BadInput(
             f"the file system of {folder} cannot {step}: {os.strerror(error.errno or errno.EIO)}",
             allowed="a file system with atomic renaming, such as ext4, XFS, NFS, Lustre or BeeGFS",
@@ -184,7 +184,7 @@ def _lock_like_hdf5(file: int) -> None:
             raise
 
 
-def unwritable_file_error(path: Path, error: OSError) -> BadInput:
+def unwritable(path: Path, error: OSError) -> BadInput:
     """Return the error for a file that cannot be written; it shows final names in place of temporary ones."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
@@ -193,13 +193,13 @@ def unwritable_file_error(path: Path, error: OSError) -> BadInput:
     return BadInput(f"{Path(*names)} cannot be written: {reason}", hint=hint)
 
 
-def undeletable_file_error(path: Path, error: OSError) -> BadInput:
+def undeletable(path: Path, error: OSError) -> BadInput:
     """Return the error for a folder in which files cannot be deleted."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     return BadInput(f"files in {path} cannot be deleted: {reason}", hint="change its permissions")
 
 
-def remove_leftover_files(folder: Path, *, recursive: bool = False) -> None:
+def remove_leftovers(folder: Path, *, recursive: bool = False) -> None:
     """Remove temporary files and folders of ended processes in ``folder`` and, with ``recursive``, below it.
 
     Those of another machine are removed if they have not changed for ABANDONED_S seconds.
@@ -216,7 +216,7 @@ def remove_leftover_files(folder: Path, *, recursive: bool = False) -> None:
 
 @cache
 def _remove_leftovers_once(folder: Path) -> None:
-    remove_leftover_files(folder)
+    remove_leftovers(folder)
 
 
 def _is_leftover(part: Path) -> bool:
@@ -228,7 +228,7 @@ def _is_leftover(part: Path) -> bool:
     return not _is_running(int(found["pid"]))
 
 
-def temporary_file_name(final: Path) -> Path:
+def temporary_name(final: Path) -> Path:
     """Return a new name next to ``final`` that identifies this process; a file left under it is removed later."""
     # The token distinguishes containers with equal names and process ids, and shards that render the same stack.
     return final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_machine()}.{os.getpid()}.part")

@@ -10,7 +10,7 @@ from collections.abc import Container
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from saf_gen.core.files import ABANDONED_S, temporary_file_name, write_atomically
+from saf_gen.core.files import ABANDONED_S, atomic_file, temporary_name
 from saf_gen.core.object_store import LARGEST_RANGE, StorePath
 from saf_gen.errors import BadInput
 
@@ -18,11 +18,11 @@ PART_BYTES = 50 << 20
 """Size of a part, in bytes; an object of at least twice this size is uploaded in parts."""
 
 
-def check_store_writable(folder: StorePath) -> None:
+def check_store(folder: StorePath) -> None:
     """Raise BadInput unless a small object can be written to a folder, read back and deleted."""
     if folder.is_file():
         raise BadInput("this is an object", where=str(folder), allowed="a folder")
-    probe = folder / temporary_file_name(Path("probe")).name
+    probe = folder / temporary_name(Path("probe")).name
     with probe.report_problems():
         files = probe.file_system()
         files.pipe_file(probe.key, b"probe")
@@ -63,7 +63,7 @@ def upload_file(file: Path, target: StorePath) -> None:
 
 def download_file(source: StorePath, file: Path) -> None:
     """Download an object to a file, completely or not at all; raise BadInput if the object cannot be read."""
-    with write_atomically(file) as part, source.report_problems():
+    with atomic_file(file) as part, source.report_problems():
         source.file_system().get_file(source.key, str(part))
 
 
@@ -85,7 +85,7 @@ def _has_same_content(file: Path, target: StorePath) -> bool:
         return not remote.read(1)
 
 
-def abort_unfinished_uploads(folder: StorePath, *, own_names: Container[str]) -> tuple[int, int]:
+def abort_uploads(folder: StorePath, *, own_names: Container[str]) -> tuple[int, int]:
     """Abort uploads in parts that a killed run left below a folder, because a store keeps and charges for the parts.
 
     ``own_names`` are the names of the objects that only this run writes; uploads of other objects are aborted after a

@@ -53,7 +53,7 @@ def region_shape(region: Region) -> tuple[int, int]:
     return region[0].stop - region[0].start, region[1].stop - region[1].start
 
 
-def mask_bounding_box(target: np.ndarray) -> Region:
+def bounding_box(target: np.ndarray) -> Region:
     """Return the bounding box of a target mask, bool (H, W); raise BadInput if it marks no pixel."""
     mask = np.asarray(target, dtype=bool)
     if mask.ndim != 2 or not mask.any():

@@ -5,7 +5,7 @@ import os
 import secrets
 from pathlib import Path
 
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import atomic_file
 from saf_gen.errors import BadInput
 
 _SECRET_BYTES = 32
@@ -31,7 +31,7 @@ def sign_as_user(data: bytes) -> bytes | None:
     return None if secret is None else hmac.digest(secret, data, "sha256")
 
 
-def is_signed_by_user(data: bytes, signature: bytes) -> bool:
+def is_signed(data: bytes, signature: bytes) -> bool:
     """Return whether ``signature`` is this user's signature of the data."""
     expected = sign_as_user(data)
     return expected is not None and hmac.compare_digest(expected, signature)
@@ -45,7 +45,7 @@ def _secret() -> bytes | None:
     path = folder / "secret"
     try:
         if not path.is_file() or path.stat().st_size != _SECRET_BYTES:
-            with write_atomically(path) as part:
+            with atomic_file(path) as part:
                 part.touch(mode=0o600)
                 part.write_bytes(secrets.token_bytes(_SECRET_BYTES))
         return path.read_bytes()

@@ -8,7 +8,7 @@ from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import ResolvedRecipe
 
 
-def digest_resolved_recipe(resolved: ResolvedRecipe) -> str:
+def recipe_digest(resolved: ResolvedRecipe) -> str:
     """Return the SHA-256 of everything that determines the spikes of a recipe, in every split.
 
     It covers the recipe, the members and files of its scenes, the sensor, and the versions of the models of lens, light
@@ -22,7 +22,7 @@ def digest_resolved_recipe(resolved: ResolvedRecipe) -> str:
     return hashlib.sha256(json.dumps([resolved.recipe.name, decisive]).encode()).hexdigest()
 
 
-def name_generated_benchmark(resolved: ResolvedRecipe) -> str:
+def benchmark_name(resolved: ResolvedRecipe) -> str:
     """Return the name and digest of a recipe's frozen benchmark, as streams store them; '' if it has no such benchmark.
 
     Raises BadInput if the recipe has the name of a frozen benchmark but would give different spikes.
@@ -31,7 +31,7 @@ def name_generated_benchmark(resolved: ResolvedRecipe) -> str:
     frozen = read_frozen_digests().get(name)
     if frozen is None:
         return ""
-    digest = digest_resolved_recipe(resolved)
+    digest = recipe_digest(resolved)
     if digest != frozen.digest:
         raise BadInput(
             f"the benchmark {name!r} is frozen, but this recipe would give different spikes: digest {digest:.12}…",

@@ -11,7 +11,7 @@ MIN_POSITIONS = 2.0
 focus. Recipes that come with saf_gen have 3.6 to 10.5."""
 
 
-def find_coarse_recipe_sampling(resolved: ResolvedRecipe) -> list[str]:
+def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
     """Return a line for each scene with too few focus positions, or with fewer time slices than its card states."""
     return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved)]
 

@@ -92,12 +92,12 @@ def read_rates_for_plan(path: str | Path) -> MachineRates:
     return MachineRates(**rates)
 
 
-def plan_stack_bytes(specs: Iterable[StackSpec]) -> int:
+def bytes_of_stacks(specs: Iterable[StackSpec]) -> int:
     """Return the approximate disk space of stacks, including their depth maps and targets, in bytes."""
     return sum(map(_stored_bytes, specs))
 
 
-def plan_stream_bytes(pixel_frames: float) -> int:
+def bytes_of_streams(pixel_frames: float) -> int:
     """Return the approximate disk space of streams with this many pixels times frames, in bytes."""
     return int(pixel_frames * STREAM_BITS_PER_PIXEL_FRAME / 8)
 

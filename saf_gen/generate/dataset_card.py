@@ -6,19 +6,13 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from saf_gen.core.config.ranges import config_range_extremes, is_config_range
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.config.ranges import is_range, range_extremes
+from saf_gen.core.files import write_text
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.generate.recipe import Recipe
 from saf_gen.scene.scene_folder import SceneCard
 from saf_gen.stream.manifest import Manifest
-from saf_gen.stream.sharing.croissant import (
-    SYNTHETIC,
-    DatasetFacts,
-    front_matter_for_sharing,
-    read_licences_for_croissant,
-    write_croissant,
-)
+from saf_gen.stream.sharing.croissant import SYNTHETIC, DatasetFacts, front_matter, read_licences, write_croissant
 
 PAGE = Template("""# $name: spike-camera autofocus data
 
@@ -58,14 +52,14 @@ To evaluate focus methods on it, from this folder: `saf-gen evaluate .`; to publ
 
 def _describe_motion(motion: dict[str, Any]) -> str:
     """Return a lens motion as Markdown, such as `hand` (bandwidth_hz 10, seed 3)."""
-    if is_config_range(motion):
-        return " or ".join(_describe_motion(one) for one in config_range_extremes(motion))
+    if is_range(motion):
+        return " or ".join(_describe_motion(one) for one in range_extremes(motion))
     options = ", ".join(f"{key} {_describe_value(value)}" for key, value in motion.items() if key != "kind")
     return f"`{motion['kind']}`" + (f" ({escape_markdown(options)})" if options else "")
 
 
 def _describe_value(value: Any) -> str:
-    if is_config_range(value):
+    if is_range(value):
         ((form, among),) = value.items()
         return f"{form} {', '.join(_describe_value(one) for one in among)}"
     return value["path"] if isinstance(value, dict) else str(value)
@@ -76,12 +70,10 @@ def _describe_scene(card: SceneCard) -> str:
     return f"- `{card.id}`: {escape_markdown(f'{card.title}. Licence {licence}.')}"
 
 
-def write_generated_dataset_card(
-    folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]
-) -> None:
+def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]) -> None:
     """Write README.md and croissant.json to a dataset folder that has its manifest, each completely or not at all."""
     cards = list(scenes)
-    licences = read_licences_for_croissant(card.licence for card in cards)
+    licences = read_licences(card.licence for card in cards)
     splits = Counter(entry.split for entry in manifest.sequences)
     text = PAGE.substitute(
         name=recipe.name,
@@ -97,8 +89,8 @@ def write_generated_dataset_card(
         scenes="\n".join(map(_describe_scene, cards)),
         example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
-    matter = front_matter_for_sharing(manifest, licences, pattern="{split}/*.h5")
-    write_text_atomically(folder / "README.md", matter + text)
+    matter = front_matter(manifest, licences, pattern="{split}/*.h5")
+    write_text(folder / "README.md", matter + text)
     described = (
         f"Spike-camera autofocus data, rendered and simulated: {len(manifest.sequences)} sequences of "
         f"{recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "

@@ -6,12 +6,12 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
 
 
-def has_generated_recording(path: Path, fingerprint: str) -> bool:
+def has_recording(path: Path, fingerprint: str) -> bool:
     """Return whether ``path`` is a stream with this fingerprint; its spikes are not read."""
     return _stored_digest(path, fingerprint, verify=False) is not None
 
 
-def digest_generated_recording(path: Path, fingerprint: str) -> str | None:
+def recording_digest(path: Path, fingerprint: str) -> str | None:
     """Return the content_sha256 of a stream, or None if it has another fingerprint or is missing or damaged.
 
     All spikes are read.

@@ -18,14 +18,14 @@ KEEP_SLICES = ("all", "closed-loop", "none")
 """Time slices to keep: all; those that a closed-loop run needs; or none, in which case none are rendered for it."""
 
 
-def validate_generated_slices_kept(keep_slices: str) -> str:
+def validate_keep_slices(keep_slices: str) -> str:
     """Return ``keep_slices``; raise BadInput if it is not one of KEEP_SLICES."""
     if keep_slices not in KEEP_SLICES:
         raise unknown("choice of time slices to keep:", keep_slices, allowed=KEEP_SLICES)
     return keep_slices
 
 
-def find_stacks_to_generate(
+def stacks_to_generate(
     resolved: ResolvedRecipe, folder: Path, *, keep_slices: str
 ) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
     """Return the stacks that lack pieces, or the measured grain that a recording needs, each with its sequences."""
@@ -56,7 +56,7 @@ class JobOrder:
     folder : Path
         The dataset folder.
     to_render : dict of TimeResolvedStack to list of ResolvedSequence
-        Result of :func:`find_stacks_to_generate`.
+        Result of :func:`stacks_to_generate`.
     recorder : Recorder
         Records the sequences.
     keep_slices : str

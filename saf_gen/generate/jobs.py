@@ -6,8 +6,8 @@ from typing import Any
 
 from saf_gen.core.cores import defer_interrupts, usable_cores
 from saf_gen.core.execution import ReportProgress
-from saf_gen.core.files import undeletable_file_error, unwritable_file_error
-from saf_gen.generate.finished_recordings import digest_generated_recording
+from saf_gen.core.files import undeletable, unwritable
+from saf_gen.generate.finished_recordings import recording_digest
 from saf_gen.generate.plan import PlannedSequence
 from saf_gen.generate.recorder import Recorder
 from saf_gen.scene.scene_folder import Scene
@@ -58,8 +58,8 @@ class RenderJob:
         return self.backend == "cuda"
 
     def run(self, report: ReportProgress) -> list[str]:
-        from saf_gen.render import render_missing_stacks  # so that only a process that renders loads Mitsuba
-        from saf_gen.render.second_render import measure_grain_by_second_render
+        from saf_gen.render import render_missing  # so that only a process that renders loads Mitsuba
+        from saf_gen.render.second_render import measure_by_repeat
 
         reported: set[str] = set()
 
@@ -73,14 +73,14 @@ class RenderJob:
 
         options: dict[str, Any] = {"root": self.stacks, "backend_name": self.backend}
         try:
-            pieces = render_missing_stacks(self.scene, self.time_stack.specs, **options, progress=progress)
+            pieces = render_missing(self.scene, self.time_stack.specs, **options, progress=progress)
             report_done()
             if self.measure_grain:
-                measure_grain_by_second_render(self.scene, self.time_stack.specs, **options, progress=progress)
+                measure_by_repeat(self.scene, self.time_stack.specs, **options, progress=progress)
                 report_done()
             return pieces
         except OSError as error:
-            raise unwritable_file_error(self.stacks, error) from error
+            raise unwritable(self.stacks, error) from error
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class RecordJob:
 
     def run(self, report: ReportProgress) -> RecordResult:
         report(self.name, 0.0)
-        digest = digest_generated_recording(self.path, self.fingerprint)
+        digest = recording_digest(self.path, self.fingerprint)
         kept = digest is not None
         if digest is None:
             if self.time_stack.is_moving and self.time_stack.find_missing(self.stacks):
@@ -145,7 +145,7 @@ class RecordJob:
                     progress=lambda done: report(self.name, COMPUTED_FRACTION * done),
                 )
             except OSError as error:
-                raise unwritable_file_error(self.path, error) from error
+                raise unwritable(self.path, error) from error
         report(self.name, 1.0)
         return RecordResult(digest, kept)
 
@@ -176,11 +176,11 @@ class DeleteJob:
     def run(self, report: ReportProgress) -> int:
         report(self.name, 0.0)
         freed, stores = 0, [StackStore(self.stacks, spec) for spec in self.specs]
-        if all(digest_generated_recording(path, fingerprint) for path, fingerprint in self.needed_by):
+        if all(recording_digest(path, fingerprint) for path, fingerprint in self.needed_by):
             try:
                 freed = sum(store.delete_pictures() if self.needed_by else store.delete() for store in stores)
             except OSError as error:
-                raise undeletable_file_error(self.stacks, error) from error
+                raise undeletable(self.stacks, error) from error
         report(self.name, 1.0)
         return freed
 
@@ -205,5 +205,5 @@ class ChooseBackendJob:
         with defer_interrupts():
             from saf_gen.render import backend  # loads Mitsuba, so only when something must be rendered
 
-        chosen = backend.choose_render_backend(self.requested)
+        chosen = backend.choose_backend(self.requested)
         return chosen, backend.can_render_waves(chosen)

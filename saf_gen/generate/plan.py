@@ -9,10 +9,10 @@ from typing import Any
 
 from saf_gen.core import seeds
 from saf_gen.core.config import components
-from saf_gen.core.config.ranges import config_range_extremes, draw_config_range, is_config_range, is_number
+from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.generate.recipe import Recipe
-from saf_gen.plugins.lights import draw_light_schedule
+from saf_gen.plugins.lights import draw_schedule
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class PlannedSequence:
         return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
 
 
-def make_recipe_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
+def plan_sequences(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
     """Return the sequences of a recipe, in the order of splits, scenes, static and dynamic, lights, repeats.
 
     ``families`` holds the scene families by scene; a scene that it lacks has no parameters, no motion and no
@@ -155,13 +155,9 @@ def _plan_sequence(
         light=light,
         repeat=repeat,
         seed=seeds.derive_seed(*stream, "camera"),
-        schedule=draw_light_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux),
-        motion=components.draw_config_component(
-            "motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)
-        ),
-        mean_rate=draw_config_range(
-            recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")
-        ),
+        schedule=draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux),
+        motion=components.draw_component("motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)),
+        mean_rate=draw_range(recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")),
     )
 
 
@@ -173,7 +169,7 @@ def _draw_params(recipe: Recipe, split: str, *, scene: str, family: SceneFamily,
             raise unknown(f"parameter of scene {scene!r}:", key, allowed=family.params)
         _check_fits(chosen[key], family.params[key], what=f"scene_params.{scene}.{key}")
     return {
-        key: draw_config_range(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))
+        key: draw_range(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))
         for key, value in {**family.params, **chosen}.items()
     }
 
@@ -185,11 +181,11 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
     with one of these. A number may be outside the range on the card, which the author merely draws from and has
     checked; the scene's ``build`` refuses numbers that it cannot build.
     """
-    if is_config_range(card) and "choice" in card:
+    if is_range(card) and "choice" in card:
         # Values are compared as text, because Python takes true for 1 and 3.0 for 3, but a scene's script may not.
         known = [json.dumps(one, ensure_ascii=False) for one in card["choice"]]
-        between = is_config_range(value) and "choice" not in value
-        for one in config_range_extremes(value):
+        between = is_range(value) and "choice" not in value
+        for one in range_extremes(value):
             text = json.dumps(one, ensure_ascii=False)
             if between or text not in known:
                 raise BadInput(
@@ -197,8 +193,8 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
                     allowed=f"{', '.join(known)}, as on the scene's card, or a choice among them",
                     nearest=closest(text, known).strip('"'),
                 )
-    elif is_config_range(card) or is_number(card):
-        for one in config_range_extremes(value):
+    elif is_range(card) or is_number(card):
+        for one in range_extremes(value):
             if not is_number(one):
                 raise BadInput(f"{what} is {one!r}", allowed="a number, as on the scene's card, or a range")
 

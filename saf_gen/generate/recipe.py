@@ -11,11 +11,11 @@ from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from saf_gen.core.config import components
 from saf_gen.core.config.document import FrozenModel, validate_document
-from saf_gen.core.config.ranges import check_config_parameter, config_range_extremes
+from saf_gen.core.config.ranges import check_parameter, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
-from saf_gen.generate.sealing import SealedSeed, open_sealed_recipe_seed
-from saf_gen.plugins.lights import read_light_schedule
+from saf_gen.generate.sealing import SealedSeed, open_seed
+from saf_gen.plugins.lights import read_schedule
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
 
@@ -43,7 +43,7 @@ class ExposureSettings(FrozenModel):
     def _check_one_exposure(self) -> "ExposureSettings":
         if (self.mean_rate is None) is not self.absolute:
             raise ValueError("either mean_rate: a number above 0 and below 1, or absolute: true")
-        for value in config_range_extremes(self.mean_rate) if self.mean_rate is not None else ():
+        for value in range_extremes(self.mean_rate) if self.mean_rate is not None else ():
             if not (isinstance(value, int | float) and 0 < value < 1):
                 raise ValueError("a mean_rate above 0 and below 1 spikes per readout")
         return self
@@ -232,15 +232,13 @@ def read_recipe(path: str | Path) -> Recipe:
     Raises BadInput, with file and line, for the first entry that is wrong.
     """
     document = read_yaml(path)
-    open_sealed_recipe_seed(document)
+    open_seed(document)
     recipe = validate_document(Recipe, document)
     lights = {}
     for name, schedule in recipe.lights.items():
         _check_name("light", name, where=document.locate("lights", name))
-        lights[name] = read_light_schedule(schedule, document, keys=("lights", name))
-    motion = components.read_config_component(
-        "motions", recipe.focus.motion, document=document, keys=("focus", "motion")
-    )
+        lights[name] = read_schedule(schedule, document, keys=("lights", name))
+    motion = components.read_component("motions", recipe.focus.motion, document=document, keys=("focus", "motion"))
     recipe = recipe.model_copy(update={"lights": lights, "focus": recipe.focus.model_copy(update={"motion": motion})})
     owners: dict[str, str] = {}
     for split_name, split in recipe.splits.items():
@@ -270,7 +268,7 @@ def read_recipe(path: str | Path) -> Recipe:
             raise unknown("scene of scene_params", scene, allowed=owners, where=where)
         for key, value in params.items():
             where = document.locate("scene_params", scene, key)
-            check_config_parameter(value, what=f"scene_params.{scene}.{key}", where=where)
+            check_parameter(value, what=f"scene_params.{scene}.{key}", where=where)
     return recipe
 
 

@@ -1,6 +1,6 @@
 """The JSON Schema of a recipe."""
 
-from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_config_schema, model_to_json_schema
+from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_schema, model_schema
 from saf_gen.generate.recipe import Recipe
 from saf_gen.plugins.lights import COMMON_KEYS, UNITS
 
@@ -12,11 +12,11 @@ COMMON: dict[str, Schema] = {
 """Schemas of the keys that every light schedule accepts."""
 
 
-def make_recipe_schema() -> Schema:
+def recipe_schema() -> Schema:
     """Return the JSON Schema (draft 2020-12) of a recipe, with every registered light schedule and lens motion."""
-    schema = model_to_json_schema(Recipe, "saf_gen recipe")
+    schema = model_schema(Recipe, "saf_gen recipe")
     common = {key: {"anyOf": [COMMON[key], OPEN], "description": text} for key, text in COMMON_KEYS.items()}
-    light = define_config_schema(schema, "lights", common=common)
+    light = define_schema(schema, "lights", common=common)
     by_group = {
         "type": "object",
         "description": "A schedule for each light group by its name; a group that is not named stays at gain 1.",
@@ -26,7 +26,7 @@ def make_recipe_schema() -> Schema:
     schema["properties"]["lights"]["additionalProperties"] = {"anyOf": [light, by_group]}
     schema["properties"]["scene_params"]["additionalProperties"] = {"type": "object", "additionalProperties": PARAMETER}
     focus, exposure = schema["$defs"]["FocusSettings"]["properties"], schema["$defs"]["ExposureSettings"]["properties"]
-    focus["motion"] = {**define_config_schema(schema, "motions"), "description": focus["motion"]["description"]}
+    focus["motion"] = {**define_schema(schema, "motions"), "description": focus["motion"]["description"]}
     rate = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
     exposure["mean_rate"]["anyOf"] = [rate, OPEN, {"type": "null"}]
     return schema

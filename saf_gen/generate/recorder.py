@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.camera import Encoder, Sensor, camera_exposure_scale, draw_sensor_fixed_pattern
+from saf_gen.camera import Encoder, Sensor, draw_fixed_pattern, exposure_scale
 from saf_gen.generate.plan import PlannedSequence
-from saf_gen.plugins.lights import light_group_gains
-from saf_gen.plugins.motions import motion_positions_at_readouts
+from saf_gen.plugins.lights import group_gains
+from saf_gen.plugins.motions import lens_positions
 from saf_gen.stack.charge_source import ChargeSource
-from saf_gen.stack.recording_grain import stack_grain_along_recording
+from saf_gen.stack.recording_grain import grain_along
 from saf_gen.stack.time_resolved import PlaneSource
-from saf_gen.stack.true_focus import find_true_focus_of_stack, noise_free_stack_sharpness
+from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.recorded_grain import PROVENANCE_KEY
 from saf_gen.stream.stream_writer import StreamWriter
@@ -63,19 +63,19 @@ class Recorder:
         """
         time_stack, hz = plane_source.time_stack, self.sensor.readout_hz
         spec = time_stack.specs[0]
-        position = motion_positions_at_readouts(sequence.motion, self.frames, readout_hz=hz)
+        position = lens_positions(sequence.motion, self.frames, readout_hz=hz)
         charge_source = ChargeSource(plane_source, self.sensor)
-        truth = find_true_focus_of_stack(plane_source, position)
+        truth = find_true_focus(plane_source, position)
         self._scale_light(charge_source, sequence.mean_rate, truth=truth)
-        gain = light_group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
-        grain = stack_grain_along_recording(plane_source, truth, position=position, gain=gain)
+        gain = group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
+        grain = grain_along(plane_source, truth, position=position, gain=gain)
         metadata = Metadata(
             focus_position=position.astype(np.float32),
             image_distance=spec.drive.image_distance(position).astype(np.float32),
             object_distance=spec.drive.object_distance(position).astype(np.float32),
             gain=gain,
             light_names=spec.groups,
-            truth=replace(truth, sharpness=noise_free_stack_sharpness(charge_source, truth, position=position)),
+            truth=replace(truth, sharpness=noise_free_sharpness(charge_source, truth, position=position)),
             provenance={
                 **self.provenance,
                 "fingerprint": fingerprint,
@@ -104,8 +104,8 @@ class Recorder:
             return
         # Use the response and threshold of the target's pixels, whose mean differs from that of the whole array.
         target = np.asarray(truth.target)
-        device = draw_sensor_fixed_pattern(self.sensor, target.shape, seed=self.device_seed)
+        device = draw_fixed_pattern(self.sensor, target.shape, seed=self.device_seed)
         sensitivity = device.response * (self.sensor.threshold_e / device.threshold)
         frame = truth.frame if math.isfinite(truth.frame) else self.frames / 2
         at_best = sensitivity * charge_source.charge_image(frame, truth.position).sum(axis=0)
-        charge_source.scale = camera_exposure_scale(at_best, target, sensor=self.sensor, mean_rate=mean_rate)
+        charge_source.scale = exposure_scale(at_best, target, sensor=self.sensor, mean_rate=mean_rate)

@@ -13,21 +13,16 @@ from typing import Any
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput, located, unknown
-from saf_gen.generate.cost import MachineRates, plan_stack_bytes, plan_stream_bytes
-from saf_gen.generate.finished_recordings import has_generated_recording
-from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_recipe_plan
+from saf_gen.generate.cost import MachineRates, bytes_of_stacks, bytes_of_streams
+from saf_gen.generate.finished_recordings import has_recording
+from saf_gen.generate.plan import PlannedSequence, SceneFamily, plan_sequences
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.generate.shipped_recipes import find_recipe
-from saf_gen.plugins.lights import light_group_gains
-from saf_gen.plugins.motions import motion_positions_at_readouts
+from saf_gen.plugins.lights import group_gains
+from saf_gen.plugins.motions import lens_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
-from saf_gen.stack.time_resolved import (
-    TimeResolvedStack,
-    focus_windows_of_stack_slices,
-    frames_of_stack_slices,
-    shading_moments_of_stack_slices,
-)
+from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
 MODEL = 4
 """Version of the models, raised whenever the same stack, recipe and seed would give different spikes; files of an older
@@ -167,7 +162,7 @@ class ResolvedRecipe:
         if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
             return False
         digest = stack.digest(folder / "stacks")
-        return all(has_generated_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
+        return all(has_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
 
     def kept_slice_bytes(self, keep_slices: str) -> int:
         """Return the approximate size of the time slices that ``keep_slices`` keeps in the end, in bytes."""
@@ -177,12 +172,12 @@ class ResolvedRecipe:
                 kept |= set(sequence.time_stack.specs)
             if keep_slices != "none" and sequence.closed_loop_slices is not None:
                 kept |= set(sequence.closed_loop_slices.specs)
-        return plan_stack_bytes(kept)
+        return bytes_of_stacks(kept)
 
     def estimate_bytes(self, folder: Path, keep_slices: str = "all") -> int:
         """Return the approximate disk space that the remaining work takes while it runs, in bytes, rounded up."""
         missing = self._missing_stacks(folder, keep_slices)
-        return plan_stack_bytes(missing) + plan_stream_bytes(self._missing_pixel_frames(folder))
+        return bytes_of_stacks(missing) + bytes_of_streams(self._missing_pixel_frames(folder))
 
     def estimate_seconds(self, folder: Path, keep_slices: str = "all") -> float:
         """Return the approximate time of the remaining work on two cores with LLVM, in seconds."""
@@ -250,15 +245,15 @@ def resolve_recipe(
         for name, scene in scenes.items()
     }
     with located(where):
-        planned = make_recipe_plan(recipe, families)
+        planned = plan_sequences(recipe, families)
     # This takes milliseconds, and finds errors before hours of rendering.
     frames, hz = recipe.camera.frames, sensor.readout_hz
     for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
         with located(where, prefix=f"light {s.light!r} on {s.scene}: "):
-            light_group_gains(s.schedule, tuple(scenes[s.scene].card.lights), frames=frames, readout_hz=hz)
+            group_gains(s.schedule, tuple(scenes[s.scene].card.lights), frames=frames, readout_hz=hz)
     for s in _distinct(planned, lambda s: s.motion):
         with located(where, prefix=f"the lens motion of {s.id}: "):
-            motion_positions_at_readouts(s.motion, frames, readout_hz=hz)
+            lens_positions(s.motion, frames, readout_hz=hz)
     with located(where):
         resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
     wanted = [sequence for sequence in resolved if split in (None, sequence.planned.split)]
@@ -306,12 +301,12 @@ def _resolve_stacks(
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
-    position = motion_positions_at_readouts(sequence.motion, frames, readout_hz=hz)
-    starts = frames_of_stack_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
-    windows = focus_windows_of_stack_slices(position, starts, positions=spec.positions)
+    position = lens_positions(sequence.motion, frames, readout_hz=hz)
+    starts = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
+    windows = slice_windows(position, starts, positions=spec.positions)
     times = [start / hz for start in starts]
     filtered = recipe.render.estimator == "filtered"
-    moments = shading_moments_of_stack_slices(times) if filtered else [()] * len(times)
+    moments = slice_moments(times) if filtered else [()] * len(times)
     slices = (
         replace(spec, samples=recipe.render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
         for time_s, window, shading_moments in zip(times, windows, moments, strict=True)

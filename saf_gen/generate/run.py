@@ -14,12 +14,12 @@ from saf_gen.core import seeds
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY
 from saf_gen.core.execution import Cluster, ReportProgress, SchedulerLost, run_jobs
 from saf_gen.core.extras import RESULT_PACKAGES, installed_version
-from saf_gen.core.files import check_file_system, check_folder_writable, free_disk_bytes, remove_leftover_files
+from saf_gen.core.files import check_file_system, check_writable, free_disk_bytes, remove_leftovers
 from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, SafGenError, unknown
-from saf_gen.generate.benchmark_digest import name_generated_benchmark
-from saf_gen.generate.dataset_card import write_generated_dataset_card
-from saf_gen.generate.job_order import JobOrder, find_stacks_to_generate, validate_generated_slices_kept
+from saf_gen.generate.benchmark_digest import benchmark_name
+from saf_gen.generate.dataset_card import write_dataset_card
+from saf_gen.generate.job_order import JobOrder, stacks_to_generate, validate_keep_slices
 from saf_gen.generate.jobs import ChooseBackendJob, RecordJob, RenderJob
 from saf_gen.generate.plan import recipe_fingerprint
 from saf_gen.generate.recorder import Recorder
@@ -125,14 +125,14 @@ def generate(
     """
     if variant not in BACKENDS:
         raise unknown("variant", variant, allowed=BACKENDS)
-    validate_generated_slices_kept(keep_slices)
+    validate_keep_slices(keep_slices)
     folder = (Path(folder) if folder is not None else Path("datasets") / resolved.recipe.name).resolve()
-    to_render = find_stacks_to_generate(resolved, folder, keep_slices=keep_slices)
+    to_render = stacks_to_generate(resolved, folder, keep_slices=keep_slices)
     machines = None if cluster is None else Cluster(cluster, folder, writes=True)
-    benchmark = name_generated_benchmark(resolved)
+    benchmark = benchmark_name(resolved)
 
     def choose_backend() -> tuple[str, bool]:
-        return choose_recipe_renderer(variant, cluster=machines, notify=tell)
+        return choose_renderer(variant, cluster=machines, notify=tell)
 
     backend_name, renders_waves = choose_backend() if to_render else (variant, True)
     leave_out = not renders_waves and resolved.recipe.render.diffraction is not False
@@ -140,9 +140,9 @@ def generate(
         if resolved.recipe.render.diffraction:
             raise _no_waves_error(backend_name, "the recipe asks for")
         resolved, benchmark = resolved.without_diffraction(), ""
-        to_render = find_stacks_to_generate(resolved, folder, keep_slices=keep_slices)
+        to_render = stacks_to_generate(resolved, folder, keep_slices=keep_slices)
     _check_folder(resolved, folder, keep_slices=keep_slices)
-    remove_leftover_files(folder, recursive=True)
+    remove_leftovers(folder, recursive=True)
     recorder = Recorder(
         sensor=resolved.sensor,
         frames=resolved.recipe.camera.frames,
@@ -191,9 +191,7 @@ def generate(
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out, freed)
 
 
-def choose_recipe_renderer(
-    requested: str, *, cluster: Cluster | None, notify: Callable[[str], None]
-) -> tuple[str, bool]:
+def choose_renderer(requested: str, *, cluster: Cluster | None, notify: Callable[[str], None]) -> tuple[str, bool]:
     """Return the backend to render with, here or on a worker of the cluster, and whether it renders diffraction."""
     job = ChooseBackendJob(requested)
     if cluster is None:
@@ -232,7 +230,7 @@ def _provenance(resolved: ResolvedRecipe, benchmark: str) -> dict[str, str]:
     }
 
 
-def check_same_recipe_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Manifest | None:
+def check_same_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Manifest | None:
     """Return the manifest in a folder, or None if it is missing; raise BadInput if it describes another dataset."""
     if not (folder / "manifest.json").exists():
         return None
@@ -246,8 +244,8 @@ def check_same_recipe_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Mani
 
 
 def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -> None:
-    check_same_recipe_dataset(resolved, folder)
-    check_folder_writable(folder)
+    check_same_dataset(resolved, folder)
+    check_writable(folder)
     needed, free = resolved.estimate_bytes(folder, keep_slices), free_disk_bytes(folder)
     if needed > free:
         raise BadInput(
@@ -260,14 +258,14 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -
 
 def _write_previews(resolved: ResolvedRecipe, folder: Path) -> None:
     """Write the missing contact sheets of still scenes whose focal stacks are complete."""
-    from saf_gen.authoring.preview import write_scene_preview  # loads matplotlib, which a dry run does not need
+    from saf_gen.authoring.preview import write_preview  # loads matplotlib, which a dry run does not need
 
     for stack in resolved.sequences_by_stack():
         spec = stack.specs[0]
         sheet = folder / "preview" / f"{spec.key}.png"
         store = StackStore(folder / "stacks", spec)
         if not (stack.is_moving or sheet.exists() or store.missing_pieces()):
-            write_scene_preview(store.load(), resolved.sensor, path=sheet)
+            write_preview(store.load(), resolved.sensor, path=sheet)
 
 
 def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
@@ -283,11 +281,11 @@ def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
         stack = sequence.time_stack
         if stack not in digests:
             digests[stack] = None if stack.find_missing(stacks) else stack.digest(stacks)
-        entries.append(find_generated_entry(sequence, folder, stack_digest=digests[stack]))
-    return write_generated_manifest(resolved, folder, entries=[e for e in entries if e is not None], stacks=stacks)
+        entries.append(find_entry(sequence, folder, stack_digest=digests[stack]))
+    return write_dataset_manifest(resolved, folder, entries=[e for e in entries if e is not None], stacks=stacks)
 
 
-def write_generated_manifest(
+def write_dataset_manifest(
     resolved: ResolvedRecipe, folder: Path, *, entries: list[SequenceEntry], stacks: Path
 ) -> Manifest:
     """Write manifest.json, README.md and croissant.json for these sequences; notes in ``stacks`` name the renderer."""
@@ -300,15 +298,11 @@ def write_generated_manifest(
         sequences=tuple(entries),
     )
     write_manifest(folder, manifest)
-    write_generated_dataset_card(
-        folder, resolved.recipe, manifest=manifest, scenes=[s.card for s in resolved.scenes.values()]
-    )
+    write_dataset_card(folder, resolved.recipe, manifest=manifest, scenes=[s.card for s in resolved.scenes.values()])
     return manifest
 
 
-def find_generated_entry(
-    sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str | None
-) -> SequenceEntry | None:
+def find_entry(sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str | None) -> SequenceEntry | None:
     """Return the entry of a sequence for the manifest; None if its file is missing, truncated, or of another recipe.
 
     ``stack_digest`` is None if the stacks have been deleted; the digest that the file stores is used then.

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from saf_gen.core.config.document import Document, FrozenModel, validate_document
 from saf_gen.core.config.yaml_document import read_yaml
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.errors import BadInput
 
 _DIGITS = 32
@@ -39,7 +39,7 @@ class _WithSealedSeed(FrozenModel):
     seed: SealedSeed
 
 
-def open_sealed_recipe_seed(document: Document) -> None:
+def open_seed(document: Document) -> None:
     """Replace the sealed ``seed`` of a recipe by the number that it hides; leave other recipes unchanged.
 
     Raises BadInput, with the line, if a sealed seed has no secret, or a secret that does not fit.
@@ -75,7 +75,7 @@ def seal_recipe(recipe: Path, sealed: Path, *, secret_file: Path) -> SealedSeed:
     secret_file.parent.mkdir(parents=True, exist_ok=True)
     secret_file.touch(mode=0o600)
     secret_file.write_text(f"{secret}\n", encoding="utf-8")
-    write_text_atomically(sealed, text)
+    write_text(sealed, text)
     return seed
 
 
@@ -92,7 +92,7 @@ def unseal_recipe(recipe: Path, opened: Path, *, secret: str) -> None:
     if opened.exists():
         raise BadInput(f"{opened} exists already", hint="choose another name with --out")
     text = f'{{sealed: "{seed.sealed}", salt: "{seed.salt}", secret: "{secret}"}}'
-    write_text_atomically(opened, _replace_seed(document, text))
+    write_text(opened, _replace_seed(document, text))
 
 
 def _is_sealed(document: Document) -> bool:

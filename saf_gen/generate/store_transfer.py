@@ -10,7 +10,7 @@ from saf_gen.core.object_store import StorePath
 from saf_gen.core.object_transfers import download_file, list_objects, upload_file
 from saf_gen.generate.plan import recipe_fingerprint
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
-from saf_gen.generate.run import check_same_recipe_dataset, find_generated_entry, write_generated_manifest
+from saf_gen.generate.run import check_same_dataset, find_entry, write_dataset_manifest
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry
@@ -49,14 +49,14 @@ class StoreTransfer:
                 digests[stack] = stack.digest(self._stacks) if stack.has_all_notes(self._stacks) else None
             digest, entry = digests[stack], listed.get(name)
             if entry is None or digest is None or entry.fingerprint != sequence.fingerprint(digest):
-                entry = find_generated_entry(sequence, self._store, stack_digest=digest)
+                entry = find_entry(sequence, self._store, stack_digest=digest)
             if entry is not None:
                 found[name] = entry
         return found
 
     def fetch_stacks(self, batch: Sequence[ResolvedSequence]) -> None:
         """Fetch the pieces of these sequences' stacks that the store holds, so that they are not rendered again."""
-        keys = {spec.key for spec in stacks_of_generated_sequences(batch)}
+        keys = {spec.key for spec in stacks_of(batch)}
         self._fetch(name for name in self._objects if _stack_key(name) in keys)
 
     def _fetch(self, names: Iterable[str]) -> None:
@@ -75,7 +75,7 @@ class StoreTransfer:
 
         ``in_store`` holds all sequences that the store then contains, by id.
         """
-        specs = stacks_of_generated_sequences(batch)
+        specs = stacks_of(batch)
         of_stacks = [path for spec in specs for path in (self._stacks / spec.key).glob("[!.]*")]
         of_stacks += [path for spec in specs if (path := self._scratch / "preview" / f"{spec.key}.png").exists()]
         streams = [self._scratch / entry.file for entry in finished]
@@ -105,19 +105,19 @@ class StoreTransfer:
         With ``with_others``, sequences that other shards of the recipe have listed in the meantime are kept.
         """
         known = dict(in_store)
-        now = check_same_recipe_dataset(self._resolved, self._store) if with_others else None
+        now = check_same_dataset(self._resolved, self._store) if with_others else None
         if now is not None and now.recipe_fingerprint == recipe_fingerprint(self._resolved.recipe):
             known = {entry.id: entry for entry in now.sequences} | known
         entries = [known[s.planned.id] for s in self._resolved.plan if s.planned.id in known]
         if CARD_NAME in self._objects:
             self._fetch([CARD_NAME])  # it holds the date of the first publication
-        manifest = write_generated_manifest(self._resolved, self._scratch, entries=entries, stacks=self._stacks)
+        manifest = write_dataset_manifest(self._resolved, self._scratch, entries=entries, stacks=self._stacks)
         for name in CARDS:
             upload_file(self._scratch / name, self._store / name)
         return manifest
 
 
-def stacks_of_generated_sequences(sequences: Iterable[ResolvedSequence]) -> list[StackSpec]:
+def stacks_of(sequences: Iterable[ResolvedSequence]) -> list[StackSpec]:
     """Return all stacks of these sequences, including those of the closed loop, each once."""
     found: dict[StackSpec, None] = {}
     for sequence in sequences:
@@ -126,7 +126,7 @@ def stacks_of_generated_sequences(sequences: Iterable[ResolvedSequence]) -> list
     return list(found)
 
 
-def names_of_generated_pictures(specs: Iterable[StackSpec]) -> set[str]:
+def picture_names(specs: Iterable[StackSpec]) -> set[str]:
     """Return the names of the objects that hold the pictures of these stacks."""
     return {f"stacks/{spec.key}/{piece}.exr" for spec in specs for piece in StackStore(Path(), spec).pieces}
 

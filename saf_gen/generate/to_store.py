@@ -16,13 +16,13 @@ from pathlib import Path
 from urllib.parse import quote
 
 from saf_gen.core.execution import Cluster, ReportProgress
-from saf_gen.core.files import check_folder_writable
+from saf_gen.core.files import check_writable
 from saf_gen.core.object_store import StorePath
-from saf_gen.core.object_transfers import abort_unfinished_uploads, check_store_writable, list_objects
-from saf_gen.generate.cost import plan_stack_bytes, plan_stream_bytes
+from saf_gen.core.object_transfers import abort_uploads, check_store, list_objects
+from saf_gen.generate.cost import bytes_of_stacks, bytes_of_streams
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
-from saf_gen.generate.run import GenerationResult, check_same_recipe_dataset, choose_recipe_renderer, generate
-from saf_gen.generate.store_transfer import StoreTransfer, names_of_generated_pictures, stacks_of_generated_sequences
+from saf_gen.generate.run import GenerationResult, check_same_dataset, choose_renderer, generate
+from saf_gen.generate.store_transfer import StoreTransfer, picture_names, stacks_of
 from saf_gen.stack.focal_stack import StackSpec
 
 BATCH_BYTES = 8_000_000_000
@@ -60,19 +60,15 @@ def plan_for_store(resolved: ResolvedRecipe, store: StorePath) -> StorePlan:
 
     Raises BadInput if the store cannot be queried, or holds another dataset.
     """
-    check_same_recipe_dataset(resolved, store)
+    check_same_dataset(resolved, store)
     objects = list_objects(store)
     in_store = frozenset(s.planned.id for s in resolved.sequences if s.planned.file in objects)
     missing = [s for s in resolved.sequences if s.planned.id not in in_store]
     users = {stack: s for s in reversed(missing) for stack in (s.closed_loop_slices, s.time_stack) if stack}
-    labels = [
-        user.stack_label(stack)
-        for stack, user in users.items()
-        if not names_of_generated_pictures(stack.specs) <= objects
-    ]
-    sizes = [_count_bytes(batch) for batch in split_recipe_into_batches(missing)]
+    labels = [user.stack_label(stack) for stack, user in users.items() if not picture_names(stack.specs) <= objects]
+    sizes = [_count_bytes(batch) for batch in split_into_batches(missing)]
     return StorePlan(
-        scratch=find_generate_scratch(resolved, store),
+        scratch=find_scratch(resolved, store),
         in_store=in_store,
         missing=replace(resolved, sequences=tuple(missing)),
         stacks=labels[::-1],
@@ -81,7 +77,7 @@ def plan_for_store(resolved: ResolvedRecipe, store: StorePath) -> StorePlan:
     )
 
 
-def find_generate_scratch(resolved: ResolvedRecipe, store: StorePath) -> Path:
+def find_scratch(resolved: ResolvedRecipe, store: StorePath) -> Path:
     """Return the folder on this machine in which these sequences are made, different for each shard."""
     ids = "\n".join(s.planned.id for s in resolved.sequences)
     name = quote(f"{store.scheme}-{store.key}", safe="")
@@ -125,11 +121,11 @@ def generate_to_store(
         If ``generate`` would raise it, or if the store cannot be written to or fails; the same call then continues from
         the contents of the store.
     """
-    scratch = find_generate_scratch(resolved, store).resolve()
-    before = check_same_recipe_dataset(resolved, store)
-    check_store_writable(store)
-    check_folder_writable(scratch)
-    aborted, left = abort_unfinished_uploads(store, own_names={s.planned.file for s in resolved.sequences})
+    scratch = find_scratch(resolved, store).resolve()
+    before = check_same_dataset(resolved, store)
+    check_store(store)
+    check_writable(scratch)
+    aborted, left = abort_uploads(store, own_names={s.planned.file for s in resolved.sequences})
     if aborted or left:
         tell(f"interrupted uploads: {aborted} removed, {left} left that may belong to other runs")
     listed = {entry.id: entry for entry in before.sequences} if before else {}
@@ -139,7 +135,7 @@ def generate_to_store(
     if any(s.planned.id not in in_store for s in resolved.sequences) and resolved.recipe.render.diffraction is None:
         scratch.mkdir(parents=True, exist_ok=True)
         machines = None if cluster is None else Cluster(cluster, scratch, writes=True)
-        leave_out = not choose_recipe_renderer(variant, cluster=machines, notify=tell)[1]
+        leave_out = not choose_renderer(variant, cluster=machines, notify=tell)[1]
     if leave_out:
         resolved = resolved.without_diffraction()
         transfer = StoreTransfer(resolved, store, scratch, report=report)
@@ -151,7 +147,7 @@ def generate_to_store(
     with ThreadPoolExecutor(1, "upload") as upload_pool:
         upload: Future[None] | None = None
         try:
-            for batch in split_recipe_into_batches([s for s in resolved.sequences if s.planned.id not in in_store]):
+            for batch in split_into_batches([s for s in resolved.sequences if s.planned.id not in in_store]):
                 transfer.fetch_stacks(batch)
                 part = generate(
                     replace(resolved, plan=tuple(batch), sequences=tuple(batch)),
@@ -191,16 +187,16 @@ def generate_to_store(
     )
 
 
-def split_recipe_into_batches(sequences: Iterable[ResolvedSequence]) -> list[list[ResolvedSequence]]:
+def split_into_batches(sequences: Iterable[ResolvedSequence]) -> list[list[ResolvedSequence]]:
     """Return the sequences in batches of about BATCH_BYTES, so that no stack belongs to two batches."""
     group_of: dict[StackSpec, list[ResolvedSequence]] = {}
     for sequence in sequences:
-        group, specs = [sequence], stacks_of_generated_sequences([sequence])
+        group, specs = [sequence], stacks_of([sequence])
         for spec in specs:
             other = group_of.get(spec, group)
             if other is not group:
                 other += group
-                group_of |= dict.fromkeys(stacks_of_generated_sequences(group), other)
+                group_of |= dict.fromkeys(stacks_of(group), other)
                 group = other
         group_of |= dict.fromkeys(specs, group)
     batches: list[list[ResolvedSequence]] = []
@@ -216,4 +212,4 @@ def split_recipe_into_batches(sequences: Iterable[ResolvedSequence]) -> list[lis
 
 def _count_bytes(sequences: list[ResolvedSequence]) -> int:
     pixel_frames = sum(s.frames * s.sensor.rows * s.sensor.columns for s in sequences)
-    return plan_stack_bytes(stacks_of_generated_sequences(sequences)) + plan_stream_bytes(pixel_frames)
+    return bytes_of_stacks(stacks_of(sequences)) + bytes_of_streams(pixel_frames)

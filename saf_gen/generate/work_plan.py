@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from saf_gen.generate.cost import MachineRates, plan_stack_bytes, plan_stream_bytes
-from saf_gen.generate.job_order import validate_generated_slices_kept
+from saf_gen.generate.cost import MachineRates, bytes_of_stacks, bytes_of_streams
+from saf_gen.generate.job_order import validate_keep_slices
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, resolve_recipe
 from saf_gen.generate.shipped_recipes import find_recipe
@@ -79,7 +79,7 @@ class WorkPlan:
     drawn: int
 
 
-def plan_recipe_work(
+def plan_work(
     recipe_path: str | Path,
     *,
     part: tuple[int, int] = (1, 1),
@@ -118,7 +118,7 @@ def plan_recipe_work(
     BadInput
         If ``keep_slices`` is unknown, or if the recipe cannot be resolved (see ``resolve_recipe``).
     """
-    validate_generated_slices_kept(keep_slices)
+    validate_keep_slices(keep_slices)
     rates = rates or MachineRates()
     few = resolve_recipe(recipe_path, split=split, most_repeats=SAMPLED_REPEATS)
     recipe = read_recipe(find_recipe(recipe_path))
@@ -134,7 +134,7 @@ def plan_recipe_work(
     pixel_frames = few.sensor.rows * few.sensor.columns * recipe.camera.frames
     record_s = pixel_frames / rates.recorded_per_s(workers)
     sequences, stacks = sum(work.recordings for work in works), sum(work.stacks for work in works)
-    streams = plan_stream_bytes(pixel_frames * sequences)
+    streams = bytes_of_streams(pixel_frames * sequences)
     return WorkPlan(
         name=recipe.name,
         sequences=sequences,
@@ -142,7 +142,7 @@ def plan_recipe_work(
         jobs=stacks + sequences,
         render_s=sum(work.stacks * work.render_s for work in works),
         record_s=sequences * record_s,
-        seconds=simulate_plan_on_machines(works, record_s=record_s, machines=machines, rates=rates),
+        seconds=simulate_machines(works, record_s=record_s, machines=machines, rates=rates),
         scheduler_s=(stacks + sequences) * rates.job_s + sequences * rates.sequence_s,
         peak_bytes=streams + sum(work.stack_bytes for work in works),
         disk_bytes=streams + sum(work.kept_bytes for work in works),
@@ -150,9 +150,7 @@ def plan_recipe_work(
     )
 
 
-def simulate_plan_on_machines(
-    works: Sequence[StackWork], *, record_s: float, machines: int, rates: MachineRates
-) -> float:
+def simulate_machines(works: Sequence[StackWork], *, record_s: float, machines: int, rates: MachineRates) -> float:
     """Return the seconds from start to end if ``machines`` machines get jobs from one scheduler, in order.
 
     Stacks come first, and the recordings from a stack wait until it is rendered. The scheduler hands out one job after
@@ -196,7 +194,7 @@ def _sum_work(group: Sequence[ResolvedSequence], *, rates: MachineRates, keep_sl
     specs, kept_specs = ({spec for stack in some for spec in stack.specs} for some in (recorded | closed_loop, kept))
     stacks = len(recorded | closed_loop)
     seconds = sum(map(rates.render_seconds, specs))
-    return StackWork(stacks, seconds / stacks, plan_stack_bytes(specs), plan_stack_bytes(kept_specs), len(group))
+    return StackWork(stacks, seconds / stacks, bytes_of_stacks(specs), bytes_of_stacks(kept_specs), len(group))
 
 
 def _scale_work(

@@ -10,7 +10,7 @@ from math import inf
 from pathlib import Path
 
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.leaderboard.averages import median_magnitude_for_ranking
 from saf_gen.leaderboard.csv_output import format_leaderboard_csv
 
@@ -82,7 +82,7 @@ def write_leaderboard_curves(folder: str | Path, curves: Sequence[AssessedCurve]
         "measures.csv": format_leaderboard_csv(["measure", "curves", "without", *QUALITY_MEANINGS], measures),
     }
     for name, text in texts.items():
-        write_text_atomically(Path(folder) / name, text)
+        write_text(Path(folder) / name, text)
     return [Path(folder) / name for name in texts]
 
 

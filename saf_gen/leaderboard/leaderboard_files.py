@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen import __version__
-from saf_gen.benchmark.records import RECORDS_FILE, Record, write_benchmark_records
+from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
 from saf_gen.benchmark.results import SequenceFailure
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.leaderboard.axes import AxisTable, BinSummary, keep_leaderboard_bins
 from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_leaderboard_columns
@@ -86,8 +86,8 @@ def write_leaderboard(
         ),
     }
     for name, text in texts.items():
-        write_text_atomically(Path(folder) / name, text)
-    write_benchmark_records(Path(folder) / RECORDS_FILE, records)
+        write_text(Path(folder) / name, text)
+    write_records(Path(folder) / RECORDS_FILE, records)
     return [Path(folder) / name for name in (*texts, RECORDS_FILE)]
 
 

@@ -107,7 +107,8 @@ def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) ->
     Returns
     -------
     MethodComparison
-        Empty if no success is known. Profiles of times are only made in the closed loop.
+        Empty if the methods have no sequence of known success in common. Profiles of times are only made in the closed
+        loop.
     """
     by_method: dict[str, list[Record]] = {method: [] for method in methods}
     is_closed_loop = False
@@ -115,7 +116,7 @@ def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) ->
         by_method[record.method].append(record)
         is_closed_loop = is_closed_loop or record.track == "closed_loop"
     outcomes = collect_outcomes_to_rank(by_method)
-    if not outcomes.methods:
+    if not outcomes.scenes:
         return MethodComparison()
     profiles = _profile(outcomes, "error_dof", limits=ERROR_LIMITS_DOF, is_within=outcomes.find_answers_within)
     known = outcomes.times[np.isfinite(outcomes.times)]

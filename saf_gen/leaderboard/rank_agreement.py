@@ -46,8 +46,8 @@ class RankAgreement:
     tau : float or None
         Kendall's τ-b, which allows for ties, −1 to 1. None if all methods are equal under one of the bins.
     low, high : float or None
-        95 % interval of ``tau`` by a bootstrap over scenes, each drawn with its sequences in both bins. None if
-        there are fewer than MIN_SCENES scenes or ``tau`` is None.
+        95 % interval of ``tau`` by a bootstrap over scenes, each drawn with its sequences in both bins; it reaches at
+        least to ``tau``. None if there are fewer than MIN_SCENES scenes or ``tau`` is None.
     by_chance : float or None
         Median τ to expect if the condition had no effect, found by drawing both bins of each scene from all its
         sequences. None if there are too few scenes or if this cannot be computed.
@@ -87,7 +87,7 @@ def compare_rankings(records: Iterable[Record], *, by: str | None = None) -> lis
     Returns
     -------
     list of RankAgreement
-        One for each pair of bins.
+        One for each pair of bins; empty if the methods have no sequence of known success in common.
 
     Raises
     ------
@@ -101,6 +101,8 @@ def compare_rankings(records: Iterable[Record], *, by: str | None = None) -> lis
     for record in records:
         by_method.setdefault(record.method, []).append(record)
     outcomes = collect_outcomes_to_rank(by_method)
+    if not outcomes.scenes:
+        return []
     regions = {method: group[0].region for method, group in by_method.items()}
     found = []
     for axis in CONDITIONS:
@@ -249,7 +251,10 @@ def _summarise(
     tau = float(compute_ranking_tau(*means[:, None])[0])
     drawn = _draw_taus(tables) if fewest >= MIN_SCENES and not np.isnan(tau) else np.empty(0)
     tail = (1 - CONFIDENCE) / 2
-    low, high = (float(np.quantile(drawn, level)) if drawn.size else None for level in (tail, 1 - tail))
+    # Noise in ranks draws τ towards 0, and samples contain it twice: with many methods, τ itself is often larger than
+    # nearly all τ of samples. That is no evidence against τ, so the interval reaches at least to it.
+    low = min(float(np.quantile(drawn, tail)), tau) if drawn.size else None
+    high = max(float(np.quantile(drawn, 1 - tail)), tau) if drawn.size else None
     return RankAgreement(
         *names,
         len(methods),

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Literal
 
 from saf_gen import __version__
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
-from saf_gen.benchmark.method_spec import Method, parse_method, split_method_region
+from saf_gen.benchmark.method_spec import Method, parse_method, split_region
 from saf_gen.benchmark.records import Record, read_records
-from saf_gen.core.config.registry import refuse_code_named_in_file
+from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard.verification import COST_AND_MACHINE, RowVerdict, Verification, digest_leaderboard_answers
@@ -105,10 +105,10 @@ def verify_leaderboard_rows(
 def _find_method(label: str, code: str, *, trusted: Mapping[str, Method], where: str) -> Method | str:
     """Return the given or registered method with this code digest, or the reason why there is no such method."""
     if code in trusted:
-        region = split_method_region(label)[1]
-        return parse_method(f"{split_method_region(trusted[code].name)[0]}@{region}") if region else trusted[code]
+        region = split_region(label)[1]
+        return parse_method(f"{split_region(trusted[code].name)[0]}@{region}") if region else trusted[code]
     try:
-        with refuse_code_named_in_file(where):
+        with refuse_code(where):
             method = parse_method(label)
     except BadInput as error:
         return f"no method on this machine can reproduce this row: {error.problem}"

@@ -84,8 +84,8 @@ def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
     lights = sorted({r.light for group in by_method.values() for r in group if r.light is not None})
     rows = [_average(method, group, lights=lights) for method, group in by_method.items()]
     intervals = find_intervals_of_ranking(by_method)
-    unknown = MethodIntervals()
-    ranked = [replace(_rank(row, rows), **_interval_ends(intervals.get(row.method, unknown))) for row in rows]
+    best = max((row.success_1dof for row in rows if row.success_1dof is not None), default=0.0)
+    ranked = [_add_intervals(_rank(row, rows), intervals.get(row.method), best=best) for row in rows]
     return tuple(sorted(ranked, key=_sort_key))
 
 
@@ -104,21 +104,37 @@ def _rank(row: LeaderboardRow, rows: Sequence[LeaderboardRow]) -> LeaderboardRow
     return replace(row, rank=rank, tied=tuple(tied))
 
 
-def _interval_ends(intervals: MethodIntervals) -> dict[str, Any]:
-    """Return the fields of a row that hold its intervals, by name."""
+def _add_intervals(row: LeaderboardRow, intervals: MethodIntervals | None, *, best: float) -> LeaderboardRow:
+    """Return a ranked row with its intervals; ``best`` is the success rate of the best method."""
+    if intervals is None or row.success_1dof is None:
+        return row
     pairs = {
-        ("success_1dof_low", "success_1dof_high"): intervals.success,
-        ("median_error_dof_low", "median_error_dof_high"): intervals.error,
-        ("time_to_focus_low_s", "time_to_focus_high_s"): intervals.time,
-        ("rank_best", "rank_worst"): intervals.rank,
-        ("behind_best_low", "behind_best_high"): intervals.deficit_to_best,
+        ("success_1dof_low", "success_1dof_high"): (row.success_1dof, intervals.success),
+        ("median_error_dof_low", "median_error_dof_high"): (row.median_error_dof, intervals.error),
+        ("time_to_focus_low_s", "time_to_focus_high_s"): (row.time_to_focus_s, intervals.time),
+        ("rank_best", "rank_worst"): (row.rank, intervals.rank),
+        ("behind_best_low", "behind_best_high"): (best - row.success_1dof, intervals.deficit_to_best),
     }
-    ends = {
+    ends: dict[str, Any] = {
         name: end
-        for names, interval in pairs.items()
-        for name, end in zip(names, interval or (None, None), strict=True)
+        for names, (value, interval) in pairs.items()
+        if _holds(interval, value)
+        for name, end in zip(names, interval or (), strict=True)
     }
-    return {**ends, "level_with_best": intervals.level_with_best, "missing_reason": intervals.missing_reason}
+    level = intervals.level_with_best if "rank_best" in ends else None
+    return replace(row, **ends, level_with_best=level, missing_reason=intervals.missing_reason)
+
+
+def _holds(interval: tuple[float, float] | None, value: float | None) -> bool:
+    """Return whether an interval is known and contains the value of its row.
+
+    Values count all sequences whose success is known for the method, intervals those of known success for every method.
+    Where these differ, an interval without the value is not about the value, and is shown as missing.
+    """
+    if interval is None or value is None:
+        return False
+    low, high = interval
+    return low - TIE_TOLERANCE <= value <= high + TIE_TOLERANCE
 
 
 def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -> LeaderboardRow:

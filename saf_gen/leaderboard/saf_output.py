@@ -5,7 +5,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 
 from saf_gen import __version__
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.leaderboard.columns import format_leaderboard_percent
 from saf_gen.leaderboard.csv_output import format_leaderboard_csv
@@ -87,7 +87,7 @@ def write_saf_ranking(folder: Path, ranking: SafRanking) -> list[Path]:
         ),
     }
     for name, text in texts.items():
-        write_text_atomically(folder / name, text)
+        write_text(folder / name, text)
     return [folder / name for name in texts]
 
 

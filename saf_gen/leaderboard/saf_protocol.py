@@ -15,23 +15,17 @@ from pathlib import Path
 
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import (
-    DEFAULT_RECORDED_METHODS,
-    Method,
-    parse_method,
-    split_method_options,
-    split_method_region,
-)
+from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, Method, parse_method, split_options, split_region
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.benchmark.tracks.recorded_track import check_method_leaves_lens
-from saf_gen.core.config.registry import refuse_code_named_in_file
+from saf_gen.benchmark.tracks.recorded_track import check_leaves_lens
+from saf_gen.core.config.registry import refuse_code
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard.rank_agreement import RankAgreement
 from saf_gen.leaderboard.saf_ranking import SafAnswer, SafRow, compare_saf_rankings, rank_saf_answers
 from saf_gen.leaderboard.table_formats import format_leaderboard_count
-from saf_gen.stream.dataset_index import index_streams_of_folder
-from saf_gen.stream.interop.saf_folder import CONFIG, SafRecording, import_saf_folder, read_imported_saf_config
+from saf_gen.stream.dataset import index_folder
+from saf_gen.stream.interop.saf_folder import CONFIG, SafRecording, import_saf_folder, read_saf_config
 from saf_gen.stream.manifest import MANIFEST_NAME
 
 STREAMS = "recordings"
@@ -111,7 +105,7 @@ def rank_methods_on_saf_folder(
         recordings, two evaluations have the same name, an evaluation is of the closed loop, no method of ``beside`` is
         available, or the recordings cannot be evaluated.
     """
-    listed = read_imported_saf_config(folder)
+    listed = read_saf_config(folder)
     for recording in listed:
         if recording.block is None:
             raise BadInput(
@@ -124,7 +118,7 @@ def rank_methods_on_saf_folder(
     if len(runs) < len(beside):
         raise BadInput("two evaluations have the same name", allowed="different names", hint="rename a folder")
     chosen, left_out = _choose_methods(methods, runs)
-    check_method_leaves_lens(chosen)
+    check_leaves_lens(chosen)
     streams = _import_recordings(folder, listed, streams=out / STREAMS, readout_hz=readout_hz)
     recordings = {f"blocks-{recording.block}-{recording.name}": recording for recording in listed}
     stores = [KeptSequences(out / ".ours.unfinished")]
@@ -196,7 +190,7 @@ def _choose_methods(
     for run, records in runs.items():
         for label in dict.fromkeys(record.method for record in records):
             try:
-                with refuse_code_named_in_file(run):
+                with refuse_code(run):
                     chosen.setdefault(label, parse_method(label))
             except BadInput as error:
                 left_out[label] = error.problem
@@ -214,14 +208,14 @@ def _import_recordings(folder: Path, listed: Sequence[SafRecording], *, streams:
     (streams / MANIFEST_NAME).unlink(missing_ok=True)
     for _ in import_saf_folder(folder, streams, readout_hz=readout_hz, by_block=True):
         pass
-    index_streams_of_folder(streams)
+    index_folder(streams)
     return streams
 
 
 def _set_block(method: Method, block: int) -> Method:
     """Return the method with this block length, or unchanged if its name states a length or it has no blocks."""
-    name, region = split_method_region(method.name)
-    stated_options = split_method_options(name.split("+")[-1])[1] if "+" in name else ""
+    name, region = split_region(method.name)
+    stated_options = split_options(name.split("+")[-1])[1] if "+" in name else ""
     names = {field.name for field in fields(method.search)} if is_dataclass(method.search) else frozenset[str]()
     options = [key for key in BLOCK_OPTIONS if key in names]
     if (
@@ -231,7 +225,7 @@ def _set_block(method: Method, block: int) -> Method:
     ):
         return method
     text = f"{name}{',' if stated_options else ':'}{options[0]}={block}"
-    with refuse_code_named_in_file("this method"):  # its code is already loaded
+    with refuse_code("this method"):  # its code is already loaded
         return parse_method(f"{text}@{region}" if region else text)
 
 

@@ -31,7 +31,8 @@ def find_intervals_of_ranked_rate(
     The successes of a scene are modelled as beta-binomial: each scene has its own rate, so its sequences have the
     correlation ρ. The result is the equal-tailed interval of the posterior of the mean rate. The mean has Jeffreys'
     prior, Beta(½, ½) [1]_. ρ has the same prior and is integrated out, because a few scenes do not determine it. The
-    interval reaches 1 if all sequences succeeded and 0 if none did, but never shrinks to a point.
+    interval reaches 1 if all sequences succeeded and 0 if none did, but never shrinks to a point. It contains the mean
+    of the fractions.
 
     Parameters
     ----------
@@ -55,6 +56,18 @@ def find_intervals_of_ranked_rate(
        doi:10.1214/ss/1009213286; the model: Crowder, "Beta-binomial Anova for proportions", Applied Statistics 27(1),
        1978, doi:10.2307/2346223.
     """
+    ends = _find_posterior_intervals(fractions, counts, confidence=confidence, cells=cells)
+    # The model takes the rate of a scene to be independent of its number of sequences, and weights scenes by what they
+    # tell; the mean weights all alike. If large scenes are easier or harder than small ones, the mean can lie beyond an
+    # end of the posterior, which then says nothing against the mean: the interval reaches to it.
+    means = np.clip(fractions, 0, 1).mean(axis=1)
+    return np.stack([np.minimum(ends[:, 0], means), np.maximum(ends[:, 1], means)], axis=1)
+
+
+def _find_posterior_intervals(
+    fractions: np.ndarray, counts: np.ndarray, *, confidence: float, cells: tuple[int, int]
+) -> np.ndarray:
+    """Return the equal-tailed intervals of the posterior of find_intervals_of_ranked_rate: (R, 2)."""
     fractions = np.asarray(fractions, dtype=np.float64)
     steps = np.minimum(counts, _MAX_COUNT)
     # Sums of weights differ in the last bit; without the outer rounding, equal fractions would count as different.
@@ -75,8 +88,9 @@ def find_intervals_of_ranked_rate(
         below = np.cumsum(marginal, axis=1) / marginal.sum(axis=1, keepdims=True)
         for side, level in enumerate((tail, 1 - tail)):
             ends[first : first + len(batch), side] = _invert(below, level)
-    ends[(fractions <= 0).all(axis=1), 0] = 0
-    ends[(fractions >= 1).all(axis=1), 1] = 1
+    rounded = np.round(fractions, 9)  # the weights of a scene that is always right may sum to slightly less than 1
+    ends[(rounded <= 0).all(axis=1), 0] = 0
+    ends[(rounded >= 1).all(axis=1), 1] = 1
     return ends
 
 
@@ -112,7 +126,7 @@ def find_rank_difference_intervals(
        doi:10.1002/(SICI)1097-0258(19981130)17:22<2635::AID-SIM954>3.0.CO;2-C.
     """
     first, second = wins.mean(axis=1), losses.mean(axis=1)
-    ends = find_intervals_of_ranked_rate(np.concatenate([wins, losses]), counts, confidence=confidence, cells=cells)
+    ends = _find_posterior_intervals(np.concatenate([wins, losses]), counts, confidence=confidence, cells=cells)
     below = np.abs(np.stack([first, second]) - ends[:, 0].reshape(2, -1))
     above = np.abs(ends[:, 1].reshape(2, -1) - np.stack([first, second]))
     spread = wins.std(axis=1) * losses.std(axis=1)
@@ -141,7 +155,7 @@ def find_interval_of_ranked_median(
 
     The fraction of values up to the median is a ratio of two sums over scenes, because the number of values per scene
     varies too. Its variance over scenes and Student's t give an interval around 0.5. The quantiles of the values at the
-    ends of this interval are the ends of the interval of the median (Woodruff [1]_).
+    ends of this interval are the ends of the interval of the median (Woodruff [1]_). It contains the sample median.
 
     Parameters
     ----------
@@ -150,7 +164,8 @@ def find_interval_of_ranked_median(
     scenes : ndarray of int, shape (N,)
         Number of the scene of each value.
     confidence : float, optional
-        Fraction of cases, 0 to 1, in which the interval should contain the median over all scenes of this kind.
+        Fraction of cases, above 0 and below 1, in which the interval should contain the median over all scenes of this
+        kind.
 
     Returns
     -------
@@ -167,11 +182,35 @@ def find_interval_of_ranked_median(
         return None
     ordered, number = np.sort(values), len(values)
     sums = np.bincount(scenes, (values <= np.median(values)) - 0.5)
+    if not sums.any():
+        return _invert_tests_of_median(values, scenes, confidence=confidence)
     error = np.sqrt(count / (count - 1) * (sums**2).sum()) / number
     half = stdtrit(count - 1, (1 + confidence) / 2) * error
     # The small subtraction makes a fraction of exactly 1 end at the largest value instead of beyond it.
     low, high = int(np.floor((0.5 - half) * number)), int(np.ceil((0.5 + half) * number - 1e-9)) - 1
     return (float(ordered[low]), float(ordered[high])) if low >= 0 and high < number else None
+
+
+def _invert_tests_of_median(values: np.ndarray, scenes: np.ndarray, *, confidence: float) -> Interval | None:
+    """Return the interval of the median of values of which every scene has exactly half up to the sample median.
+
+    Returns None if the tests do not bound the median; at 95 %, they never do for six scenes or fewer.
+    """
+    # Woodruff's interval holds the candidates for the median that a test of the fraction of values up to them does not
+    # reject, all with the variance of this fraction at the sample median. Here that variance is 0, by the luck of few
+    # sequences or because every scene is hard under half of the lights. It would reject every other candidate, and its
+    # ranks, counted inwards from the rejected candidates, even cross: low > high. So each candidate, between two values
+    # or beyond all, is tested with its own variance. The sample median has no deviation that a test could reject.
+    order, count = np.argsort(values), len(np.unique(scenes))
+    ordered = values[order]
+    of_scene = scenes[order][:, None] == np.unique(scenes)
+    up_to = np.concatenate([np.zeros((1, count)), np.cumsum(of_scene, axis=0)])  # (N + 1, S), by candidate
+    sums = up_to - up_to[-1] / 2
+    limit = stdtrit(count - 1, (1 + confidence) / 2) * np.sqrt(count / (count - 1) * (sums**2).sum(axis=1))
+    is_accepted = np.abs(sums.sum(axis=1)) <= limit
+    is_accepted[1:-1] &= ordered[:-1] < ordered[1:]  # no candidate lies between equal values
+    low, high = np.flatnonzero(is_accepted)[[0, -1]]
+    return (float(ordered[low - 1]), float(ordered[high])) if low > 0 and high < len(values) else None
 
 
 @cache

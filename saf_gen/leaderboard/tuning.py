@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 from saf_gen import __version__
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import parse_method, split_method_options, split_method_region
+from saf_gen.benchmark.method_spec import parse_method, split_options, split_region
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial
-from saf_gen.core.files import file_name_as_text
+from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.leaderboard import LeaderboardRow, rank_methods
@@ -50,7 +50,7 @@ def expand_tuning_grid(method: str, values: ParameterGrid) -> list[str]:
         If there are no values, a key begins with neither ``measure.`` nor ``search.``, there are more than
         MAX_COMBINATIONS combinations, or the measure or the search refuses a key or a value.
     """
-    name, region = split_method_region(parse_method(method).name)  # reports errors in the method itself first
+    name, region = split_region(parse_method(method).name)  # reports errors in the method itself first
     halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
     for key, choices in values.items():
         half, dot, option = key.partition(".")
@@ -161,7 +161,7 @@ def tune_method(
     first = result.records[0]
     tuned = TunedMethod(
         method=rows[0].method,
-        dataset=file_name_as_text(Path(dataset).resolve().name),
+        dataset=name_as_text(Path(dataset).resolve().name),
         split=split,
         track=first.track,
         terms=first.terms,
@@ -176,7 +176,7 @@ def tune_method(
 
 def _set_option(half: str, option: str, *, value: str) -> str:
     """Return the name of a measure or search with an option set to ``value``, which replaces any earlier value."""
-    name, tail = split_method_options(half)
+    name, tail = split_options(half)
     options = {item.partition("=")[0]: item for item in tail.split(",") if item}
     return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
 

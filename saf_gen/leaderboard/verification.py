@@ -16,12 +16,12 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ConfigDict
 
-from saf_gen.benchmark.records import Record, benchmark_record_to_json, pop_benchmark_record_format
+from saf_gen.benchmark.records import Record, pop_format, record_to_json
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.cores import describe_machine
-from saf_gen.core.files import write_text_atomically
-from saf_gen.core.user_folder import is_signed_by_user, sign_as_user
+from saf_gen.core.files import write_text
+from saf_gen.core.user_folder import is_signed, sign_as_user
 
 VERIFICATION_FILE = "verification.json"
 FORMAT = "saf-gen verification 1"
@@ -76,7 +76,7 @@ def write_leaderboard_verification(folder: Path, verification: Verification) -> 
     path = folder / VERIFICATION_FILE
     signature = sign_as_user(_signed_text(verification))
     signed = replace(verification, signature="" if signature is None else signature.hex())
-    write_text_atomically(path, format_checked_json({"format": FORMAT, **asdict(signed)}, indent=1) + "\n")
+    write_text(path, format_checked_json({"format": FORMAT, **asdict(signed)}, indent=1) + "\n")
     return path
 
 
@@ -111,7 +111,7 @@ def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[st
     if not path.is_file():
         return {}
     document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
-    pop_benchmark_record_format(document, FORMAT, what="verification", hint=HINT)
+    pop_format(document, FORMAT, what="verification", hint=HINT)
     verification = validate_document(Verification, document, hint=HINT)
     is_here = (verification.host, verification.machine) == (socket.gethostname(), describe_machine())
     is_here = is_here and _is_signed(verification)
@@ -128,7 +128,7 @@ def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[st
 
 def _is_signed(verification: Verification) -> bool:
     try:
-        return is_signed_by_user(_signed_text(verification), bytes.fromhex(verification.signature))
+        return is_signed(_signed_text(verification), bytes.fromhex(verification.signature))
     except ValueError:
         return False
 
@@ -143,4 +143,4 @@ def digest_leaderboard_answers(records: Iterable[Record]) -> str:
 
 
 def _answer(record: Record) -> dict[str, Any]:
-    return {key: value for key, value in benchmark_record_to_json(record).items() if key not in COST_AND_MACHINE}
+    return {key: value for key, value in record_to_json(record).items() if key not in COST_AND_MACHINE}

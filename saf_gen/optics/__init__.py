@@ -11,13 +11,13 @@ from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
 
-__all__ = ["DRIVES", "Drive", "FocalLengthDrive", "ImageDistanceDrive", "Stage", "lens_drive_from_dict"]
+__all__ = ["DRIVES", "Drive", "FocalLengthDrive", "ImageDistanceDrive", "Stage", "drive_from_dict"]
 
 DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in (ImageDistanceDrive, FocalLengthDrive, Stage)}
 """The class of each kind of drive."""
 
 
-def lens_drive_from_dict(data: Mapping[str, Any]) -> Drive:
+def drive_from_dict(data: Mapping[str, Any]) -> Drive:
     """Return the drive that :meth:`Drive.as_dict` described, also after a round trip through JSON.
 
     Raises

@@ -7,7 +7,7 @@ wavelengths.
 import numpy as np
 
 
-def exact_lens_otf(fraction: np.ndarray | float, defocus_waves: float, *, points: int = 4000) -> np.ndarray:
+def exact_otf(fraction: np.ndarray | float, defocus_waves: float, *, points: int = 4000) -> np.ndarray:
     """Return the optical transfer, 1 at frequency 0.
 
     It is the overlap of two copies of the pupil that are shifted against each other by the frequency. In units of R,

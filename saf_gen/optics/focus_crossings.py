@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def find_focus_crossings(focus_position: np.ndarray, at_position: float) -> np.ndarray:
+def focus_crossings(focus_position: np.ndarray, at_position: float) -> np.ndarray:
     """Return the frames at which the lens is at a position.
 
     The position is interpolated linearly between readouts, and extrapolated by half a readout at both ends of the

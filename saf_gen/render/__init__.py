@@ -14,10 +14,10 @@ from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
-__all__ = ["_import_mitsuba", "render_missing_stacks"]
+__all__ = ["_import_mitsuba", "render_missing"]
 
 
-def render_missing_stacks(
+def render_missing(
     scene: Scene,
     specs: Sequence[StackSpec],
     *,
@@ -65,10 +65,10 @@ def render_missing_stacks(
     todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing_pieces()]
     if not todo:
         return []
-    backend.activate_render_backend(backend_name, threads=threads)
-    described = mitsuba_scene.build_mitsuba_scene_dict(scene)
-    motions = mitsuba_scene.mitsuba_shape_motions(scene, described)
-    emitting = mitsuba_scene.mitsuba_emitter_names(described)
+    backend.activate_backend(backend_name, threads=threads)
+    described = mitsuba_scene.scene_dict(scene)
+    motions = mitsuba_scene.shape_motions(scene, described)
+    emitting = mitsuba_scene.emitter_names(described)
     # All moments share their camera rays, so that noise does not flicker where nothing moves.
     base = replace(specs[0], time_s=0.0, window=None, moments_s=())
     shown = _ShownScene(scene, base, described=described, motions=motions)
@@ -82,7 +82,7 @@ def render_missing_stacks(
         store = StackStore(root, spec)
         if "geometry" in missing:
             report("geometry", 0.0)
-            seen = depth_and_target.trace_depth_and_target(
+            seen = depth_and_target.trace_geometry(
                 shown.show(spec.time_s)[spec.groups[0]], scene.card.target, allow_unseen_target=len(specs) > 1
             )
             store.write_geometry(seen.depth, seen.target, backend=backend_name)
@@ -90,7 +90,7 @@ def render_missing_stacks(
             report("geometry", 1.0)
             continue
         shading = None
-        if estimators.renders_with_shared_shading(spec.estimator, backend_name=backend_name):
+        if estimators.shares_shading(spec.estimator, backend_name=backend_name):
             shading = paths.estimate(
                 spec.moments_s or (spec.time_s,), samples=spec.samples, progress=lambda done: report("light", done / 2)
             )
@@ -99,7 +99,7 @@ def render_missing_stacks(
         def report_light(done: float, begun: float = begun) -> None:
             report("light", begun + (1 - begun) * done)
 
-        found = estimators.render_light_groups(
+        found = estimators.render_groups(
             shown.show(spec.time_s),
             backend_name=backend_name,
             positions=spec.positions,
@@ -126,7 +126,7 @@ class _ShownScene:
         self, scene: Scene, spec: StackSpec, *, described: dict[str, Any], motions: dict[str, RigidMotion]
     ) -> None:
         self._scene, self._spec, self._described, self._motions = scene, spec, described, motions
-        self._camera = mitsuba_scene.mitsuba_camera_to_world(scene)
+        self._camera = mitsuba_scene.camera_to_world(scene)
         self._time_s: float | None = None
         self._setups: dict[str, RenderSetup] = {}
 
@@ -138,12 +138,10 @@ class _ShownScene:
         # part of a kernel's code, so the kernels are found in the cache, which saves 0.2 to 0.6 s each.
         self._setups.clear()
         card, spec = self._scene.card, self._spec
-        moment = posed_shapes.pose_rendered_shapes(self._described, self._motions, time_s=time_s, unit_m=card.unit_m)
-        moved = posed_shapes.find_moved_rendered_shapes(self._motions, time_s=time_s, still_s=card.still_s)
+        moment = posed_shapes.pose_shapes(self._described, self._motions, time_s=time_s, unit_m=card.unit_m)
+        moved = posed_shapes.moved_shapes(self._motions, time_s=time_s, still_s=card.still_s)
         for group in spec.groups:
-            loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(
-                moment, card.lights[group], max_depth=spec.max_depth
-            )
+            loaded, integrator = mitsuba_scene.load_lit_scene(moment, card.lights[group], max_depth=spec.max_depth)
             self._setups[group] = RenderSetup(
                 loaded, integrator, self._camera, spec.drive, spec, card.unit_m, spec.wavelength_m, moved
             )

@@ -50,13 +50,13 @@ class BackendProbe:
         return f"LLVM {version} is too old: Mitsuba needs {OLDEST_LLVM} or newer and would abort"
 
 
-def probe_render_backends() -> BackendProbe:
+def probe_backends() -> BackendProbe:
     """Return the version of LLVM and whether CUDA is available on this machine, without starting a kernel."""
     major, minor, patch = (int(n) for n in dr.detail.llvm_version())
     return BackendProbe((major, minor, patch) if major > 0 else None, bool(dr.has_backend(dr.JitBackend.CUDA)))
 
 
-def choose_render_backend(requested: str = "auto", machine: BackendProbe | None = None) -> str:
+def choose_backend(requested: str = "auto", machine: BackendProbe | None = None) -> str:
     """Return the backend to use: 'cuda', 'llvm' or 'scalar'.
 
     Parameters
@@ -71,7 +71,7 @@ def choose_render_backend(requested: str = "auto", machine: BackendProbe | None 
     BadInput
         If the name is unknown, or the machine cannot run the backend.
     """
-    machine = machine or probe_render_backends()
+    machine = machine or probe_backends()
     if requested == "auto":
         return "cuda" if machine.cuda else "llvm" if machine.llvm_usable else "scalar"
     if requested not in MITSUBA_VARIANTS:
@@ -91,7 +91,7 @@ def can_render_waves(name: str) -> bool:
     return name != "scalar"
 
 
-def activate_render_backend(name: str, *, threads: int | None = None) -> None:
+def activate_backend(name: str, *, threads: int | None = None) -> None:
     """Switch Mitsuba to a backend and set its number of threads, by default the cores that this process may use.
 
     Must be called before a scene is loaded, because loading starts the thread pool. Raises BadInput if this process may
@@ -105,7 +105,7 @@ def activate_render_backend(name: str, *, threads: int | None = None) -> None:
 
 
 @contextmanager
-def run_mitsuba_on_one_thread() -> Iterator[None]:
+def on_one_thread() -> Iterator[None]:
     """Let Mitsuba compute the normals of smooth meshes on one thread.
 
     For each vertex, Mitsuba adds up the normals of the faces around it. Several threads do so in varying order: in one

@@ -2,7 +2,7 @@
 
 A ray that meets sensor and lens at (x, a) at the middle position meets them at M(p)·(x, a) at position p, where M is
 the drive's transfer matrix, linear in p. Rays are spread evenly over sensor and lens, and over a border around both
-that is wide enough for every position (:func:`saf_gen.render.ray_sampling.compute_ray_coverage`). M keeps them evenly
+that is wide enough for every position (:func:`saf_gen.render.ray_sampling.ray_coverage`). M keeps them evenly
 spread. If the lens moves through the rays, a path counts only at the positions at which it is inside the aperture. The
 paths that fall into a pixel are thus an even sample of pixel and aperture at every position, and their mean is
 unbiased. Waves bend a path at the lens, which moves its line across the sensor (:mod:`saf_gen.render.diffraction`).
@@ -16,9 +16,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.diffraction import find_waves_of_rays, place_bends_of_rays
+from saf_gen.render.diffraction import find_waves, place_bends
 from saf_gen.render.host_splat import NEVER, TracedPaths
-from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
+from saf_gen.render.ray_sampling import place_samples, ray_coverage
 from saf_gen.render.render_setup import RenderSetup
 
 RAYS_PER_PASS = 1 << 20  # four times as many would take a quarter longer and need half a gibibyte more
@@ -63,13 +63,13 @@ class CameraRays(NamedTuple):
     ray: Any
 
 
-def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int) -> Iterator[CameraRays]:
+def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int) -> Iterator[CameraRays]:
     """Yield the camera rays of each band of rows in turn, for evenly spaced focus positions (at least two)."""
     drive, grid, units = setup.drive, setup.grid, 1 / setup.unit_m
     middle = float(focus[0] + focus[-1]) / 2
     ends = float(focus[0]), float(focus[-1])
-    waves = find_waves_of_rays(drive, grid, wavelength_m=setup.wavelength_m, ends=ends)
-    covered = compute_ray_coverage(drive, grid, ends=ends, bend_reach_m=waves.reach_m if waves else 0.0)
+    waves = find_waves(drive, grid, wavelength_m=setup.wavelength_m, ends=ends)
+    covered = ray_coverage(drive, grid, ends=ends, bend_reach_m=waves.reach_m if waves else 0.0)
     # At each position, the part of the lens disc that is the aperture still gets the requested samples.
     requested, samples = samples, math.ceil(samples * (covered.radius_m / drive.aperture_radius_m) ** 2 - 1e-9)
     rows, columns = grid.rows + 2 * covered.rows, grid.columns + 2 * covered.columns
@@ -77,13 +77,13 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
     inverse_v, inverse_u = (
         _opaque_reciprocal(distance(middle)) for distance in (drive.image_distance, drive.object_distance)
     )
-    # Rays start where the lens is farthest from the scene; trace_depth_and_target() has made sure that no
+    # Rays start where the lens is farthest from the scene; trace_geometry() has made sure that no
     # surface is in between.
     farthest = float(drive.shift(focus).min())
-    ahead = opaque_number_for_rays(farthest - float(drive.shift(middle)))
-    farthest, radius = opaque_number_for_rays(farthest), opaque_number_for_rays(covered.radius_m)
-    half_rows, half_columns = opaque_number_for_rays(rows / 2), opaque_number_for_rays(columns / 2)
-    pitch = opaque_number_for_rays(grid.pitch_m)
+    ahead = opaque(farthest - float(drive.shift(middle)))
+    farthest, radius = opaque(farthest), opaque(covered.radius_m)
+    half_rows, half_columns = opaque(rows / 2), opaque(columns / 2)
+    pitch = opaque(grid.pitch_m)
     samples_word, row_length = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, columns)
     transform = mi.Transform4f(setup.to_world)
     for begin in range(0, rows, rows_per_pass):
@@ -94,7 +94,7 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
         height = dr.opaque(mi.UInt32, count)
         row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
         pixel = row * row_length + column
-        across, down, lens = place_ray_samples(pixel, sample, samples=requested, seed=seed)
+        across, down, lens = place_samples(pixel, sample, samples=requested, seed=seed)
         x = (mi.Float(column) + across - half_columns) * pitch
         y = (mi.Float(row) + down - half_rows) * pitch
         a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
@@ -106,10 +106,10 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
         yield CameraRays(done, begin, first, samples, pixel, sample, x, y, a, slope_x, slope_y, ray)
 
 
-def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, seed: int) -> TracedPaths:
+def land_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, seed: int) -> TracedPaths:
     """Return the line along which each ray moves across the sensor over the positions, unevaluated, without radiance.
 
-    ``focus`` and ``seed`` must be the arguments of :func:`cast_camera_rays`.
+    ``focus`` and ``seed`` must be the arguments of :func:`cast_rays`.
     """
     drive, grid = setup.drive, setup.grid
     first_x, step_x, first_a, step_a = _sensor_and_lens_line(setup, focus, x=rays.x, a=rays.lens.x)
@@ -117,21 +117,19 @@ def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarr
     passed, window = rays.lens, []
     if float(drive.shift(focus).min()) != float(drive.shift(float(focus[0] + focus[-1]) / 2)):
         first_lens, step_lens = mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b)
-        window = ray_positions_through_aperture(
-            first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size
-        )
+        window = through_aperture(first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size)
         middle_of_window = mi.Float(window[0] + window[1] - 1) / 2
         passed = mi.Point2f(first_a + step_a * middle_of_window, first_b + step_b * middle_of_window)
-    waves = find_waves_of_rays(drive, grid, wavelength_m=setup.wavelength_m, ends=(float(focus[0]), float(focus[-1])))
+    waves = find_waves(drive, grid, wavelength_m=setup.wavelength_m, ends=(float(focus[0]), float(focus[-1])))
     if waves:
-        angle = waves.bend(passed, place_bends_of_rays(rays.pixel, rays.sample, seed=seed))
+        angle = waves.bend(passed, place_bends(rays.pixel, rays.sample, seed=seed))
         first_v, step_v = _image_distance_line(setup, focus)
         first_x, first_y = first_x + first_v * angle.x, first_y + first_v * angle.y
         step_x, step_y = step_x + step_v * angle.x, step_y + step_v * angle.y
     pixels_per_m = _opaque_reciprocal(grid.pitch_m)
     return TracedPaths(
-        first_x * pixels_per_m + opaque_number_for_rays(grid.columns / 2),
-        first_y * pixels_per_m + opaque_number_for_rays(grid.rows / 2),
+        first_x * pixels_per_m + opaque(grid.columns / 2),
+        first_y * pixels_per_m + opaque(grid.rows / 2),
         step_x * pixels_per_m,
         step_y * pixels_per_m,
         None,
@@ -139,14 +137,14 @@ def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarr
     )
 
 
-def opaque_number_for_rays(value: Any) -> Any:
+def opaque(value: Any) -> Any:
     """Return a number as an input of the kernel; if it were a constant, each value would need a separate kernel."""
     return dr.opaque(mi.Float, float(value))
 
 
 def _opaque_reciprocal(value: Any) -> Any:
     """Return 1/value, rounded to float32, as an input of the kernel, which then multiplies instead of dividing."""
-    return opaque_number_for_rays(np.float32(1) / np.float32(value))
+    return opaque(np.float32(1) / np.float32(value))
 
 
 def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:
@@ -157,17 +155,17 @@ def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: A
     """
     first, last = setup.drive.ray_transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
     step = (last - first) / (focus.size - 1)
-    xx, xa, ax, aa, dxx, dxa, dax, daa = map(opaque_number_for_rays, (*first.ravel(), *step.ravel()))
+    xx, xa, ax, aa, dxx, dxa, dax, daa = map(opaque, (*first.ravel(), *step.ravel()))
     return x * xx + a * xa, x * dxx + a * dxa, x * ax + a * aa, x * dax + a * daa
 
 
 def _image_distance_line(setup: RenderSetup, focus: np.ndarray) -> tuple[Any, Any]:
     """Return the image distance v (m) at the first position, and its step; a bend moves a path by v·angle."""
     first, last = setup.drive.image_distance(focus[[0, -1]])
-    return opaque_number_for_rays(first), opaque_number_for_rays((last - first) / (focus.size - 1))
+    return opaque(first), opaque((last - first) / (focus.size - 1))
 
 
-def ray_positions_through_aperture(first: Any, step: Any, *, radius: float, positions: int) -> list[Any]:
+def through_aperture(first: Any, step: Any, *, radius: float, positions: int) -> list[Any]:
     """Return ``begin`` and ``end``, int32: a ray is inside the aperture at positions begin <= k < end.
 
     The ray passes the lens at first + k·step (m), and |first + k·step|² = R² is a quadratic in k. The root for which
@@ -181,7 +179,7 @@ def ray_positions_through_aperture(first: Any, step: Any, *, radius: float, posi
     far = root + dr.abs(b)  # 0 if the ray does not move across the lens: it is always inside or always outside
     one = dr.select(far > 0, q / far, dr.copysign(float(NEVER), q))
     other = dr.select(c > 0, far / c, float(NEVER))
-    last = opaque_number_for_rays(positions - 1)
+    last = opaque(positions - 1)
     leaves = dr.select(b > 0, one, other)
     enters = dr.select(b > 0, -other, -one)
     begin = mi.Int32(dr.ceil(dr.clip(enters, 0, last + 1)))

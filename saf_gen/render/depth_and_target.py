@@ -8,13 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.render.render_setup import (
-    RenderSetup,
-    SensorGrid,
-    make_mitsuba_camera_dict,
-    make_mitsuba_film_dict,
-    render_with_mitsuba_camera,
-)
+from saf_gen.render.render_setup import RenderSetup, SensorGrid, camera_dict, film_dict, render_with_camera
 
 RAY_OFFSET_PX = 1 / 256  # distance of a second and a third ray from the pixel's centre, on either side
 RAY_OFFSET_DIRECTION = 0.554  # rad; no mesh has edges in this direction by design
@@ -37,7 +31,7 @@ class DepthAndTarget:
     target: np.ndarray
 
 
-def trace_depth_and_target(
+def trace_geometry(
     setup: RenderSetup, target_shapes: tuple[str, ...], *, allow_unseen_target: bool = False
 ) -> DepthAndTarget:
     """Trace depth and the target mask through the centre of each pixel.
@@ -134,7 +128,7 @@ def _make_offset_camera(setup: RenderSetup, position: float, *, offset_px: float
     across, down = offset_px * np.cos(RAY_OFFSET_DIRECTION), offset_px * np.sin(RAY_OFFSET_DIRECTION)
     return {
         "type": "perspective",
-        **make_mitsuba_camera_dict(setup, position),
+        **camera_dict(setup, position),
         "principal_point_offset_x": float(across) / setup.grid.columns,
         "principal_point_offset_y": float(down) / setup.grid.rows,
     }
@@ -151,7 +145,7 @@ def _check_lens_travel(setup: RenderSetup) -> None:
         "type": "orthographic",
         "to_world": setup.to_world_at(start) @ mi.ScalarTransform4f().scale([radius / setup.unit_m] * 2 + [1]),
         "near_clip": 1e-4 * radius / setup.unit_m,
-        "film": make_mitsuba_film_dict(SensorGrid(APERTURE_RAYS, APERTURE_RAYS, 1.0)),
+        "film": film_dict(SensorGrid(APERTURE_RAYS, APERTURE_RAYS, 1.0)),
     }
     nearest = float(_first_surfaces(setup, sensor, forward_m=start)[0].min()) + start
     if nearest <= end:
@@ -171,9 +165,7 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, forward_m: fl
     # One sample that is not jittered is the ray through the pixel's centre.
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
     integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
-    planes = render_with_mitsuba_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(
-        np.float64
-    )
+    planes = render_with_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(np.float64)
     point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
     to_camera = np.linalg.inv(np.array(setup.to_world_at(forward_m).matrix, dtype=np.float64))
     axial = (point @ to_camera[2, :3] + to_camera[2, 3]) * setup.unit_m

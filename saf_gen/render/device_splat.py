@@ -90,7 +90,7 @@ class DeviceAccumulator:
         return int(clipped[0])
 
     def mean_radiance(self) -> np.ndarray:
-        """Return the band's mean radiance, float32 (focus, row, col); see ``host_splat.mean_radiance_of_paths``."""
+        """Return the band's mean radiance, float32 (focus, row, col); see ``host_splat.mean_radiance_of``."""
         shape = (self.focus, self.rows, self.columns)
         means = dr.empty(mi.Float, self.focus * self.rows * self.columns)
         _resolve(self.sums, means, self.focus, self.rows * self.columns, dr.opaque(mi.Float64, self.scale))

@@ -39,7 +39,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.optics import Drive
-from saf_gen.render.ray_sampling import place_rays_by_kronecker
+from saf_gen.render.ray_sampling import place_by_kronecker
 from saf_gen.stack.focal_stack import PixelGrid
 
 NEAREST_EDGE = 0.05  # of the radius: paths nearer to the edge are bent as if they passed at this distance
@@ -100,7 +100,7 @@ class ApertureWaves:
         return mi.Vector2f(outward.x * radial - outward.y * tangential, outward.y * radial + outward.x * tangential)
 
 
-def find_waves_of_rays(
+def find_waves(
     drive: Drive, grid: PixelGrid, *, wavelength_m: float, ends: tuple[float, float] = (0.0, 1.0)
 ) -> ApertureWaves | None:
     """Return the waves at the aperture for positions between ``ends``, or None if the wavelength is 0."""
@@ -113,11 +113,11 @@ def find_waves_of_rays(
     return ApertureWaves(wavelength_m, radius, nearest, wavelength_m * farthest / (2 * math.pi * nearest))
 
 
-def place_bends_of_rays(pixel: Any, sample: Any, *, seed: int) -> Any:
+def place_bends(pixel: Any, sample: Any, *, seed: int) -> Any:
     """Return the point of the unit square (mi.Point2f) from which each sample's bend is drawn.
 
     The points depend on pixel, sample and seed alone. Together with the positions in the pixel and on the lens, they
     are spread evenly.
     """
-    across, down = place_rays_by_kronecker(pixel, sample, steps=BEND_STEPS, seed=seed + FIRST_DIMENSION)
+    across, down = place_by_kronecker(pixel, sample, steps=BEND_STEPS, seed=seed + FIRST_DIMENSION)
     return mi.Point2f(across, down)

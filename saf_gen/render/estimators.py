@@ -10,12 +10,12 @@ from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import ShadingField
 
 
-def renders_with_shared_shading(estimator: str, *, backend_name: str) -> bool:
+def shares_shading(estimator: str, *, backend_name: str) -> bool:
     """Return whether an estimator needs the shading of surfaces: only 'filtered' does, and not with scalar."""
     return estimator == "filtered" and backend_name != "scalar"
 
 
-def render_light_groups(
+def render_groups(
     setups: Mapping[str, RenderSetup],
     *,
     backend_name: str,

@@ -12,7 +12,7 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.plugins.lights import RESERVED_GROUP_NAMES
 from saf_gen.render import backend, mitsuba_scene, xml_scene
-from saf_gen.render.render_setup import SensorGrid, make_mitsuba_film_dict
+from saf_gen.render.render_setup import SensorGrid, film_dict
 from saf_gen.scene.xml import SceneXml
 
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
@@ -57,7 +57,7 @@ class ExportedCamera:
     distance_m: float
 
 
-def mitsuba_camera_of_export(read: SceneXml, path: Path) -> ExportedCamera:
+def exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
     """Return the first perspective camera of a scene; units are taken as metres.
 
     Parameters
@@ -78,14 +78,14 @@ def mitsuba_camera_of_export(read: SceneXml, path: Path) -> ExportedCamera:
         If the scene has no perspective camera, no lamp, or nothing in the middle of the image, if the camera is
         invalid, or if its aperture is smaller than a card allows.
     """
-    backend.activate_render_backend("scalar")
-    described = xml_scene.parse_mitsuba_scene_dict(read.text, path)
-    lamps = mitsuba_scene.mitsuba_emitter_names(described)
+    backend.activate_backend("scalar")
+    described = xml_scene.parse_scene_dict(read.text, path)
+    lamps = mitsuba_scene.emitter_names(described)
     if not lamps:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add a lamp")
     props = _first_camera(read.cameras, path)
     origin, ahead, up = _pose(props, path)
-    loaded, _ = mitsuba_scene.load_lit_mitsuba_scene(described, tuple(lamps), max_depth=2)
+    loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), max_depth=2)
     hit = loaded.ray_intersect(mi.Ray3f(origin.tolist(), ahead.tolist()))
     if not hit.is_valid():
         raise BadInput(
@@ -142,7 +142,7 @@ def _field_of_view(props: Any, path: Path) -> float:
     """
     properties = {key: props[key] for key in ("fov", "fov_axis", "focal_length") if key in props}
     try:
-        camera = mi.load_dict({"type": "perspective", **properties, "film": make_mitsuba_film_dict(REFERENCE_GRID)})
+        camera = mi.load_dict({"type": "perspective", **properties, "film": film_dict(REFERENCE_GRID)})
     except (RuntimeError, ValueError, TypeError) as error:
         message = re.split(r"\[[\w.]+:\d+\] ", str(error))[-1]
         raise BadInput(f"the camera's field of view: {message}", where=str(path)) from error

@@ -31,12 +31,12 @@ import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.render import one_pass
-from saf_gen.render.camera_rays import CameraRays, cast_camera_rays, land_rays_on_sensor
+from saf_gen.render.camera_rays import CameraRays, cast_rays, land_on_sensor
 from saf_gen.render.layered_splat import MAX_POSITIONS, BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
 from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
-from saf_gen.render.traced_light import pick_rays, read_radiance_of_lamps, trace_radiance, trace_reflected_radiance
+from saf_gen.render.traced_light import lamp_radiance, pick_rays, reflected_radiance, trace_radiance
 
 PRIMARY_RAYS = 6  # camera rays per light path
 RAYS_INTO_LIGHT = 3  # the number in layers, if most rays end straight in light: only texture is left to chance
@@ -142,7 +142,7 @@ def render_with_shading(
     samples *= rays_per_path if rays_per_path > 1 else UNSHARED_PATHS
 
     def bring_light(samples: int, seed: int) -> Iterator[LitRays]:
-        for rays in cast_camera_rays(first, focus, samples=samples, seed=seed):
+        for rays in cast_rays(first, focus, samples=samples, seed=seed):
             sight = finder.find(rays, focus, seed=seeds.derive_seed(seed, "lines of sight"))
             values = shading.reflect(sight.hits, first=rays.first, seed=seed)
             weight, chosen = _choose_rays_to_trace_on(rays, sight.unshared, rays_per_path=rays_per_path)
@@ -154,7 +154,7 @@ def render_with_shading(
                 if sight.factor is not None:
                     values[n] *= sight.factor
                 for end in sight.lights:
-                    values[n, end.rays] += read_radiance_of_lamps(setup, pick_rays(end.ray, end.rays)) * end.clearness
+                    values[n, end.rays] += lamp_radiance(setup, pick_rays(end.ray, end.rays)) * end.clearness
             yield LitRays(rays, sight.distances, values, weight)
 
     bands = bring_light(samples, seed)
@@ -223,7 +223,7 @@ def _trace_complete_paths(
     setups: Mapping[str, RenderSetup], finder: SurfaceFinder, *, samples: int, seed: int
 ) -> Iterator[TracedBand]:
     """Continue the same camera rays under every light group, with different random numbers for each group."""
-    for rays in cast_camera_rays(next(iter(setups.values())), FULL_TRAVEL, samples=samples, seed=seed):
+    for rays in cast_rays(next(iter(setups.values())), FULL_TRAVEL, samples=samples, seed=seed):
         sight = finder.find(rays, FULL_TRAVEL, seed=seeds.derive_seed(seed, "lines of sight"))
         shared = np.flatnonzero(sight.hits.shape).astype(np.uint32)
         radiance = [
@@ -239,7 +239,7 @@ def _trace_on(setup: RenderSetup, sight: Sight, *, chosen: np.ndarray, seed: int
     """Trace chosen rays on from the surfaces that they meet, and return the radiance they bring, float32 (chosen,)."""
     back = np.zeros(chosen.size, dtype=bool) if sight.is_clear_surface is None else sight.is_clear_surface[chosen]
     radiance = np.empty(chosen.size, dtype=np.float32)
-    for which, bring in ((~back, trace_radiance), (back, trace_reflected_radiance)):
+    for which, bring in ((~back, trace_radiance), (back, reflected_radiance)):
         if which.any():
             radiance[which] = bring(setup, pick_rays(sight.segment, chosen[which]), seed=seed)
     return radiance
@@ -290,16 +290,13 @@ class _Sums:
         self._layers = None
         if LayeredSums.sums_in_layers(shape, len(setups)):
             scale = np.array(
-                [
-                    one_pass.fixed_point_scale_of_splat(self._setup, focus, samples=samples, max_radiance=m)
-                    for m in max_radiance
-                ]
+                [one_pass.fixed_point_scale(self._setup, focus, samples=samples, max_radiance=m) for m in max_radiance]
             )
             blur = BlurScale.from_drive(drive, focus, pitch_m=grid.pitch_m)
             self._layers = LayeredSums(shape, blur=blur, scale=scale, max_radiance=max_radiance)
         else:
             self._single = [
-                one_pass.start_radiance_sums(
+                one_pass.start_sums(
                     setup, focus, samples=samples, max_radiance=m, stacks=len(setups), on_device=on_device
                 )
                 for setup, m in zip(setups.values(), max_radiance, strict=True)
@@ -309,7 +306,7 @@ class _Sums:
         self, rays: CameraRays, radiance: np.ndarray, *, distances: Distances, seed: int, weight: np.ndarray | None
     ) -> None:
         """Add rays, cast with this seed, and the radiance that they bring under each group, float32 (light, ray)."""
-        line = land_rays_on_sensor(rays, self._setup, focus=self._focus, seed=seed)
+        line = land_on_sensor(rays, self._setup, focus=self._focus, seed=seed)
         radius = self._setup.drive.aperture_radius_m
         lens = rays.lens.x / radius, rays.lens.y / radius
         dr.eval(*(array for array in line if array is not None), *lens)

@@ -80,7 +80,7 @@ class HostAccumulator:
     def __init__(
         self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, max_radiance: float, stacks: int = 1
     ) -> None:
-        self.sums = allocate_splat_accumulators(nb.get_num_threads(), shape, stacks=stacks)
+        self.sums = allocate_sums(nb.get_num_threads(), shape, stacks=stacks)
         self.scale, self.max_radiance = scale, max_radiance
 
     @staticmethod
@@ -94,10 +94,10 @@ class HostAccumulator:
 
     def mean_radiance(self) -> np.ndarray:
         """Return the mean radiance, float32 (focus, row, col)."""
-        return mean_radiance_of_paths(self.sums, self.scale)
+        return mean_radiance_of(self.sums, self.scale)
 
 
-def allocate_splat_accumulators(workers: int, shape: tuple[int, int, int], *, stacks: int = 1) -> np.ndarray:
+def allocate_sums(workers: int, shape: tuple[int, int, int], *, stacks: int = 1) -> np.ndarray:
     """Return empty accumulators, one per worker: int64 (worker, row, col, focus).
 
     There are fewer accumulators, but at least one, if those of ``stacks`` stacks would take more than
@@ -196,7 +196,7 @@ def splat_paths(sums: np.ndarray, paths: TracedPaths, *, scale: float, max_radia
 
 
 @nb.njit(parallel=True, cache=True)
-def mean_radiance_of_paths(sums, scale):
+def mean_radiance_of(sums, scale):
     """Return the mean radiance of the accumulators, float32 (focus, row, col).
 
     The sum of a pixel is divided by the number of samples that fell into it, not by the number that was sent to it, so

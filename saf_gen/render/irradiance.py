@@ -6,13 +6,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.render_setup import RenderSetup, make_mitsuba_camera_dict
+from saf_gen.render.render_setup import RenderSetup, camera_dict
 
 RUNS = 4  # independent estimates, whose scatter gives the standard error
 JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # largest number of target points; samples per point and run
 
 
-def render_target_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray) -> tuple[float, float]:
+def target_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray) -> tuple[float, float]:
     """Estimate the mean irradiance of the target by Monte Carlo.
 
     Light on the side that faces the camera counts, and also on the other side if the surface lets light through. Direct
@@ -39,7 +39,7 @@ def render_target_irradiance(setup: RenderSetup, *, position: float, target: np.
     chosen = np.linspace(0, rows.size - 1, min(points, rows.size)).astype(int)
     x = (columns[chosen] + 0.5) / setup.grid.columns
     y = (rows[chosen] + 0.5) / setup.grid.rows
-    sensor = mi.load_dict({"type": "perspective", **make_mitsuba_camera_dict(setup, position)})
+    sensor = mi.load_dict({"type": "perspective", **camera_dict(setup, position)})
     sampler = mi.load_dict({"type": "independent"})
     if vectors:
         sampler.seed(0, RUNS * x.size * samples)

@@ -210,7 +210,7 @@ def _add_paths(sums, line, values, units, begin, end, weight, points, nearest, f
         _add_some(sums[worker], a, b, line, values, units, begin, end, weight, points, nearest, farthest, blurs)
 
 
-def gaussian_splat_taps(sigma: float) -> np.ndarray:
+def gaussian_taps(sigma: float) -> np.ndarray:
     """Return the weights of a Gaussian over pixels, from the middle outwards; both sides together add up to 1.
 
     Each weight is the integral over its pixel, because samples are spread over their pixels. The integral adds the
@@ -239,7 +239,7 @@ def _compose(sums: np.ndarray, scale: np.ndarray, *, position: int, out: np.ndar
     counts = planes[:, -1]
     rest = np.cumsum(counts[::-1], axis=0)[::-1]  # samples of a layer and of all behind it
     planes = np.concatenate([planes, rest[:, None]], axis=1)
-    kernels = [gaussian_splat_taps(GAUSSIANS[abs(layer - SIDE_LAYERS)]) for layer in layers]
+    kernels = [gaussian_taps(GAUSSIANS[abs(layer - SIDE_LAYERS)]) for layer in layers]
     taps = np.zeros((layers.size, max((kernel.size for kernel in kernels), default=1)), np.float32)
     for n, kernel in enumerate(kernels):
         taps[n, : kernel.size] = kernel

@@ -95,7 +95,7 @@ class ClearSurfaces:
 
     def effect_on_line(self, hit: Any, valid: Any) -> Any:
         """Return OPAQUE, STRAIGHT or BENDING for the surfaces that rays hit, UInt32 (ray,)."""
-        return dr.gather(mi.UInt32, self._effect, number_shapes_that_rays_hit(hit), valid)
+        return dr.gather(mi.UInt32, self._effect, number_shapes(hit), valid)
 
     def mirrors(self, hit: Any, active: Any) -> Any:
         """Return whether surfaces that let light straight through also reflect light like a mirror, Bool (ray,)."""
@@ -105,12 +105,12 @@ class ClearSurfaces:
     def reflected_fraction(self, hit: Any, through: Any, *, active: Any) -> Any:
         """Return the largest fraction of light that surfaces reflect if ``through`` of it goes straight on, (ray,)."""
         matt = dr.select(active, hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0)
-        rough = dr.gather(mi.UInt32, self._rough, number_shapes_that_rays_hit(hit), active) > 0
+        rough = dr.gather(mi.UInt32, self._rough, number_shapes(hit), active) > 0
         return dr.clip(dr.select(rough, 1, matt + self._mirrored(hit, through, active=active)), 0, 1 - through)
 
     def _mirrored(self, hit: Any, through: Any, *, active: Any) -> Any:
         """Return the fraction of light that surfaces reflect like a mirror, (ray,); masks get an upper bound."""
-        index = dr.gather(mi.UInt32, self._mirror, number_shapes_that_rays_hit(hit), active)
+        index = dr.gather(mi.UInt32, self._mirror, number_shapes(hit), active)
         bsdf, fraction = hit.bsdf(), mi.Float(0)
         for number in self._mirrors:
             context = mi.BSDFContext()
@@ -121,15 +121,13 @@ class ClearSurfaces:
         return dr.minimum(fraction, 1 - through)
 
 
-def number_shapes_that_rays_hit(hit: Any) -> Any:
+def number_shapes(hit: Any) -> Any:
     """Return the numbers in Dr.Jit's registry of the shapes that rays hit, UInt32 (ray,)."""
     return dr.reinterpret_array(mi.UInt32, hit.shape)
 
 
 @dr.syntax
-def follow_rays_through_glass(
-    scene: Any, ray: Any, clear: ClearSurfaces, *, axial: Any, seed: int, first: int
-) -> LineOfSight:
+def through_glass(scene: Any, ray: Any, clear: ClearSurfaces, *, axial: Any, seed: int, first: int) -> LineOfSight:
     """Follow rays through the clear surfaces of a scene.
 
     Parameters

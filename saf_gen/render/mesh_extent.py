@@ -7,20 +7,20 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.render import backend
-from saf_gen.scene.ply_file import validate_scene_ply_file
+from saf_gen.scene.ply_file import validate_ply
 
 MITSUBA_MESHES = {".obj": "obj", ".ply": "ply"}
 """Mitsuba's plug-in for each file extension."""
 
 
-def measure_mitsuba_mesh(path: Path) -> np.ndarray:
+def mesh_extent(path: Path) -> np.ndarray:
     """Return the smallest and largest coordinates of a mesh, float64 (2, 3), in units of the file.
 
     Raises BadInput if Mitsuba cannot read the file, or if the mesh has no face.
     """
     if path.suffix.lower() == ".ply":
-        validate_scene_ply_file(path)
-    backend.activate_render_backend("scalar")
+        validate_ply(path)
+    backend.activate_backend("scalar")
     try:
         mesh = mi.load_dict({"type": MITSUBA_MESHES[path.suffix.lower()], "filename": str(path)})
         faces = mesh.face_count()

@@ -7,15 +7,15 @@ import mitsuba as mi
 
 from saf_gen.errors import BadInput, unknown
 from saf_gen.render import xml_scene
-from saf_gen.render.backend import run_mitsuba_on_one_thread
-from saf_gen.render.posed_shapes import validate_rendered_motions
-from saf_gen.render.scene_script import call_mitsuba_scene_script
+from saf_gen.render.backend import on_one_thread
+from saf_gen.render.posed_shapes import validate_motions
+from saf_gen.render.scene_script import call_scene_script
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
 
 
-def build_mitsuba_scene_dict(scene: Scene) -> dict[str, Any]:
+def scene_dict(scene: Scene) -> dict[str, Any]:
     """Return the Mitsuba dictionary of a scene, with all its emitters, checked against the card.
 
     It is read from ``scene.xml``, or built by ``build(params)`` of ``scene.py``.
@@ -23,9 +23,9 @@ def build_mitsuba_scene_dict(scene: Scene) -> dict[str, Any]:
     Raises BadInput if the geometry cannot be read or built, if it lacks a name that is on the card, or if an emitter
     belongs to no light group.
     """
-    with run_mitsuba_on_one_thread():
+    with on_one_thread():
         described = _read_geometry(scene)
-    lamps = mitsuba_emitter_names(described)
+    lamps = emitter_names(described)
     shapes = [name for name, entry in described.items() if _is_shape(entry)]
     card = str(scene.folder / "scene.yaml")
     for group, names in scene.card.lights.items():
@@ -42,22 +42,22 @@ def build_mitsuba_scene_dict(scene: Scene) -> dict[str, Any]:
     return described
 
 
-def mitsuba_emitter_names(described: Mapping[str, Any]) -> list[str]:
+def emitter_names(described: Mapping[str, Any]) -> list[str]:
     """Return the names of the entries that emit light: lamps, and shapes with a lamp in them."""
     return [name for name, entry in described.items() if _emits(entry)]
 
 
-def mitsuba_shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
+def shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
     """Return the motions of a scene's shapes, from the card and from ``motion(params)`` of its script.
 
-    ``described`` is the dictionary from :func:`build_mitsuba_scene_dict`. The result is empty if nothing moves.
+    ``described`` is the dictionary from :func:`scene_dict`. The result is empty if nothing moves.
 
     Raises BadInput if the script fails, a motion is invalid, a shape has two motions, or a moving shape does not exist.
     """
     card, script = str(scene.folder / "scene.yaml"), str(scene.folder / "scene.py")
     moving = {name: (motion, card) for name, motion in scene.card.motion.items()}
-    scripted = call_mitsuba_scene_script(scene, "motion", default={}) if scene.has_script else {}
-    for name, motion in validate_rendered_motions(scripted, script).items():
+    scripted = call_scene_script(scene, "motion", default={}) if scene.has_script else {}
+    for name, motion in validate_motions(scripted, script).items():
         if name in moving:
             raise BadInput(f"{name!r} has a motion on the card and in motion()", where=script, hint="keep only one")
         moving[name] = (motion, script)
@@ -67,9 +67,7 @@ def mitsuba_shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[st
     return {name: motion for name, (motion, _) in moving.items()}
 
 
-def load_lit_mitsuba_scene(
-    described: Mapping[str, Any], emitters: tuple[str, ...], *, max_depth: int
-) -> tuple[Any, Any]:
+def load_lit_scene(described: Mapping[str, Any], emitters: tuple[str, ...], *, max_depth: int) -> tuple[Any, Any]:
     """Return the Mitsuba scene with only these emitters, and the integrator that traces it.
 
     The other emitters are left out rather than dimmed, so that no sample is spent on a dark lamp. Their shapes stay and
@@ -83,7 +81,7 @@ def load_lit_mitsuba_scene(
     try:
         # One thread loads the scene: several would number the shapes in the order in which they finish. These
         # numbers are part of a kernel's code, so every load would compile its kernels again.
-        with run_mitsuba_on_one_thread():
+        with on_one_thread():
             loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise BadInput(f"Mitsuba cannot load the scene: {error}") from error
@@ -91,7 +89,7 @@ def load_lit_mitsuba_scene(
     return loaded, integrator
 
 
-def mitsuba_camera_to_world(scene: Scene) -> Any:
+def camera_to_world(scene: Scene) -> Any:
     """Return the transform from camera space (looking along +z, x to the left) to the world, in scene units."""
     pose, unit = scene.card.camera, scene.card.unit_m
     origin, target = ([x / unit for x in point] for point in (pose.origin_m, pose.look_at_m))
@@ -101,8 +99,8 @@ def mitsuba_camera_to_world(scene: Scene) -> Any:
 def _read_geometry(scene: Scene) -> dict[str, Any]:
     if not scene.has_script:
         path = scene.folder / "scene.xml"
-        return xml_scene.parse_mitsuba_scene_dict(read_scene_xml(path, scene.params).text, path)
-    described = call_mitsuba_scene_script(scene, "build")
+        return xml_scene.parse_scene_dict(read_scene_xml(path, scene.params).text, path)
+    described = call_scene_script(scene, "build")
     if not isinstance(described, dict):
         script = scene.folder / "scene.py"
         raise BadInput(f"build() of {script} returned {type(described).__name__}", allowed="a Mitsuba dictionary")

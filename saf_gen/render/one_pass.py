@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.core import seeds
-from saf_gen.render.camera_rays import cast_camera_rays, land_rays_on_sensor
+from saf_gen.render.camera_rays import cast_rays, land_on_sensor
 from saf_gen.render.device_splat import DeviceAccumulator
 from saf_gen.render.host_splat import VALUE_BITS, HostAccumulator, TracedPaths
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
@@ -62,22 +62,22 @@ def render_stack(
         Number of traced paths that were clipped as fireflies.
     """
     focus = positions_to_render(positions, window)
-    traced = trace_light_paths(setup, focus, samples=samples, seed=seed)
+    traced = trace_paths(setup, focus, samples=samples, seed=seed)
     first = next(traced)
     is_complete = first[0] >= 1
     if is_complete:
         max_radiance = _brightest([first])
     else:
-        coarse = trace_light_paths(setup, focus, samples=1, seed=seeds.derive_seed(seed, "trial"))
+        coarse = trace_paths(setup, focus, samples=1, seed=seeds.derive_seed(seed, "trial"))
         max_radiance = FIREFLY_FACTOR * _brightest(coarse)
-    scale = fixed_point_scale_of_splat(setup, focus, samples=samples, max_radiance=max_radiance)
-    accumulator = choose_splat_accumulator(on_device)
+    scale = fixed_point_scale(setup, focus, samples=samples, max_radiance=max_radiance)
+    accumulator = choose_accumulator(on_device)
     shape = (focus.size, setup.grid.rows, setup.grid.columns)
     bands = accumulator.split_into_bands(shape)
 
     def render_band(n: int) -> tuple[np.ndarray, int]:
         sums, clipped = accumulator(shape, bands[n], scale=scale, max_radiance=max_radiance), 0
-        again = [first] if is_complete else trace_light_paths(setup, focus, samples=samples, seed=seed)
+        again = [first] if is_complete else trace_paths(setup, focus, samples=samples, seed=seed)
         for done, paths in chain([first], traced) if n == 0 else again:
             clipped += sums.add(paths)
             progress((n + done) / len(bands))
@@ -88,29 +88,26 @@ def render_stack(
     return stacks[0] if len(stacks) == 1 else np.concatenate(stacks, axis=1), clipped[0]
 
 
-def choose_splat_accumulator(on_device: bool | None) -> type[DeviceAccumulator | HostAccumulator]:
+def choose_accumulator(on_device: bool | None) -> type[DeviceAccumulator | HostAccumulator]:
     """Return the class of accumulator; if ``on_device`` is None, sums are on the device only with cuda."""
     if on_device is None:
         on_device = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     return DeviceAccumulator if on_device else HostAccumulator
 
 
-def start_radiance_sums(
+def start_sums(
     setup: RenderSetup, focus: np.ndarray, *, samples: int, max_radiance: float, stacks: int, on_device: bool | None
 ) -> Accumulator:
     """Return empty sums of one of ``stacks`` stacks, on the tracing device if it is chosen and all fit there."""
     shape = (focus.size, setup.grid.rows, setup.grid.columns)
-    scale = fixed_point_scale_of_splat(setup, focus, samples=samples, max_radiance=max_radiance)
+    scale = fixed_point_scale(setup, focus, samples=samples, max_radiance=max_radiance)
     together = (stacks * shape[0], *shape[1:])
-    if (
-        choose_splat_accumulator(on_device) is DeviceAccumulator
-        and len(DeviceAccumulator.split_into_bands(together)) == 1
-    ):
+    if choose_accumulator(on_device) is DeviceAccumulator and len(DeviceAccumulator.split_into_bands(together)) == 1:
         return DeviceAccumulator(shape, (0, shape[1]), scale=scale, max_radiance=max_radiance)
     return HostAccumulator(shape, (0, shape[1]), scale=scale, max_radiance=max_radiance, stacks=stacks)
 
 
-def fixed_point_scale_of_splat(setup: RenderSetup, focus: np.ndarray, *, samples: int, max_radiance: float) -> float:
+def fixed_point_scale(setup: RenderSetup, focus: np.ndarray, *, samples: int, max_radiance: float) -> float:
     """Return the fixed-point units per unit of radiance.
 
     A pixel's sum stays below 2**VALUE_BITS for four times the requested samples, or for twice the samples that meet in
@@ -132,7 +129,7 @@ def _brightest(traced: Iterable[tuple[float, TracedPaths]]) -> float:
     return max(float(dr.max(paths.radiance)[0]) for _, paths in traced) or 1.0
 
 
-def trace_light_paths(
+def trace_paths(
     setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int
 ) -> Iterator[tuple[float, TracedPaths]]:
     """Trace one band of rows after another for these positions (at least two, evenly spaced).
@@ -140,10 +137,10 @@ def trace_light_paths(
     Yields the completed fraction, 0 to 1, and the paths of the band as evaluated Dr.Jit arrays.
     """
     sampler = mi.load_dict({"type": "independent"})
-    for rays in cast_camera_rays(setup, focus, samples=samples, seed=seed):
+    for rays in cast_rays(setup, focus, samples=samples, seed=seed):
         sampler.seed(seeds.derive_seed(seed, rays.begin) & 0xFFFFFFFF, dr.width(rays.x))
         radiance, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, rays.ray)
         value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
-        paths = land_rays_on_sensor(rays, setup, focus=focus, seed=seed)._replace(radiance=value)
+        paths = land_on_sensor(rays, setup, focus=focus, seed=seed)._replace(radiance=value)
         dr.eval(*(array for array in paths if array is not None))
         yield rays.done, paths

@@ -13,7 +13,7 @@ from saf_gen.scene.keyframes import RigidMotion
 UNPOSABLE_TYPES = ("constant", "shapegroup")  # entries on which a pose would have no effect
 
 
-def validate_rendered_motions(document: Any, where: str) -> dict[str, RigidMotion]:
+def validate_motions(document: Any, where: str) -> dict[str, RigidMotion]:
     """Validate the result of a script's ``motion(params)``, and return the motion of each shape.
 
     ``document`` has the form of ``motion`` on the card; a motion may also be a RigidMotion. ``where`` names the script.
@@ -38,7 +38,7 @@ def validate_rendered_motions(document: Any, where: str) -> dict[str, RigidMotio
     return motions
 
 
-def pose_rendered_shapes(
+def pose_shapes(
     described: Mapping[str, Any], motions: Mapping[str, RigidMotion], *, time_s: float, unit_m: float = 1.0
 ) -> dict[str, Any]:
     """Return the scene at a time, with every moving top-level entry displaced from its position as built.
@@ -46,7 +46,7 @@ def pose_rendered_shapes(
     Parameters
     ----------
     described : mapping of str
-        Scene from :func:`saf_gen.render.mitsuba_scene.build_mitsuba_scene_dict`; it is not changed. A moving shape or
+        Scene from :func:`saf_gen.render.mitsuba_scene.scene_dict`; it is not changed. A moving shape or
         lamp may be a dictionary; a shape may also be an ``mi.Mesh``, which is copied.
     motions : mapping of str to RigidMotion
         Motions by entry.
@@ -71,9 +71,7 @@ def pose_rendered_shapes(
     return moved
 
 
-def find_moved_rendered_shapes(
-    motions: Mapping[str, RigidMotion], *, time_s: float, still_s: float
-) -> dict[str, np.ndarray]:
+def moved_shapes(motions: Mapping[str, RigidMotion], *, time_s: float, still_s: float) -> dict[str, np.ndarray]:
     """Return the displacement (m) of each shape since ``still_s``, without its rotation, float64 (3,)."""
     return {name: motion.shift_at(time_s) - motion.shift_at(still_s) for name, motion in motions.items()}
 

@@ -30,7 +30,7 @@ class RayCoverage:
     radius_m: float
 
 
-def compute_ray_coverage(
+def ray_coverage(
     drive: Drive, grid: PixelGrid, *, ends: tuple[float, float] = (0.0, 1.0), bend_reach_m: float = 0.0
 ) -> RayCoverage:
     """Return the rays to sample evenly midway between two positions so that all positions in between are covered.
@@ -54,7 +54,7 @@ def compute_ray_coverage(
     return RayCoverage(guards[0], guards[1], float(lens.max()))
 
 
-def place_ray_samples(pixel: Any, sample: Any, *, samples: int, seed: int) -> tuple[Any, Any, Any]:
+def place_samples(pixel: Any, sample: Any, *, samples: int, seed: int) -> tuple[Any, Any, Any]:
     """Return each ray's two offsets in its pixel (0 to 1), and its point on the unit square of the lens.
 
     The rays of a pixel follow Sobol's sequence in two dimensions over the pixel. Over the lens they follow the same
@@ -73,7 +73,7 @@ def place_ray_samples(pixel: Any, sample: Any, *, samples: int, seed: int) -> tu
         words += mi.sample_tea_32(pixel, word, 6)
     across, down, first, second, order, _ = words
     in_block = sample % dr.opaque(mi.UInt32, samples)
-    other = permute_ray_samples(in_block, samples, word=order) + (sample - in_block)
+    other = permute_samples(in_block, samples, word=order) + (sample - in_block)
     return (
         _fraction(dr.brev(sample) ^ across),
         _fraction(_second_of_sobol(sample) ^ down),
@@ -81,7 +81,7 @@ def place_ray_samples(pixel: Any, sample: Any, *, samples: int, seed: int) -> tu
     )
 
 
-def permute_ray_samples(index: Any, samples: int, *, word: Any) -> Any:
+def permute_samples(index: Any, samples: int, *, word: Any) -> Any:
     """Return the image of ``index`` under the permutation of 0...``samples`` - 1 that ``word`` selects, uint32 (ray,).
 
     The result equals Mitsuba's ``permute_kensler`` bit for bit. There the number of samples is a constant of the
@@ -129,7 +129,7 @@ def _fraction(fixed: Any) -> Any:
     return mi.Float(fixed >> 8) * 2.0**-24
 
 
-def place_rays_by_kronecker(pixel: Any, sample: Any, *, steps: Iterable[int], seed: int) -> Iterator[Any]:
+def place_by_kronecker(pixel: Any, sample: Any, *, steps: Iterable[int], seed: int) -> Iterator[Any]:
     """Yield each sample's coordinate (0 to 1) for each step of a Kronecker sequence, shifted by an offset per pixel.
 
     ``steps`` are in 0.32 fixed point. The offsets of dimension j are drawn with the seed ``seed`` + j.

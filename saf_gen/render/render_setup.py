@@ -67,7 +67,7 @@ def positions_to_render(positions: int, window: tuple[int, int] | None) -> np.nd
     return np.linspace(0, 1, positions)[first : last + 1]
 
 
-def make_mitsuba_film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, Any]:
+def film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, Any]:
     """Return Mitsuba's film for a sensor, or for a region of its rows and columns.
 
     Its box filter keeps pixels separate; Mitsuba's default, a Gaussian, would mix neighbours.
@@ -87,7 +87,7 @@ def make_mitsuba_film_dict(grid: PixelGrid, region: Region | None = None) -> dic
     }
 
 
-def make_mitsuba_camera_dict(setup: RenderSetup, position: float) -> dict[str, Any]:
+def camera_dict(setup: RenderSetup, position: float) -> dict[str, Any]:
     """Return every Mitsuba camera's settings at a focus position: pose, field of view, film, and clipping distances.
 
     The clipping distances are a ten-thousandth of the distance in focus, and a hundred thousand times it. The defaults
@@ -103,11 +103,11 @@ def make_mitsuba_camera_dict(setup: RenderSetup, position: float) -> dict[str, A
         "far_clip": 1e5 * distance,
         "fov_axis": "x",
         "fov": math.degrees(2 * math.atan(half / float(drive.image_distance(position)))),
-        "film": make_mitsuba_film_dict(grid),
+        "film": film_dict(grid),
     }
 
 
-def render_with_mitsuba_camera(scene: Any, camera: Any, *, integrator: Any, samples: int, seed: int = 0) -> np.ndarray:
+def render_with_camera(scene: Any, camera: Any, *, integrator: Any, samples: int, seed: int = 0) -> np.ndarray:
     """Return the image that an integrator renders of a Mitsuba scene through a camera, float32 (row, col, channel).
 
     ``mi.render`` would keep the scene alive in a cycle of references that gradients need; here it is released as soon

@@ -56,11 +56,11 @@ class SceneRenderer:
         self, scene: Scene, grid: PixelGrid, *, backend_name: str, max_depth: int = 6, wavelength_m: float = 0.0
     ) -> None:
         self.scene, self.grid, self.max_depth = scene, grid, max_depth
-        self.backend_name = backend.choose_render_backend(backend_name)
+        self.backend_name = backend.choose_backend(backend_name)
         self.wavelength_m = wavelength_m if backend.can_render_waves(self.backend_name) else 0.0
-        backend.activate_render_backend(self.backend_name)
-        self._described = mitsuba_scene.build_mitsuba_scene_dict(scene)
-        self.motions = mitsuba_scene.mitsuba_shape_motions(scene, self._described)
+        backend.activate_backend(self.backend_name)
+        self._described = mitsuba_scene.scene_dict(scene)
+        self.motions = mitsuba_scene.shape_motions(scene, self._described)
         self._scenes: dict[tuple[tuple[str, ...], float | None], tuple[Any, Any]] = {}
         self._shadings: dict[tuple[tuple[float, ...], int, int], ShadingField] = {}
 
@@ -97,18 +97,14 @@ class SceneRenderer:
         """
         lit = tuple(self.scene.card.lights if groups is None else groups)
         loaded, integrator = self._loaded(lit, self._moment(time_s))
-        to_world, unit_m = mitsuba_scene.mitsuba_camera_to_world(self.scene), self.scene.card.unit_m
+        to_world, unit_m = mitsuba_scene.camera_to_world(self.scene), self.scene.card.unit_m
         drive = self.scene.build_drive(f_number)
-        moved = posed_shapes.find_moved_rendered_shapes(
-            self.motions, time_s=self._moment(time_s), still_s=self.scene.card.still_s
-        )
+        moved = posed_shapes.moved_shapes(self.motions, time_s=self._moment(time_s), still_s=self.scene.card.still_s)
         return RenderSetup(loaded, integrator, to_world, drive, grid or self.grid, unit_m, self.wavelength_m, moved)
 
-    def trace_depth_and_target(
-        self, *, time_s: float | None = None, allow_unseen_target: bool = False
-    ) -> DepthAndTarget:
-        """Trace depth and target; see :func:`saf_gen.render.depth_and_target.trace_depth_and_target`."""
-        return depth_and_target.trace_depth_and_target(
+    def trace_geometry(self, *, time_s: float | None = None, allow_unseen_target: bool = False) -> DepthAndTarget:
+        """Trace depth and target; see :func:`saf_gen.render.depth_and_target.trace_geometry`."""
+        return depth_and_target.trace_geometry(
             self.prepare(time_s=time_s), self.scene.card.target, allow_unseen_target=allow_unseen_target
         )
 
@@ -176,16 +172,16 @@ class SceneRenderer:
         )
         setups = {name: self.prepare(lit, time_s=time_s) for name, lit in groups.items()}
         seed = seeds.derive_seed("studio", replace(spec, time_s=0.0, window=None).key, run)
-        emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
+        emitting = mitsuba_scene.emitter_names(self._described)
         shading = None
-        if estimators.renders_with_shared_shading(spec.estimator, backend_name=self.backend_name):
+        if estimators.shares_shading(spec.estimator, backend_name=self.backend_name):
 
             def show(at_s: float) -> dict[str, RenderSetup]:
                 return setups if at_s == spec.time_s else {n: self.prepare(g, time_s=at_s) for n, g in groups.items()}
 
             moments_s = [spec.time_s - n * step_s for n in reversed(range(moments))]
             shading = self._estimate_shading(show, moments_s=moments_s, samples=samples, seed=seed)
-        found = estimators.render_light_groups(
+        found = estimators.render_groups(
             setups,
             backend_name=self.backend_name,
             positions=positions,
@@ -208,7 +204,7 @@ class SceneRenderer:
         """
         shading_key = (tuple(moments_s), samples, seed)
         if shading_key not in self._shadings:
-            paths = MomentShading(show, seed=seed, emitting=mitsuba_scene.mitsuba_emitter_names(self._described))
+            paths = MomentShading(show, seed=seed, emitting=mitsuba_scene.emitter_names(self._described))
             kept = list(self._shadings.items())[-1:]
             self._shadings = {**dict(kept), shading_key: paths.estimate(moments_s, samples=samples)}
         return self._shadings[shading_key]
@@ -230,13 +226,13 @@ class SceneRenderer:
 
     def _render_picture(self, setup: RenderSetup, position: float, *, samples: int) -> np.ndarray:
         seed = seeds.derive_seed("whole picture", self.scene.digest)
-        if not estimators.renders_with_shared_shading("filtered", backend_name=self.backend_name):
+        if not estimators.shares_shading("filtered", backend_name=self.backend_name):
             return thin_lens.render_position(setup, position=position, samples=samples, seed=seed)
-        emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
+        emitting = mitsuba_scene.emitter_names(self._described)
         nearest = round(position * POSITION_STEPS)
         first = min(nearest, POSITION_STEPS - 1)
         show = MomentShading(lambda _: {"all": setup}, seed=seed, emitting=emitting)
-        found = estimators.render_light_groups(
+        found = estimators.render_groups(
             {"all": setup},
             backend_name=self.backend_name,
             positions=POSITION_STEPS + 1,
@@ -261,13 +257,11 @@ class SceneRenderer:
 
     def estimate_irradiance(self, group: str, *, position: float, target: np.ndarray) -> tuple[float, float]:
         """Return the irradiance (W m⁻²) of the target by a light group, and its standard error."""
-        return irradiance.render_target_irradiance(self.prepare((group,)), position=position, target=target)
+        return irradiance.target_irradiance(self.prepare((group,)), position=position, target=target)
 
     def texel_footprints(self, position: float, target: np.ndarray) -> np.ndarray:
-        """Return the size of texels; see :func:`saf_gen.render.texel_footprints.rendered_texel_footprints`."""
-        return texels.rendered_texel_footprints(
-            self.prepare(), self.scene.card.target, position=position, target=target
-        )
+        """Return the size of texels; see :func:`saf_gen.render.texel_footprints.footprints`."""
+        return texels.footprints(self.prepare(), self.scene.card.target, position=position, target=target)
 
     def _moment(self, time_s: float | None) -> float:
         return self.scene.card.still_s if time_s is None and self.motions else time_s or 0.0
@@ -291,9 +285,9 @@ class SceneRenderer:
     def _load(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
         card, moment = self.scene.card, self._described
         if time_s is not None:
-            moment = posed_shapes.pose_rendered_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
+            moment = posed_shapes.pose_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
         emitters = tuple(emitter for group in groups for emitter in card.lights[group])
-        return mitsuba_scene.load_lit_mitsuba_scene(moment, emitters, max_depth=self.max_depth)
+        return mitsuba_scene.load_lit_scene(moment, emitters, max_depth=self.max_depth)
 
 
 def _bounding_box(scene: Any, names: tuple[str, ...]) -> np.ndarray:

@@ -11,11 +11,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import Scene
 
 
-def call_mitsuba_scene_script(scene: Scene, function: str, *, default: Any = None) -> Any:
+def call_scene_script(scene: Scene, function: str, *, default: Any = None) -> Any:
     """Call a function of the scene's script with the scene's parameters, and return its result.
 
     If the script has no function of this name, return ``default``, unless that is None.
@@ -25,10 +26,11 @@ def call_mitsuba_scene_script(scene: Scene, function: str, *, default: Any = Non
     script = scene.folder / "scene.py"
     with _scene_modules(scene):
         try:
-            module = _execute(f"saf_gen_scene_{scene.id}", script)
-            if default is not None and not hasattr(module, function):
-                return default
-            return getattr(module, function)(dict(scene.params))
+            with user_code():
+                module = _execute(f"saf_gen_scene_{scene.id}", script)
+                if default is not None and not hasattr(module, function):
+                    return default
+                return getattr(module, function)(dict(scene.params))
         except BadInput:
             raise
         except Exception as error:  # the code of a scene may raise anything

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.core.files import temporary_folder
-from saf_gen.render import render_missing_stacks
+from saf_gen.render import render_missing
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
-from saf_gen.stack.stack_grain import measure_stack_grain, read_stack_grain, write_stack_grain
+from saf_gen.stack.stack_grain import measure_pictures, read_grain, write_grain
 
 # Samples of a stack divided by the samples of its second render. A second render of 8 samples takes 16 to 19 % of the
 # processor time of a stack of 64. Noise falls faster than 1/samples, so noise over signal in C² comes out too large by
@@ -29,7 +29,7 @@ MEASURED_POSITIONS = 33  # number of evenly spaced positions that are measured p
 MAX_SLICES, SLICE_STRIDE = 6, 12  # per recording: at most this many time slices, and at most one in this many
 
 
-def measure_grain_by_second_render(
+def measure_by_repeat(
     scene: Scene,
     specs: Sequence[StackSpec],
     *,
@@ -47,21 +47,21 @@ def measure_grain_by_second_render(
     specs : sequence of StackSpec
         One stack of a still scene, or one for each of many moments; stacks that see no target have no grain to measure.
     root, backend_name, threads, progress
-        See :func:`saf_gen.render.render_missing_stacks`.
+        See :func:`saf_gen.render.render_missing`.
 
     Raises
     ------
     BadInput
-        If :func:`saf_gen.render.render_missing_stacks` raises it.
+        If :func:`saf_gen.render.render_missing` raises it.
     """
-    chosen = list_stacks_to_render_again(specs, root)
-    todo = [spec for spec in chosen if read_stack_grain(root, spec) is None]
+    chosen = stacks_to_repeat(specs, root)
+    todo = [spec for spec in chosen if read_grain(root, spec) is None]
     if not todo:
         return
     divisor = SLICE_DIVISOR if len(specs) > 1 else STILL_DIVISOR
     again = [replace(spec, samples=_fewer(spec.samples, divisor)) for spec in todo]
     with temporary_folder(root / "grain") as folder:
-        render_missing_stacks(
+        render_missing(
             scene,
             again,
             root=folder,
@@ -72,17 +72,17 @@ def measure_grain_by_second_render(
         for spec, second in zip(todo, again, strict=True):
             store = StackStore(root, spec)
             depth, target = store.load_geometry()
-            grain = measure_stack_grain(
+            grain = measure_pictures(
                 store.load_planes(0, spec.rendered_count),
                 StackStore(folder, second).load_planes(0, spec.rendered_count),
                 target=target,
                 samples=(spec.samples, second.samples),
                 indices=_choose_positions(spec, spec.drive.true_focus(depth[target])),
             )
-            write_stack_grain(root, spec, grain=grain)
+            write_grain(root, spec, grain=grain)
 
 
-def list_stacks_to_render_again(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]:
+def stacks_to_repeat(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]:
     """Return the stored stacks whose grain is measured; for a moving scene, a few slices that see the target."""
     seen = []
     for spec in specs:

@@ -81,10 +81,10 @@ class CellTable:
         """Add paths by their first surfaces; ``radiance`` is float32 (light, path). Split calls give the same bits."""
         for begin in range(0, hits.shape.size, PATHS_AT_ONCE):
             part = slice(begin, begin + PATHS_AT_ONCE)
-            keys = kernels.keys_of_shading_cells(*(array[part] for array in hits[:6]))
+            keys = kernels.cell_keys(*(array[part] for array in hits[:6]))
             self._reserve(self.count + keys.size)
             arrays = self._slots, self._keys, self._surface, self._light
-            self.count = kernels.add_shading_paths(*arrays, self.count, keys, hits.reflectance[part], radiance[:, part])
+            self.count = kernels.add_paths(*arrays, self.count, keys, hits.reflectance[part], radiance[:, part])
 
     def count_rays(self, rays: int, *, unshared: int, in_light: int) -> None:
         """Count the rays that were cast, that met an unshared surface, and that went straight into light."""
@@ -92,7 +92,7 @@ class CellTable:
 
     def by_tile(self) -> "ShadingCells":
         """Return the sums of the paths added so far, with the cells in order of their tiles."""
-        order, begin = kernels.order_shading_by_tile(self._keys[: self.count])
+        order, begin = kernels.order_by_tile(self._keys[: self.count])
         return ShadingCells(begin, self._keys[order], self._surface[order], self._light[order], self._rays)
 
     def _reserve(self, cells: int) -> None:
@@ -105,7 +105,7 @@ class CellTable:
             )
         if 2 * cells > self._slots.size:
             self._slots = np.full(1 << (2 * cells - 1).bit_length(), -1, dtype=np.int32)
-            kernels.fill_shading_slots(self._slots, self._keys[: self.count])
+            kernels.fill_slots(self._slots, self._keys[: self.count])
 
 
 @dataclass(frozen=True)
@@ -150,13 +150,13 @@ class ShadingCells:
         tiles = np.flatnonzero(np.sum([np.diff(begin) for begin in begins], axis=0))
         index = np.empty(sum(array.size for array in keys), dtype=np.int32)
         sizes = np.zeros(kernels.TILES + 1, dtype=np.int32)
-        sizes[tiles + 1] = estimate.number_shading_cells(tiles, begins, keys, index)
+        sizes[tiles + 1] = estimate.number_cells(tiles, begins, keys, index)
         begin = np.cumsum(sizes, dtype=np.int32)
         count = begin[-1]
         arrays = np.empty(count, np.uint64), np.empty((count, 3)), np.empty((count, *lights[0].shape[1:]))
         merged_cells = cls(begin, *arrays, np.sum([m.rays for m in moments], axis=0))
         out = merged_cells.keys, merged_cells.surface, merged_cells.light
-        estimate.add_shading_moments(tiles, begins, keys, surfaces, lights, index, begin, *out)
+        estimate.add_moments(tiles, begins, keys, surfaces, lights, index, begin, *out)
         return merged_cells
 
     def estimate(self, around: "ShadingField | None" = None) -> "ShadingField":
@@ -171,14 +171,14 @@ class ShadingCells:
         """
         light, significance = self.light, (0, 0.0)
         if around is not None:
-            light = estimate.light_beyond_shading(self.surface, light, self.keys, *around.content)
+            light = estimate.light_beyond(self.surface, light, self.keys, *around.content)
             significance = SIGNIFICANT_LEVEL, SIGNIFICANT
-        capacity, tables = kernels.LEVELS * self.keys.size, estimate.begin_of_shading_tables(self.begin)
+        capacity, tables = kernels.LEVELS * self.keys.size, estimate.table_begins(self.begin)
         slots, keys = np.empty(tables[-1], np.int32), np.zeros(capacity, np.uint64)
         shading = np.zeros((capacity, light.shape[1], 2), np.float32)
         cells = self.tiles, self.begin, self.keys, self.surface, light
         known = around.content if around is not None else (tables, slots, keys, shading)
-        estimate.estimate_shading_tiles(*cells, known, tables, slots, keys, shading, *significance)
+        estimate.estimate_tiles(*cells, known, tables, slots, keys, shading, *significance)
         _, unshared, in_light = (float(count) for count in self.rays / max(self.rays[0], 1))
         field = ShadingField(self.tiles, self.begin, tables, slots, keys, shading, unshared, in_light)
         return field if around is None else around.plus(field)
@@ -223,7 +223,7 @@ class ShadingField:
     def plus(self, other: "ShadingField") -> "ShadingField":
         """Return the sum with another field's shading of the same cells, or of the cells around them; not below 0."""
         cells = self.tiles, self.begin, self.keys, self.shading
-        return replace(self, shading=estimate.add_found_shading(*cells, *other.content))
+        return replace(self, shading=estimate.add_found(*cells, *other.content))
 
     def reflect(self, hits: SurfaceHits, *, first: int, seed: int) -> np.ndarray:
         """Return the radiance that surfaces reflect to rays, float32 (light, ray); 0 if the shading is unknown.

@@ -7,15 +7,7 @@ are added in the order in which they came, so that neither the number of cores n
 import numba as nb
 import numpy as np
 
-from saf_gen.render.shading_kernels import (
-    LEVELS,
-    TILES,
-    find_cell_round_shading,
-    find_shading_slot,
-    is_glossy_shading_cell,
-    parent_of_shading_cell,
-    tile_of_shading_cell,
-)
+from saf_gen.render.shading_kernels import LEVELS, TILES, cell_tile, find_cell, find_slot, is_glossy, parent_cell
 
 MIN_REFLECTANCE = 1e-4  # a cell that reflects less on average counts as black
 SAME_REFLECTANCE = 1e-6  # of the mean square of ρ; a cell in which ρ varies by less does not show its gloss
@@ -32,7 +24,7 @@ def _table_size(cells):
 
 
 @nb.njit(parallel=True, cache=True)
-def number_shading_cells(tiles, begins, keys, index):
+def number_cells(tiles, begins, keys, index):
     """Number the distinct cells of several moments in each tile, in order, and return their counts, int32 (tile,).
 
     Parameters
@@ -53,7 +45,7 @@ def number_shading_cells(tiles, begins, keys, index):
         count, before = 0, 0
         for m in range(len(keys)):
             for i in range(begins[m][tile], begins[m][tile + 1]):
-                slot = find_shading_slot(slots, 0, slots.size, found, keys[m][i])
+                slot = find_slot(slots, 0, slots.size, found, keys[m][i])
                 if slots[slot] < 0:
                     slots[slot] = count
                     found[count] = keys[m][i]
@@ -65,7 +57,7 @@ def number_shading_cells(tiles, begins, keys, index):
 
 
 @nb.njit(parallel=True, cache=True)
-def add_shading_moments(tiles, begins, keys, surfaces, lights, index, begin, out_keys, out_surface, out_light):
+def add_moments(tiles, begins, keys, surfaces, lights, index, begin, out_keys, out_surface, out_light):
     """Write, for each cell, its sums over several moments; ``index`` numbers the cells of each moment within a tile."""
     groups = out_light.shape[1]
     for n in nb.prange(tiles.size):
@@ -86,7 +78,7 @@ def add_shading_moments(tiles, begins, keys, surfaces, lights, index, begin, out
 
 
 @nb.njit(cache=True)
-def begin_of_shading_tables(begin):
+def table_begins(begin):
     """Return where the table of each tile begins, for its cells and all larger ones around them, int32 (TILES + 1,)."""
     tables = np.zeros(TILES + 1, dtype=np.int32)
     for tile in range(TILES):
@@ -97,12 +89,12 @@ def begin_of_shading_tables(begin):
 
 
 @nb.njit(parallel=True, cache=True)
-def light_beyond_shading(surface, light, keys, tables, slots, known_keys, shading):
+def light_beyond(surface, light, keys, tables, slots, known_keys, shading):
     """Return the cells' sums for the radiance beyond the known shading, L - matt·ρ - gloss, instead of L."""
     out = np.empty_like(light)
     for i in nb.prange(light.shape[0]):
-        tile = tile_of_shading_cell(keys[i])
-        cell = find_cell_round_shading(slots, tables[tile], tables[tile + 1] - tables[tile], known_keys, keys[i])
+        tile = cell_tile(keys[i])
+        cell = find_cell(slots, tables[tile], tables[tile + 1] - tables[tile], known_keys, keys[i])
         for g in range(light.shape[1]):
             matt = np.float64(shading[cell, g, 0]) if cell >= 0 else 0.0
             gloss = np.float64(shading[cell, g, 1]) if cell >= 0 else 0.0
@@ -120,7 +112,7 @@ def _squares_beyond_shading(surface, light, matt, gloss):
 
 
 @nb.njit(parallel=True, cache=True)
-def add_found_shading(tiles, begin, keys, shading, tables, slots, found_keys, found):
+def add_found(tiles, begin, keys, shading, tables, slots, found_keys, found):
     """Return each cell's shading plus the found shading of it or of the smallest known cell around it, at least 0."""
     out = np.zeros_like(shading)
     for n in nb.prange(tiles.size):
@@ -128,7 +120,7 @@ def add_found_shading(tiles, begin, keys, shading, tables, slots, found_keys, fo
         for i in range(LEVELS * np.int64(begin[tile]), LEVELS * np.int64(begin[tile + 1])):
             if keys[i] == 0:
                 break
-            cell = find_cell_round_shading(slots, tables[tile], tables[tile + 1] - tables[tile], found_keys, keys[i])
+            cell = find_cell(slots, tables[tile], tables[tile + 1] - tables[tile], found_keys, keys[i])
             for g in range(shading.shape[1]):
                 for j in range(2):
                     beyond = found[cell, g, j] if cell >= 0 else np.float32(0)
@@ -137,9 +129,7 @@ def add_found_shading(tiles, begin, keys, shading, tables, slots, found_keys, fo
 
 
 @nb.njit(parallel=True, cache=True)
-def estimate_shading_tiles(
-    tiles, begin, keys, surface, light, around, tables, slots, out_keys, out_shading, finest, sigmas
-):
+def estimate_tiles(tiles, begin, keys, surface, light, around, tables, slots, out_keys, out_shading, finest, sigmas):
     """Estimate the shading of the cells of each tile and of all larger ones around them.
 
     Parameters
@@ -182,7 +172,7 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
     shading, gloss = np.empty((capacity, groups)), np.zeros((capacity, groups))
     ends[1] = cells
     for i in range(cells):
-        slots[find_shading_slot(slots, begin, size, out_keys, keys[i])] = first + i
+        slots[find_slot(slots, begin, size, out_keys, keys[i])] = first + i
         out_keys[first + i] = keys[i]
         for j in range(3):
             sums[i, j] = surface[i, j]
@@ -196,8 +186,8 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
     for level in range(1, LEVELS):
         end = ends[level]
         for i in range(ends[level - 1], ends[level]):
-            key = parent_of_shading_cell(out_keys[first + i])
-            slot = find_shading_slot(slots, begin, size, out_keys, key)
+            key = parent_cell(out_keys[first + i])
+            slot = find_slot(slots, begin, size, out_keys, key)
             if slots[slot] < 0:
                 slots[slot] = first + end
                 out_keys[first + end] = key
@@ -215,9 +205,9 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
         ends[level + 1] = end
     glossy = np.empty(ends[LEVELS], dtype=np.bool_)
     for i in range(ends[LEVELS]):
-        glossy[i] = is_glossy_shading_cell(out_keys[first + i])
+        glossy[i] = is_glossy(out_keys[first + i])
     for i in range(ends[LEVELS] if sigmas > 0 else 0):
-        cell = find_cell_round_shading(known[2], known[0], known[1], known[3], out_keys[first + i])
+        cell = find_cell(known[2], known[0], known[1], known[3], out_keys[first + i])
         for g in range(groups):
             if cell >= 0 and known[4][cell, g, 1] > 0:
                 gloss[i, g] = known[4][cell, g, 1] / (known[4][cell, g, 0] + known[4][cell, g, 1])

@@ -44,13 +44,13 @@ def _cell_key(shape, column, row, depth, u, v):
 
 
 @nb.njit(inline="always")
-def is_glossy_shading_cell(key):
+def is_glossy(key):
     """Return whether the shape of a cell is glossy: the last bit of the shape's number."""
     return (key >> _SHAPE) & U(1) == U(1)
 
 
 @nb.njit(inline="always")
-def parent_of_shading_cell(key):
+def parent_cell(key):
     """Return the key of the next larger cell around a cell."""
     c, r, d = (key >> _COLUMN) & _14, (key >> _ROW) & _14, (key >> _DEPTH) & _13
     level = ((key >> _LEVEL) & U(7)) + U(1)
@@ -59,14 +59,14 @@ def parent_of_shading_cell(key):
 
 
 @nb.njit(inline="always")
-def tile_of_shading_cell(key):
+def cell_tile(key):
     """Return the number of the tile of one of the smallest cells."""
     c, r = (key >> _COLUMN) & _14, (key >> _ROW) & _14
     return np.int64(((r >> U(LEVELS - 1)) << U(_TILE_BITS)) | (c >> U(LEVELS - 1)))
 
 
 @nb.njit(parallel=True, cache=True)
-def keys_of_shading_cells(shape, column, row, depth, u, v):
+def cell_keys(shape, column, row, depth, u, v):
     """Return the key of each hit's smallest cell; 0 for a hit without a shape."""
     keys = np.zeros(shape.size, dtype=np.uint64)
     for i in nb.prange(shape.size):
@@ -76,7 +76,7 @@ def keys_of_shading_cells(shape, column, row, depth, u, v):
 
 
 @nb.njit(inline="always")
-def find_shading_slot(slots, first, size, keys, key):
+def find_slot(slots, first, size, keys, key):
     """Return the slot of a key, or the empty slot where it belongs, in a table of ``size`` slots from ``first`` on.
 
     A slot holds the index of a key in ``keys``, or -1 if it is empty. The size is a power of two.
@@ -91,34 +91,34 @@ def find_shading_slot(slots, first, size, keys, key):
 
 
 @nb.njit(inline="always")
-def find_cell_round_shading(slots, first, size, keys, key):
+def find_cell(slots, first, size, keys, key):
     """Return the index of a cell, or of the smallest known one around it; -1 if none is known.
 
-    The parameters describe a table as in :func:`find_shading_slot`.
+    The parameters describe a table as in :func:`find_slot`.
     """
     if size == 0:
         return np.int64(-1)
-    slot = find_shading_slot(slots, first, size, keys, key)
+    slot = find_slot(slots, first, size, keys, key)
     while slots[slot] < 0 and (key >> _LEVEL) & U(7) < U(LEVELS - 1):
-        key = parent_of_shading_cell(key)
-        slot = find_shading_slot(slots, first, size, keys, key)
+        key = parent_cell(key)
+        slot = find_slot(slots, first, size, keys, key)
     return np.int64(slots[slot])
 
 
 @nb.njit(cache=True)
-def fill_shading_slots(slots, keys):
+def fill_slots(slots, keys):
     """Enter keys into an empty table."""
     for i in range(keys.size):
-        slots[find_shading_slot(slots, 0, slots.size, keys, keys[i])] = i
+        slots[find_slot(slots, 0, slots.size, keys, keys[i])] = i
 
 
 @nb.njit(cache=True)
-def add_shading_paths(slots, keys, surface, light, count, path_keys, reflectance, radiance):
+def add_paths(slots, keys, surface, light, count, path_keys, reflectance, radiance):
     """Add paths to the sums of their cells, in one table for all tiles, and return the new number of cells."""
     for i in range(path_keys.size):
         if path_keys[i] == 0:
             continue
-        slot = find_shading_slot(slots, 0, slots.size, keys, path_keys[i])
+        slot = find_slot(slots, 0, slots.size, keys, path_keys[i])
         if slots[slot] < 0:
             slots[slot] = count
             keys[count] = path_keys[i]
@@ -137,16 +137,16 @@ def add_shading_paths(slots, keys, surface, light, count, path_keys, reflectance
 
 
 @nb.njit(cache=True)
-def order_shading_by_tile(keys):
+def order_by_tile(keys):
     """Return the order that groups cells by tile (stable within each), and where each tile begins."""
     begin = np.zeros(TILES + 1, dtype=np.int32)
     for i in range(keys.size):
-        begin[tile_of_shading_cell(keys[i]) + 1] += 1
+        begin[cell_tile(keys[i]) + 1] += 1
     for tile in range(TILES):
         begin[tile + 1] += begin[tile]
     order, offset = np.empty(keys.size, dtype=np.int32), begin[:-1].copy()
     for i in range(keys.size):
-        tile = tile_of_shading_cell(keys[i])
+        tile = cell_tile(keys[i])
         order[offset[tile]] = i
         offset[tile] += 1
     return order, begin
@@ -163,13 +163,13 @@ def reflect_shading(begin, slots, keys, shading, out, first, seed, shape, column
         y = np.float32((word >> U(20)) & U(0xFFFFF)) * np.float32(2.0**-20) - np.float32(0.5)
         z = np.float32((word >> U(40)) & U(0xFFFFF)) * np.float32(2.0**-20) - np.float32(0.5)
         key = _cell_key(shape[i], column[i] + FINEST * x, row[i] + FINEST * y, depth[i] + z, u[i], v[i])
-        tile = tile_of_shading_cell(key)
+        tile = cell_tile(key)
         start, size = begin[tile], begin[tile + 1] - begin[tile]
-        cell = np.int64(slots[find_shading_slot(slots, start, size, keys, key)]) if size else np.int64(-1)
+        cell = np.int64(slots[find_slot(slots, start, size, keys, key)]) if size else np.int64(-1)
         if cell < 0:  # no cell at the moved position: use the one at the position itself, or around it
             key = _cell_key(shape[i], column[i], row[i], depth[i], u[i], v[i])
-            tile = tile_of_shading_cell(key)
-            cell = find_cell_round_shading(slots, begin[tile], begin[tile + 1] - begin[tile], keys, key)
+            tile = cell_tile(key)
+            cell = find_cell(slots, begin[tile], begin[tile + 1] - begin[tile], keys, key)
         if cell >= 0:
             for g in range(out.shape[0]):
                 out[g, i] = reflectance[i] * shading[cell, g, 0] + shading[cell, g, 1]

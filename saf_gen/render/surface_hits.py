@@ -13,8 +13,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.camera_rays import CameraRays, opaque_number_for_rays
-from saf_gen.render.line_of_sight import OPAQUE, ClearSurfaces, follow_rays_through_glass, number_shapes_that_rays_hit
+from saf_gen.render.camera_rays import CameraRays, opaque
+from saf_gen.render.line_of_sight import OPAQUE, ClearSurfaces, number_shapes, through_glass
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import SurfaceHits
 
@@ -137,7 +137,7 @@ class SurfaceFinder:
         """Follow rays, cast for these positions, to the surfaces that they see; ``seed`` is for choices on the way."""
         setup, scene = self._setup, self._setup.mitsuba_scene
         to_camera = mi.Transform4f(setup.to_world).inverse()
-        begin = opaque_number_for_rays(setup.drive.shift(float(focus[0] + focus[-1]) / 2))
+        begin = opaque(setup.drive.shift(float(focus[0] + focus[-1]) / 2))
 
         def axial(point: Any) -> Any:
             return (to_camera @ point).z * setup.unit_m - begin
@@ -145,7 +145,7 @@ class SurfaceFinder:
         line = None
         last = segment = mi.Ray3f(rays.ray)
         if self._clear.any:
-            line = follow_rays_through_glass(scene, last, self._clear, axial=axial, seed=seed, first=rays.first)
+            line = through_glass(scene, last, self._clear, axial=axial, seed=seed, first=rays.first)
             dr.eval(*line)  # field by field: dr.eval does not evaluate a named tuple
             last = line.last
         hit = scene.ray_intersect(last)
@@ -181,14 +181,12 @@ class SurfaceFinder:
             clear = self._clear.effect_on_line(hit, counts) != OPAQUE
             shape = dr.select(clear & (~is_clear | self._clear.mirrors(hit, counts & is_clear)), 0, shape)
         # Shading moves along with a shape.
-        moved = dr.gather(mi.Vector3f, self._moved, number_shapes_that_rays_hit(hit), valid)
+        moved = dr.gather(mi.Vector3f, self._moved, number_shapes(hit), valid)
         point = (to_camera @ mi.Point3f(hit.p - moved)) * setup.unit_m
-        depth = point.z - opaque_number_for_rays(
-            self._middle
-        )  # from the lens at the middle of its travel, for all rays alike
-        scale = opaque_number_for_rays(self._pixels_per_slope)
-        column = -point.x / depth * scale + opaque_number_for_rays(setup.grid.columns / 2)
-        row = -point.y / depth * scale + opaque_number_for_rays(setup.grid.rows / 2)
+        depth = point.z - opaque(self._middle)  # from the lens at the middle of its travel, for all rays alike
+        scale = opaque(self._pixels_per_slope)
+        column = -point.x / depth * scale + opaque(setup.grid.columns / 2)
+        row = -point.y / depth * scale + opaque(setup.grid.rows / 2)
         out_of_range = (
             dr.maximum(dr.abs(column), dr.abs(row)) > MAX_PIXELS_FROM_ORIGIN
         )  # or behind the lens: seen in a mirror
@@ -201,7 +199,7 @@ class SurfaceFinder:
             shape,
             column,
             row,
-            dr.log(dr.maximum(depth, 1e-9)) * opaque_number_for_rays(self._pixels_per_slope / CELL_DEPTH),
+            dr.log(dr.maximum(depth, 1e-9)) * opaque(self._pixels_per_slope / CELL_DEPTH),
             u,
             v,
             dr.select(textured, _reflectance(hit, textured), 1.0),
@@ -232,7 +230,7 @@ class SurfaceFinder:
 
     def _look_up(self, table: Any, hit: Any, *, valid: Any) -> Any:
         """Return the entries of a table for the shapes that rays hit, UInt32 (ray,)."""
-        return dr.gather(mi.UInt32, table, number_shapes_that_rays_hit(hit), valid)
+        return dr.gather(mi.UInt32, table, number_shapes(hit), valid)
 
 
 def _ends_in_light(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:

@@ -5,10 +5,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.render_setup import RenderSetup, make_mitsuba_camera_dict, render_with_mitsuba_camera
+from saf_gen.render.render_setup import RenderSetup, camera_dict, render_with_camera
 
 
-def rendered_texel_footprints(
+def footprints(
     setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, target: np.ndarray
 ) -> np.ndarray:
     """Return the size (m) of a texel at each target pixel, from the finest bitmap of its shape, float64 (pixel,).
@@ -29,16 +29,14 @@ def rendered_texel_footprints(
         The target's pixels at this position.
     """
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
-    camera = mi.load_dict({"type": "perspective", **make_mitsuba_camera_dict(setup, position), "sampler": sampler})
+    camera = mi.load_dict({"type": "perspective", **camera_dict(setup, position), "sampler": sampler})
     sizes = []
     for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes):
         density = _texel_density(shape.bsdf())
         if density > 0:
             shape_scene = mi.load_dict({"type": "scene", "it": shape}, optimize=False)
             integrator = mi.load_dict({"type": "aov", "aovs": "u:dp_du,v:dp_dv"})
-            planes = render_with_mitsuba_camera(shape_scene, camera, integrator=integrator, samples=1).astype(
-                np.float64
-            )
+            planes = render_with_camera(shape_scene, camera, integrator=integrator, samples=1).astype(np.float64)
             area = np.linalg.norm(np.cross(planes[..., 0:3], planes[..., 3:6]), axis=-1)[target]
             sizes.append(np.sqrt(area[area > 0] / density) * setup.unit_m)
     return np.concatenate(sizes) if sizes else np.empty(0)

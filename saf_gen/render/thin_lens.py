@@ -11,13 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.core.region import Region
-from saf_gen.render.render_setup import (
-    RenderSetup,
-    make_mitsuba_camera_dict,
-    make_mitsuba_film_dict,
-    positions_to_render,
-    render_with_mitsuba_camera,
-)
+from saf_gen.render.render_setup import RenderSetup, camera_dict, film_dict, positions_to_render, render_with_camera
 
 
 def render_position(
@@ -25,20 +19,18 @@ def render_position(
 ) -> np.ndarray:
     """Render the mean radiance at one focus position, of all pixels or of a region: float32 (row, col)."""
     drive = setup.drive
-    film = make_mitsuba_film_dict(setup.grid, region)
+    film = film_dict(setup.grid, region)
     camera = mi.load_dict(
         {
             "type": "thinlens",
-            **make_mitsuba_camera_dict(setup, position),
+            **camera_dict(setup, position),
             "film": film,
             "aperture_radius": drive.aperture_radius_m / setup.unit_m,
             "focus_distance": float(drive.object_distance(position)) / setup.unit_m,
             "sampler": {"type": "independent", "sample_count": samples},
         }
     )
-    image = render_with_mitsuba_camera(
-        setup.mitsuba_scene, camera, integrator=setup.integrator, samples=samples, seed=seed
-    )
+    image = render_with_camera(setup.mitsuba_scene, camera, integrator=setup.integrator, samples=samples, seed=seed)
     return image.reshape(film["crop_height"], film["crop_width"])
 
 

@@ -24,7 +24,7 @@ def trace_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
     return _to_host(traced)
 
 
-def trace_reflected_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
+def reflected_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
     """Return the radiance that the clear surfaces met by rays reflect, float32 (ray,).
 
     This is all that they scatter or reflect, without the light that comes straight through. A path to a lamp is found
@@ -56,7 +56,7 @@ def trace_reflected_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.n
     return _to_host(aimed + dr.select(found, weight * (traced + straight * (share - 1)), 0))
 
 
-def read_radiance_of_lamps(setup: RenderSetup, ray: Any) -> np.ndarray:
+def lamp_radiance(setup: RenderSetup, ray: Any) -> np.ndarray:
     """Return the radiance of the lamps that rays meet, or of the sky, float32 (ray,)."""
     hit = setup.mitsuba_scene.ray_intersect(ray)
     emitter = hit.emitter(setup.mitsuba_scene)

@@ -10,7 +10,7 @@ import numpy as np
 from saf_gen.errors import BadInput
 
 
-def parse_mitsuba_scene_dict(text: str, path: Path) -> dict[str, Any]:
+def parse_scene_dict(text: str, path: Path) -> dict[str, Any]:
     """Return the Mitsuba dictionary of a scene from :func:`saf_gen.scene.xml.read_scene_xml`, by id.
 
     A lamp is copied to every shape that refers to it; surfaces, textures and the like stay shared. ``path`` is the

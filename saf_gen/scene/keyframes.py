@@ -62,7 +62,7 @@ class RigidMotion(FrozenModel):
         return np.array([np.interp(time_s, times, [k.translate_m[j] for k in self.keyframes]) for j in range(3)])
 
 
-def scene_motion_end_s(motions: Mapping[str, RigidMotion], *, recording_s: float) -> float:
+def motion_end_s(motions: Mapping[str, RigidMotion], *, recording_s: float) -> float:
     """Return the last time in seconds at which one of these shapes still moves during a recording.
 
     If all keyframes are before the recording, return the end of the recording.

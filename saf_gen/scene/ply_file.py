@@ -33,13 +33,13 @@ class _Element(NamedTuple):
     properties: list[_Property]
 
 
-def is_scene_ply_file(path: Path) -> bool:
+def is_ply(path: Path) -> bool:
     """Return whether a file begins like a PLY mesh, whatever its name."""
     with path.open("rb") as file:
         return file.read(3) == b"ply"
 
 
-def validate_scene_ply_file(path: Path) -> None:
+def validate_ply(path: Path) -> None:
     """Raise BadInput unless a PLY file is as long as its header says and all faces name existing vertices.
 
     References

@@ -3,8 +3,10 @@
 This module finds scenes, and reads and checks their cards; only :mod:`saf_gen.render` builds the geometry.
 """
 
+import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,17 +16,16 @@ from pydantic import Field, model_validator
 
 from saf_gen.core import seeds
 from saf_gen.core.config.document import FrozenModel, validate_document
-from saf_gen.core.config.ranges import check_config_parameter, draw_config_range
+from saf_gen.core.config.ranges import check_parameter, draw_range
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
 from saf_gen.optics import Drive
 from saf_gen.optics.lens_card import LensCard
-from saf_gen.plugins.lights import check_light_groups
+from saf_gen.plugins.lights import check_groups
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
-from saf_gen.scene.library import find_scene_library_module
-from saf_gen.scene.scene_digest import scene_folder_digest
+from saf_gen.scene.library import library_module
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
@@ -156,7 +157,7 @@ class Scene:
     def draw_member(self, *stream: str | int) -> "Scene":
         """Return a member of the family, with every range drawn from the random streams of this name."""
         params = {
-            key: draw_config_range(value, seeds.make_generator(*stream, "param", key))
+            key: draw_range(value, seeds.make_generator(*stream, "param", key))
             for key, value in self.card.params.items()
         }
         return replace(self, params=params)
@@ -170,16 +171,16 @@ class Scene:
 
     def library_files(self) -> dict[str, Path]:
         """Return the files of the library modules that the script imports, by the name under which it imports them."""
-        return {name: find_scene_library_module(module) for name, module in self.card.library.items()}
+        return {name: library_module(module) for name, module in self.card.library.items()}
 
 
 def scene_roots() -> list[Path]:
     """Return the folders in which scenes are looked up by name, in the order of precedence.
 
-    These are the folders of :func:`~saf_gen.scene.trusted_folders.scene_folders_in_use`, then the folder of the scenes
+    These are the folders of :func:`~saf_gen.scene.trusted_folders.folders_in_use`, then the folder of the scenes
     that come with saf_gen.
     """
-    return [*trusted_folders.scene_folders_in_use(), shipped_folder("scenes")]
+    return [*trusted_folders.folders_in_use(), shipped_folder("scenes")]
 
 
 def scene_names() -> list[str]:
@@ -207,7 +208,7 @@ def find_scene(name: str) -> Scene:
     raise unknown("scene", name, allowed=scene_names(), hint="see: saf-gen scenes list")
 
 
-def load_scene_folder(folder: Path) -> Scene:
+def load_scene(folder: Path) -> Scene:
     """Return the scene in any folder; if its geometry is a script, the user must trust the folder.
 
     Raises
@@ -217,7 +218,7 @@ def load_scene_folder(folder: Path) -> Scene:
         ``SAF_GEN_SCENES``, nor the folder of the scenes that come with saf_gen.
     """
     folder = folder.resolve()
-    trusted = {root.resolve() for root in (*trusted_folders.trusted_scene_folders(), shipped_folder("scenes"))}
+    trusted = {root.resolve() for root in (*trusted_folders.all_trusted(), shipped_folder("scenes"))}
     if (folder / SCRIPT_FILE).exists() and folder.parent not in trusted:
         raise _untrusted(folder, f"{folder / SCRIPT_FILE} is code, and would be run")
     return _read(folder)
@@ -246,12 +247,12 @@ def _read(folder: Path) -> Scene:
         )
     if len(geometry) > 1:
         raise BadInput(f"{folder} has scene.py and scene.xml", hint="keep one of the two")
-    check_light_groups(card.lights, document)
+    check_groups(card.lights, document)
     for key, value in card.params.items():
-        check_config_parameter(value, what=f"params.{key}", where=document.locate("params", key))
+        check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
     for name, module in card.library.items():
         where = document.locate("library", name)
-        find_scene_library_module(module, where=where)
+        library_module(module, where=where)
         if not name.isidentifier() or (folder / f"{name}.py").exists() or geometry != [SCRIPT_FILE]:
             raise BadInput(
                 f"library has the name {name!r}",
@@ -274,6 +275,75 @@ def _digest(folder: Path, card: SceneCard) -> str:
     """
     values = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
     contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}
-    contents |= {f"{name}.py": find_scene_library_module(module).read_bytes() for name, module in card.library.items()}
+    contents |= {f"{name}.py": library_module(module).read_bytes() for name, module in card.library.items()}
     # Only a script can read files outside its folder; files of an XML scene must be inside it.
-    return scene_folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())
+    return folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())
+
+
+MAX_FILES = 100_000  # files and folders of a scene; a link to an entire disk would lead to more
+PROSE, PREVIEW_NAME = (".md", "preview.png")  # files that affect no rendered pixel; the preview at the top level only
+
+
+def folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_links: bool) -> str:
+    """Return the SHA-256 (hex) over the names and bytes of a folder's files.
+
+    Markdown files, and ``preview.png`` at the top level, are left out. Files of a linked folder count under the name of
+    the link.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the scene.
+    contents : mapping of str to bytes
+        Bytes by file name, which replace the content of a file or add a file that is not in the folder.
+    allow_outside_links : bool
+        Whether links may lead out of the folder.
+
+    Raises
+    ------
+    BadInput
+        If a file or folder cannot be read, links form a circle or lead out of the folder without permission, or there
+        are more than 100,000 files and folders.
+    """
+    sha = hashlib.sha256()
+    try:
+        for path in sorted({*_list_files(folder, allow_outside_links), *(folder / name for name in contents)}):
+            name = path.relative_to(folder).as_posix()
+            if path.suffix != PROSE and name != PREVIEW_NAME:
+                content = contents[name] if name in contents else path.read_bytes()
+                sha.update(f"{name}\0{len(content)}\0".encode() + content)
+    except OSError as error:
+        raise BadInput(f"{error.filename or folder} cannot be read: {error.strerror or error}") from error
+    return sha.hexdigest()
+
+
+def _list_files(folder: Path, allow_outside_links: bool) -> list[Path]:
+    """Return all regular files in a folder and its subfolders; linked folders are followed."""
+    found: list[Path] = []
+    todo: list[tuple[Path, tuple[str, ...]]] = [(folder, ())]
+    seen = 0
+    while todo:
+        current, parents = todo.pop()
+        parents = (*parents, os.path.realpath(current))  # a link back to one of these forms a circle
+        for path in current.iterdir():
+            seen += 1
+            if seen > MAX_FILES:
+                raise BadInput(f"{folder} holds more than {MAX_FILES:,} files", hint="remove unrelated files")
+            if path.is_file():
+                found.append(path)
+            elif path.is_dir() and path.name != "__pycache__":
+                _check_link(path, parents, allow_outside=allow_outside_links)
+                todo.append((path, parents))
+    return found
+
+
+def _check_link(path: Path, parents: tuple[str, ...], *, allow_outside: bool) -> None:
+    real = os.path.realpath(path)
+    if real in parents:
+        raise BadInput(f"{path} is a link back to {real}, which contains it", hint="remove the link")
+    if not (allow_outside or Path(real).is_relative_to(parents[0])):
+        raise BadInput(
+            f"{path} is a link to {real}",
+            allowed="links within the scene's folder, for a scene.xml",
+            hint=f"copy it into {parents[0]}",
+        )

@@ -6,7 +6,7 @@ visits are read, and by default those of at most three stacks are held in memory
 
 import numpy as np
 
-from saf_gen.camera import Sensor, encoder_knot_weights, sensor_charge_of_images
+from saf_gen.camera import Sensor, charge_of_images, knot_weights
 from saf_gen.stack.time_resolved import FrameRun, PlaneSource
 
 
@@ -65,7 +65,7 @@ class ChargeSource:
             Gain of each light group in each readout of the recording.
         """
         spec = self.time_stack.specs[0]
-        index, fraction = encoder_knot_weights(position[run.begin : run.end], spec.positions)
+        index, fraction = knot_weights(position[run.begin : run.end], spec.positions)
         summed = bool((gain == gain[:, :1]).all())
         gain = (gain[:, :1] if summed else gain)[run.begin : run.end] * self.scale
         if not self.time_stack.is_moving:
@@ -135,5 +135,5 @@ class ChargeSource:
         spec = self.time_stack.specs[j]
         first, stop = positions.start - spec.first_index, positions.stop - spec.first_index
         radiance = self._plane_source.load_planes(j, first, stop)
-        charge = sensor_charge_of_images(radiance, self.sensor, lens=spec.drive, position=spec.focus[first:stop])
+        charge = charge_of_images(radiance, self.sensor, lens=spec.drive, position=spec.focus[first:stop])
         return charge if self._rows is None else charge[:, :, self._rows].copy()

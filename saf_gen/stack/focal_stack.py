@@ -20,9 +20,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from saf_gen.core.config.json_document import load_plain_json
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import atomic_file
 from saf_gen.errors import BadInput
-from saf_gen.optics import Drive, lens_drive_from_dict
+from saf_gen.optics import Drive, drive_from_dict
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack import exr
 
@@ -175,7 +175,7 @@ class StackSpec:
                 raise ValueError(key)
             fields = load_plain_json(path)["spec"]
             window = fields.pop("window")
-            fields |= {"drive": lens_drive_from_dict(fields["drive"]), "groups": tuple(fields["groups"])}
+            fields |= {"drive": drive_from_dict(fields["drive"]), "groups": tuple(fields["groups"])}
             fields["moments_s"] = tuple(fields["moments_s"])
             spec = cls(**fields, window=None if window is None else tuple(window))
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
@@ -310,7 +310,7 @@ class StackStore:
         names = [f"focus.{self.spec.first_index + k:04d}" for k in range(first, stop)]
         radiance = np.empty((len(self.spec.groups), len(names), self.spec.rows, self.spec.columns), np.float32)
         for g, group in enumerate(self.spec.groups):
-            planes, facts = exr.read_stack_planes(self.folder / f"{group}.exr", names)
+            planes, facts = exr.read_planes(self.folder / f"{group}.exr", names)
             for k, name in enumerate(names):
                 radiance[g, k] = planes[name]
             if exponent := int(facts.get("exponent", 0)):
@@ -324,7 +324,7 @@ class StackStore:
         """
         if not self._is_complete("geometry"):
             raise BadInput(f"{self.folder} lacks geometry", hint="run saf-gen generate again")
-        planes, _ = exr.read_stack_planes(self.folder / "geometry.exr")
+        planes, _ = exr.read_planes(self.folder / "geometry.exr")
         return planes["depth"], planes["target"] > 0.5
 
     def _note(self, name: str) -> dict[str, object]:
@@ -342,17 +342,17 @@ class StackStore:
         return _sha256(path, size=status.st_size, changed_ns=status.st_mtime_ns) == note.get("sha256")
 
     def _put(self, name: str, planes: dict[str, np.ndarray], *, facts: dict[str, str]) -> None:
-        with write_atomically(self.folder / f"{name}.exr") as part:
+        with atomic_file(self.folder / f"{name}.exr") as part:
             drive = json.dumps(self.spec.drive.as_dict())
             attributes = {"format": FORMAT, "stack": self.spec.key, "drive": drive, **facts}
             if self.spec.window:
                 block_size = 1 if name == "geometry" else exr.BLOCK
-                exr.write_stack_plane_blocks(part, planes, attributes=attributes, block_size=block_size)
+                exr.write_plane_blocks(part, planes, attributes=attributes, block_size=block_size)
             else:
-                exr.write_stack_planes(part, planes, attributes=attributes)
+                exr.write_planes(part, planes, attributes=attributes)
             sha256 = hashlib.sha256(part.read_bytes()).hexdigest()
         note = {"format": FORMAT, **facts, "sha256": sha256, "spec": self.spec.as_dict()}
-        with write_atomically(self.folder / f"{name}.json") as part:
+        with atomic_file(self.folder / f"{name}.json") as part:
             part.write_text(json.dumps(note, indent=1))
 
 

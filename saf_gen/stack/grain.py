@@ -91,7 +91,7 @@ class Grain:
     noise_over_signal: Mapping[str, GrainFigure]
 
 
-def estimate_stack_grain(
+def estimate_grain(
     first: np.ndarray, second: np.ndarray, *, mask: np.ndarray | None = None, ratio: float = 1.0
 ) -> Grain:
     """Estimate the grain of the first of two renders of one picture.
@@ -128,9 +128,7 @@ def estimate_stack_grain(
     noise = _sum_blocks([((first - second) ** 2 / (1 + ratio), mask)], blocks)
     found = {}
     for energy in ENERGIES:
-        responses = zip(
-            filter_stack_grain(first, energy, mask=mask), filter_stack_grain(second, energy, mask=mask), strict=True
-        )
+        responses = zip(filter_grain(first, energy, mask=mask), filter_grain(second, energy, mask=mask), strict=True)
         pairs = [(a, b, valid) for (a, valid), (b, _) in responses]
         noise_energy = _sum_blocks([((a - b) ** 2 / (1 + ratio), valid) for a, b, valid in pairs], blocks)
         signal = _sum_blocks([(a * b, valid) for a, b, valid in pairs], blocks)
@@ -144,9 +142,7 @@ def estimate_stack_grain(
     return Grain(mean, _relative_rms(noise, mean), found)
 
 
-def mean_energy_of_stack_grain(
-    first: np.ndarray, second: np.ndarray, *, energy: str, mask: np.ndarray | None = None
-) -> float:
+def mean_energy(first: np.ndarray, second: np.ndarray, *, energy: str, mask: np.ndarray | None = None) -> float:
     """Return the mean product of two pictures after the filters of an energy.
 
     If both are the same picture, this is the focus measure of that name (``variance`` for ``contrast``). For two
@@ -167,15 +163,13 @@ def mean_energy_of_stack_grain(
         If the shapes differ or the mask marks nothing.
     """
     first, second, mask = _checked(first, second, mask=mask)
-    pairs = zip(
-        filter_stack_grain(first, energy, mask=mask), filter_stack_grain(second, energy, mask=mask), strict=True
-    )
+    pairs = zip(filter_grain(first, energy, mask=mask), filter_grain(second, energy, mask=mask), strict=True)
     products = [((a * b)[valid], valid.sum()) for (a, valid), (b, _) in pairs]
     count = int(products[0][1]) if products else 0  # the filters of one energy are valid at the same pixels
     return float(sum(product.sum() for product, _ in products) / count) if count else 0.0
 
 
-def correlate_stack_grain(
+def correlate_grain(
     earlier: tuple[np.ndarray, np.ndarray], later: tuple[np.ndarray, np.ndarray], *, mask: np.ndarray | None = None
 ) -> GrainFigure:
     """Return the correlation between the grain at two moments.
@@ -269,7 +263,7 @@ def _quantile(blocks: int) -> float:
     return float(stdtrit(max(blocks - 1, 1), (1 + CONFIDENCE) / 2))
 
 
-def filter_stack_grain(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def filter_grain(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield each filter's response to an image (row, col), and whether all pixels under the filter are in the mask.
 
     An image smaller than the filter yields nothing.

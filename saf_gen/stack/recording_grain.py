@@ -12,7 +12,7 @@ from saf_gen.stream.recorded_grain import GrainMoment, RecordedGrain
 MOMENTS = 17  # along a recording of a still scene
 
 
-def stack_grain_along_recording(
+def grain_along(
     plane_source: PlaneSource, truth: Truth, *, position: np.ndarray, gain: np.ndarray
 ) -> RecordedGrain | None:
     """Return the grain at moments along a recording, or None if the grain of its stacks is not known.

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.core.config.json_document import load_plain_json
-from saf_gen.core.files import write_text_atomically
-from saf_gen.core.region import mask_bounding_box
+from saf_gen.core.files import write_text
+from saf_gen.core.region import bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import StackSpec, StackStore
-from saf_gen.stack.grain import ENERGIES, filter_stack_grain
+from saf_gen.stack.grain import ENERGIES, filter_grain
 
 FILE, FORMAT = "stack.grain.json", "saf-gen grain 1"  # a light group may be called grain, but not stack.grain
 DIGITS = 7
@@ -83,7 +83,7 @@ class StackGrain:
         return math.sqrt(max(energy(self.square), 0.0)), noise, signal
 
 
-def measure_stack_grain(
+def measure_pictures(
     first: np.ndarray,
     second: np.ndarray,
     *,
@@ -118,7 +118,7 @@ def measure_stack_grain(
             f"the renders have the shapes {first.shape} and {second.shape}",
             allowed="(light, focus, row, col), both the same",
         )
-    rows, columns = mask_bounding_box(target)
+    rows, columns = bounding_box(target)
     indices = np.arange(first.shape[1]) if indices is None else np.asarray(indices)
     lights, positions = first.shape[0], indices.size
     mean, square = np.empty((positions, lights)), np.empty((positions, lights, lights))
@@ -141,19 +141,17 @@ def measure_stack_grain(
 def _responses(images: np.ndarray, energy: str) -> np.ndarray:
     """Return the responses of all filters of an energy to images (light, row, col), as an array (light, response)."""
     full_image = np.ones(images.shape[1:], bool)
-    found = [[r.ravel() for r, _ in filter_stack_grain(image, energy, mask=full_image)] for image in images]
+    found = [[r.ravel() for r, _ in filter_grain(image, energy, mask=full_image)] for image in images]
     return np.array([np.concatenate(one) if one else np.full(1, np.nan) for one in found])
 
 
 def _count_positions(shape: tuple[int, int], energy: str) -> int:
     """Return the number of positions at which the filters of an energy fit into an image, at least 1."""
     full_image = np.ones(shape)
-    return max(
-        (int(valid.sum()) for _, valid in filter_stack_grain(full_image, energy, mask=full_image > 0)), default=1
-    )
+    return max((int(valid.sum()) for _, valid in filter_grain(full_image, energy, mask=full_image > 0)), default=1)
 
 
-def write_stack_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None:
+def write_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None:
     """Store the grain of a stack in its folder. Raises BadInput if that fails."""
     document = {
         "format": FORMAT,
@@ -166,10 +164,10 @@ def write_stack_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None
         "noise": {name: _rounded(array) for name, array in grain.noise.items()},
         "signal": {name: _rounded(array) for name, array in grain.signal.items()},
     }
-    write_text_atomically(root / spec.key / FILE, json.dumps(document) + "\n")
+    write_text(root / spec.key / FILE, json.dumps(document) + "\n")
 
 
-def read_stack_grain(root: Path, spec: StackSpec) -> StackGrain | None:
+def read_grain(root: Path, spec: StackSpec) -> StackGrain | None:
     """Return the stored grain of a stack, or None if it is missing, unreadable, or belongs to another digest."""
     try:
         document = load_plain_json(root / spec.key / FILE)

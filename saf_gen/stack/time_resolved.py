@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
-from saf_gen.stack.stack_grain import StackGrain, read_stack_grain
+from saf_gen.stack.stack_grain import StackGrain, read_grain
 
 SHADING_MOMENTS = 9  # number of moments whose light paths give the shading of a time slice, including its own
 FRAMES_PER_BYTE = 8  # the encoder writes whole bytes, so a pair of stacks can change only between two bytes
@@ -75,7 +75,7 @@ class TimeResolvedStack:
 
     def has_grain(self, root: Path) -> bool:
         """Return whether grain has been measured for any of the stacks under ``root``."""
-        return any(read_stack_grain(root, spec) is not None for spec in self.specs)
+        return any(read_grain(root, spec) is not None for spec in self.specs)
 
     def find_missing(self, root: Path) -> list[StackSpec]:
         """Return the stacks that are missing, incomplete or damaged under ``root``."""
@@ -143,7 +143,7 @@ class PlaneSource:
             lambda j: stores[j].load_geometry(),
             time_stack.digest(root),
             ", ".join(sorted(set().union(*(store.backends() for store in stores)))),
-            lambda j: read_stack_grain(root, time_stack.specs[j]),
+            lambda j: read_grain(root, time_stack.specs[j]),
         )
 
     @classmethod
@@ -158,7 +158,7 @@ class PlaneSource:
         )
 
 
-def frames_of_stack_slices(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
+def slice_starts(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
     """Return the frames at which a moving scene is rendered, from 0 to the first one at or after the end.
 
     They are multiples of 8 frames, and give ``slices_per_s`` slices per second or a few more.
@@ -167,7 +167,7 @@ def frames_of_stack_slices(frames: int, *, readout_hz: float, slices_per_s: floa
     return tuple(range(0, frames + step, step))
 
 
-def shading_moments_of_stack_slices(times_s: Sequence[float]) -> list[tuple[float, ...]]:
+def slice_moments(times_s: Sequence[float]) -> list[tuple[float, ...]]:
     """Return, for each time slice, the moments (s) whose light paths give its shading: its own and those before it.
 
     The first slice replaces each moment before it, and contributes different paths each time.
@@ -175,9 +175,7 @@ def shading_moments_of_stack_slices(times_s: Sequence[float]) -> list[tuple[floa
     return [tuple(times_s[max(n - back, 0)] for back in reversed(range(SHADING_MOMENTS))) for n in range(len(times_s))]
 
 
-def focus_windows_of_stack_slices(
-    position: np.ndarray, slice_frames: tuple[int, ...], *, positions: int
-) -> list[tuple[int, int]]:
+def slice_windows(position: np.ndarray, slice_frames: tuple[int, ...], *, positions: int) -> list[tuple[int, int]]:
     """Return the first and last focus position that a recording needs from each time slice, at least two each.
 
     ``position`` (T,) is the position of the lens, 0 to 1. A stack is used in the readouts from the previous slice's

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from saf_gen.core.region import mask_bounding_box
+from saf_gen.core.region import bounding_box
 from saf_gen.errors import BadInput
-from saf_gen.optics.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
 
 
-def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) -> Truth:
+def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> Truth:
     """Return the true focus for a lens at these positions, without the sharpness.
 
     In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered moments that
@@ -35,7 +35,7 @@ def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) ->
     if not time_stack.is_moving:
         depth, target = plane_source.load_geometry(0)
         best = time_stack.specs[0].drive.true_focus(depth[target])
-        return _truth_at(plane_source, 0, position=best, frame=_first(find_focus_crossings(position, best)))
+        return _truth_at(plane_source, 0, position=best, frame=_first(focus_crossings(position, best)))
     seen_frames, best_positions, seen = [], [], []
     for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
         depth, target = plane_source.load_geometry(j)
@@ -51,7 +51,7 @@ def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) ->
     track = np.interp(np.arange(position.size) + 0.5, seen_frames, best_positions)
     in_sight = _in_sight(time_stack, np.array(seen), frames=position.size)
     off = position - track
-    crossings = find_focus_crossings(off, 0.0)
+    crossings = focus_crossings(off, 0.0)
     frame = _first(crossings[in_sight[np.clip(np.rint(crossings).astype(int), 0, position.size - 1)]])
     met = frame if np.isfinite(frame) else float(np.argmin(np.where(in_sight, np.abs(off), np.inf)))
     nearest = seen_frames[int(np.argmin(np.abs(np.asarray(seen_frames) - met - 0.5)))]
@@ -89,7 +89,7 @@ def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: floa
     )
 
 
-def noise_free_stack_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
+def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
     """Return the noise-free SD (variance divided by squared mean) in the target's box at each rendered position.
 
     In a moving scene, the value at a position is taken when the lens first reaches it, and is NaN if it never does.
@@ -108,7 +108,7 @@ def noise_free_stack_sharpness(charge_source: ChargeSource, truth: Truth, *, pos
     ndarray of float64, shape (focus,)
         Sharpness at gain 1.
     """
-    rows, columns = mask_bounding_box(np.asarray(truth.target))
+    rows, columns = bounding_box(np.asarray(truth.target))
     positions = charge_source.time_stack.specs[0].positions
     lowest, highest = float(position.min()), float(position.max())
     stride = float(np.abs(np.diff(position)).max(initial=0.0))  # readouts reach the ends only to within this
@@ -118,7 +118,7 @@ def noise_free_stack_sharpness(charge_source: ChargeSource, truth: Truth, *, pos
         if charge_source.time_stack.is_moving:
             reached = float(np.clip(knot, lowest, highest))
             near = abs(reached - knot) <= stride
-            crossings = find_focus_crossings(position, reached) if near else crossings[:0]
+            crossings = focus_crossings(position, reached) if near else crossings[:0]
         if crossings.size:
             image = charge_source.charge_image(float(crossings[0]), float(knot)).sum(axis=0)[rows, columns]
             sharpness[k] = image.var(dtype=np.float64) / image.mean(dtype=np.float64) ** 2

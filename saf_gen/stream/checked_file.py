@@ -34,7 +34,7 @@ _REFERENCE_BYTES = 16
 """Bytes that a dataset holds for each text of variable length: four for its length, the others for its location."""
 
 
-def read_stream_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
+def read_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
     """Return an attribute that is a number or text; None if it is missing, an array, too long, or of another type."""
     if not h5py.h5a.exists(item.id, name.encode()):
         return None
@@ -45,7 +45,7 @@ def read_stream_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
     return value if isinstance(value, str | np.integer | np.floating) else None
 
 
-def open_stream_spikes(file: h5py.File, where: str) -> h5py.Dataset:
+def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     """Return ``/spikes``.
 
     Raises BadInput if it is a link, is stored outside the file, or has the wrong type, other filters, too many pixels
@@ -66,7 +66,7 @@ def open_stream_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     return spikes
 
 
-def read_small_stream_datasets(
+def read_small_datasets(
     file: h5py.File, where: str, *, reader: ObjectReader | None = None
 ) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of every dataset except ``/spikes``; text is str.

@@ -14,19 +14,17 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import atomic_file
 from saf_gen.core.region import Region, region_shape
 from saf_gen.stream.time_blocks import TimeBlocks
 
 
-def type_of_stream_counts(window: int) -> np.dtype:
+def counts_dtype(window: int) -> np.dtype:
     """Return the smallest unsigned type that can hold the spikes of a pixel in ``window`` frames."""
     return np.min_scalar_type(window)
 
 
-def count_stream_windows(
-    time_blocks: TimeBlocks, firsts: np.ndarray, *, window: int, region: Region
-) -> Iterator[np.ndarray]:
+def count_windows(time_blocks: TimeBlocks, firsts: np.ndarray, *, window: int, region: Region) -> Iterator[np.ndarray]:
     """Yield the counts of all windows in order, several windows at a time, unsigned (n, h, w).
 
     Window k is the frames ``firsts[k] <= t < firsts[k] + window``. ``firsts``, int64, must be in ascending order;
@@ -34,7 +32,7 @@ def count_stream_windows(
     """
     begun = 0
     # Counts of the windows that have begun but not ended.
-    counts = np.zeros((0, *region_shape(region)), type_of_stream_counts(window))
+    counts = np.zeros((0, *region_shape(region)), counts_dtype(window))
     for start, low, high in time_blocks.split_frames(int(firsts[0]), int(firsts[-1]) + window):
         new = int(np.searchsorted(firsts, 8 * start + high)) - begun
         begun += new
@@ -56,7 +54,7 @@ def _add_chunk(
     rows, columns = region
     a, b = max(rows.start, top), min(rows.stop, top + len(chunk))
     out = counts[:, a - rows.start : b - rows.start]
-    bits.sum_bits_of_trains(chunk[a - top : b - top, columns], out, firsts=firsts, stops=stops)
+    bits.sum_trains(chunk[a - top : b - top, columns], out, firsts=firsts, stops=stops)
 
 
 @dataclass(frozen=True)
@@ -85,14 +83,14 @@ class KeptCounts:
         return np.fromfile(self.path, self.dtype, size, offset=offset).reshape(self.shape[1:])
 
 
-def keep_stream_counts(
+def keep_counts(
     path: Path, counts: Iterable[np.ndarray], *, shape: tuple[int, int, int], dtype: np.dtype
 ) -> KeptCounts:
     """Write counts that arrive in pieces (n, h, w) to a .npy file, completely or not at all, and return the file.
 
     Raises BadInput if the folder cannot be written.
     """
-    with write_atomically(path) as part, part.open("wb") as file:
+    with atomic_file(path) as part, part.open("wb") as file:
         header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
         np.lib.format.write_array_header_1_0(file, header)
         for piece in counts:

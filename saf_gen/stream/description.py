@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core.config.json_document import load_plain_json
-from saf_gen.optics.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stream.readable import ReadableStream
-from saf_gen.stream.recorded_grain import read_grain_of_stream
+from saf_gen.stream.recorded_grain import grain_of_stream
 
 RATE_BLOCKS = 50
 """Largest number of parts into which a recording is divided to compare their mean rates."""
 
 
-def describe_stream_content(stream: ReadableStream, *, with_rates: bool = True) -> dict[str, str]:
+def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict[str, str]:
     """Return facts about a stream's content as texts by name: length, rates, light, lens and truth.
 
     All spikes are read if ``with_rates`` is true, and none otherwise.
@@ -54,7 +54,7 @@ def describe_stream_content(stream: ReadableStream, *, with_rates: bool = True) 
     return facts
 
 
-def describe_stream_provenance(stream: ReadableStream) -> dict[str, str]:
+def describe_provenance(stream: ReadableStream) -> dict[str, str]:
     """Return facts about a stream's provenance as texts by name: size on the disk, versions, seeds and digests."""
     facts = {"size": f"{stream.path.stat().st_size * 8 / math.prod(stream.shape):.3f} bit per pixel and frame"}
     for name, text in stream.metadata.provenance.items():
@@ -66,9 +66,9 @@ def describe_stream_provenance(stream: ReadableStream) -> dict[str, str]:
     return facts
 
 
-def describe_stream_file(stream: ReadableStream) -> dict[str, str]:
+def describe_file(stream: ReadableStream) -> dict[str, str]:
     """Return facts about a stream as texts by name: first its content, then its provenance."""
-    return {**describe_stream_content(stream), **describe_stream_provenance(stream)}
+    return {**describe_content(stream), **describe_provenance(stream)}
 
 
 def _read_json(stream: ReadableStream, name: str) -> dict[str, Any]:
@@ -124,7 +124,7 @@ def _describe_range(values: np.ndarray | None, unit: str) -> str:
 
 def _describe_grain(stream: ReadableStream) -> str:
     """Return as text the grain of the pictures from which a stream was recorded."""
-    grain = read_grain_of_stream(stream.metadata.provenance)
+    grain = grain_of_stream(stream.metadata.provenance)
     if grain is None or not math.isfinite(grain.rms_in_focus):
         return "unknown"
     low, high = grain.rms_range
@@ -136,5 +136,5 @@ def _describe_crossings(stream: ReadableStream) -> str:
     if not math.isfinite(first):
         return "never passed"
     truth = stream.truth.position if track is None else track
-    times = 1 if lens is None else len(find_focus_crossings(lens.astype(np.float64) - truth, 0.0))
+    times = 1 if lens is None else len(focus_crossings(lens.astype(np.float64) - truth, 0.0))
     return f"at frame {first:.1f}" + (f", the first of {times} times" if times > 1 else "")

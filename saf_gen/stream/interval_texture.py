@@ -59,7 +59,7 @@ def _look_ahead(packed, base, first, stop, found):
     return still_open
 
 
-def texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) -> np.ndarray:
+def window_texture(read: Read, count: Read, *, first: int, stop: int) -> np.ndarray:
     """Return the texture from intervals of the n frames ``first <= t < stop``.
 
     The value of a pixel is n divided by the interval from its last spike at or before the middle frame,
@@ -106,23 +106,23 @@ def texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) 
     return np.divide(stop - first, after - before, out=np.zeros(known.shape), where=known)
 
 
-def time_texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) -> tuple[np.ndarray, float]:
+def window_time_texture(read: Read, count: Read, *, first: int, stop: int) -> tuple[np.ndarray, float]:
     """Return the texture from intervals and the seconds that it took, not counting calls of ``read`` and ``count``.
 
     If a loop had to be compiled or loaded, the texture is computed once more, so that compilation is not counted. See
-    :func:`texture_of_stream_window` for the parameters.
+    :func:`window_texture` for the parameters.
     """
     compiled = _count_compiled_loops()
     total, camera = Stopwatch(), Stopwatch()
     image = total.time(
-        texture_of_stream_window,
+        window_texture,
         lambda first_byte, stop_byte: camera.time(read, first_byte, stop_byte),
         lambda begin, end: camera.time(count, begin, end),
         first=first,
         stop=stop,
     )
     if _count_compiled_loops() > compiled:
-        return time_texture_of_stream_window(read, count, first=first, stop=stop)
+        return window_time_texture(read, count, first=first, stop=stop)
     return image, total.seconds - camera.seconds
 
 

@@ -14,7 +14,7 @@ from pydantic import ConfigDict, Field
 
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.stream_file import open_stream
@@ -112,7 +112,7 @@ def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
     return manifest
 
 
-def verify_manifest_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> None:
+def verify_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> None:
     """Read the complete stream of ``entry``; raise BadInput if it is missing, damaged or differs from ``entry``."""
     with open_stream(find_path(folder) / entry.file) as stream:
         frames = stream.shape[0]
@@ -133,7 +133,7 @@ def write_manifest(folder: str | os.PathLike[str], manifest: Manifest) -> None:
         if not _is_inside(entry.file):
             raise _outside(entry, str(path))
     document = {"format": FORMAT, "layout": LAYOUT, **asdict(manifest)}
-    write_text_atomically(path, format_checked_json(document, indent=1) + "\n")
+    write_text(path, format_checked_json(document, indent=1) + "\n")
 
 
 def _is_inside(file: str) -> bool:

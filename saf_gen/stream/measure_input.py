@@ -4,7 +4,7 @@ from typing import Protocol
 
 import numpy as np
 
-from saf_gen.core.region import Region, mask_bounding_box
+from saf_gen.core.region import Region, bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_halves, wants_intervals
 from saf_gen.stream.readable import ReadableStream
@@ -18,7 +18,7 @@ class WindowSource(Protocol):
     def intervals(self, first: int, stop: int) -> np.ndarray: ...
 
 
-def stream_input_for_measure(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
+def measure_input(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
     """Return the input of a measure from a window of n frames.
 
     The input is counts (h, w); for a measure of intervals, interval texture (h, w); for a half-window measure, the
@@ -36,9 +36,9 @@ def stream_input_for_measure(source: WindowSource, measure: object, *, first: in
     return np.stack([source.window(first, middle), source.window(middle, stop)])
 
 
-def choose_stream_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
+def choose_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
     """Return the box and the name of a region; (None, "frame") if ``region`` is "frame" or no target is known."""
     target = stream.truth.target
     if region == "target" and target is not None and np.any(target):
-        return mask_bounding_box(target), "target"
+        return bounding_box(target), "target"
     return None, "frame"

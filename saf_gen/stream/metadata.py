@@ -158,7 +158,7 @@ def _check_finite(name: str, array: np.ndarray) -> None:
         )
 
 
-def stream_metadata_to_datasets(
+def metadata_to_datasets(
     metadata: Metadata, shape: tuple[int, int, int]
 ) -> dict[str, np.ndarray | tuple[str, ...] | str]:
     """Check all datasets except ``/spikes`` and return them by name.
@@ -250,7 +250,7 @@ def stream_digests(
     )
 
 
-def stream_metadata_from_options(options: Mapping[str, Any]) -> Metadata:
+def metadata_from_options(options: Mapping[str, Any]) -> Metadata:
     """Return metadata from keyword arguments; ``truth`` may be a mapping. Raises BadInput if a name is unknown."""
     _check_names("optional field", options, known=Metadata)
     truth = options.get("truth")
@@ -267,8 +267,8 @@ def _check_names(what: str, names: Iterable[str], *, known: type) -> None:
             raise unknown(what, name, allowed=allowed)
 
 
-def stream_metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
-    """Return metadata from the small datasets of a file: the inverse of :func:`stream_metadata_to_datasets`.
+def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
+    """Return metadata from the small datasets of a file: the inverse of :func:`metadata_to_datasets`.
 
     Raises BadInput, naming the field, if a dtype, shape or value is not allowed.
     """

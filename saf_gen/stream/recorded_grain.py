@@ -92,7 +92,7 @@ class RecordedGrain:
         return json.dumps(_rounded(asdict(self)), indent=1)
 
 
-def read_grain_of_stream(provenance: Mapping[str, str]) -> RecordedGrain | None:
+def grain_of_stream(provenance: Mapping[str, str]) -> RecordedGrain | None:
     """Return the grain that the provenance of a stream states; None if it is missing or cannot be read."""
     try:
         data = load_plain_json(provenance[PROVENANCE_KEY])

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.core.region import Region, mask_bounding_box, region_shape
+from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.count_cache import KeptCounts, keep_stream_counts, type_of_stream_counts
+from saf_gen.stream.count_cache import KeptCounts, counts_dtype, keep_counts
 from saf_gen.stream.manifest import SequenceEntry, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
@@ -152,7 +152,7 @@ class SpikeWindows:
 
     def _keep_counts(self, stream: SpikeStream, name: str, *, firsts: np.ndarray) -> KeptCounts:
         box = self._box(stream)
-        shape, dtype = (len(firsts), *region_shape(box)), type_of_stream_counts(self.window)
+        shape, dtype = (len(firsts), *region_shape(box)), counts_dtype(self.window)
         sides = [[side.start, side.stop] for side in box]
         key = json.dumps([stream.content_sha256, self.window, self.stride, sides])
         path = self.counts / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}.npy"
@@ -161,7 +161,7 @@ class SpikeWindows:
             if (kept.shape, kept.dtype) == (shape, dtype):
                 return kept
         pieces = stream.counts_of_windows(firsts, self.window, region=box)
-        return keep_stream_counts(path, pieces, shape=shape, dtype=dtype)
+        return keep_counts(path, pieces, shape=shape, dtype=dtype)
 
     def _box(self, stream: SpikeStream) -> Region:
         frame = stream.shape[1:]
@@ -171,7 +171,7 @@ class SpikeWindows:
             raise BadInput(f"crop is {self.crop}", where=str(stream.path), allowed=f"(1, 1) to {frame}")
         mask = stream.truth.target
         full_frame = slice(0, frame[0]), slice(0, frame[1])
-        box = mask_bounding_box(mask) if mask is not None and np.any(mask) else full_frame
+        box = bounding_box(mask) if mask is not None and np.any(mask) else full_frame
         begins = [
             min(max((side.start + side.stop - n) // 2, 0), length - n)
             for side, n, length in zip(box, self.crop, frame, strict=True)

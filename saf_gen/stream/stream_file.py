@@ -9,6 +9,7 @@ datasets and ``content_sha256`` (over names, dtypes, shapes and values, not over
 """
 
 import hashlib
+import itertools
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -25,11 +26,10 @@ from saf_gen.core.object_store import AnyPath, ObjectReader, StorePath, find_pat
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
-from saf_gen.stream.checked_file import open_stream_spikes, read_small_stream_datasets, read_stream_attribute
-from saf_gen.stream.chunk_reading import choose_stream_chunk_reader
-from saf_gen.stream.count_cache import count_stream_windows
-from saf_gen.stream.metadata import FORMAT, LAYOUT, stream_digests, stream_metadata_from_datasets
-from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
+from saf_gen.stream.checked_file import open_spikes, read_attribute, read_small_datasets
+from saf_gen.stream.count_cache import count_windows
+from saf_gen.stream.metadata import FORMAT, LAYOUT, metadata_from_datasets, stream_digests
+from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk, chunk_shape, inflate_chunk
 
 
 def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None = None) -> "SpikeStream":
@@ -135,19 +135,19 @@ class SpikeStream:
         foreign = BadInput("is HDF5, but not a saf-gen stream", where=where, allowed=f"attribute format = {FORMAT!r}")
         if "format" not in file.attrs:
             raise foreign
-        if (layout := read_stream_attribute(file, "layout")) != LAYOUT:
+        if (layout := read_attribute(file, "layout")) != LAYOUT:
             raise BadInput(f"has layout {layout}", where=where, allowed=f"layout {LAYOUT}", hint="update saf_gen")
-        small = dict(read_small_stream_datasets(file, where, reader=reader))  # checks all texts before any is read
-        if read_stream_attribute(file, "format") != FORMAT:
+        small = dict(read_small_datasets(file, where, reader=reader))  # checks all texts before any is read
+        if read_attribute(file, "format") != FORMAT:
             raise foreign
-        self._spikes = open_stream_spikes(file, where)
+        self._spikes = open_spikes(file, where)
         rows, columns, length = self._spikes.shape
-        frames, hz = (read_stream_attribute(self._spikes, name) for name in ("frames", "readout_hz"))
+        frames, hz = (read_attribute(self._spikes, name) for name in ("frames", "readout_hz"))
         if None in (frames, hz) or not (float(hz) > 0 and math.isfinite(hz)):
             raise BadInput("/spikes does not state frames and readout_hz", where=where, hint="make it again")
         frames, self.readout_hz = int(frames), float(hz)
-        self.content_sha256 = str(read_stream_attribute(file, "content_sha256"))
-        self.metadata = stream_metadata_from_datasets(small, (frames, rows, columns))
+        self.content_sha256 = str(read_attribute(file, "content_sha256"))
+        self.metadata = metadata_from_datasets(small, (frames, rows, columns))
         if length != -(-frames // 8) or frames < 1:
             raise BadInput(
                 f"/spikes is {self._spikes.dtype} {self._spikes.shape} for {frames} frames",
@@ -155,11 +155,11 @@ class SpikeStream:
                 allowed="uint8 (H, W, ceil(T/8))",
             )
         self.shape = (frames, rows, columns)
-        if (spikes := read_stream_attribute(file, "spikes_sha256")) is not None:  # older streams have no such attribute
+        if (spikes := read_attribute(file, "spikes_sha256")) is not None:  # older streams have no such attribute
             self._check_digests(small.items(), str(spikes))
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
-        read = choose_stream_chunk_reader(self._spikes)
+        read = choose_chunk_reader(self._spikes)
         self._time_blocks = time_blocks.TimeBlocks(self._spikes.shape, read=read, count=threads)
 
     def __reduce__(self) -> tuple[Callable[[str], "SpikeStream"], tuple[str]]:
@@ -179,9 +179,9 @@ class SpikeStream:
 
     def _repr_html_(self) -> str | None:
         """Return HTML with pictures and facts; None if the stream is closed, so that a notebook shows its repr."""
-        from saf_gen.stream.pictures.notebook import format_stream_as_html
+        from saf_gen.stream.pictures.notebook import stream_html
 
-        return format_stream_as_html(self) if self._file else None
+        return stream_html(self) if self._file else None
 
     def __enter__(self) -> Self:
         return self
@@ -246,7 +246,7 @@ class SpikeStream:
         window, part = self._validated(first, stop, region=region)
         out = np.zeros(region_shape(part), np.uint32)
         for start, low, high in self._time_blocks.split_frames(window.start, window.stop):
-            bits.sum_bits_of_planes(self._planes(start, part), out, first=low, stop=high)
+            bits.sum_planes(self._planes(start, part), out, first=low, stop=high)
         return out
 
     def counts_of_windows(
@@ -288,7 +288,7 @@ class SpikeStream:
 
     def _count_windows(self, firsts: np.ndarray, window: int, *, region: Region) -> Iterator[np.ndarray]:
         with self._report_damage():
-            yield from count_stream_windows(self._time_blocks, firsts, window=window, region=region)
+            yield from count_windows(self._time_blocks, firsts, window=window, region=region)
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
         """Return packed spikes, bytes ``first_byte <= i < stop_byte`` along time.
@@ -333,15 +333,13 @@ class SpikeStream:
             with self._report_damage():
                 for block in self._time_blocks.row_bands(start):
                     sha.update(block.data)
-        self._check_digests(
-            read_small_stream_datasets(self._file, str(self.path), reader=self._reader), sha.hexdigest()
-        )
+        self._check_digests(read_small_datasets(self._file, str(self.path), reader=self._reader), sha.hexdigest())
 
     def _check_digests(self, datasets: Iterable[tuple[str, Any]], spikes: str) -> None:
         """Raise BadInput unless the small datasets, and spikes with this SHA-256, match the stored digests."""
         shape, hz, frames = self._spikes.shape, self.readout_hz, self.shape[0]
         found = stream_digests(datasets, shape, spikes=spikes, readout_hz=hz, frames=frames)
-        stored = self.content_sha256, read_stream_attribute(self._file, "provenance_sha256")
+        stored = self.content_sha256, read_attribute(self._file, "provenance_sha256")
         for what, digest, stored_digest in zip(("content", "provenance"), found, stored, strict=True):
             if stored_digest not in (digest, None):
                 raise BadInput(
@@ -368,3 +366,62 @@ class SpikeStream:
             yield
         except _DAMAGE as error:
             raise _damaged(self.path, error, reader=self._reader) from error
+
+
+ChunkReader = Callable[[int, int], bytes | np.ndarray]
+
+
+def choose_chunk_reader(spikes: h5py.Dataset) -> ChunkReader:
+    """Return a function that reads the chunk of ``spikes`` at (row, byte): deflated bytes, or the inflated array."""
+    read = _read_standard_chunk if _has_standard_chunks(spikes) else _read_any_chunk
+    return lambda row, byte: read(spikes, (row, 0, byte))
+
+
+def _has_standard_chunks(spikes: h5py.Dataset) -> bool:
+    """Return whether chunks can be read as stored: of the standard shape, with deflate only, and none missing."""
+    chunk = chunk_shape(spikes.shape)
+    grid = math.prod(-(-n // c) for n, c in zip(spikes.shape, chunk, strict=True))
+    filters = spikes.id.get_create_plist()
+    return (
+        spikes.chunks == chunk
+        and filters.get_nfilters() == 1
+        and filters.get_filter(0)[0] == h5py.h5z.FILTER_DEFLATE
+        and spikes.id.get_num_chunks() == grid
+    )
+
+
+def _read_standard_chunk(spikes: h5py.Dataset, origin: tuple[int, int, int]) -> bytes | np.ndarray:
+    skipped, data = spikes.id.read_direct_chunk(origin)
+    # HDF5 itself skips the filter if deflate would make a chunk larger.
+    return np.frombuffer(data, np.uint8).reshape(spikes.chunks) if skipped else data
+
+
+def _read_any_chunk(spikes: h5py.Dataset, origin: tuple[int, int, int]) -> np.ndarray:
+    """Return a chunk of the standard shape from a file of other software, which has chunks of any shape or none."""
+    ends = zip(origin, chunk_shape(spikes.shape), spikes.shape, strict=True)
+    window = [slice(first, min(first + size, total)) for first, size, total in ends]
+    if (chunk := spikes.chunks) is None:
+        return spikes[tuple(window)]
+    out = np.full([part.stop - part.start for part in window], spikes.fillvalue, np.uint8)
+    firsts = [range(part.start // size * size, part.stop, size) for part, size in zip(window, chunk, strict=True)]
+    for stored in itertools.product(*firsts):
+        block = _inflate_foreign_chunk(spikes, stored)
+        if block is not None:
+            pairs = list(zip(window, stored, chunk, strict=True))
+            to = tuple(slice(max(o - w.start, 0), min(o + c, w.stop) - w.start) for w, o, c in pairs)
+            of = tuple(slice(max(w.start - o, 0), min(w.stop - o, c)) for w, o, c in pairs)
+            out[to] = block[of]
+    return out
+
+
+def _inflate_foreign_chunk(spikes: h5py.Dataset, origin: tuple[int, ...]) -> np.ndarray | None:
+    """Return the stored chunk that begins at (row, column, byte), or None if it was never written."""
+    stored, chunk = spikes.id.get_create_plist(), spikes.chunks
+    if spikes.id.get_chunk_info_by_coord(origin).byte_offset is None:
+        return None
+    skipped, data = spikes.id.read_direct_chunk(origin)
+    filters = [stored.get_filter(i)[0] for i in range(stored.get_nfilters())]
+    deflate = h5py.h5z.FILTER_DEFLATE  # the shuffle filter leaves single bytes in their order
+    if deflate in filters and not skipped >> filters.index(deflate) & 1:
+        return inflate_chunk(data, chunk)
+    return np.frombuffer(data, np.uint8).reshape(chunk)

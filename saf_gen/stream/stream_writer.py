@@ -14,20 +14,19 @@ import h5py
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import unwritable_file_error, write_atomically
+from saf_gen.core.files import atomic_file, unwritable
 from saf_gen.errors import BadInput
 from saf_gen.stream import time_blocks
-from saf_gen.stream.block_memory import make_stream_thread_pool
-from saf_gen.stream.checked_file import read_small_stream_datasets
+from saf_gen.stream.checked_file import read_small_datasets
 from saf_gen.stream.metadata import (
     FORMAT,
     LAYOUT,
     Metadata,
+    metadata_from_options,
+    metadata_to_datasets,
     stream_digests,
-    stream_metadata_from_options,
-    stream_metadata_to_datasets,
 )
-from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
+from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, make_thread_pool
 
 
 class _WriteAborted(Exception):
@@ -128,9 +127,9 @@ class StreamWriter:
         frames, self._rows, self._columns = (operator.index(n) for n in shape)
         self.shape, self.readout_hz = (frames, self._rows, self._columns), float(readout_hz)
         self.content_sha256 = ""
-        self._datasets = stream_metadata_to_datasets(metadata or Metadata(), self.shape)
+        self._datasets = metadata_to_datasets(metadata or Metadata(), self.shape)
         self._length = -(-frames // 8)
-        self._chunk = time_blocks.stream_chunk_shape((self._rows, self._columns, self._length))
+        self._chunk = time_blocks.chunk_shape((self._rows, self._columns, self._length))
         self._sha, self._crcs = hashlib.sha256(), dict[tuple[int, int], int]()
         self._assembler = time_blocks.TimeBlockAssembler(self.shape, where=str(path))
         self._done = 0  # bytes along time in the file
@@ -138,7 +137,7 @@ class StreamWriter:
 
     def __enter__(self) -> Self:
         with ExitStack() as undo:
-            self._part = undo.enter_context(write_atomically(self.path))
+            self._part = undo.enter_context(atomic_file(self.path))
             self._recording_file = _ErrorRecordingFile(self._part)
             undo.callback(self._recording_file.close)
             self._file = h5py.File(self._recording_file, "w", libver="v110")  # its structures carry checksums
@@ -155,7 +154,7 @@ class StreamWriter:
             for name, value in self._datasets.items():
                 text = isinstance(value, str | tuple)
                 self._file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
-            self._pool = undo.enter_context(make_stream_thread_pool("deflate", self._threads))
+            self._pool = undo.enter_context(make_thread_pool("deflate", self._threads))
             self._undo = undo.pop_all()
         return self
 
@@ -183,7 +182,7 @@ class StreamWriter:
         starts = range(0, self._rows, height)
 
         def deflate(row: int) -> bytes:
-            return time_blocks.deflate_stream_chunk(time_block[row : row + height], self._chunk)
+            return time_blocks.deflate_chunk(time_block[row : row + height], self._chunk)
 
         def hash_block() -> None:
             for row in starts:
@@ -196,7 +195,7 @@ class StreamWriter:
                 self._spikes.id.write_direct_chunk((row, 0, self._done), data)
                 self._recording_file.check()
         except OSError as error:
-            raise unwritable_file_error(self.path, error) from error
+            raise unwritable(self.path, error) from error
         finally:
             hashing.result()
         self._done += time_block.shape[2]
@@ -223,7 +222,7 @@ class StreamWriter:
             self._file.close()
         self._recording_file.check()
         with h5py.File(self._part, "r") as file:
-            stored = digest(read_small_stream_datasets(file, str(self.path)), shape)
+            stored = digest(read_small_datasets(file, str(self.path)), shape)
             chunks = file["spikes"].id
             same = all(
                 time_blocks.checksum(chunks.read_direct_chunk((row, 0, at))[1]) == crc
@@ -272,7 +271,7 @@ def write_stream(path: str | os.PathLike[str], frames: Any, *, readout_hz: float
     if len(frames.shape) != 3 or min(frames.shape) < 1:
         raise BadInput(f"frames have shape {tuple(frames.shape)}", where=str(path), allowed="(T, H, W), T at least 1")
     total = int(frames.shape[0])
-    metadata = stream_metadata_from_options(optional)
+    metadata = metadata_from_options(optional)
     with StreamWriter(path, shape=tuple(frames.shape), readout_hz=readout_hz, metadata=metadata) as writer:
         for first in range(0, total, 8 * TIME_BLOCK_BYTES):
             time_block = np.asarray(frames[first : first + 8 * TIME_BLOCK_BYTES])

@@ -3,21 +3,118 @@
 A chunk holds a band of rows, all columns and 250 bytes along time; the chunks of the same bytes form a time block.
 Bytes in a chunk are ordered pixel by pixel, because this order compresses best. A time block in memory is transposed to
 planes (bytes, H, W), in which a window of all pixels is contiguous. Chunks are processed on threads: isa-l and numpy
-release Python's lock. :mod:`saf_gen.stream.block_memory` keeps the most recently used time blocks of all streams.
+release Python's lock. :mod:`saf_gen.stream.time_blocks` keeps the most recently used time blocks of all streams.
 """
 
 import itertools
+import os
 import weakref
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from math import prod
+from threading import Lock
 from typing import TypeVar
 
 import numpy as np
 from isal import igzip_lib, isal_zlib
 
+from saf_gen.core.cores import usable_cores
 from saf_gen.core.region import Region, region_shape
 from saf_gen.errors import BadInput
-from saf_gen.stream.block_memory import BLOCK_MEMORY, make_stream_thread_pool
+
+# Memory and threads for the time blocks of all open streams in a process: one budget and one pool of threads.
+#
+# A forked process starts with an empty memory and new threads: threads do not survive a fork, and blocks that the
+# parent's threads were about to fill would stay empty.
+
+
+BUDGET_BYTES = 512 << 20
+"""Maximum bytes of time blocks that a process keeps for all its open streams; three blocks are kept in any case."""
+
+Block = tuple[np.ndarray, dict[int, Future]]
+"""The planes of a time block, and the futures of its chunks whose filling has begun, by first row."""
+
+
+def make_thread_pool(name: str, count: int | None = None) -> ThreadPoolExecutor:
+    """Return a pool of ``count`` threads; by default one per core that this process may use, at most eight."""
+    return ThreadPoolExecutor(count or min(8, usable_cores()), thread_name_prefix=name)
+
+
+class BlockMemory:
+    """Time blocks by stream and first byte; the least recently used are dropped first."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all time blocks and threads."""
+        self._lock = Lock()
+        self._pool: ThreadPoolExecutor | None = None
+        self._blocks: OrderedDict[tuple[int, int], Block] = OrderedDict()
+        self._forgotten: deque[int] = deque()
+
+    @property
+    def pool(self) -> ThreadPoolExecutor:
+        """The threads that decompress for all streams."""
+        with self._lock:
+            self._pool = self._pool or make_thread_pool("inflate")
+            return self._pool
+
+    def find(self, stream: int, start: int, *, shape: tuple[int, int, int]) -> Block:
+        """Return a time block of this shape (bytes, H, W), uint8, which may be empty or filled only in part.
+
+        The two blocks that the stream used last are kept, because reading in order needs them in addition to the new
+        one.
+        """
+        key = stream, start
+        with self._lock:
+            self._free_forgotten()
+            if key not in self._blocks:
+                self._blocks[key] = self._allocate(stream, shape), {}
+            self._blocks.move_to_end(key)
+            return self._blocks[key]
+
+    def forget(self, stream: int) -> None:
+        """Free the memory of a stream; if the lock is held, the next call of :meth:`find` frees it.
+
+        Python's garbage collector may call this for an unused stream at any time, even on a thread that holds the lock.
+        """
+        self._forgotten.append(stream)
+        if self._lock.acquire(blocking=False):
+            try:
+                self._free_forgotten()
+            finally:
+                self._lock.release()
+
+    def _free_forgotten(self) -> None:
+        while self._forgotten:
+            stream = self._forgotten.popleft()
+            for key in [key for key in self._blocks if key[0] == stream]:
+                del self._blocks[key]
+
+    def _allocate(self, stream: int, shape: tuple[int, int, int]) -> np.ndarray:
+        used = sum(planes.nbytes for planes, _ in self._blocks.values()) + prod(shape)
+        for key in self._oldest_without(stream) if used > BUDGET_BYTES else ():
+            planes, filling = self._blocks.pop(key)
+            used -= planes.nbytes
+            if used <= BUDGET_BYTES and key[0] == stream and planes.shape == shape:
+                wait(filling.values())
+                return planes  # reuse the stream's memory, because fresh pages cost time
+            if used <= BUDGET_BYTES:
+                break
+        return np.empty(shape, np.uint8)
+
+    def _oldest_without(self, stream: int) -> list[tuple[int, int]]:
+        """Return the keys of all blocks except the two that a stream used last, oldest first."""
+        recent = [key for key in self._blocks if key[0] == stream][-2:]
+        return [key for key in self._blocks if key not in recent]
+
+
+BLOCK_MEMORY = BlockMemory()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=BLOCK_MEMORY.reset)
+
 
 TIME_BLOCK_BYTES = 250
 _CHUNK_BYTES = 1_000_000  # bytes in a chunk before compression: 10 rows of 400 columns
@@ -30,14 +127,14 @@ class DamagedChunk(ValueError):
     """Raised if stored bytes do not decompress to a chunk."""
 
 
-def stream_chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+def chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     """Return the shape of a chunk of about 1 MB, with all columns, for packed spikes of ``shape`` (H, W, bytes)."""
     rows, columns, length = shape
     time_block = min(TIME_BLOCK_BYTES, length)
     return min(rows, max(1, _CHUNK_BYTES // (columns * time_block))), columns, time_block
 
 
-def deflate_stream_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
+def deflate_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
     """Return ``block`` (rows, W, bytes), padded with zeros to the shape ``chunk`` and compressed."""
     if block.shape != chunk:
         padded = np.zeros(chunk, np.uint8)
@@ -46,7 +143,7 @@ def deflate_stream_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> byte
     return isal_zlib.compress(np.ascontiguousarray(block), 1, isal_zlib.MAX_WBITS)
 
 
-def inflate_stream_chunk(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarray:
+def inflate_chunk(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarray:
     """Return a stored chunk as uint8 of the shape ``chunk``; an array is returned unchanged.
 
     Raises DamagedChunk if the bytes do not decompress to a chunk of this size or their checksum is wrong. At most one
@@ -148,9 +245,9 @@ class TimeBlocks:
     def __init__(
         self, shape: tuple[int, int, int], *, read: Callable[[int, int], bytes | np.ndarray], count: int | None = None
     ) -> None:
-        self.shape, self.chunk, self._read = shape, stream_chunk_shape(shape), read
+        self.shape, self.chunk, self._read = shape, chunk_shape(shape), read
         self._last, self._number = -1, next(self._numbers)
-        self._private_pool = make_stream_thread_pool("inflate", count) if count else None
+        self._private_pool = make_thread_pool("inflate", count) if count else None
         self._forget = weakref.finalize(self, BLOCK_MEMORY.forget, self._number)
 
     @property
@@ -177,7 +274,7 @@ class TimeBlocks:
         """
 
         def run(top: int, data: bytes | np.ndarray) -> Result:
-            return work(top, inflate_stream_chunk(data, self.chunk))
+            return work(top, inflate_chunk(data, self.chunk))
 
         waiting = [self._pool.submit(run, top, self._read(top, start)) for top in self._tops(rows)]
         for future in waiting:
@@ -221,7 +318,7 @@ class TimeBlocks:
         planes, filling = BLOCK_MEMORY.find(self._number, start, shape=(self.chunk[2], *self.shape[:2]))
 
         def transpose(top: int, data: bytes | np.ndarray) -> None:
-            block = inflate_stream_chunk(data, self.chunk)[: self.shape[0] - top]
+            block = inflate_chunk(data, self.chunk)[: self.shape[0] - top]
             planes[: block.shape[2], top : top + block.shape[0]] = block.transpose(2, 0, 1)
 
         for top in self._tops(rows):

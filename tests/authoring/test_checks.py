@@ -12,10 +12,10 @@ from written_scenes import VARIANT, needs_llvm, write_scene
 
 from saf_gen.authoring import checks
 from saf_gen.authoring.checks import SceneUnderTest, check_scene
-from saf_gen.authoring.checks.licence import check_scene_licence
+from saf_gen.authoring.checks.licence import check_licence
 from saf_gen.authoring.checks.target_detail import _measure_detail
 from saf_gen.authoring.checks.target_motion import _find_fastest_shape
-from saf_gen.authoring.template import create_scene_from_template
+from saf_gen.authoring.template import scene_from_template
 from saf_gen.camera import get_sensor
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture
 def skeleton(tmp_path, own_folder):
     """A function that edits and returns the scene ``mine``, made from the script template, without open numbers."""
-    create_scene_from_template("mine", tmp_path / "scenes")
+    scene_from_template("mine", tmp_path / "scenes")
     folder = tmp_path / "scenes/mine"
     card = folder / "scene.yaml"
     text = re.sub(r"tilt_deg: .*", "tilt_deg: 0", card.read_text().replace('licence: ""', "licence: CC-BY-4.0"))
@@ -96,7 +96,7 @@ def only(scene, sensor, check):
     ],
 )
 def test_the_licence_is_one_that_lets_others_use_the_scene(skeleton, licence, level, message):
-    finding = next(check_scene_licence(skeleton(("licence: CC-BY-4.0", f"licence: {licence}"))))
+    finding = next(check_licence(skeleton(("licence: CC-BY-4.0", f"licence: {licence}"))))
     assert finding.level == level
     assert message in finding.text
 
@@ -114,7 +114,7 @@ def test_the_licence_is_one_that_lets_others_use_the_scene(skeleton, licence, le
 def test_a_source_must_be_documented(skeleton, source, words, level, message):
     scene = skeleton(("source: SOURCE.md", f"source: {source}"))
     (scene.folder / "SOURCE.md").write_text(words)
-    finding = list(check_scene_licence(scene))[1]
+    finding = list(check_licence(scene))[1]
     assert finding.level == level
     assert message in finding.text
 
@@ -122,7 +122,7 @@ def test_a_source_must_be_documented(skeleton, source, words, level, message):
 def test_a_picture_without_documented_origin_is_reported(skeleton):
     scene = skeleton(("source: SOURCE.md", "source: made here"))
     shutil.copy(SCENES / "workbench/textures/print.png", scene.folder / "photo.png")
-    assert "photo.png has no documented origin" in list(check_scene_licence(scene))[1].text
+    assert "photo.png has no documented origin" in list(check_licence(scene))[1].text
 
 
 # --- geometry and units -------------------------------------------------------------------------------
@@ -195,7 +195,7 @@ def test_sizes_and_distances_are_reported(skeleton, sensor):
     ],
 )
 def test_a_travel_that_does_not_fit_is_reported(skeleton, sensor, monkeypatch, travel, level, message):
-    monkeypatch.setattr(checks, "CHECKS_OF_BUILT_SCENES", (checks.check_scene_reach,))
+    monkeypatch.setattr(checks, "CHECKS_OF_BUILT_SCENES", (checks.check_reach,))
     scene = skeleton(("[0.65, 0.40]", travel))
     findings = [f for f in check_scene(scene, sensor, backend=VARIANT) if f.check == "reach"]
     assert [f.level for f in findings] == [level]
@@ -524,7 +524,7 @@ def test_a_scene_that_is_not_there_is_bad_input(call, skeleton):
 
 
 def test_a_folder_may_be_named_and_its_script_is_not_run(call, tmp_path, monkeypatch, sensor_file):
-    monkeypatch.setattr(checks, "CHECKS_OF_BUILT_SCENES", (checks.check_scene_reach,))
+    monkeypatch.setattr(checks, "CHECKS_OF_BUILT_SCENES", (checks.check_reach,))
     shutil.copytree(SCENES / "workbench", tmp_path / "x/workbench")
     code, _, err = call("scenes", "check", tmp_path / "x/workbench", "--sensor", sensor_file, "--variant", VARIANT)
     assert (code, err) == (0, "")

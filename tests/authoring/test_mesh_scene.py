@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from refusals import assert_says, refusal
 
-from saf_gen.authoring.template import create_scene_from_export
-from saf_gen.render.mesh_extent import measure_mitsuba_mesh
+from saf_gen.authoring.template import scene_from_export
+from saf_gen.render.mesh_extent import mesh_extent
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.scene.xml import read_scene_xml
 
@@ -60,14 +60,14 @@ def shapes_of(name):
         shape = text.split(f'id="{target}">')[1].split("</shape>")[0]
         numbers = [float(part.split('"')[0]) for part in shape.split("<transform")[1].split('="')[2:6]]
         file = shape.split('value="')[1].split('"')[0]
-        extents[target] = (measure_mitsuba_mesh(folder / file) + numbers[:3]) * numbers[3]
+        extents[target] = (mesh_extent(folder / file) + numbers[:3]) * numbers[3]
     return extents
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".OBJ"])
 def test_a_mesh_stands_round_the_origin_with_a_largest_side_of_a_decimetre(here, suffix):
     (here / f"wedge{suffix}").write_text(OBJ)
-    written = create_scene_from_export(here / f"wedge{suffix}", "wedge", root=here / "scenes")
+    written = scene_from_export(here / f"wedge{suffix}", "wedge", root=here / "scenes")
     names = {path.relative_to(here / "scenes/wedge").as_posix() for path in written}
     assert names == {"scene.xml", "scene.yaml", "SOURCE.md", "meshes/mesh.obj"}
     ((target, extent),) = shapes_of("wedge").items()
@@ -82,7 +82,7 @@ def test_a_mesh_stands_round_the_origin_with_a_largest_side_of_a_decimetre(here,
 @needs_trimesh
 def test_the_meshes_of_a_gltf_file_stay_where_its_scene_places_them(here):
     (here / "two.gltf").write_text(json.dumps(make_gltf(names=("lamp", "Cup 1"))))
-    create_scene_from_export(here / "two.gltf", "two", root=here / "scenes")
+    scene_from_export(here / "two.gltf", "two", root=here / "scenes")
     extents = shapes_of("two")
     assert set(extents) == {"mesh_lamp", "mesh_Cup_1"}  # no name is that of the lamp
     assert extents["mesh_Cup_1"][0, 0] - extents["mesh_lamp"][0, 0] == pytest.approx(10 * 0.1 / 12, abs=1e-7)
@@ -94,7 +94,7 @@ def test_the_meshes_of_a_gltf_file_stay_where_its_scene_places_them(here):
 def test_a_base_colour_is_the_reflectance(here):
     material = {"pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.4, 0.8, 1.0]}}
     (here / "one.gltf").write_text(json.dumps(make_gltf(material=material)))
-    create_scene_from_export(here / "one.gltf", "one", root=here / "scenes")
+    scene_from_export(here / "one.gltf", "one", root=here / "scenes")
     line = next(x for x in (here / "scenes/one/scene.xml").read_text().splitlines() if "twosided" in x)
     colour = [float(x) for x in line.split('value="')[1].split('"')[0].split()]
     assert colour == pytest.approx([0.2, 0.4, 0.8], abs=1 / 255)
@@ -110,7 +110,7 @@ def test_a_base_texture_is_copied_with_its_coordinates(here):
     corners = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.25]])
     mesh = trimesh.Trimesh(CORNERS, FACES, process=False, visual=trimesh.visual.TextureVisuals(corners, material))
     trimesh.Scene({"printed": mesh}).export(here / "printed.glb")
-    create_scene_from_export(here / "printed.glb", "printed", root=here / "scenes")
+    scene_from_export(here / "printed.glb", "printed", root=here / "scenes")
     folder = here / "scenes/printed"
     assert np.array_equal(np.asarray(Image.open(folder / "textures/mesh_printed.png")), np.asarray(picture))
     lines = (folder / "meshes/mesh_printed.obj").read_text().splitlines()
@@ -139,12 +139,12 @@ def test_a_base_texture_is_copied_with_its_coordinates(here):
 def test_a_mesh_that_cannot_be_placed_is_refused_and_leaves_nothing(here, name, content, message):
     if content is not None:
         (here / name).write_bytes(content)
-    assert_says(refusal(create_scene_from_export, here / name, "mine", root=here / "scenes"), message)
+    assert_says(refusal(scene_from_export, here / name, "mine", root=here / "scenes"), message)
     assert not (here / "scenes").exists()
 
 
 def test_a_missing_extra_is_refused_with_what_to_install(here, monkeypatch):
     (here / "a.glb").write_bytes(b"glTF")
     monkeypatch.setattr("saf_gen.core.extras.find_spec", lambda _: None)
-    error = refusal(create_scene_from_export, here / "a.glb", "mine", root=here / "scenes")
+    error = refusal(scene_from_export, here / "a.glb", "mine", root=here / "scenes")
     assert_says(error, "reading .glb files needs the package trimesh | pip install 'saf-gen[mesh]'")

@@ -10,15 +10,9 @@ from capture_dataset import write_moving_plane
 from written_scenes import VARIANT, needs_llvm, write_scene
 
 from saf_gen.authoring import scene_grain
-from saf_gen.authoring.checks import SceneUnderTest, check_scene_grain
+from saf_gen.authoring.checks import SceneUnderTest, check_grain
 from saf_gen.authoring.checks.picture_grain import _compare_with_goals
-from saf_gen.authoring.scene_grain import (
-    BEST_FOCUS,
-    QUARTER_AWAY,
-    PositionGrain,
-    crop_sensor_for_scene_grain,
-    list_scene_grain_positions,
-)
+from saf_gen.authoring.scene_grain import BEST_FOCUS, QUARTER_AWAY, PositionGrain, crop_sensor, grain_positions
 from saf_gen.camera import get_sensor
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
@@ -33,7 +27,7 @@ def planted(rms, contrast, *, known=True):
 
 @pytest.mark.parametrize(("truth", "away"), [(0.3, 0.55), (0.5, 0.25), (0.9, 0.65)])
 def test_a_quarter_away_lies_on_the_longer_side(truth, away):
-    assert list_scene_grain_positions(truth)[QUARTER_AWAY] == pytest.approx(away)
+    assert grain_positions(truth)[QUARTER_AWAY] == pytest.approx(away)
 
 
 @pytest.mark.parametrize("shape", [(250, 400), (41, 64)], ids=str)
@@ -41,7 +35,7 @@ def test_a_cropped_sensor_sees_the_same_target_round_the_same_axis(shape):
     sensor = get_sensor("vidar_400x250", rows=shape[0], columns=shape[1])
     target = np.zeros(shape, bool)
     target[9:30, 20:55] = True
-    cropped = crop_sensor_for_scene_grain(sensor, target)
+    cropped = crop_sensor(sensor, target)
     top, left = (shape[0] - cropped.rows) / 2, (shape[1] - cropped.columns) / 2
     assert (top, left) == (9, 20 if shape[1] == 400 else 9)
     assert target[int(top) : shape[0] - int(top), int(left) : shape[1] - int(left)].sum() == target.sum()
@@ -53,8 +47,7 @@ def test_a_pixel_of_a_cropped_sensor_sees_what_it_saw(tmp_path, monkeypatch, sma
     sensor = get_sensor(str(small_sensor))
     cropped = replace(sensor, rows=sensor.rows - 12, columns=sensor.columns - 20)
     whole, part = (
-        SceneRenderer(find_scene("plane"), grid, backend_name=VARIANT).trace_depth_and_target()
-        for grid in (sensor, cropped)
+        SceneRenderer(find_scene("plane"), grid, backend_name=VARIANT).trace_geometry() for grid in (sensor, cropped)
     )
     assert np.array_equal(part.target, whole.target[6:-6, 10:-10])
     assert part.depth == pytest.approx(whole.depth[6:-6, 10:-10], rel=1e-6)
@@ -103,14 +96,14 @@ def test_slices_with_the_proposed_number_of_samples_pass(tmp_path, monkeypatch, 
     script.write_text(script.read_text().replace('"type": "diffuse",\n                "reflectance"', metal))
     sensor = replace(get_sensor(str(small_sensor)), rows=20, columns=32)
     subject = SceneUnderTest(find_scene("plane"), sensor, backend=VARIANT)
-    _, finding = check_scene_grain(subject)
+    _, finding = check_grain(subject)
     assert finding.level == "warning"
     (samples,) = re.findall(r"slice_samples: (\d+) in a recipe", finding.text)
     assert int(samples) > scene_grain.SLICE_SAMPLES
-    found = scene_grain.measure_scene_grain_of_slices(
+    found = scene_grain.measure_slices(
         subject.renderer,
         subject.depth_and_target,
-        measured_positions=list_scene_grain_positions(subject.true_focus),
+        measured_positions=grain_positions(subject.true_focus),
         positions=scene_grain.POSITIONS,
         samples=int(samples),
     )
@@ -129,7 +122,7 @@ def test_a_scene_of_even_light_has_no_grain(tmp_path, monkeypatch, variant):
     )
     scene = write_scene(tmp_path, monkeypatch, shapes=shapes, light="glow", target="glow")
     sensor = get_sensor("vidar_400x250", rows=20, columns=30)
-    (finding,) = check_scene_grain(SceneUnderTest(scene, sensor, backend=variant))
+    (finding,) = check_grain(SceneUnderTest(scene, sensor, backend=variant))
     assert finding.level == "ok"
     rms = float(re.search(r"noise of (\S+) of the mean", finding.text)[1])
     assert rms < 1e-4

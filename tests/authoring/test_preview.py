@@ -1,6 +1,7 @@
 """Contact sheets of a stack and of a scene, the gallery, and images side by side."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,15 @@ from PIL import Image
 from refusals import refusal
 from written_scenes import VARIANT
 
-from saf_gen.authoring.preview import ContactSheet, draw_preview_sheet, save_preview_image_grid, write_scene_preview
-from saf_gen.authoring.preview.contact_sheet import _list_cells, choose_preview_columns
-from saf_gen.authoring.preview.scene_sheet import make_preview_sheet, preview_scene
-from saf_gen.authoring.template import create_scene_from_template
+from saf_gen.authoring.preview import ContactSheet, draw_sheet, save_image_grid, write_preview
+from saf_gen.authoring.preview.contact_sheet import _Cell, _draw_sheet, _list_cells, choose_columns
+from saf_gen.authoring.preview.scene_sheet import make_sheet, preview_scene
+from saf_gen.authoring.template import scene_from_template
 from saf_gen.camera import get_sensor
-from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
+from saf_gen.core.display_tone import display_gamma, white_level
+from saf_gen.core.figure_style import COLUMN_STYLE, use_plot_style
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.scene.scene_folder import find_scene
+from saf_gen.scene.scene_folder import find_scene, scene_names
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
 
 SENSOR = get_sensor("vidar_400x250", rows=20, columns=32, pitch_m=60e-6)
@@ -45,7 +47,7 @@ def grey(path):
 @pytest.mark.slow
 def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
     """The labels fit with each drive; other tests below draw the sheet of the first."""
-    write_scene_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
+    write_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
     picture, size = grey(tmp_path / "preview" / "plane.png")
     assert size[0] == 1600
     assert picture.std() > 20
@@ -57,14 +59,14 @@ def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
 def test_a_target_that_is_nowhere_or_everywhere_is_drawn_all_the_same(tmp_path, everywhere):
     stack = stack_of(*DRIVES["image_distance"], target=np.full((20, 32), everywhere))
     assert np.isnan(ContactSheet("it", stack, SENSOR).true_focus) != everywhere
-    write_scene_preview(stack, SENSOR, path=tmp_path / "it.png")
+    write_preview(stack, SENSOR, path=tmp_path / "it.png")
     assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
 def test_a_dark_stack_is_drawn_all_the_same(tmp_path):
     stack = stack_of(*DRIVES["image_distance"])
     stack.radiance[:] = 0
-    write_scene_preview(stack, SENSOR, path=tmp_path / "it.png")
+    write_preview(stack, SENSOR, path=tmp_path / "it.png")
     assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
@@ -75,54 +77,116 @@ def sheet_with(small):
     return stack, ContactSheet("it", stack, SENSOR, stack.radiance[0, 2], pictures)
 
 
-@pytest.mark.parametrize("small", range(7))
+def test_three_to_five_images_are_in_a_row_and_at_most_two_are_missing():
+    columns = {count: choose_columns(count) for count in range(1, 60)}
+    assert set(columns.values()) == {3, 4, 5}
+    assert all(-count % across <= 2 for count, across in columns.items())
+    assert [columns[count] for count in (4, 5, 6, 7, 8, 9, 10, 12)] == [4, 5, 3, 4, 4, 3, 5, 4]
+
+
+@pytest.mark.parametrize("small", range(8))
 def test_so_many_images_are_listed_that_they_fill_their_rows(small):
     cells = _list_cells(sheet_with(small)[1])
-    assert len(cells) % choose_preview_columns(len(cells)) == 0
-    assert len(cells) - 7 - small == (small in (4, 6))  # the target fills the gap that 11 or 13 images would leave
+    assert len(cells) % choose_columns(len(cells)) == 0
+    # The target alone fills the gaps that 7, 11, 13 or 14 images would leave.
+    assert len(cells) - 7 - small == {0: 1, 4: 1, 6: 2, 7: 1}.get(small, 0)
 
 
 MORE = (1, 2, 3, 5, 6)
 DRAWN = [4, pytest.param(0, marks=pytest.mark.slow), *(pytest.param(n, marks=pytest.mark.long) for n in MORE)]
-"""First twelve images, one of them added to fill a row; then seven in one row; then the others."""
+"""First twelve images, one of them added to fill a row; then eight, one of them added; then the others."""
 
 
 @pytest.mark.parametrize("small", DRAWN)
 def test_images_leave_no_gap_in_their_grid(tmp_path, small):
-    """No cell is white, the colour of empty cells, in its middle."""
-    stack, sheet = sheet_with(small)
-    draw_preview_sheet(sheet, tmp_path / "it.png")
-    picture, _ = grey(tmp_path / "it.png")
-    images = 5 + len(stack.spec.groups) + small
-    count = next(n for n in (images, images + 1) if n % choose_preview_columns(n) == 0)
-    across = choose_preview_columns(count)
-    cell = (7.16 - 0.06 * (across + 1)) / across
-    for n in range(count):
-        x = 0.06 + n % across * (cell + 0.06) + cell / 2
-        y = 0.22 + n // across * (0.26 + cell * 20 / 32 + 0.06) + 0.26 + cell * 20 / 64
-        here = picture[int(y * 1600 / 7.16) - 4 :, int(x * 1600 / 7.16) - 4 :][:8, :8]
-        assert here.min() < 250, n
+    """Every row has the same number of images, as wide as the sheet, and none is white, the colour of the paper."""
+    _, sheet = sheet_with(small)
+    draw_sheet(sheet, tmp_path / "it.png")
+    picture, (width, height) = grey(tmp_path / "it.png")
+    boxes = [axes.get_position() for axes in drawn(sheet, _list_cells(sheet)).axes if axes.images]
+    rows = [[box for box in boxes if box.y0 == y] for y in dict.fromkeys(box.y0 for box in boxes)]
+    assert {len(row) for row in rows} == {choose_columns(len(boxes))}
+    assert [(row[0].x0, 1 - row[-1].x1) for row in rows] == [pytest.approx((0.06 / 7.16,) * 2)] * len(rows)
+    for box in boxes:
+        x, y = width * (box.x0 + box.x1) / 2, height * (1 - (box.y0 + box.y1) / 2)
+        assert picture[int(y) - 4 :, int(x) - 4 :][:8, :8].min() < 250
+
+
+def drawn(sheet, cells):
+    with use_plot_style(COLUMN_STYLE):
+        return _draw_sheet(sheet, cells)
+
+
+def assert_legible(figure):
+    """Assert that titles, captions and labels of axes overlap no other and no image, and are in the figure."""
+    figure.draw_without_rendering()
+    labels = [text for axes in figure.axes for text in (axes.title, axes.xaxis.label, axes.yaxis.label)]
+    texts = [text for text in (*figure.texts, *labels) if text.get_text()]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
+    images = [(f"image {n}", axes.get_window_extent()) for n, axes in enumerate(figure.axes) if axes.images]
+    for n, (words, box) in enumerate(boxes):
+        assert min(box.x0, box.y0, figure.bbox.x1 - box.x1, figure.bbox.y1 - box.y1) >= 0, words
+        for others, other in (*boxes[:n], *images):
+            apart = max(box.x0 - other.x1, other.x0 - box.x1, box.y0 - other.y1, other.y0 - box.y1)
+            assert apart >= 0, f"{words} | {others}"
+
+
+@pytest.fixture(scope="module")
+def longest():
+    """The longest title of a scene with its lens, and the longest name of a light, among the scenes of the project."""
+    cards = [find_scene(name).card for name in scene_names()]
+    titles = (f"{card.id}: {card.title} ({card.lens.summary})" for card in cards)
+    return max(titles, key=len), max((light for card in cards for light in card.lights), key=len)
+
+
+@pytest.mark.parametrize("more", ["", "_at_the_far_end_of_the_long_bench.001" + " in words" * 20], ids=["", "longer"])
+@pytest.mark.parametrize("panels", range(1, 10))
+def test_no_title_overlaps_another_or_leaves_the_sheet(longest, panels, more):
+    title, light = longest
+    captions = [
+        "the target is not in the image:\n0.437, in focus 0.019762 m",
+        "depth 0.07185 (dark) to 0.07903 m,\nthe target outlined",
+        *(f"light of {light}{more}_{n} alone,\nat gain 1" for n in range(3)),
+        *["the target alone,\nat one end of the travel"] * 4,
+    ]
+    cells = [_Cell(caption, np.zeros((20, 32))) for caption in captions[-panels:]]
+    assert_legible(drawn(ContactSheet(title + more, stack_of(*DRIVES["stage"]), SENSOR), cells))
+
+
+@pytest.mark.parametrize("sharp", [True, False], ids=["scene", "dataset"])
+@pytest.mark.parametrize(("lights", "contrast"), [(1, 1), (2, 0.02), (3, 0.001), (8, 1)])
+def test_the_sheet_of_any_scene_is_legible(longest, lights, sharp, contrast):
+    """Sheets of datasets lack the image with everything sharp; three lights make seven images then.
+
+    Small contrasts have long numbers beside their axis.
+    """
+    title, light = longest
+    stack = stack_of(*DRIVES["image_distance"])
+    radiance = 1 + contrast * (np.resize(stack.radiance, (lights, 5, 20, 32)) - 0.5)
+    spec = replace(stack.spec, groups=tuple(f"{light}{n}" for n in range(lights)))
+    sheet = ContactSheet(title, replace(stack, spec=spec, radiance=radiance), SENSOR, radiance[0, 2] if sharp else None)
+    assert_legible(drawn(sheet, _list_cells(sheet)))
 
 
 @pytest.mark.slow
 def test_a_sheet_is_a_figure_of_the_kind_that_its_name_says(tmp_path):
     sheet = ContactSheet("it", stack_of(*DRIVES["image_distance"]), SENSOR)
-    draw_preview_sheet(sheet, tmp_path / "it.pdf")
+    draw_sheet(sheet, tmp_path / "it.pdf")
     assert (tmp_path / "it.pdf").read_bytes().startswith(b"%PDF")
-    assert refusal(draw_preview_sheet, sheet, tmp_path / "it.jpg").allowed == ".pdf, .png, .svg"
+    assert refusal(draw_sheet, sheet, tmp_path / "it.jpg").allowed == ".pdf, .png, .svg"
 
 
 def test_display_white_is_the_brightest_percentile_and_grey_has_a_gamma():
     image = np.linspace(0, 2, 1001).reshape(7, 143)
-    white = find_display_white_level(image)
+    white = white_level(image)
     assert white == pytest.approx(1.99, abs=0.005)
-    assert apply_display_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
-    assert find_display_white_level(np.zeros((3, 3))) == 1
+    assert display_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
+    assert white_level(np.zeros((3, 3))) == 1
 
 
 def test_a_grid_is_as_small_as_asked_for(tmp_path):
     noise = 0.3 + 0.4 * np.random.default_rng(0).random((250, 400))
-    save_preview_image_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", max_bytes=150_000)
+    save_image_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", max_bytes=150_000)
     assert (tmp_path / "it.jpg").stat().st_size < 150_000
     picture, size = grey(tmp_path / "it.jpg")
     assert size == (3 * 400 + 8, 2 * 250 + 4)
@@ -132,7 +196,7 @@ def test_a_grid_is_as_small_as_asked_for(tmp_path):
 @pytest.fixture
 def mine(tmp_path, own_folder):
     """A function that edits the card of the scene ``mine``, made from a template, and returns the scene."""
-    create_scene_from_template("mine", tmp_path / "scenes")
+    scene_from_template("mine", tmp_path / "scenes")
 
     def edit(old="", new=""):
         card = tmp_path / "scenes/mine/scene.yaml"
@@ -144,7 +208,7 @@ def mine(tmp_path, own_folder):
 
 
 def test_a_sheet_of_a_scene_shows_its_lights_and_its_family(mine):
-    sheet = make_preview_sheet(mine(), SENSOR, backend=VARIANT)
+    sheet = make_sheet(mine(), SENSOR, backend=VARIANT)
     assert sheet.stack.spec.groups == ("lamp", "room")
     assert [word for word, _ in sheet.small_images] == ["member 1", "member 2"]
     members = [picture for _, picture in sheet.small_images]
@@ -158,7 +222,7 @@ def test_a_sheet_of_a_scene_shows_its_lights_and_its_family(mine):
 def test_a_sheet_of_a_scene_that_moves_shows_moments(mine):
     words = "motion: {card: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.04, 0, 0]}]}}\nparams:"
     scene = mine("params:", words)
-    sheet = make_preview_sheet(scene.with_params({"square_mm": 3}), SENSOR, backend=VARIANT)
+    sheet = make_sheet(scene.with_params({"square_mm": 3}), SENSOR, backend=VARIANT)
     moments = {word: picture for word, picture in sheet.small_images if word.endswith(" s")}
     assert list(moments) == ["0.00 s", "1.00 s"]
     assert np.abs(moments["0.00 s"] - moments["1.00 s"]).mean() > 0.05 * moments["0.00 s"].mean()

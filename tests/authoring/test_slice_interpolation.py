@@ -8,7 +8,7 @@ from refusals import refusal
 from small_dataset import DRIVE
 from written_scenes import VARIANT, write_scene
 
-from saf_gen.authoring.checks import SceneUnderTest, check_scene_slices, slice_interpolation
+from saf_gen.authoring.checks import SceneUnderTest, check_slices, slice_interpolation
 from saf_gen.authoring.checks.slice_interpolation import SliceMismatch, _measure_mismatch
 from saf_gen.camera import get_sensor
 from saf_gen.scene.scene_folder import find_scene
@@ -128,20 +128,20 @@ def measured_once(monkeypatch):
 )
 def test_the_error_on_the_card_is_compared_with_the_measured_one(stripes, measured_once, stated, level, message):
     more = f"interpolation_error: {stated}\n" if stated else ""
-    (finding,) = check_scene_slices(stripes(0.9, more=more))
+    (finding,) = check_slices(stripes(0.9, more=more))
     assert finding.level == level
     assert re.search(message, finding.text)
 
 
 @pytest.mark.slow
 def test_what_the_check_says_to_write_passes(stripes, measured_once):
-    (finding,) = check_scene_slices(stripes(0.9, more="interpolation_error: 0.05\n"))
+    (finding,) = check_slices(stripes(0.9, more="interpolation_error: 0.05\n"))
     slices, error = re.search(r"slices_per_s: (\d+), or interpolation_error: (\S+)", finding.text).groups()
     for more in (
         {"slices": slices, "more": "interpolation_error: 0.05\n"},
         {"more": f"interpolation_error: {error}\n"},
     ):
-        (finding,) = check_scene_slices(stripes(0.9, **more))
+        (finding,) = check_slices(stripes(0.9, **more))
         assert finding.level == "ok"
 
 
@@ -150,7 +150,7 @@ def test_a_scene_that_stands_still_or_is_recorded_so_has_nothing_to_check(stripe
     text = card.read_text()
     for gone in ("slices_per_s: .*\n", "motion: .*\n"):
         card.write_text(re.sub(gone, "", text))
-        assert list(check_scene_slices(SceneUnderTest(find_scene("made"), SENSOR, backend=VARIANT))) == []
+        assert list(check_slices(SceneUnderTest(find_scene("made"), SENSOR, backend=VARIANT))) == []
 
 
 @pytest.mark.parametrize("value", ["0", "1", "a"])

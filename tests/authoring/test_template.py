@@ -9,9 +9,9 @@ from small_dataset import SCENES
 from written_scenes import VARIANT
 
 from saf_gen.authoring.checks import check_scene
-from saf_gen.authoring.template import create_scene_from_export, create_scene_from_template
+from saf_gen.authoring.template import scene_from_export, scene_from_template
 from saf_gen.camera import get_sensor
-from saf_gen.scene.scene_folder import find_scene, load_scene_folder
+from saf_gen.scene.scene_folder import find_scene, load_scene
 from saf_gen.scene.xml import read_scene_xml
 
 EXPORTED = SCENES / "workbench/scene.xml"
@@ -27,7 +27,7 @@ def here(own_folder):
 def test_a_skeleton_passes_all_checks_but_for_a_licence_that_nobody_has_set(here, kind):
     """The sensor is the middle of the vidar_400x250, with few pixels."""
     sensor = get_sensor("vidar_400x250", rows=40, columns=64)
-    written = create_scene_from_template("mine", here / "scenes", kind=kind)
+    written = scene_from_template("mine", here / "scenes", kind=kind)
     assert {p.name for p in written} >= {"scene.yaml", "SOURCE.md"}
     for path in (p for p in written if p.suffix in (".yaml", ".md", ".py", ".xml")):
         assert "NAME" not in path.read_text()
@@ -40,21 +40,21 @@ def test_a_skeleton_passes_all_checks_but_for_a_licence_that_nobody_has_set(here
 
 def test_every_key_of_the_skeletons_is_explained(here):
     for kind in ("script", "xml"):
-        create_scene_from_template(f"a_{kind}", here / "scenes", kind=kind)
+        scene_from_template(f"a_{kind}", here / "scenes", kind=kind)
         lines = (here / f"scenes/a_{kind}/scene.yaml").read_text().splitlines()
         assert sum("#" in line for line in lines) > 12
 
 
 @pytest.mark.parametrize(("name", "nearest"), [("My Scene", "my_scene"), ("../up", "up"), ("", ""), ("camel", "")])
 def test_a_name_that_cannot_be_is_refused(here, name, nearest):
-    error = refusal(create_scene_from_template, name, here / "scenes")
+    error = refusal(scene_from_template, name, here / "scenes")
     assert repr(name) in error.problem
     assert error.nearest == nearest
     assert not (here / "scenes").exists()
 
 
 @pytest.mark.parametrize(
-    "begin", [create_scene_from_template, lambda name, root: create_scene_from_export(EXPORTED, name, root=root)]
+    "begin", [scene_from_template, lambda name, root: scene_from_export(EXPORTED, name, root=root)]
 )
 def test_nothing_is_overwritten(here, begin):
     folder = here / "scenes/mine"
@@ -66,9 +66,9 @@ def test_nothing_is_overwritten(here, begin):
 
 def test_an_exported_scene_gets_a_card_with_its_own_camera(here):
     """The camera in the file is at (0, 0.2, 0.55), sees 18.18 degrees, and looks at the front of the crate, z = 0."""
-    create_scene_from_export(EXPORTED, "bench", root=here / "scenes")
+    scene_from_export(EXPORTED, "bench", root=here / "scenes")
     scene = find_scene("bench")
-    card, hand = scene.card, load_scene_folder(SCENES / "workbench").card
+    card, hand = scene.card, load_scene(SCENES / "workbench").card
     assert card.camera.origin_m == pytest.approx(hand.camera.origin_m, abs=1e-6)
     axes = [np.subtract(c.camera.look_at_m, c.camera.origin_m) for c in (card, hand)]
     assert np.cross(*axes) == pytest.approx(0, abs=1e-6)
@@ -136,7 +136,7 @@ def thin(radius):
     ],
 )
 def test_an_export_that_cannot_be_used_is_refused(here, edited, pairs, message):
-    error = refusal(create_scene_from_export, edited(*pairs), "bench", root=here / "scenes")
+    error = refusal(scene_from_export, edited(*pairs), "bench", root=here / "scenes")
     assert message in str(error)
     assert not (here / "scenes").exists()
 
@@ -146,13 +146,13 @@ def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
     """The refused export leaves nothing behind and changes no file."""
     path = edited((FOV, "0.1"))
     if before:
-        create_scene_from_template("other", here / "scenes")
+        scene_from_template("other", here / "scenes")
     kept = sorted(here.rglob("*"))
-    error = refusal(create_scene_from_export, path, "bench", root=here / "scenes")
+    error = refusal(scene_from_export, path, "bench", root=here / "scenes")
     assert "no card can describe this camera" in error.problem
     assert sorted(here.rglob("*")) == kept
     path.write_text(path.read_text().replace('value="0.1"', 'value="18"'))
-    written = create_scene_from_export(path, "bench", root=here / "scenes")
+    written = scene_from_export(path, "bench", root=here / "scenes")
     assert all(p.is_file() for p in written)
     assert {p.relative_to(here).as_posix() for p in written} == {
         p.relative_to(here).as_posix() for p in (here / "scenes/bench").rglob("*") if p.is_file()
@@ -163,7 +163,7 @@ def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
 
 def test_a_folder_that_cannot_be_written_is_refused(here):
     (here / "scenes").write_text("a file")
-    error = refusal(create_scene_from_template, "mine", here / "scenes")
+    error = refusal(scene_from_template, "mine", here / "scenes")
     assert "scenes/mine cannot be written" in error.problem
 
 
@@ -172,7 +172,7 @@ def test_linked_files_are_copied_under_the_names_in_the_file(here, edited):
     (path.parent / "data").mkdir()
     (path.parent / "meshes/Ball.ply").rename(path.parent / "data/a.ply")
     (path.parent / "meshes/Ball.ply").symlink_to(path.parent / "data/a.ply")
-    create_scene_from_export(path, "bench", root=here / "scenes")
+    scene_from_export(path, "bench", root=here / "scenes")
     folder = here / "scenes/bench"
     assert (folder / "meshes/Ball.ply").read_bytes() == (path.parent / "data/a.ply").read_bytes()
     assert not (folder / "meshes/Ball.ply").is_symlink()
@@ -186,7 +186,7 @@ def test_a_file_with_the_name_of_one_of_the_scenes_files_is_refused(here, edited
     path = edited(("textures/print.png", name)).rename(here / "export.xml")
     shutil.copytree(SCENES / "workbench/meshes", here / "meshes")
     shutil.copyfile(SCENES / "workbench/textures/print.png", here / name)
-    error = refusal(create_scene_from_export, path, "bench", root=here / "scenes")
+    error = refusal(scene_from_export, path, "bench", root=here / "scenes")
     assert repr(name) in error.problem
     assert "rename" in error.hint
     assert not (here / "scenes").exists()
@@ -197,7 +197,7 @@ def test_a_file_with_the_name_of_one_of_the_scenes_files_is_refused(here, edited
 )
 def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_number):
     """It is f/(2R), at least f/1; a pinhole has no aperture, and gets f/2."""
-    create_scene_from_export(edited(thin(radius)), "bench", root=here / "scenes")
+    scene_from_export(edited(thin(radius)), "bench", root=here / "scenes")
     lens = find_scene("bench").card.lens
     expected = f_number or lens.focal_length_mm / 1000 / (2 * radius)
     assert lens.f_number == pytest.approx(expected, rel=5e-3)  # the card has three digits
@@ -210,7 +210,7 @@ def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_numb
 def test_a_focal_length_is_that_of_36_by_24_mm_with_the_same_diagonal_field(here, edited, words, focal_mm):
     """The tangent is half the diagonal over the focal length, times 1.6/√(1.6² + 1) across our sensor of 8:5."""
     path = edited(('<string name="fov_axis" value="x"/>', ""), ('<float name="fov" value="18.180556"/>', words))
-    create_scene_from_export(path, "bench", root=here / "scenes")
+    scene_from_export(path, "bench", root=here / "scenes")
     scene = find_scene("bench")
     image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
     across = np.hypot(36, 24) / 2 / focal_mm * 1.6 / np.hypot(1.6, 1)
@@ -222,14 +222,14 @@ def test_an_export_without_lamps_is_refused(here, edited):
     world = text[text.index("\t<emitter type=") : text.index('\t<shape type="rectangle"')]
     lamp = text[text.index('\t\t<emitter type="area"') : text.index('\t\t<bsdf type="null"')]
     path = edited((world, ""), (lamp, ""))
-    error = refusal(create_scene_from_export, path, "bench", root=here / "scenes")
+    error = refusal(scene_from_export, path, "bench", root=here / "scenes")
     assert "no lamp" in error.problem
 
 
 @pytest.mark.parametrize(("axis", "across"), [("x", 1.0), ("y", 1.6), ("smaller", 1.6), ("larger", 1.0)])
 def test_the_field_is_that_of_the_files_axis(here, edited, axis, across):
     path = edited(('name="fov_axis" value="x"', f'name="fov_axis" value="{axis}"'))
-    create_scene_from_export(path, "bench", root=here / "scenes")
+    scene_from_export(path, "bench", root=here / "scenes")
     scene = find_scene("bench")
     image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
     assert 4e-3 / image == pytest.approx(across * np.tan(np.radians(18.180556) / 2), rel=2e-3)
@@ -237,17 +237,17 @@ def test_the_field_is_that_of_the_files_axis(here, edited, axis, across):
 
 def test_lamps_of_odd_names_make_groups_that_a_card_can_have(here, edited):
     path = edited(('id="World" name="World"', 'id="Key: [1]" name="World"'), ('"emit-Lamp"', '"light_Key 1"'))
-    create_scene_from_export(path, "bench", root=here / "scenes")
+    scene_from_export(path, "bench", root=here / "scenes")
     assert dict(find_scene("bench").card.lights) == {"key_1": ("Key: [1]",), "key_1_2": ("light_Key 1",)}
 
 
 @pytest.mark.parametrize("word", ["geometry", "kind", "choice", "uniform"])
 def test_a_lamp_called_as_no_group_may_be_gets_another(here, edited, word):
     path = edited(('id="World" name="World"', f'id="Light-{word.upper()}" name="World"'))
-    create_scene_from_export(path, "bench", root=here / "scenes")
+    scene_from_export(path, "bench", root=here / "scenes")
     assert find_scene("bench").card.lights[f"{word}_lamp"] == (f"Light-{word.upper()}",)
 
 
 def test_a_lamp_whose_name_yaml_takes_for_a_truth_is_quoted(here, edited):
-    create_scene_from_export(edited(('id="World" name="World"', 'id="On" name="World"')), "bench", root=here / "scenes")
+    scene_from_export(edited(('id="World" name="World"', 'id="On" name="World"')), "bench", root=here / "scenes")
     assert find_scene("bench").card.lights["on"] == ("On",)

@@ -17,14 +17,14 @@ import pytest
 from refusals import refusal
 
 from saf_gen import get_measure, get_motion, get_search
-from saf_gen.benchmark.conformance import check_measure_conformance, check_search_conformance
+from saf_gen.benchmark.conformance import check_measure, check_search
 from saf_gen.benchmark.conformance._check_result import CheckFailure
-from saf_gen.benchmark.conformance._declaration_checks import check_conformance_of_class
-from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, conformance_bell_curve
+from saf_gen.benchmark.conformance._declaration_checks import check_class
+from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, bell
 from saf_gen.core.config import registry
 from saf_gen.parts import commands, wants_halves
 from saf_gen.plugins.measures import measure_names
-from saf_gen.plugins.motions import motion_positions_at_readouts
+from saf_gen.plugins.motions import lens_positions
 from saf_gen.plugins.searches import search_names
 
 PAGES = [Path(__file__).parents[2] / "docs/how-to" / name for name in ("add-a-method.md", "add-a-search.md")]
@@ -42,7 +42,7 @@ def faults(results):
 
 def check_motion(motion, *, first=None):
     """Assert that a motion begins at ``first``, stays in the travel, and does not jump."""
-    check_conformance_of_class(motion)
+    check_class(motion)
     for duration in (0.5, 1.0):
         times = np.linspace(0, duration, 8001)
         times.flags.writeable = False
@@ -59,7 +59,7 @@ def check_motion(motion, *, first=None):
             assert position[0] == pytest.approx(first, abs=1e-9), "it does not begin where it says"
         widest, half = (np.abs(np.diff(position[::step])).max() for step in (2, 1))
         assert half <= 0.75 * widest + 1e-12, "it jumps"  # twice as many readouts should halve the steps
-        assert motion_positions_at_readouts(motion, 800, readout_hz=800 / duration).shape == (800,)
+        assert lens_positions(motion, 800, readout_hz=800 / duration).shape == (800,)
 
 
 MOTIONS = {
@@ -85,27 +85,27 @@ def test_every_motion_of_ours_is_tried_with_options():
 
 @pytest.mark.parametrize("name", measure_names())
 def test_a_registered_measure_conforms(name):
-    assert faults(check_measure_conformance(get_measure(name))) == []
+    assert faults(check_measure(get_measure(name))) == []
 
 
 @pytest.mark.parametrize("name", [n for n in measure_names() if not wants_halves(get_measure(n))])
 def test_a_registered_measure_conforms_on_textures(name):
     measure = get_measure(f"{name}_tfi")
-    assert faults(check_measure_conformance(measure)) == []
+    assert faults(check_measure(measure)) == []
     assert measure.degree == get_measure(name).degree
 
 
 @pytest.mark.parametrize("name", search_names())
 @pytest.mark.slow
 def test_a_registered_search_conforms(name):
-    found = faults(check_search_conformance(get_search(name)))
+    found = faults(check_search(get_search(name)))
     assert [f for f in found if f.level == "fail"] == []
     assert [f.check for f in found] == WARNINGS.get(name, [])
 
 
 @pytest.mark.parametrize("refine", ["parabola", "centroid"])
 def test_a_refined_argmax_conforms(refine):
-    assert faults(check_search_conformance(get_search("argmax", refine=refine))) == []
+    assert faults(check_search(get_search("argmax", refine=refine))) == []
 
 
 def test_the_paper_s_measures_and_searches_are_registered():
@@ -160,14 +160,11 @@ def test_the_files_shown_are_complete_short_and_conform(package_of_the_page):
     assert {"my_measure", "my_measure_n"} <= set(measure_names())
     assert {"my_search", "my_lens_search"} <= set(search_names())
     for name in ("my_measure", "my_measure_n"):
-        assert faults(check_measure_conformance(get_measure(name))) == []
+        assert faults(check_measure(get_measure(name))) == []
         assert get_measure(name, apart=2) != get_measure(name)
     for name in ("my_search", "my_lens_search"):
-        assert faults(check_search_conformance(get_search(name))) == []
-    assert (
-        abs(get_search("my_search", window=50)(SyntheticRecording(conformance_bell_curve(5000, 0.3))).frame - 1500)
-        <= 25
-    )
+        assert faults(check_search(get_search(name))) == []
+    assert abs(get_search("my_search", window=50)(SyntheticRecording(bell(5000, 0.3))).frame - 1500) <= 25
 
 
 def test_a_package_that_cannot_be_loaded_is_reported_and_breaks_no_other(package_of_the_page, tmp_path):

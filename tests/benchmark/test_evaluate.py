@@ -10,15 +10,15 @@ from refusals import refusal
 
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark import sequence_evaluation
-from saf_gen.benchmark.evaluate import evaluate, score_evaluated_blocks
+from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard import rank_methods
-from saf_gen.optics.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.measures import get_measure
-from saf_gen.plugins.motions import motion_positions_at_readouts
+from saf_gen.plugins.motions import lens_positions
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
@@ -133,7 +133,7 @@ def moving(path, lens, *, dof=0.1):
     rate = 0.25 * (1 + contrast[:, None, None] * board)
     phase = make_generator("moving").random((48, 64))
     frames = np.diff(np.floor(phase + np.cumsum(rate, axis=0)), axis=0, prepend=0.0).astype(np.uint8)
-    crossings = find_focus_crossings(lens, 0.4)
+    crossings = focus_crossings(lens, 0.4)
     frame = crossings[0] if crossings.size else float("nan")
     truth = {"position": 0.4, "depth_of_focus": (0.4 - dof / 2, 0.4 + dof / 2), "frame": frame}
     write_stream(path, frames, focus_position=lens, truth=truth)
@@ -155,10 +155,10 @@ def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, i
 
     photon_aware and peak_fit may abstain if the lens is at rest, because the curve then has no peak.
     """
-    lens = motion_positions_at_readouts(motion, 800, readout_hz=20_000).astype(np.float32)
+    lens = lens_positions(motion, 800, readout_hz=20_000).astype(np.float32)
     moving(tmp_path / "s.h5", lens)
     (*records,) = evaluate(tmp_path / "s.h5", methods=[*DEFAULT_RECORDED_METHODS, "sd+argmax:window=20"]).records
-    crossings = find_focus_crossings(lens, 0.4)
+    crossings = focus_crossings(lens, 0.4)
     for record in records:
         if record.method.endswith(("photon_aware", "peak_fit")) and motion["kind"] == "hold" and record.frame is None:
             continue
@@ -237,14 +237,14 @@ def test_a_method_may_name_its_region(two_depths):
 
 
 def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monkeypatch):
-    run = sequence_evaluation.evaluate_recorded_sequence
+    run = sequence_evaluation.evaluate_recorded
 
     def breaks(task, methods, *, region, **more):
         if region == "frame" and task.light == "ramp":
             raise OSError("the disk is gone")
         return run(task, methods, region=region, **more)
 
-    monkeypatch.setattr(sequence_evaluation, "evaluate_recorded_sequence", breaks)
+    monkeypatch.setattr(sequence_evaluation, "evaluate_recorded", breaks)
     steps = []
     found = evaluate(dataset, methods=["sd+argmax"], region="both", progress=lambda *step: steps.append(step))
     assert [failure.problem for failure in found.failures] == ["the disk is gone"]
@@ -455,7 +455,7 @@ def test_the_curves_are_what_argmax_looked_at(dataset):
     (sweep,) = evaluate(dataset, methods=["sd+argmax:window=50", "sd+egs_code"], split="train").sweeps
     (curve,) = sweep.curves
     with open_stream(dataset / "train" / "board-constant-0.h5") as stream:
-        first, scores = score_evaluated_blocks(stream, "sd", window=50)
+        first, scores = score_blocks(stream, "sd", window=50)
     np.testing.assert_array_equal(curve.frames, first + 24.5)
     np.testing.assert_array_equal(curve.scores, scores)
     assert curve.answer == curve.frames[np.argmax(scores)]
@@ -510,7 +510,7 @@ def test_a_single_stream_has_no_split_and_no_scene_motion(stream_file, option):
 
 def test_a_score_curve_is_the_measure_of_consecutive_blocks(stream_file):
     with open_stream(stream_file) as stream:
-        first, scores = score_evaluated_blocks(stream, "sd", window=150)
+        first, scores = score_blocks(stream, "sd", window=150)
         assert first.tolist() == [0, 150, 300, 450, 600]  # the last 50 frames fill no block
         sd = get_measure("sd")
         assert scores.tolist() == [sd(stream.counts(a, a + 150)) for a in first]
@@ -519,6 +519,6 @@ def test_a_score_curve_is_the_measure_of_consecutive_blocks(stream_file):
 @pytest.mark.parametrize("window", [0, -1, 801, 2.5])
 def test_a_window_that_fits_no_block_is_refused(stream_file, window):
     with open_stream(stream_file) as stream:
-        error = refusal(score_evaluated_blocks, stream, "sd", window=window)
+        error = refusal(score_blocks, stream, "sd", window=window)
     assert str(window) in error.problem
     assert "800" in error.allowed

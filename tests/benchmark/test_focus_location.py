@@ -8,14 +8,14 @@ import pytest
 from planted_sweeps import make_spikes
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge_method_answer
-from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge
+from saf_gen.benchmark.tracks.closed_loop_judgement import judge_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
-from saf_gen.benchmark.tracks.focus_location import judge_focus_crossing, judge_focus_location, truncate_truth_to_judge
-from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, list_sequences_to_evaluate
+from saf_gen.benchmark.tracks.focus_location import judge_crossing, judge_location, truncate_truth
+from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, list_sequences
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import tabulate_leaderboard_by_axis
-from saf_gen.optics.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import open_stream
@@ -30,7 +30,7 @@ THERE_AND_BACK = np.concatenate([UP[::2], UP[::-2]]) * np.float32(0.5)
 def truth(best, dof=0.02, *, lens=None, track=None):
     crossing = math.nan
     if lens is not None:
-        found = find_focus_crossings(lens - (best if track is None else track), 0.0)
+        found = focus_crossings(lens - (best if track is None else track), 0.0)
         crossing = float(found[0]) if found.size else math.nan
     return Truth(position=best, depth_of_focus=(best - dof / 2, best + dof / 2), frame=crossing, track=track)
 
@@ -91,10 +91,10 @@ def test_on_a_recording_it_lies_where_the_sweep_meets_it(tmp_path, lens, best, w
 def test_in_the_closed_loop_the_focus_position_is_that_in_the_travel(best, where):
     """An abstention succeeds if the focus is more than 1 depth of focus outside the travel."""
     known = truth(best, lens=PART)
-    location, off = judge_focus_location(known)
+    location, off = judge_location(known)
     assert (location, off) == (where[0], pytest.approx(where[1]))
     run = ClosedLoopRun(Answer(), "", 10, np.full(10, 0.3), 800, 1, 0.0)
-    verdict = judge_closed_loop_run(run, known, readout_hz=20_000)
+    verdict = judge_run(run, known, readout_hz=20_000)
     assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == tuple(
         verdict[f"success_{name}"] for name in ("half_dof", "1dof", "2dof")
     )
@@ -104,19 +104,19 @@ def test_a_focus_that_moves_lies_where_the_lens_first_meets_it():
     """The focus goes from 0.9 to 0.1 of the travel while the lens goes from 0 to 1: they meet in the middle."""
     track = np.linspace(0.9, 0.1, FRAMES)
     known = truth(0.5, lens=UP, track=track)
-    location, off = judge_focus_crossing(known, UP)
+    location, off = judge_crossing(known, UP)
     assert location == pytest.approx(0.5, abs=1e-3)
     assert off == pytest.approx(0, abs=0.1)
-    assert judge_focus_location(known) == (0.5, 0.0)
+    assert judge_location(known) == (0.5, 0.0)
     away = truth(1.5, lens=UP, track=np.linspace(1.6, 1.4, FRAMES))
-    assert judge_focus_crossing(away, UP)[0] is None
-    assert judge_focus_location(away) == (None, pytest.approx(20))
+    assert judge_crossing(away, UP)[0] is None
+    assert judge_location(away) == (None, pytest.approx(20))
 
 
 def test_the_pass_that_the_stream_names_is_the_first():
     """The target was not visible at earlier crossings; see saf_gen.stack.true_focus."""
     both = replace(truth(0.3), frame=700.0)
-    assert judge_focus_crossing(both, THERE_AND_BACK)[0] == pytest.approx(700.5 / FRAMES)
+    assert judge_crossing(both, THERE_AND_BACK)[0] == pytest.approx(700.5 / FRAMES)
 
 
 @pytest.mark.parametrize(
@@ -131,23 +131,23 @@ def test_the_pass_that_the_stream_names_is_the_first():
     ids=["no truth", "no lens", "no frame", "a lens with gaps", "a track with gaps"],
 )
 def test_without_truth_lens_or_track_the_location_is_unknown(known, lens):
-    assert judge_focus_crossing(known, lens) == (None, None)
+    assert judge_crossing(known, lens) == (None, None)
 
 
 def test_without_a_truth_the_location_in_the_travel_is_unknown():
-    assert judge_focus_location(Truth()) == judge_focus_location(truth(0.5, track=np.full(9, np.nan))) == (None, None)
+    assert judge_location(Truth()) == judge_location(truth(0.5, track=np.full(9, np.nan))) == (None, None)
 
 
 def test_without_a_depth_of_focus_only_what_is_met_is_known():
     met, never = Truth(position=0.75), Truth(position=0.2)
-    assert judge_focus_crossing(met, PART) == (pytest.approx(0.5, abs=1e-3), None)
-    assert judge_focus_crossing(never, PART) == (None, None)
-    assert judge_focus_location(met) == (0.75, 0.0)
-    assert judge_focus_location(Truth(position=1.2)) == (None, None)
+    assert judge_crossing(met, PART) == (pytest.approx(0.5, abs=1e-3), None)
+    assert judge_crossing(never, PART) == (None, None)
+    assert judge_location(met) == (0.75, 0.0)
+    assert judge_location(Truth(position=1.2)) == (None, None)
 
 
 def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
-    """300 random lenses, truths and tracks agree with saf_gen.benchmark.judgement.judge_method_answer; seed below."""
+    """300 random lenses, truths and tracks agree with saf_gen.benchmark.judgement.judge; seed below."""
     random, seen = make_generator("test_reach", "judge"), set()
     for _ in range(300):
         lens = np.cumsum(random.normal(0, 0.01, 60)) + random.uniform(0, 1)
@@ -155,8 +155,8 @@ def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
         drift = np.linspace(0, random.uniform(-0.3, 0.3), 60)
         track = random.uniform(0, 1) + drift if random.random() < 0.3 else None
         known = truth(float(random.uniform(-0.3, 1.3)), dof=float(random.uniform(0.01, 0.2)), track=track)
-        location, off = judge_focus_crossing(known, lens)
-        verdict = judge_method_answer(
+        location, off = judge_crossing(known, lens)
+        verdict = judge(
             None, frames_seen=60, focus_position=lens, truth=known.position, track=track,
             truth_frame=known.frame, ends=known.depth_of_focus,
         )  # fmt: skip
@@ -169,10 +169,10 @@ def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
 def test_records_of_both_tracks_state_the_focus_position(tmp_path):
     known = truth(0.52, lens=PART)
     write_stream(tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=PART, truth=known)
-    (task,) = list_sequences_to_evaluate(tmp_path / "a.h5")
+    (task,) = list_sequences(tmp_path / "a.h5")
     with open_stream(task.path) as stream:
         recorded, closed_loop = (
-            describe_evaluated_sequence(task, stream, rate=(np.zeros(1), np.ones(1)), track=t)
+            describe_sequence(task, stream, rate=(np.zeros(1), np.ones(1)), track=t)
             for t in ("recorded", "closed_loop")
         )
     assert recorded["focus_place"] == pytest.approx(0.04, abs=2e-3)
@@ -188,12 +188,10 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
         tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=UP, truth=known,
         gain=ramp[:, None], light_names=("lamp",),
     )  # fmt: skip
-    (task,) = list_sequences_to_evaluate(tmp_path / "a.h5")
+    (task,) = list_sequences(tmp_path / "a.h5")
     light = np.arange(FRAMES) + 0.5, ramp / 10
     with open_stream(task.path) as stream:
-        every, first = (
-            describe_evaluated_sequence(task, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200)
-        )
+        every, first = (describe_sequence(task, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200))
     assert (every["focus_place"], every["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
     assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later
     assert first["light_ratio"] == pytest.approx(ramp[199], rel=1e-3)
@@ -202,10 +200,10 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
 
 def test_a_focus_that_comes_into_reach_later_is_outside_until_then():
     approaching = truth(0.9, track=np.linspace(1.3, 0.9, FRAMES))
-    assert judge_focus_location(approaching) == (0.9, 0.0)
-    location, off = judge_focus_location(truncate_truth_to_judge(approaching, 200))
+    assert judge_location(approaching) == (0.9, 0.0)
+    location, off = judge_location(truncate_truth(approaching, 200))
     assert location is None
     assert off > SUCCESS_LIMITS_DOF[1]
-    assert truncate_truth_to_judge(approaching, FRAMES) is approaching
+    assert truncate_truth(approaching, FRAMES) is approaching
     met = replace(approaching, frame=100.0)
-    assert truncate_truth_to_judge(met, 200).position == 0.9
+    assert truncate_truth(met, 200).position == 0.9

@@ -19,10 +19,10 @@ from typer.testing import CliRunner
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
-from saf_gen.benchmark.gym.observation_images import average_policy_observation, draw_policy_observation
+from saf_gen.benchmark.gym.observation_images import average_observation, draw_observation
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import format_benchmark_records, read_records
-from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop_method
+from saf_gen.benchmark.records import format_records, read_records
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.cli import app
 from saf_gen.errors import BadInput
@@ -183,11 +183,11 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
     sequence = load(env)
     search = VisitingSearch(0.25, 0.75, 0.5)
     method = Method("sd+x", search.measure, search, "0" * 12)
-    run = run_closed_loop_method(sequence.make_captured_frames(), method, protocol=PROTOCOL)
+    run = run_closed_loop(sequence.make_captured_frames(), method, protocol=PROTOCOL)
     assert np.array_equal(env.episode.run.path, run.path)
     assert env.episode.run.answer_frame == run.answer_frame
     for (seen, _, _), counts in zip(rows, search.counts, strict=False):
-        expected = (average_policy_observation(counts, 16, columns=16) / STILL).astype(np.float32)
+        expected = (average_observation(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     info = rows[-1][2]
     record = sequence.make_record(run, PROTOCOL, method="m", code="", parameters="", common={})
@@ -215,7 +215,7 @@ def test_a_period_is_scored_as_a_search_would_score_it_whatever_the_threads(data
             asked.append(view.score(view.now - STILL, view.now, "sd_calibrated"))
 
     search = Asking(0.75)
-    run_closed_loop_method(
+    run_closed_loop(
         sequence.make_captured_frames(), Method("sd+x", search.measure, search, "0" * 12), protocol=PROTOCOL
     )
     assert found == asked[1] != asked[0]
@@ -255,11 +255,7 @@ def test_the_picture_shows_the_box_as_it_was_seen(dataset):
 
 
 def test_grey_values_are_those_of_the_rate():
-    assert draw_policy_observation(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [
-        0,
-        round(255 * 0.2 ** (1 / 2.2)),
-        255,
-    ]
+    assert draw_observation(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [0, round(255 * 0.2 ** (1 / 2.2)), 255]
 
 
 @pytest.mark.parametrize("shape", [(6, 9), (5, 7), (2, 3), (40, 31)])
@@ -269,10 +265,10 @@ def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
     image = np.random.default_rng(1).integers(0, 105, shape)
     fine = np.repeat(np.repeat(image, rows, axis=0), columns, axis=1)
     expected = fine.reshape(rows, shape[0], columns, shape[1]).mean(axis=(1, 3))
-    found = average_policy_observation(image, rows, columns=columns)
+    found = average_observation(image, rows, columns=columns)
     assert found == pytest.approx(expected, abs=1e-9)
     assert found.mean() == pytest.approx(image.mean(), abs=1e-9)
-    assert (average_policy_observation(np.full(shape, 7), rows, columns=columns) == 7).all()
+    assert (average_observation(np.full(shape, 7), rows, columns=columns) == 7).all()
 
 
 # --- rewards ----------------------------------------------------------------------------------------
@@ -389,7 +385,7 @@ def folders(dataset, tmp_path_factory):
     """Two folders: with the records of two searches, and with those of a policy."""
     searches, policy = (tmp_path_factory.mktemp(name) for name in ("searches", "policy"))
     result = evaluate(dataset, methods=["sd+argmax", "sd+golden_section"], protocol=PROTOCOL)
-    (searches / "records.jsonl").write_text(format_benchmark_records(result.records))
+    (searches / "records.jsonl").write_text(format_records(result.records))
     evaluate_policy(make_env(dataset), climber, method="climber", out=policy)
     return searches, policy
 
@@ -466,6 +462,7 @@ def test_a_policy_sees_and_acts_through_wrappers(dataset):
         (lambda seen: seen.image, "failed", "AttributeError: 'dict' object has no attribute 'image'"),
         (lambda seen: Path("no_weights").read_bytes(), "failed", "FileNotFoundError: "),
         (lambda seen: (_ for _ in ()).throw(RuntimeError("two\nlines")), "failed", "RuntimeError: two lines"),
+        (lambda seen: sys.exit(3), "failed", "CodeStopped: its code called exit(3)"),
         (lambda seen: "there", "failed", "ValueError: could not convert string to float: 'there'"),
         (lambda seen: np.array([0.5, 0.0]), "failed", "the budget of 800 frames was spent"),
         (lambda seen: None, "abstained", ""),
@@ -479,9 +476,17 @@ def test_a_policy_that_breaks_fails_and_one_that_abstains_abstains(dataset, poli
     assert record.position is None
 
 
-def test_an_exit_of_a_policy_ends_the_evaluation(dataset):
-    with pytest.raises(SystemExit):
-        evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: lambda seen: sys.exit(3), method="m", code="1")
+def test_an_interrupt_of_a_policy_ends_the_evaluation(dataset):
+    def interrupt(seen):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: interrupt, method="m", code="1")
+
+
+def test_a_policy_that_exits_when_it_is_made_fails(dataset):
+    (record,) = evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: sys.exit("gone"), method="m", code="1")
+    assert (record.status, record.note) == ("failed", "CodeStopped: its code called exit('gone')")
 
 
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatch):

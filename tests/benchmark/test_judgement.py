@@ -5,11 +5,11 @@ import pytest
 
 from saf_gen.benchmark.judgement import (
     SUCCESS_LIMITS_DOF,
-    judge_method_answer,
-    judged_depth_of_focus,
-    judged_lens_position,
-    lens_travel_to_method_answer,
-    light_ratio_for_record,
+    judge,
+    judged_dof,
+    lens_position,
+    light_ratio,
+    travel_to_answer,
 )
 
 SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t is at t / 800
@@ -17,13 +17,13 @@ SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t is at t / 800
 
 def judged(frame, **changes):
     known = {"focus_position": SWEEP, "truth": 0.5, "truth_frame": 400.0, "ends": (0.45, 0.55)}
-    return judge_method_answer(frame, frames_seen=801, **{**known, **changes})
+    return judge(frame, frames_seen=801, **{**known, **changes})
 
 
 def test_the_position_is_linear_between_readouts_and_held_beyond_the_ends():
-    assert judged_lens_position(400.5, SWEEP) == pytest.approx(400.5 / 800)
-    assert judged_lens_position(-3, SWEEP) == 0
-    assert judged_lens_position(900, SWEEP) == 1
+    assert lens_position(400.5, SWEEP) == pytest.approx(400.5 / 800)
+    assert lens_position(-3, SWEEP) == 0
+    assert lens_position(900, SWEEP) == 1
 
 
 def test_an_error_is_answer_minus_truth_in_every_unit():
@@ -37,7 +37,7 @@ def test_an_error_is_answer_minus_truth_in_every_unit():
 
 
 def test_a_sweep_from_far_to_near_keeps_the_sign_of_the_position():
-    back = judge_method_answer(480.0, frames_seen=801, focus_position=SWEEP[::-1], truth=0.5, truth_frame=400.0)
+    back = judge(480.0, frames_seen=801, focus_position=SWEEP[::-1], truth=0.5, truth_frame=400.0)
     assert back.error == pytest.approx(-0.1)
     assert back.error_frames == pytest.approx(80)
 
@@ -85,7 +85,7 @@ def test_an_unknown_truth_gives_no_error_in_any_unit():
 
 @pytest.mark.parametrize("ends", [(math.nan, math.nan), (0.5, 0.5), (0.4, math.inf)])
 def test_without_a_depth_of_focus_the_error_stands_and_success_is_unknown(ends):
-    assert judged_depth_of_focus(ends) is None
+    assert judged_dof(ends) is None
     one = judged(480.0, ends=ends)
     assert one.error == pytest.approx(0.1)
     assert (one.error_dof, one.blur_px, one.success) == (None, None, (None,) * 3)
@@ -97,7 +97,7 @@ def test_the_ends_of_the_depth_of_focus_may_come_in_either_order():
 
 
 def test_without_a_lens_record_nothing_about_positions_is_known():
-    blind = judge_method_answer(400.0, frames_seen=801, focus_position=None, truth=0.5, ends=(0.45, 0.55))
+    blind = judge(400.0, frames_seen=801, focus_position=None, truth=0.5, ends=(0.45, 0.55))
     assert (blind.position, blind.error, blind.lens_travel) == (None, None, None)
 
 
@@ -109,7 +109,7 @@ def test_an_error_in_frames_is_to_the_crossing_nearest_to_the_answer(frame, cros
     verdict = judged(frame, focus_position=THERE_AND_BACK)
     assert verdict.truth_frame == crossing
     assert verdict.error_frames == frame - crossing
-    assert verdict.error == pytest.approx(judged_lens_position(frame, THERE_AND_BACK) - 0.5)
+    assert verdict.error == pytest.approx(lens_position(frame, THERE_AND_BACK) - 0.5)
 
 
 def test_an_answer_on_the_way_back_is_as_good_as_one_on_the_way_there():
@@ -161,7 +161,7 @@ def test_a_truth_that_moves_is_followed():
 
 
 def test_without_a_lens_record_the_frame_of_truth_is_that_of_the_stream():
-    blind = judge_method_answer(400.0, frames_seen=801, focus_position=None, truth=0.5, truth_frame=380.0)
+    blind = judge(400.0, frames_seen=801, focus_position=None, truth=0.5, truth_frame=380.0)
     assert (blind.truth_frame, blind.error_frames) == (380.0, None)
 
 
@@ -177,7 +177,7 @@ def test_without_a_lens_record_the_frame_of_truth_is_that_of_the_stream():
     ids=["full sweep", "early stop", "reversal", "abstention", "nothing seen"],
 )
 def test_lens_travel_is_the_way_of_the_lens_while_it_was_seen_and_back_to_the_answer(seen, answer, lens, travel):
-    assert lens_travel_to_method_answer(seen, answer, focus_position=lens) == pytest.approx(travel)
+    assert travel_to_answer(seen, answer, focus_position=lens) == pytest.approx(travel)
 
 
 @pytest.mark.parametrize(
@@ -196,8 +196,8 @@ def test_lens_travel_is_the_way_of_the_lens_while_it_was_seen_and_back_to_the_an
     ids=str,
 )
 def test_the_light_ratio_is_brightest_over_darkest_if_it_is_known(gain, ratio):
-    assert light_ratio_for_record(np.array(gain, dtype=np.float32)) == (None if ratio is None else pytest.approx(ratio))
-    assert light_ratio_for_record(None) is None
+    assert light_ratio(np.array(gain, dtype=np.float32)) == (None if ratio is None else pytest.approx(ratio))
+    assert light_ratio(None) is None
 
 
 def with_gaps(array, *frames, value=math.nan):
@@ -211,7 +211,7 @@ def with_gaps(array, *frames, value=math.nan):
 def test_a_lens_record_with_gaps_counts_as_missing(frame, value):
     """This holds for answers near the gap and far from it, and for abstentions."""
     verdict = judged(frame, focus_position=with_gaps(SWEEP, 10, 11, value=value))
-    assert verdict == judge_method_answer(
+    assert verdict == judge(
         frame, frames_seen=801, focus_position=None, truth=0.5, truth_frame=400.0, ends=(0.45, 0.55)
     )
     assert (verdict.position, verdict.error, verdict.lens_travel) == (None, None, None)
@@ -226,7 +226,7 @@ def test_a_track_that_is_not_known_in_every_frame_is_no_truth_for_answers_and_ab
     assert verdict.success == (None, None, None)
     assert (verdict.truth, verdict.truth_frame, verdict.error, verdict.error_frames) == (None,) * 4
     assert verdict.position == (None if frame is None else pytest.approx(frame / 800))
-    assert verdict.lens_travel == lens_travel_to_method_answer(801, frame, focus_position=SWEEP)
+    assert verdict.lens_travel == travel_to_answer(801, frame, focus_position=SWEEP)
 
 
 @pytest.mark.parametrize("frame", [480.0, None])

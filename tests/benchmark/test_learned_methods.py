@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from small_dataset import HERE
 
 from saf_gen import get_search
-from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, conformance_bell_curve
+from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, bell
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.core.seeds import make_generator
 
@@ -45,7 +45,7 @@ def _runtime():
 
 @pytest.mark.parametrize("peak", [0.2, 0.45, 0.7])
 def test_running_curves_find_the_top_of_a_bell_and_stop_behind_it(peak):
-    view = SyntheticRecording(conformance_bell_curve(20_000, peak))
+    view = SyntheticRecording(bell(20_000, peak))
     answer = get_search(CURVES)(view)
     assert answer.frame == pytest.approx(peak * 20_000, abs=400)
     assert peak < view.seen / 20_000 < peak + 0.25
@@ -54,7 +54,7 @@ def test_running_curves_find_the_top_of_a_bell_and_stop_behind_it(peak):
 def test_running_curves_abstain_where_the_network_sees_no_focus_and_where_it_is_too_dark(monkeypatch):
     search = get_search(CURVES)
     monkeypatch.setattr(type(search), "_network", lambda self: lambda curves: [np.eye(101)[[-1]]])
-    answer = search(SyntheticRecording(conformance_bell_curve(4_000, 0.5)))
+    answer = search(SyntheticRecording(bell(4_000, 0.5)))
     assert (answer.frame, answer.note) == (None, "stopped after 4000 of 4000 frames: no focus in it")
     assert search(SyntheticRecording(np.zeros(4_000), light=0.0)).note == "too dark"
 

@@ -6,8 +6,8 @@ from planted_sweeps import write_sweep
 from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import parse_method, read_method_list
-from saf_gen.benchmark.tuned_method import TunedMethod, format_tuned_method
+from saf_gen.benchmark.method_spec import parse_method, read_methods
+from saf_gen.benchmark.tuned_method import TunedMethod, format_tuned
 from saf_gen.errors import BadInput
 from saf_gen.plugins.measures import get_measure
 
@@ -95,12 +95,10 @@ def test_a_file_runs_no_code_that_the_command_line_does_not_name(tmp_path, monke
     if kind == "list":
         file.write_text(f"sd+argmax\n{method}\n")
     else:
-        file.write_text(
-            format_tuned_method(TunedMethod(method, "d", "train", "recorded", "", "target", 1, "0", "0", ()))
-        )
+        file.write_text(format_tuned(TunedMethod(method, "d", "train", "recorded", "", "target", 1, "0", "0", ())))
 
     def read():
-        return read_method_list(file) if kind == "list" else parse_method(f"@{file}")
+        return read_methods(file) if kind == "list" else parse_method(f"@{file}")
 
     error = refusal(read)
     assert_says(error, "names the code | registered names in files | name it in a separate --method")

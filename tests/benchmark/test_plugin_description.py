@@ -8,9 +8,9 @@ from handmade_records import record
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.plugin_description import (
     MAX_CODE_CHARACTERS,
-    describe_plugin_of_method,
-    describe_plugins_of_methods,
-    describe_recorded_methods,
+    describe_plugin,
+    describe_plugins,
+    describe_recorded,
 )
 
 MEASURE = '''
@@ -38,7 +38,7 @@ def own_file(tmp_path):
 
 
 def test_a_method_is_described_by_what_it_states_and_by_the_files_that_it_is_made_of():
-    measure, search = describe_plugins_of_methods([parse_method("sd_code_tfi+egs_code:threshold=50@frame")])
+    measure, search = describe_plugins([parse_method("sd_code_tfi+egs_code:threshold=50@frame")])
     assert (measure.plugin_kind, measure.name) == ("measures", "sd_code_tfi")
     facts = dict(measure.facts)
     assert "Σ(c − ū)²/ū²" in facts["what"]
@@ -51,14 +51,12 @@ def test_a_method_is_described_by_what_it_states_and_by_the_files_that_it_is_mad
 
 
 def test_a_measure_or_search_that_methods_share_is_described_once():
-    described = describe_plugins_of_methods(
-        map(parse_method, ("sd+argmax", "sd+egs_code", "cen+argmax", "sd+argmax:window=50"))
-    )
+    described = describe_plugins(map(parse_method, ("sd+argmax", "sd+egs_code", "cen+argmax", "sd+argmax:window=50")))
     assert [d.name for d in described] == ["sd", "cen", "argmax", "egs_code", "argmax:window=50"]
 
 
 def test_a_users_measure_is_described_with_its_file(own_file):
-    measure, _ = describe_plugins_of_methods([parse_method(f"{own_file}:Sum+argmax")])
+    measure, _ = describe_plugins([parse_method(f"{own_file}:Sum+argmax")])
     assert measure.name == f"{own_file}:Sum"
     assert [name for name, _ in measure.code] == ["mine.py"]
     assert dict(measure.facts)["source"] == "nobody, doi:10.1000/182"
@@ -73,14 +71,14 @@ def test_recorded_methods_are_described_only_where_their_code_is_the_same():
         record("sd+no_such_search", "a", 0.0),
         record("sd+argmax:no_such_option=1", "a", 0.0),
     ]
-    assert [d.name for d in describe_recorded_methods(records)] == ["sd", "argmax"]
+    assert [d.name for d in describe_recorded(records)] == ["sd", "argmax"]
 
 
 def test_records_run_no_code_that_they_name(own_file):
     records = [
         record(name, "a", 0.0) for name in ("mine.py:Sum+argmax", "sd+mine.py:Sum", "@mine.py", "mine:Sum+argmax")
     ]
-    assert describe_recorded_methods(records) == ()
+    assert describe_recorded(records) == ()
     assert not (own_file / "mark").exists()
 
 
@@ -95,7 +93,7 @@ def test_what_cannot_describe_itself_stops_no_evaluation():
             raise RuntimeError("no")
 
     known = parse_method("sd+argmax")
-    measure, search = describe_plugins_of_methods([replace(known, measure=Sulking())])
+    measure, search = describe_plugins([replace(known, measure=Sulking())])
     assert measure.facts == (("what", "it cannot be described: RuntimeError: no"),)
     assert search.name == "argmax"
 
@@ -104,6 +102,6 @@ def test_of_a_long_file_the_beginning_is_shown(own_file):
     with own_file.open("a") as file:
         file.write("# " + "x" * MAX_CODE_CHARACTERS)
     method = parse_method(f"{own_file}:Sum+argmax")
-    ((_, text),) = describe_plugin_of_method(f"{own_file}:Sum", "measures", plug_in=method.measure).code
+    ((_, text),) = describe_plugin(f"{own_file}:Sum", "measures", plug_in=method.measure).code
     assert len(text) < MAX_CODE_CHARACTERS + 50
     assert text.endswith("more characters")

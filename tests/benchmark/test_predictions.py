@@ -10,9 +10,9 @@ from refusals import refusal
 
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.records import format_benchmark_records, read_records
-from saf_gen.benchmark.tracks.predictions import read_method_predictions
-from saf_gen.benchmark.tracks.sequence_tasks import list_sequences_to_evaluate
+from saf_gen.benchmark.records import format_records, read_records
+from saf_gen.benchmark.tracks.predictions import read_predictions
+from saf_gen.benchmark.tracks.sequence_tasks import list_sequences
 
 
 @pytest.fixture(scope="module")
@@ -90,14 +90,14 @@ def test_an_answer_beyond_the_recording_is_a_failure(dataset, tmp_path):
     ],
 )
 def test_a_line_that_is_not_a_prediction_is_named(tmp_path, lines, problem, allowed):
-    error = refusal(read_method_predictions, written(tmp_path / "p.jsonl", *lines))
+    error = refusal(read_predictions, written(tmp_path / "p.jsonl", *lines))
     assert problem in error.problem
     assert allowed in error.allowed
     assert error.where.endswith("p.jsonl:1" if lines else "p.jsonl")
 
 
 def test_a_method_answers_a_sequence_once(tmp_path):
-    error = refusal(read_method_predictions, written(tmp_path / "p.jsonl", line("one", 3), line("one", 4)))
+    error = refusal(read_predictions, written(tmp_path / "p.jsonl", line("one", 3), line("one", 4)))
     assert error.where.endswith("p.jsonl:2")
     assert "my_net answers one twice" in error.problem
 
@@ -106,12 +106,12 @@ def test_a_method_answers_a_sequence_once(tmp_path):
 def test_what_is_not_a_number_or_not_json_is_refused_by_its_line(tmp_path, frame):
     path = tmp_path / "p.jsonl"
     path.write_text(f'{{"method": "a", "sequence": "one", "frame": {frame}}}\n')
-    assert refusal(read_method_predictions, path).where.endswith("p.jsonl:1")
+    assert refusal(read_predictions, path).where.endswith("p.jsonl:1")
 
 
 def test_a_file_that_is_not_there_is_named_with_the_nearest(tmp_path):
     written(tmp_path / "mine.jsonl", line("one", 3))
-    assert refusal(read_method_predictions, tmp_path / "mime.jsonl").nearest.endswith("mine.jsonl")
+    assert refusal(read_predictions, tmp_path / "mime.jsonl").nearest.endswith("mine.jsonl")
 
 
 @pytest.mark.parametrize(
@@ -165,9 +165,9 @@ def test_no_more_can_be_seen_than_was_recorded(dataset, tmp_path):
 
 def test_where_the_manifest_says_another_length_that_prediction_alone_fails(dataset, tmp_path, monkeypatch):
     def longer(*args, **options):
-        return [replace(task, frames=900) for task in list_sequences_to_evaluate(*args, **options)]
+        return [replace(task, frames=900) for task in list_sequences(*args, **options)]
 
-    monkeypatch.setattr(evaluate_module, "list_sequences_to_evaluate", longer)
+    monkeypatch.setattr(evaluate_module, "list_sequences", longer)
     path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=850), line("two", 500, frames_seen=800))
     ran, one, other, two = evaluate(dataset, methods=["sd+argmax"], predictions=path).records
     assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")
@@ -182,7 +182,7 @@ def test_a_note_may_contain_line_separators(dataset, tmp_path, note):
     path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
     records = evaluate(dataset, methods=[], predictions=path).records
     assert [r.note for r in records] == [note, note]
-    (tmp_path / "records.jsonl").write_bytes(format_benchmark_records(records).encode())
+    (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
     assert read_records(tmp_path) == list(records)
 
 

@@ -2,12 +2,12 @@ from dataclasses import asdict
 
 import yaml
 
-from saf_gen.benchmark.tracks.recorded_sensor import name_sensor_for_record
+from saf_gen.benchmark.tracks.recorded_sensor import sensor_of
 from saf_gen.camera import get_sensor
 
 
 def name(sensor):
-    return name_sensor_for_record({"sensor": yaml.safe_dump(asdict(sensor), sort_keys=False)})
+    return sensor_of({"sensor": yaml.safe_dump(asdict(sensor), sort_keys=False)})
 
 
 def test_a_sensor_has_its_name_and_one_of_other_numbers_a_digest_too():
@@ -19,6 +19,6 @@ def test_a_sensor_has_its_name_and_one_of_other_numbers_a_digest_too():
 
 
 def test_a_recording_without_a_sensor_or_with_one_that_cannot_be_read_has_none():
-    assert name_sensor_for_record({}) is None
-    assert name_sensor_for_record({"sensor": "pitch_m: ["}) is None
-    assert name_sensor_for_record({"sensor": "name: mine"}) is None
+    assert sensor_of({}) is None
+    assert sensor_of({"sensor": "pitch_m: ["}) is None
+    assert sensor_of({"sensor": "name: mine"}) is None

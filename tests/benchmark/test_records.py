@@ -14,15 +14,8 @@ from planted_sweeps import write_sweep
 from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.records import (
-    RECORD_FORMAT,
-    Record,
-    benchmark_record_to_json,
-    format_benchmark_records,
-    read_records,
-    write_benchmark_records,
-)
-from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
+from saf_gen.benchmark.records import RECORD_FORMAT, Record, format_records, read_records, record_to_json, write_records
+from saf_gen.benchmark.tracks.closed_loop_judgement import judge_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.core.seeds import make_generator
 from saf_gen.parts import Answer
@@ -53,13 +46,13 @@ def read(tmp_path):
 
 def test_a_file_is_read_back_from_itself_or_from_its_folder(tmp_path):
     records = [BLANK, FULL, EMPTY]
-    (tmp_path / "records.jsonl").write_text(format_benchmark_records(records))
+    (tmp_path / "records.jsonl").write_text(format_records(records))
     assert read_records(tmp_path) == read_records(tmp_path / "records.jsonl") == records
 
 
 def test_texts_that_many_records_share_are_in_memory_once(tmp_path):
     machine = {"machine": "a processor, 2 cores"}
-    write_benchmark_records(tmp_path / "records.jsonl", [replace(BLANK, sequence=name, **machine) for name in "ab"])
+    write_records(tmp_path / "records.jsonl", [replace(BLANK, sequence=name, **machine) for name in "ab"])
     one, two = read_records(tmp_path)
     assert one.machine is two.machine
     assert not hasattr(one, "__dict__")
@@ -67,18 +60,18 @@ def test_texts_that_many_records_share_are_in_memory_once(tmp_path):
 
 def test_a_very_long_line_is_refused_before_it_fills_the_memory(tmp_path, monkeypatch):
     monkeypatch.setattr("saf_gen.core.config.document.MAX_LINE", 5_000)
-    (tmp_path / "records.jsonl").write_text(format_benchmark_records([BLANK]) + " " * 5_001)
+    (tmp_path / "records.jsonl").write_text(format_records([BLANK]) + " " * 5_001)
     error = refusal(read_records, tmp_path)
     assert_says(error, "the line is too long | at most 5,000 characters")
     assert error.where.endswith("records.jsonl:2")
 
 
 def test_every_line_names_its_format_first():
-    assert format_benchmark_records([BLANK]).startswith(f'{{"format": "{RECORD_FORMAT}", "method": "sd+argmax"')
+    assert format_records([BLANK]).startswith(f'{{"format": "{RECORD_FORMAT}", "method": "sd+argmax"')
 
 
 def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan(read):
-    line = benchmark_record_to_json(replace(FULL, time_to_focus_s=math.nan, trace=(1.0, math.inf)))
+    line = record_to_json(replace(FULL, time_to_focus_s=math.nan, trace=(1.0, math.inf)))
     assert (line["time_to_focus_s"], line["trace"]) == (None, [1.0, None])
     (back,) = read(line)
     assert back.time_to_focus_s is None
@@ -88,11 +81,11 @@ def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan(read):
 
 def test_numpy_numbers_are_written_as_plain_ones(read):
     odd = replace(FULL, frame=np.float64(3.5), variant=np.int64(2), success_1dof=np.bool_(True))
-    assert read(benchmark_record_to_json(odd)) == [replace(FULL, frame=3.5)]
+    assert read(record_to_json(odd)) == [replace(FULL, frame=3.5)]
 
 
 def test_a_whole_number_will_do_for_a_float(read):
-    assert read({**benchmark_record_to_json(FULL), "seconds": 1})[0].seconds == 1
+    assert read({**record_to_json(FULL), "seconds": 1})[0].seconds == 1
 
 
 @pytest.mark.parametrize(
@@ -125,7 +118,7 @@ def test_a_whole_number_will_do_for_a_float(read):
     ],
 )
 def test_a_value_that_is_not_right_is_refused_by_its_key(read, change, problem, allowed):
-    error = refusal(read, {**benchmark_record_to_json(FULL), **change})
+    error = refusal(read, {**record_to_json(FULL), **change})
     assert error.problem.startswith(problem)
     assert allowed in error.allowed
     assert error.where.endswith("records.jsonl:1")
@@ -133,7 +126,7 @@ def test_a_value_that_is_not_right_is_refused_by_its_key(read, change, problem, 
 
 
 def test_keys_that_are_unknown_or_missing_are_named(read):
-    line = benchmark_record_to_json(FULL)
+    line = record_to_json(FULL)
     error = refusal(read, {**line, "secnds": 1.0})
     assert "'secnds'" in error.problem
     assert error.nearest == "seconds"
@@ -157,7 +150,7 @@ def test_a_record_from_before_grain_was_known_is_read(read):
     """Formats 4 to 6 lack keys that the current format must have."""
 
     def lacking(*keys):
-        return {key: value for key, value in benchmark_record_to_json(FULL).items() if key not in keys}
+        return {key: value for key, value in record_to_json(FULL).items() if key not in keys}
 
     older = lacking("grain_rms", "grain_of_curve")
     assert read({**older, "format": "saf-gen record 4"}) == [
@@ -204,7 +197,7 @@ ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | di
     ],
 )
 def test_a_record_that_contradicts_itself_is_refused_with_its_line(read, change, problem, allowed):
-    error = refusal(read, benchmark_record_to_json(BLANK), benchmark_record_to_json(replace(BLANK, **change)))
+    error = refusal(read, record_to_json(BLANK), record_to_json(replace(BLANK, **change)))
     assert error.where.endswith("records.jsonl:2")
     assert "contradicts itself" in error.problem
     assert problem in error.problem
@@ -226,7 +219,7 @@ def test_whatever_the_recorded_track_writes_is_read_back(tmp_path, peak, known):
     )
     records = evaluate(tmp_path / "a.h5", methods=["sd+argmax"], predictions=tmp_path / "p.jsonl").records
     assert {r.status for r in records} == {"answered", "abstained", "failed"}
-    (tmp_path / "records.jsonl").write_text(format_benchmark_records(records))
+    (tmp_path / "records.jsonl").write_text(format_records(records))
     assert read_records(tmp_path) == list(records)
     right = {r.method: (r.success_half_dof, r.success_1dof, r.success_2dof) for r in records}["m0"]
     expected = {300.0: (False, False, False), -400.0: (True, True, True), -40.0: (True, False, False)}
@@ -243,9 +236,7 @@ def test_whatever_the_closed_loop_judges_is_read_back(read):
         answer = Answer(position=float(path[-1])) if random.random() < 0.6 else Answer()
         problem = "the budget was spent" if random.random() < 0.2 else ""
         run = ClosedLoopRun(answer, problem, int(random.integers(0, 81)), path, 80, 3, 0.1, tuple(path[:5]))
-        verdict = judge_closed_loop_run(
-            run, Truth(position=best, depth_of_focus=(best - half, best + half)), readout_hz=20_000
-        )
+        verdict = judge_run(run, Truth(position=best, depth_of_focus=(best - half, best + half)), readout_hz=20_000)
         none = dict.fromkeys(
             ("position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "truth_frame")
         )
@@ -254,15 +245,15 @@ def test_whatever_the_closed_loop_judges_is_read_back(read):
         records.append(record)
         seen.add((record.status, record.success_half_dof, record.success_2dof))
     assert len(seen) >= 10
-    assert read(*map(benchmark_record_to_json, records)) == records
+    assert read(*map(record_to_json, records)) == records
 
 
-INTACT = format_benchmark_records([BLANK, FULL])
+INTACT = format_records([BLANK, FULL])
 BEFORE = re.sub(r', "checksum": "\w+"', "", INTACT)
 
 
 def test_a_flipped_bit_is_found_and_records_of_before_are_read(read, tmp_path):
-    intact, path = format_benchmark_records([BLANK]).encode(), tmp_path / "records.jsonl"
+    intact, path = format_records([BLANK]).encode(), tmp_path / "records.jsonl"
     for at in range(0, len(intact), 5):
         path.write_bytes(intact[:at] + bytes([intact[at] ^ 1 << at % 8]) + intact[at + 1 :])
         assert str(path) in str(refusal(read_records, path))
@@ -292,7 +283,7 @@ def test_a_damaged_file_is_one_line_that_names_the_place(read, text, line, probl
 @pytest.mark.parametrize("note", ["a\u2028b", "a\u0085b", "a\x1cb", "a\r\nb", "a\nb"])
 def test_a_note_may_contain_line_separators(tmp_path, note):
     records = [replace(BLANK, note=note), FULL]
-    (tmp_path / "records.jsonl").write_bytes(format_benchmark_records(records).encode())
+    (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
     assert read_records(tmp_path) == records
 
 

@@ -8,7 +8,7 @@ from in_memory_stream import InMemory
 
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks import closed_loop_run
-from saf_gen.benchmark.tracks.search_run import run_search_of_method
+from saf_gen.benchmark.tracks.search_run import run_search
 from saf_gen.benchmark.view import RecordingView, WindowCounts, window_counts
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.benchmark.view.running_camera import RunningCamera
@@ -101,7 +101,7 @@ def test_a_stopwatch_adds_up_what_calls_took_those_that_raise_too(clock):
 
 def test_on_a_recording_search_and_measure_are_paid_and_counting_is_not(clock):
     recording = RecordingView(slow_counts(clock), clock.takes(SCORES, np.mean))
-    answer, problem = run_search_of_method(slow_search(clock, (0, 100), (50, 800)), recording, scorer=recording.scorer)
+    answer, problem = run_search(slow_search(clock, (0, 100), (50, 800)), recording, scorer=recording.scorer)
     assert (answer.frame, problem) == (400.0, "")
     assert clock.now > COUNTS
     assert recording.scorer.seconds == 3 * THINKS + 2 * SCORES
@@ -111,7 +111,7 @@ def test_a_method_pays_nothing_for_what_others_looked_at(clock):
     counts = slow_counts(clock)
     first, second = (RecordingView(counts, np.mean) for _ in range(2))
     first.score(0, 100)
-    run_search_of_method(slow_search(clock), second, scorer=second.scorer)
+    run_search(slow_search(clock), second, scorer=second.scorer)
     assert (first.scorer.seconds, second.scorer.seconds) == (0, THINKS)
 
 
@@ -124,7 +124,7 @@ def test_a_method_that_breaks_has_paid_until_then(clock, breaks):
         slow_search(clock, (0, 100))(view)
         raise ValueError
 
-    _, problem = run_search_of_method(search, recording, scorer=recording.scorer)
+    _, problem = run_search(search, recording, scorer=recording.scorer)
     assert problem.startswith("ZeroDivisionError" if breaks == "measure" else "ValueError")
     assert recording.scorer.seconds == (THINKS + SCORES if breaks == "measure" else 2 * THINKS + SCORES)
 
@@ -136,7 +136,7 @@ def test_each_method_pays_for_a_texture_but_not_for_reading_and_counting(clock, 
     costs = []
     for _ in range(2):
         recording = RecordingView(counts, measure)
-        run_search_of_method(slow_search(clock, (0, 100)), recording, scorer=recording.scorer)
+        run_search(slow_search(clock, (0, 100)), recording, scorer=recording.scorer)
         costs.append(recording.scorer.seconds)
     assert clock.now > READS
     assert costs[0] == costs[1]
@@ -178,7 +178,7 @@ def test_a_texture_of_captured_frames_is_paid_too(clock, monkeypatch):
     monkeypatch.setattr(interval_texture, "_look_ahead", clock.takes(LOOKS_UP, interval_texture._look_ahead))
     stream = InMemory(80, 4, 6)
     read, count = clock.takes(READS, stream.packed), clock.takes(COUNTS, stream.counts)
-    image, seconds = interval_texture.time_texture_of_stream_window(
+    image, seconds = interval_texture.window_time_texture(
         lambda a, b: read(a, b, (slice(None), slice(None))),
         lambda a, b: count(a, b, (slice(None), slice(None))),
         first=0,
@@ -199,7 +199,7 @@ def test_in_the_closed_loop_the_camera_and_the_drive_are_not_paid(clock):
         return Answer(position=view.position(view.now - 1))
 
     search.commands = True
-    _, problem = run_search_of_method(search, camera, scorer=camera.scorer)
+    _, problem = run_search(search, camera, scorer=camera.scorer)
     assert problem == ""
     assert clock.now > ENCODES + DRIVES
     assert camera.scorer.seconds == 3 * THINKS + 2 * SCORES
@@ -221,10 +221,10 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
             return done
 
     Search.commands = commands
-    monkeypatch.setattr(closed_loop_run, "start_closed_loop_camera", lambda *_, **__: camera)
+    monkeypatch.setattr(closed_loop_run, "start_camera", lambda *_, **__: camera)
     protocol = SimpleNamespace(count_frames=lambda capture: (800, 320))
     captured = SimpleNamespace(capture=None)
-    run = closed_loop_run.run_closed_loop_method(captured, Method("a+b", np.mean, Search(), "c"), protocol=protocol)
+    run = closed_loop_run.run_closed_loop(captured, Method("a+b", np.mean, Search(), "c"), protocol=protocol)
     assert run.problem == ("the budget of 800 frames was spent" if frames > 800 else "")
     assert (run.windows, run.seconds) == (2, 3 * THINKS + 2 * SCORES)
 
@@ -237,5 +237,5 @@ def test_time_is_never_less_than_none(clock):
         view._within.seconds += 5.0  # as by another thread
         return Answer(3.0)
 
-    run_search_of_method(search, recording, scorer=recording.scorer)
+    run_search(search, recording, scorer=recording.scorer)
     assert recording.scorer.seconds == 0

@@ -1,13 +1,7 @@
 import numpy as np
 
 import saf_gen
-from saf_gen.benchmark.thumbnails import (
-    MAX_WIDTH_PX,
-    SPIKES_WIDTH_PX,
-    THUMBNAIL_COUNT,
-    make_evaluated_thumbnails,
-    select_evaluated_to_show,
-)
+from saf_gen.benchmark.thumbnails import MAX_WIDTH_PX, SPIKES_WIDTH_PX, THUMBNAIL_COUNT, make_thumbnails, select_to_show
 from saf_gen.benchmark.view import WindowCounts
 
 
@@ -19,7 +13,7 @@ def stream_of(frames, tmp_path):
 def test_pictures_count_the_spikes_of_windows_side_by_side(tmp_path):
     frames = (np.random.default_rng(1).random((500, 12, 16)) < 0.3).astype(np.uint8)
     with stream_of(frames, tmp_path) as stream:
-        made = make_evaluated_thumbnails(stream, (slice(3, 9), slice(4, 16)))
+        made = make_thumbnails(stream, (slice(3, 9), slice(4, 16)))
     assert made.images.shape == (THUMBNAIL_COUNT, 12, 16)
     assert made.window == 500 // THUMBNAIL_COUNT == 10
     np.testing.assert_array_equal(made.images[1], frames[10:20].sum(axis=0))
@@ -31,7 +25,7 @@ def test_pictures_count_the_spikes_of_windows_side_by_side(tmp_path):
 def test_textures_are_those_from_intervals_and_spikes_are_single_readouts(tmp_path):
     frames = (np.random.default_rng(1).random((500, 12, 16)) < 0.3).astype(np.uint8)
     with stream_of(frames, tmp_path) as stream:
-        made = make_evaluated_thumbnails(stream, None)
+        made = make_thumbnails(stream, None)
         expected = WindowCounts(stream).intervals(470, 480)
     np.testing.assert_allclose(made.textures[47], expected, rtol=1e-6)
     np.testing.assert_array_equal(made.spikes[[0, 47]], frames[[5, 475]])
@@ -40,8 +34,8 @@ def test_textures_are_those_from_intervals_and_spikes_are_single_readouts(tmp_pa
 def test_a_part_of_a_wide_sensor_is_shown_spike_by_spike_round_where_measures_look(tmp_path):
     frames = (np.random.default_rng(3).random((48, 40, 4 * SPIKES_WIDTH_PX)) < 0.5).astype(np.uint8)
     with stream_of(frames, tmp_path) as stream:
-        corner = make_evaluated_thumbnails(stream, (slice(30, 40), slice(0, 20)))
-        middle = make_evaluated_thumbnails(stream, (slice(10, 30), slice(200, 300)))
+        corner = make_thumbnails(stream, (slice(30, 40), slice(0, 20)))
+        middle = make_thumbnails(stream, (slice(10, 30), slice(200, 300)))
     np.testing.assert_array_equal(corner.spikes, frames[:, 30:, :SPIKES_WIDTH_PX])
     left = 250 - SPIKES_WIDTH_PX // 2
     np.testing.assert_array_equal(middle.spikes, frames[:, 15:25, left : left + SPIKES_WIDTH_PX])
@@ -50,7 +44,7 @@ def test_a_part_of_a_wide_sensor_is_shown_spike_by_spike_round_where_measures_lo
 def test_a_short_recording_has_fewer_pictures_and_a_wide_sensor_smaller_ones(tmp_path):
     frames = (np.random.default_rng(2).random((5, 7, 2 * MAX_WIDTH_PX + 1)) < 0.5).astype(np.uint8)
     with stream_of(frames, tmp_path) as stream:
-        made = make_evaluated_thumbnails(stream, None)
+        made = make_thumbnails(stream, None)
     assert made.images.shape == (5, 2, 267)
     assert made.binning == 3
     assert made.images[3, 1, 2] == frames[3, 3:6, 6:9].sum()
@@ -59,10 +53,10 @@ def test_a_short_recording_has_fewer_pictures_and_a_wide_sensor_smaller_ones(tmp
 
 def test_what_is_shown_of_many_covers_scenes_and_conditions():
     keys = [(scene, light) for scene in "abcd" for light in "uvw" for _ in range(2)]
-    shown = select_evaluated_to_show(keys, 4)
+    shown = select_to_show(keys, 4)
     assert shown == sorted(shown)
     assert {keys[i][0] for i in shown} == set("abcd")
     assert {keys[i][1] for i in shown} == set("uvw")
-    assert select_evaluated_to_show(keys, 99) == list(range(0, 24, 2))  # the first repeat of each
-    assert select_evaluated_to_show(keys, 0) == []
-    assert select_evaluated_to_show([], 5) == []
+    assert select_to_show(keys, 99) == list(range(0, 24, 2))  # the first repeat of each
+    assert select_to_show(keys, 0) == []
+    assert select_to_show([], 5) == []

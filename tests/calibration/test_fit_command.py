@@ -10,10 +10,10 @@ import yaml
 
 from saf_gen import write_stream
 from saf_gen.calibration import fit_files
-from saf_gen.calibration.bounds import fit_bounds_of_sensor
+from saf_gen.calibration.bounds import noise_bounds
 from saf_gen.calibration.estimates import Estimate
-from saf_gen.calibration.fit_files import format_fitted_interval, format_fitted_number
-from saf_gen.calibration.spike_statistics import measure_spike_statistics
+from saf_gen.calibration.fit_files import fitted_interval, fitted_number
+from saf_gen.calibration.spike_statistics import measure_spikes
 from saf_gen.camera import get_sensor
 from saf_gen.cli import main
 from saf_gen.stream.stream_writer import StreamWriter
@@ -63,7 +63,7 @@ def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path
 
     The page is written without plots, which are slow and tested below.
     """
-    monkeypatch.setattr(fit_files, "draw_sensor_fit_plots", lambda found: [])
+    monkeypatch.setattr(fit_files, "draw_fit", lambda found: [])
     code, shown, _ = fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="mine", threshold_e=29900)
     assert code == 0
     sensor = get_sensor(tmp_path / "out/mine.yaml")
@@ -126,10 +126,8 @@ def test_bounds_hold_whatever_the_light_does(moving):
         camera = cameras.draw_camera(seed)
         ramp = np.broadcast_to(np.linspace(0.3, 1.7, 64), (40, 64))
         light = 1 + 0.1 * np.sin(np.arange(4000) / 300) if moving else np.ones(4000)
-        shown = measure_spike_statistics(
-            cameras.flat(camera, 0.2, shape=(40, 64), frames=4000, picture=ramp, light=light)
-        )
-        bounds, truth = fit_bounds_of_sensor(shown), cameras.true_numbers(camera)
+        shown = measure_spikes(cameras.flat(camera, 0.2, shape=(40, 64), frames=4000, picture=ramp, light=light))
+        bounds, truth = noise_bounds(shown), cameras.true_numbers(camera)
         for key in ("interval_noise", "threshold_noise_rms", "white_and_threshold_rms", "dark_rate"):
             assert bounds[key].high > 0.97 * truth[key], (seed, key)
         if not moving:
@@ -170,5 +168,5 @@ def test_too_few_spikes_give_no_bounds(tmp_path, call):
     ],
 )
 def test_a_number_has_the_digits_that_its_interval_leaves(value, width, text):
-    assert format_fitted_number(value, width) == text
-    assert format_fitted_interval(Estimate(1.0, 0.5, np.inf, "")) == "at least 0.5"
+    assert fitted_number(value, width) == text
+    assert fitted_interval(Estimate(1.0, 0.5, np.inf, "")) == "at least 0.5"

@@ -177,12 +177,12 @@ def test_light_that_flickers_or_drifts_is_noticed_and_divided_out(light, words):
 
 def test_steady_light_is_seldom_taken_for_light_that_varies():
     """20 flat fields, two tests at 1e-4 each: the probability of a false alarm is 0.4 %."""
-    from saf_gen.calibration.flat_checks import find_light_variation_of_flat
-    from saf_gen.calibration.spike_statistics import measure_spike_statistics
+    from saf_gen.calibration.flat_checks import light_variation
+    from saf_gen.calibration.spike_statistics import measure_spikes
 
     found = [
-        find_light_variation_of_flat(
-            measure_spike_statistics(cameras.flat(CAMERA, rate, seed=seed, shape=(24, 40), frames=1600)),
+        light_variation(
+            measure_spikes(cameras.flat(CAMERA, rate, seed=seed, shape=(24, 40), frames=1600)),
             noise=4e-4,
             readout_hz=20_000,
         )

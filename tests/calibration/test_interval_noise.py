@@ -5,17 +5,17 @@ import pytest
 import synthetic_cameras as cameras
 from scipy import stats
 
-from saf_gen.calibration.dark_rates import fit_dark_recording, fitted_dark_probabilities
+from saf_gen.calibration.dark_rates import dark_probabilities, fit_dark
 from saf_gen.calibration.interval_noise import (
+    difference_variance,
     fit_interval_noise,
-    fitted_difference_variance,
-    fitted_phase_oscillation,
-    interpolate_fitted_variance,
+    interpolate_variance,
+    phase_oscillation,
 )
-from saf_gen.calibration.linearity import fit_sensor_response, infer_fitted_saturation
-from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spike_statistics
+from saf_gen.calibration.linearity import fit_response, infer_saturation
+from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spikes
 from saf_gen.camera import get_sensor
-from saf_gen.camera.counting_law import pixel_count_oscillation
+from saf_gen.camera.counting_law import count_oscillation
 from saf_gen.core.seeds import make_generator
 
 FAR = stats.norm.isf(0.5e-4)
@@ -35,7 +35,7 @@ def drawn(interval, sd, lag):
 def test_second_differences_obey_the_exact_law(interval, sd, lag):
     """The mean square of 40,000 differences agrees within its standard error, at a significance of 1e-4."""
     squares = drawn(interval, sd, lag) ** 2
-    law = float(fitted_difference_variance(np.array([interval]), sd**2, lag=lag)[0])
+    law = float(difference_variance(np.array([interval]), sd**2, lag=lag)[0])
     assert abs(squares.mean() - law) < FAR * max(squares.std(), 1e-3) / np.sqrt(squares.size) + 1e-12
 
 
@@ -53,9 +53,7 @@ def test_the_test_above_can_reject_the_average_law():
 def test_the_oscillation_of_many_pixels_is_that_of_the_law(variance):
     mean = 2 + 500 * make_generator("oscillation").random(300)
     spread = variance * (mean / 2) ** 2
-    assert fitted_phase_oscillation(mean, spread) == pytest.approx(
-        pixel_count_oscillation(mean, spread), rel=0, abs=1e-12
-    )
+    assert phase_oscillation(mean, spread) == pytest.approx(count_oscillation(mean, spread), rel=0, abs=1e-12)
 
 
 @pytest.mark.parametrize("noise", [1e-4, 3e-4, 2e-3])
@@ -63,8 +61,8 @@ def test_the_oscillation_of_many_pixels_is_that_of_the_law(variance):
 def test_the_law_of_many_pixels_is_that_of_each(noise, lag):
     """The interpolated law at 50,000 intervals from 2 to 3 readouts equals the law of each pixel."""
     interval = 2 + make_generator("many pixels").random(50_000)
-    law = interpolate_fitted_variance(interval, noise, lag=lag)
-    assert np.abs(law - fitted_difference_variance(interval, noise, lag=lag)).max() < 1e-4
+    law = interpolate_variance(interval, noise, lag=lag)
+    assert np.abs(law - difference_variance(interval, noise, lag=lag)).max() < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -82,7 +80,7 @@ def test_the_noise_of_intervals_is_found_inside_its_interval(rate, changes):
     truth = 1 / sensor.threshold_e + sensor.threshold_noise_rms**2
     off = []
     for seed in range(10):
-        flat = measure_spike_statistics(cameras.flat(sensor, rate, seed=seed, device=seed, shape=(32, 48)))
+        flat = measure_spikes(cameras.flat(sensor, rate, seed=seed, device=seed, shape=(32, 48)))
         noise, error = fit_interval_noise(flat, loss=sensor.post_spike_loss)
         off.append((noise - truth) / error)
         assert error < 0.05 * truth
@@ -100,8 +98,8 @@ def test_the_law_of_dark_counts_is_that_of_its_definition():
     x[hot] = 4 * 3.3 * (1 - random.random(hot.sum())) ** (-1 / 2.5)
     seen = np.floor(x + random.random(size)).astype(int)
     n = np.arange(40)
-    p = fitted_dark_probabilities(n, **numbers)
-    assert fitted_dark_probabilities(np.arange(100_000), **numbers).sum() == pytest.approx(1, abs=1e-6)
+    p = dark_probabilities(n, **numbers)
+    assert dark_probabilities(np.arange(100_000), **numbers).sum() == pytest.approx(1, abs=1e-6)
     found = np.bincount(np.clip(seen, 0, 40), minlength=41)
     expected = np.append(p, 1 - p.sum()) * size
     assert stats.chi2.sf(((found - expected) ** 2 / expected).sum(), 40) > 1e-4
@@ -117,7 +115,7 @@ def test_dark_rates_are_found_although_some_pixels_never_fire(frames):
     for seed in range(10):
         random = make_generator("censored dark", seed)
         rates = 0.004 * np.exp(0.45 * random.standard_normal(3000))
-        found = fit_dark_recording(np.floor(rates * frames + random.random(3000)), frames, factor=4, exponent=2.7)
+        found = fit_dark(np.floor(rates * frames + random.random(3000)), frames, factor=4, exponent=2.7)
         silent.append(found.silent)
         for estimate, truth in ((found.rate, 0.004 * np.exp(0.45**2 / 2)), (found.log_sd, 0.45)):
             off.append((estimate.value - truth) / ((estimate.high - estimate.low) / 3.92))
@@ -128,7 +126,7 @@ def test_dark_rates_are_found_although_some_pixels_never_fire(frames):
 
 
 def regular(rates, frames=20_000, seed=1):
-    """Return the statistics of noise-free spike trains at these rates, like measure_spike_statistics."""
+    """Return the statistics of noise-free spike trains at these rates, like measure_spikes."""
     phase = make_generator("regular", seed).random(rates.shape)
     number = np.floor(rates * frames + phase).astype(np.int64)
     first, last = np.ceil((1 - phase) / rates), np.ceil((number - phase) / rates)
@@ -148,12 +146,12 @@ def test_pixels_that_differ_tell_what_is_lost_after_a_spike(loss):
     levels = np.array([0.08, 0.2, 0.5])
     flats = [regular(1 / (1 / (level * response + 0.004) + loss), seed=i) for i, level in enumerate(levels)]
     dark = np.full(response.shape, 0.004)
-    fit = fit_sensor_response(flats, dark, dark_error=0 * dark, noise=0.0)
+    fit = fit_response(flats, dark, dark_error=0 * dark, noise=0.0)
     assert fit.loss.holds(loss)
     assert fit.loss.high - fit.loss.low < 0.004
     assert fit.levels == pytest.approx(levels, rel=1e-3)
     assert np.std((fit.response - response) / fit.error) < 1.3
-    assert infer_fitted_saturation(fit.loss)[0] == ("dead_readout" if loss == 1 else "subtract")
+    assert infer_saturation(fit.loss)[0] == ("dead_readout" if loss == 1 else "subtract")
     assert fit.misfit < 1.3
 
 
@@ -161,4 +159,4 @@ def test_pixels_that_do_not_differ_tell_nothing():
     """With equal pixels any ℓ fits, and its interval shows that."""
     flats = [regular(np.full((30, 30), rate), seed=i) for i, rate in enumerate((0.1, 0.4))]
     dark = np.full((30, 30), 0.004)
-    assert infer_fitted_saturation(fit_sensor_response(flats, dark, dark_error=0 * dark, noise=1e-6).loss) is None
+    assert infer_saturation(fit_response(flats, dark, dark_error=0 * dark, noise=1e-6).loss) is None

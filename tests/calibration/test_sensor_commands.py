@@ -9,18 +9,18 @@ from small_dataset import HERE
 
 from saf_gen import write_stream
 from saf_gen.calibration.comparison import (
-    compare_recording_statistics,
-    encode_again_for_statistics,
-    mean_light_for_statistics,
-    published_sensor_statistics,
+    as_published,
+    compare_statistics,
+    encode_again,
+    mean_light,
+    published_statistics,
     recording_statistics,
     sensor_statistics,
-    sensor_statistics_as_published,
 )
 from saf_gen.calibration.recordings import EncodedRecording
-from saf_gen.calibration.spike_statistics import measure_spike_statistics
+from saf_gen.calibration.spike_statistics import measure_spikes
 from saf_gen.camera import get_sensor, sensor_names
-from saf_gen.camera.sensor_files import find_implausible_sensor_keys, nominal_sensor_keys, read_sensor_file_text
+from saf_gen.camera.sensor_files import implausible_keys, nominal_keys, sensor_text
 
 SMALL = HERE / "small_sensor.yaml"
 
@@ -31,8 +31,8 @@ def test_every_sensor_is_listed_with_its_array_and_nominal_keys(call):
     for name in sensor_names():
         line = next(line for line in shown.splitlines() if f" {name} " in line)
         assert f"{get_sensor(name).columns}×{get_sensor(name).rows}" in line
-    assert nominal_sensor_keys(read_sensor_file_text("vidar_400x250"))[:2] == ["threshold_e", "quantum_efficiency"]
-    assert nominal_sensor_keys(read_sensor_file_text("ideal")) == []
+    assert nominal_keys(sensor_text("vidar_400x250"))[:2] == ["threshold_e", "quantum_efficiency"]
+    assert nominal_keys(sensor_text("ideal")) == []
 
 
 @pytest.mark.parametrize("name", [*sensor_names(), SMALL])
@@ -53,7 +53,7 @@ def test_a_sensor_that_is_not_there_is_named_with_the_nearest(call):
 
 @pytest.mark.parametrize("name", sensor_names())
 def test_sensors_that_come_along_have_nothing_unlikely(name):
-    assert list(find_implausible_sensor_keys(get_sensor(name))) == []
+    assert list(implausible_keys(get_sensor(name))) == []
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_sensors_that_come_along_have_nothing_unlikely(name):
     ],
 )
 def test_each_unlikely_number_has_a_line(change, words):
-    assert any(words in line for line in find_implausible_sensor_keys(get_sensor("vidar_400x250", **change)))
+    assert any(words in line for line in implausible_keys(get_sensor("vidar_400x250", **change)))
 
 
 def test_a_sensor_file_is_checked(call, tmp_path):
@@ -106,15 +106,12 @@ def test_a_sensor_is_compared_with_a_recording_under_its_light(tmp_path, call):
     40 × 64 pixels, 2,000 readouts, seeds 4 and 1. CV2 agrees to 10 % and Fano factors to 5 %, because of smoothing.
     """
     sensor = get_sensor(SMALL, response_first_column=0, response_first_row=0)  # smoothing would remove these edges
-    light = mean_light_for_statistics(sensor, 0.1) * np.broadcast_to(np.linspace(0.5, 1.5, 64), (1, 40, 64)).astype(
-        np.float32
-    )
+    light = mean_light(sensor, 0.1) * np.broadcast_to(np.linspace(0.5, 1.5, 64), (1, 40, 64)).astype(np.float32)
     shown = EncodedRecording("shown", sensor, light, frames=2000, seed=4)
     frames = np.unpackbits(np.concatenate(list(shown.blocks()), axis=2), axis=2, bitorder="little").transpose(2, 0, 1)
     write_stream(tmp_path / "shown.h5", frames)
     same, noisy = (
-        recording_statistics(encode_again_for_statistics(shown, s))
-        for s in (sensor, get_sensor(SMALL, threshold_noise_rms=0.05))
+        recording_statistics(encode_again(shown, s)) for s in (sensor, get_sensor(SMALL, threshold_noise_rms=0.05))
     )
     real = recording_statistics(shown)
     assert same["recording.rate"] == pytest.approx(real["recording.rate"], rel=0.01)
@@ -133,10 +130,7 @@ def test_light_encoded_again_follows_the_recording_in_time():
     lamp = EncodedRecording(
         "lamp", sensor, light, frames=4000, seed=2, knots=lambda t: ((t >= 2000).astype(np.int64), np.zeros(t.size))
     )
-    real, again = (
-        measure_spike_statistics(r).series.reshape(10, -1).mean(axis=1)
-        for r in (lamp, encode_again_for_statistics(lamp, sensor))
-    )
+    real, again = (measure_spikes(r).series.reshape(10, -1).mean(axis=1) for r in (lamp, encode_again(lamp, sensor)))
     assert real[7] == pytest.approx(2 * real[2], rel=0.01)
     far = [0, 1, 2, 3, 6, 7, 8, 9]
     assert again[far] == pytest.approx(real[far], rel=0.03)
@@ -144,12 +138,12 @@ def test_light_encoded_again_follows_the_recording_in_time():
 
 def test_published_figures_are_compared_with_ours_of_the_same_kind(call):
     """Each published figure has one of ours; the array is small, so only the kinds of figures are compared."""
-    real, sources = published_sensor_statistics()
-    ours = sensor_statistics_as_published(get_sensor(SMALL))
+    real, sources = published_statistics()
+    ours = as_published(get_sensor(SMALL))
     assert set(ours) == set(real)
     assert ours["stream.rate"] == pytest.approx(real["stream.rate"], rel=0.03)
     assert all(sources.values())
-    rows = compare_recording_statistics([real, ours])
+    rows = compare_statistics([real, ours])
     assert len({row.label for row in rows}) == len(rows) == len(real)
     code, shown, _ = call("sensors", "compare", "--published", SMALL)
     assert code == 0

@@ -7,9 +7,9 @@ import pytest
 from refusals import assert_says, refusal
 
 from saf_gen import write_stream
-from saf_gen.calibration import spike_kernel as kernel
-from saf_gen.calibration.recordings import EncodedRecording, open_calibration_recording
-from saf_gen.calibration.spike_statistics import measure_spike_statistics, rms_statistic_between_halves
+from saf_gen.calibration import spike_statistics as kernel
+from saf_gen.calibration.recordings import EncodedRecording, open_recording
+from saf_gen.calibration.spike_statistics import measure_spikes, rms_between_halves
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 from saf_gen.stream.interop import export_raw_frames
@@ -28,8 +28,8 @@ def random_stream(path, *, frames=4517, rate=0.06, shape=(6, 9)):
 def measured(tmp_path_factory):
     path = tmp_path_factory.mktemp("statistics") / "random.h5"
     spikes = random_stream(path)
-    with open_calibration_recording(path) as recording:
-        return spikes.reshape(len(spikes), -1), measure_spike_statistics(recording)
+    with open_recording(path) as recording:
+        return spikes.reshape(len(spikes), -1), measure_spikes(recording)
 
 
 def test_counts_intervals_and_halves_are_those_of_each_pixel(measured):
@@ -95,7 +95,7 @@ def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_pat
             stream.write(block)
     export_raw_frames(tmp_path / "flat.h5", tmp_path / "flat.dat", layout="416")
     for name in ("flat.h5", "flat.dat"):
-        with open_calibration_recording(tmp_path / name) as recording:
+        with open_recording(tmp_path / name) as recording:
             assert (recording.shape, recording.readout_hz) == (encoded.shape, encoded.readout_hz)
             assert all(np.array_equal(there, here) for there, here in zip(recording.blocks(), blocks, strict=True))
     assert all(np.array_equal(again, here) for again, here in zip(encoded.blocks(), blocks, strict=True))
@@ -114,8 +114,8 @@ def test_a_spread_that_is_planted_between_halves_is_found(tmp_path):
     t = np.arange(2 * half + 1)[:, None, None]
     grown = 0.1 * t + (second - 0.1) * np.maximum(t - half, 0)
     write_stream(tmp_path / "halves.h5", np.diff(np.floor(grown + phase), axis=0).astype(np.uint8))
-    with open_calibration_recording(tmp_path / "halves.h5") as recording:
-        found = rms_statistic_between_halves(measure_spike_statistics(recording))
+    with open_recording(tmp_path / "halves.h5") as recording:
+        found = rms_between_halves(measure_spikes(recording))
     assert found == pytest.approx(0.05 / np.sqrt(2), rel=0.03)
 
 
@@ -124,8 +124,8 @@ def test_what_is_no_recording_is_refused(tmp_path):
     write_stream(tmp_path / "short.h5", np.ones((15, 4, 4), np.uint8))
 
     def open_(name):
-        with open_calibration_recording(tmp_path / name) as recording:
-            measure_spike_statistics(recording)
+        with open_recording(tmp_path / name) as recording:
+            measure_spikes(recording)
 
     assert_says(refusal(open_, "sensor.yaml"), "is a sensor file | a stream (.h5) or raw frames")
     assert_says(refusal(open_, "none.dat"), "there is no such file")

@@ -6,11 +6,11 @@ from scipy import stats
 
 from saf_gen.camera import Encoder, get_sensor
 from saf_gen.camera.counting_law import (
-    pixel_count_deviations,
-    pixel_count_oscillation,
-    pixel_count_p_value,
-    pixel_count_probabilities,
-    pixel_count_variance,
+    count_deviations,
+    count_oscillation,
+    count_p_value,
+    count_probabilities,
+    count_variance,
 )
 
 THETA, THRESHOLD_NOISE = 400.0, 0.03
@@ -42,10 +42,10 @@ def spikes(charge, *, frames, seed, before=0):
 @pytest.mark.parametrize("mean", [0.37, 1.0, 2.5, 7.81])
 def test_the_law_has_the_moments_of_its_probabilities(mean, sd):
     """The variance by a series is that of the probabilities (second differences of an integral); the mean is exact."""
-    n, p = pixel_count_probabilities(mean, sd**2)
+    n, p = count_probabilities(mean, sd**2)
     assert p.sum() == pytest.approx(1, rel=1e-12)
     assert (n * p).sum() == pytest.approx(mean, rel=1e-12)
-    assert ((n - mean) ** 2 * p).sum() == pytest.approx(pixel_count_variance(mean, sd**2), rel=1e-9)
+    assert ((n - mean) ** 2 * p).sum() == pytest.approx(count_variance(mean, sd**2), rel=1e-9)
 
 
 def test_the_law_has_its_limits():
@@ -54,13 +54,11 @@ def test_the_law_has_its_limits():
     The oscillating part is between −1/12 and 1/6.
     """
     for mean in (0.2, 0.5, 3.0, 4.9):
-        assert pixel_count_variance(mean, 0.0) == pytest.approx(mean % 1 * (1 - mean % 1), abs=1e-4)
-        assert pixel_count_variance(mean, 1.0) == pytest.approx(1 + 1 / 6, rel=1e-8)
-    over = [pixel_count_variance(mean, 0.01) for mean in np.arange(1000) / 1000]
+        assert count_variance(mean, 0.0) == pytest.approx(mean % 1 * (1 - mean % 1), abs=1e-4)
+        assert count_variance(mean, 1.0) == pytest.approx(1 + 1 / 6, rel=1e-8)
+    over = [count_variance(mean, 0.01) for mean in np.arange(1000) / 1000]
     assert np.mean(over) == pytest.approx(0.01 + 1 / 6, rel=1e-12)
-    assert (pixel_count_oscillation(0.5, 0), pixel_count_oscillation(1.0, 0)) == pytest.approx(
-        (-1 / 12, 1 / 6), abs=1e-4
-    )
+    assert (count_oscillation(0.5, 0), count_oscillation(1.0, 0)) == pytest.approx((-1 / 12, 1 / 6), abs=1e-4)
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -77,8 +75,8 @@ def test_intervals_obey_the_exact_law(rate):
     so_far = spikes(charge, frames=int(latest), seed=9).cumsum(axis=1, dtype=np.uint16)
     first, second = ((so_far == count).argmax(axis=1) for count in (skipped, skipped + 1))
     assert (second > first).all()
-    assert pixel_count_p_value(second - first, mean, variance=variance) > 1e-4
-    assert abs(pixel_count_deviations(second - first, mean, variance=variance)) < FAR
+    assert count_p_value(second - first, mean, variance=variance) > 1e-4
+    assert abs(count_deviations(second - first, mean, variance=variance)) < FAR
 
 
 @pytest.mark.parametrize("mean", MEANS)
@@ -89,8 +87,8 @@ def test_counts_obey_the_exact_law(mean):
     mean = float(charge) * frames / THETA
     variance = PER_SPIKE * mean
     seen = spikes(charge, frames=frames, seed=3, before=BEFORE).sum(axis=1, dtype=np.int64)
-    assert pixel_count_p_value(seen, mean, variance=variance) > 1e-4
-    assert abs(pixel_count_deviations(seen, mean, variance=variance)) < FAR
+    assert count_p_value(seen, mean, variance=variance) > 1e-4
+    assert abs(count_deviations(seen, mean, variance=variance)) < FAR
 
 
 @pytest.mark.parametrize(("values", "noise_grows_as", "rejected"), [(RATES, 2, 7), (MEANS, 1, 10)])
@@ -100,8 +98,8 @@ def test_the_tests_above_can_reject_the_average_law(values, noise_grows_as, reje
     for value in values:
         mean = 1 / value if noise_grows_as == 2 else value
         variance = PER_SPIKE * mean**noise_grows_as
-        n, p = pixel_count_probabilities(mean, variance)
-        exact = pixel_count_variance(mean, variance)
+        n, p = count_probabilities(mean, variance)
+        exact = count_variance(mean, variance)
         sd = np.sqrt(((p * (n - mean) ** 4).sum() - exact**2) / 40_000)
         off.append(abs(variance + 1 / 6 - exact) / sd)
     assert sum(one > 3 * FAR for one in off) == rejected
@@ -115,9 +113,7 @@ def test_the_covariance_of_adjacent_half_windows_obeys_the_law(mean):
     """
     frames = 200
     charge = np.float32(mean * THETA / frames)
-    expected = (
-        pixel_count_variance(2 * mean, 2 * mean * PER_SPIKE) - 2 * pixel_count_variance(mean, mean * PER_SPIKE)
-    ) / 2
+    expected = (count_variance(2 * mean, 2 * mean * PER_SPIKE) - 2 * count_variance(mean, mean * PER_SPIKE)) / 2
     seen = (
         spikes(charge, frames=2 * frames, seed=8, before=BEFORE).reshape(-1, 2, frames).sum(axis=2, dtype=np.int64)
         - mean

@@ -14,13 +14,8 @@ from reference_encoder import encode_reference
 from refusals import refusal
 from scipy import stats
 
-from saf_gen.camera import Encoder, draw_sensor_fixed_pattern, encode, encoder_knot_weights, get_sensor
-from saf_gen.camera.counting_law import (
-    pixel_count_chi_squared,
-    pixel_count_probabilities,
-    pixel_count_variance,
-    pixel_noise_per_spike,
-)
+from saf_gen.camera import Encoder, draw_fixed_pattern, encode, get_sensor, knot_weights
+from saf_gen.camera.counting_law import count_chi_squared, count_probabilities, count_variance, noise_per_spike
 
 THETA = 29_900.0
 QUIET = dict.fromkeys(asdict(get_sensor("ideal").noise), False)
@@ -48,7 +43,7 @@ def schedule(frames=404, shape=(5, 30), groups=2, seed=3):
     """Return inputs of an encoder: a stack of light groups, swept over its knots, with changing gains."""
     random = np.random.default_rng(seed)
     stack = random.uniform(0, 12_000, (groups, 4, *shape)).astype(np.float32)
-    index, fraction = encoder_knot_weights((np.arange(frames) + 0.5) / frames, 4)
+    index, fraction = knot_weights((np.arange(frames) + 0.5) / frames, 4)
     gain = random.uniform(0.2, 2, (frames, groups))
     return {"stack": stack, "index": index, "fraction": fraction, "gain": gain}
 
@@ -200,15 +195,12 @@ def test_reset_jitter_adds_its_square_to_the_variance_of_an_interval_at_any_rate
     seen = unpacked(encode(uniform(charge, (160, 250)), sensor, frames=frames, seed=9))
     so_far = seen.cumsum(axis=0, dtype=np.uint8)
     first, second = ((so_far == count).argmax(axis=0).ravel() for count in (skipped, skipped + 1))
-    mean, variance = (
-        THETA / float(charge),
-        pixel_noise_per_spike(sensor, rate=float(rate)) * (THETA / float(charge)) ** 2,
-    )
+    mean, variance = (THETA / float(charge), noise_per_spike(sensor, rate=float(rate)) * (THETA / float(charge)) ** 2)
     assert variance == pytest.approx(jitter**2)
-    statistic, freedom = pixel_count_chi_squared(second - first, pixel_count_probabilities(mean, variance))
+    statistic, freedom = count_chi_squared(second - first, count_probabilities(mean, variance))
     assert stats.chi2.sf(statistic, freedom) > 1e-4
-    allowed = pixel_count_variance(mean, variance) * stats.norm.isf(0.5e-4) * np.sqrt(2 / first.size)
-    assert np.var(second - first) == pytest.approx(pixel_count_variance(mean, variance), abs=allowed)
+    allowed = count_variance(mean, variance) * stats.norm.isf(0.5e-4) * np.sqrt(2 / first.size)
+    assert np.var(second - first) == pytest.approx(count_variance(mean, variance), abs=allowed)
 
 
 def test_jitter_does_not_move_the_rate():
@@ -271,7 +263,7 @@ def test_each_noise_term_changes_only_what_it_should(term):
     sensor = vidar(on=(term,), dead_fraction=0.01, dust_fraction=0.02, reset_jitter=0.1)
     charge = uniform(0.2 * THETA)
     quiet, noisy = (encode(charge, one, frames=2_000, seed=7) for one in (vidar(), sensor))
-    device = draw_sensor_fixed_pattern(sensor, (40, 50), seed=7)
+    device = draw_fixed_pattern(sensor, (40, 50), seed=7)
     expected = (device.response + device.dark / (0.2 * THETA)) * (THETA / device.threshold)
     ratio = counts(noisy) / counts(quiet)
     assert ratio.mean() == pytest.approx(expected.mean(), abs=0.003)
@@ -287,7 +279,7 @@ def sums_to_a_ramp(sensor, slope, *, frames=4_096, rows=17, columns=4_000):
     """Return the mean number of spikes per row, (row,), while the charge per readout rises from 0 by ``slope``."""
     knots = np.float32([slope / 2, slope * (frames - 0.5)])  # at the middle of the first and last readouts
     stack = np.broadcast_to(knots[:, None, None], (1, 2, rows, columns)).copy()
-    index, fraction = encoder_knot_weights(np.arange(frames) / (frames - 1), 2)
+    index, fraction = knot_weights(np.arange(frames) / (frames - 1), 2)
     encoder = Encoder(sensor, (rows, columns), seed=2)
     spikes = encoder.encode(stack, index=index, fraction=fraction, gain=np.ones((frames, 1)))
     return counts(spikes).mean(axis=1)
@@ -403,7 +395,7 @@ def test_the_bits_are_the_same_on_a_processor_without_vector_extensions(tmp_path
         "NPY_DISABLE_CPU_FEATURES": "AVX2 AVX512F AVX512CD AVX512_SKX",
         "PYTHONPATH": os.pathsep.join(sys.path),
     }
-    code = "import hashlib\nimport numpy as np\nfrom saf_gen.camera import Encoder, encoder_knot_weights, get_sensor\n"
+    code = "import hashlib\nimport numpy as np\nfrom saf_gen.camera import Encoder, knot_weights, get_sensor\n"
     code += f"{inspect.getsource(schedule)}\n{inspect.getsource(digest_of_a_stream)}\nprint(digest_of_a_stream())"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.stdout.strip() == DIGEST, done.stderr

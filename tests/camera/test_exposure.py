@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen.camera import Encoder, camera_exposure_scale, encode, get_sensor, sensor_charge_of_images
-from saf_gen.camera.exposure import sensor_electrons_per_irradiance, sensor_firing_rate, sensor_irradiance_ratio
+from saf_gen.camera import Encoder, charge_of_images, encode, exposure_scale, get_sensor
+from saf_gen.camera.exposure import electrons_per_irradiance, firing_rate, irradiance_ratio
 
 VIDAR = get_sensor("vidar_400x250")
 IDEAL = get_sensor("ideal")
@@ -28,7 +28,7 @@ class Lens:
 
 
 def test_irradiance_falls_with_the_fourth_power_of_the_cosine():
-    factor = sensor_irradiance_ratio((250, 400), np.array([V]), pitch_m=2e-5, aperture_radius_m=R)[0]
+    factor = irradiance_ratio((250, 400), np.array([V]), pitch_m=2e-5, aperture_radius_m=R)[0]
     for row, column in [(0, 0), (124, 200), (249, 17)]:
         angle = atan(hypot((row - 124.5) * 2e-5, (column - 199.5) * 2e-5) / V)
         assert factor[row, column] == pytest.approx(pi * R**2 / V**2 * cos(angle) ** 4, rel=1e-12)
@@ -36,9 +36,7 @@ def test_irradiance_falls_with_the_fourth_power_of_the_cosine():
 
 
 def test_irradiance_falls_with_the_square_of_the_bellows():
-    near, far = sensor_irradiance_ratio(
-        (1, 1), np.array([V, 2 * V]), pitch_m=2e-5, aperture_radius_m=R, transmission=0.8
-    )
+    near, far = irradiance_ratio((1, 1), np.array([V, 2 * V]), pitch_m=2e-5, aperture_radius_m=R, transmission=0.8)
     assert near / far == pytest.approx(4)
     assert near == pytest.approx(0.8 * pi * R**2 / V**2)
 
@@ -46,7 +44,7 @@ def test_irradiance_falls_with_the_square_of_the_bellows():
 def test_electrons_are_photons_times_quantum_efficiency_and_fill_factor():
     photon = 6.62607015e-34 * 299_792_458 / 5.55e-7
     photons = 3.0 * (2e-5) ** 2 / 20_000 / photon
-    assert 3.0 * sensor_electrons_per_irradiance(VIDAR) == pytest.approx(photons * 0.5 * 0.43)
+    assert 3.0 * electrons_per_irradiance(VIDAR) == pytest.approx(photons * 0.5 * 0.43)
 
 
 def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows():
@@ -54,7 +52,7 @@ def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bel
     radiance = np.full((2, 2, 60, 80), 0.5 * 0.1, np.float32)  # two groups share the light
     sensor = get_sensor("ideal", pitch_m=2e-4)  # wide angles
     distances = np.array([V, 1.3 * V])
-    stack = sensor_charge_of_images(radiance, sensor, lens=Lens(distances), position=np.array([0, 1]))
+    stack = charge_of_images(radiance, sensor, lens=Lens(distances), position=np.array([0, 1]))
     assert stack.dtype == np.float32
     for k, v in enumerate(distances):
         n = 2_000
@@ -64,7 +62,7 @@ def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bel
         rate = np.bitwise_count(spikes).sum(axis=-1) / n
         r2 = ((np.arange(60)[:, None] - 29.5) ** 2 + (np.arange(80) - 39.5) ** 2) * (2e-4) ** 2
         irradiance = pi * R**2 / v**2 * (1 + r2 / v**2) ** -2 * 0.1
-        expected = irradiance * sensor_electrons_per_irradiance(sensor) / sensor.threshold_e
+        expected = irradiance * electrons_per_irradiance(sensor) / sensor.threshold_e
         assert 0.05 < expected.min() < 0.97 * expected.max() < 0.97
         for part in (np.s_[:30, :40], np.s_[:30, 40:], np.s_[30:, :40], np.s_[30:, 40:]):
             assert rate[part].mean() == pytest.approx(expected[part].mean(), rel=0.005)
@@ -82,7 +80,7 @@ def test_the_scale_makes_the_encoder_fire_at_the_mean_rate(mean_rate, saturation
     sensor = get_sensor(
         "vidar_400x250", saturation=saturation, dark_hot_fraction=0, noise={"response": False, "dark": dark}
     )
-    scale = camera_exposure_scale(charge, target, sensor=sensor, mean_rate=mean_rate)
+    scale = exposure_scale(charge, target, sensor=sensor, mean_rate=mean_rate)
     spikes = encode((scale * charge)[None].astype(np.float32), sensor, frames=1_600, seed=3)
     assert np.bitwise_count(spikes).sum(axis=-1)[target].mean() / 1_600 == pytest.approx(mean_rate, rel=0.01)
 
@@ -94,16 +92,16 @@ def test_a_warm_sensor_with_uncertain_resets_fires_at_the_mean_rate_too():
         noise={"response": False, "dust": False, "reset_jitter": True},
     )  # fmt: skip
     charge = np.random.default_rng(3).uniform(20, 2_000, (60, 80)).astype(np.float32)
-    scale = camera_exposure_scale(charge, np.ones((60, 80), bool), sensor=sensor, mean_rate=0.2)
+    scale = exposure_scale(charge, np.ones((60, 80), bool), sensor=sensor, mean_rate=0.2)
     spikes = encode((scale * charge)[None].astype(np.float32), sensor, frames=1_600, seed=3)
     assert np.bitwise_count(spikes).sum(axis=-1).mean() / 1_600 == pytest.approx(0.2, rel=0.005)
-    cold = camera_exposure_scale(charge, np.ones((60, 80), bool), sensor=VIDAR, mean_rate=0.2)
+    cold = exposure_scale(charge, np.ones((60, 80), bool), sensor=VIDAR, mean_rate=0.2)
     assert scale / cold == pytest.approx((0.2 - 8 * 0.0045) / (0.2 - 0.0045), rel=0.02)
 
 
 def test_without_noise_the_scale_is_a_ratio():
     charge = np.array([[100.0, 300.0]])
-    scale = camera_exposure_scale(charge, np.ones((1, 2), bool), sensor=IDEAL, mean_rate=0.2)
+    scale = exposure_scale(charge, np.ones((1, 2), bool), sensor=IDEAL, mean_rate=0.2)
     assert scale == pytest.approx(0.2 * IDEAL.threshold_e / 200, rel=2e-6)
 
 
@@ -111,8 +109,8 @@ def test_the_scale_hides_the_order_of_summation():
     """The scale is rounded to 20 bits, which removes differences in the last bits of a mean."""
     charge = np.random.default_rng(1).uniform(1, 1e3, (50, 50))
     everywhere = np.ones((50, 50), bool)
-    scale = camera_exposure_scale(charge, everywhere, sensor=VIDAR, mean_rate=0.2)
-    assert scale == camera_exposure_scale(charge[::-1].copy(), everywhere, sensor=VIDAR, mean_rate=0.2)
+    scale = exposure_scale(charge, everywhere, sensor=VIDAR, mean_rate=0.2)
+    assert scale == exposure_scale(charge[::-1].copy(), everywhere, sensor=VIDAR, mean_rate=0.2)
     assert (scale * 2.0 ** (20 - np.frexp(scale)[1])).is_integer()
 
 
@@ -129,21 +127,21 @@ def test_the_scale_hides_the_order_of_summation():
 def test_a_mean_rate_out_of_reach_is_refused(mean_rate, saturation, allowed):
     sensor = get_sensor("vidar_400x250", saturation=saturation)
     charge, target = np.array([[0.0, 5.0]]), np.ones((1, 2), bool)
-    error = refusal(camera_exposure_scale, charge, target, sensor=sensor, mean_rate=mean_rate)
+    error = refusal(exposure_scale, charge, target, sensor=sensor, mean_rate=mean_rate)
     assert error.problem.startswith(f"mean_rate is {mean_rate:g}")
     assert allowed in error.allowed
 
 
 def test_an_empty_target_is_refused():
     assert "no pixel" in str(
-        refusal(camera_exposure_scale, np.ones((2, 2)), np.zeros((2, 2), bool), sensor=VIDAR, mean_rate=0.2)
+        refusal(exposure_scale, np.ones((2, 2)), np.zeros((2, 2), bool), sensor=VIDAR, mean_rate=0.2)
     )
 
 
 def test_the_law_of_rates_is_capped():
-    assert sensor_firing_rate(np.array([0.0, 0.25, 9.0]) * IDEAL.threshold_e, IDEAL) == pytest.approx([0, 0.25, 1])
+    assert firing_rate(np.array([0.0, 0.25, 9.0]) * IDEAL.threshold_e, IDEAL) == pytest.approx([0, 0.25, 1])
     dead = get_sensor("ideal", saturation="dead_readout")
-    rates = sensor_firing_rate(np.array([1.0, 1e9]) * dead.threshold_e, dead)
+    rates = firing_rate(np.array([1.0, 1e9]) * dead.threshold_e, dead)
     assert rates == pytest.approx([0.5, 16 / 17])
     spikes = encode(np.full((1, 8, 8), 1e9, np.float32), dead, frames=1_700, seed=1)
     assert np.bitwise_count(spikes).sum(axis=-1).mean() / 1_700 == pytest.approx(16 / 17, rel=1e-3)
@@ -161,4 +159,4 @@ def test_the_law_of_rates_is_capped():
 def test_lenses_that_cannot_be_are_refused(changes, message):
     lens = Lens(**{"distances": np.array([V, V]), **changes})
     radiance, position = np.ones((1, 2, 3, 4)), np.array([0, 1])
-    assert message in str(refusal(sensor_charge_of_images, radiance, VIDAR, lens=lens, position=position))
+    assert message in str(refusal(charge_of_images, radiance, VIDAR, lens=lens, position=position))

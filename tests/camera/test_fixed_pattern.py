@@ -7,9 +7,9 @@ import pytest
 from refusals import refusal
 from scipy import stats
 
-from saf_gen.calibration.pattern_statistics import measure_pattern_statistics, split_pattern_for_statistics
+from saf_gen.calibration.pattern_statistics import measure_pattern, split_pattern
 from saf_gen.camera import get_sensor, sensor_names
-from saf_gen.camera.fixed_pattern import _draw_profile, draw_sensor_fixed_pattern
+from saf_gen.camera.fixed_pattern import _draw_profile, draw_fixed_pattern
 from saf_gen.core.seeds import make_generator
 
 VIDAR = get_sensor("vidar_400x250")
@@ -21,12 +21,12 @@ FAR = stats.norm.isf(0.5e-4)  # standard deviations, at a two-sided significance
 
 
 def response_of(sensor, shape=SHAPE, *, seed):
-    return draw_sensor_fixed_pattern(sensor, shape, seed=seed).response.astype(float)
+    return draw_fixed_pattern(sensor, shape, seed=seed).response.astype(float)
 
 
 @pytest.fixture(scope="module")
 def pattern():
-    return draw_sensor_fixed_pattern(VIDAR, SHAPE, seed=1)
+    return draw_fixed_pattern(VIDAR, SHAPE, seed=1)
 
 
 # --- a real chip --------------------------------------------------------------------------------------
@@ -46,8 +46,8 @@ SHARES = {
 
 def measure(rate):
     """Return statistics of a map of rates, and correlations 1 and 20 columns apart of its rest, clipped at 3 rms."""
-    found = vars(measure_pattern_statistics(rate))
-    rest = split_pattern_for_statistics(rate)[2]
+    found = vars(measure_pattern(rate))
+    rest = split_pattern(rate)[2]
     clipped = np.clip(rest - np.median(rest), -3 * found["white_robust_rms"], 3 * found["white_robust_rms"])
     for apart in (1, 20):
         found[f"correlation_{apart}"] = np.corrcoef(clipped[:, apart:].ravel(), clipped[:, :-apart].ravel())[0, 1]
@@ -68,7 +68,7 @@ def devices():
         tilt, bow = signs_of(seed, "columns", shares=VIDAR.response_column_legendre, length=400)[:2]
         down = signs_of(seed, "rows", shares=VIDAR.response_row_legendre, length=250)[0]
         if (tilt, bow, down) == (1, -1, -1):
-            pattern = draw_sensor_fixed_pattern(VIDAR, SHAPE, seed=seed)
+            pattern = draw_fixed_pattern(VIDAR, SHAPE, seed=seed)
             found.append(measure(pattern.response.astype(float) / pattern.threshold))
     return found
 
@@ -110,7 +110,7 @@ def test_bright_outliers_have_much_dark_charge_and_dark_ones_are_dust(pattern):
     dark = pattern.dark[1:, 1:] / np.median(pattern.dark)
     assert (dark[rest > 5] > 2).mean() > 0.9
     assert 0.01 < (dark > 2).mean() < 0.1
-    clean = draw_sensor_fixed_pattern(VIDAR.with_noise(dust=False), SHAPE, seed=1).response[1:, 1:]
+    clean = draw_fixed_pattern(VIDAR.with_noise(dust=False), SHAPE, seed=1).response[1:, 1:]
     assert (pattern.response[1:, 1:] < clean)[rest < -5].mean() > 0.9
 
 
@@ -200,7 +200,7 @@ def test_the_first_column_and_row_stand_out_by_their_numbers():
 def test_response_rises_with_dark_charge():
     """The mean and the spread of the slope over 100,000 pixels agree within 5 %; seed 5."""
     sensor = replace(PLAIN, response_per_dark=0.026, response_white_rms=0, response_column_rms=0, response_row_rms=0)
-    pattern = draw_sensor_fixed_pattern(sensor.with_noise(dust=False), SHAPE, seed=5)
+    pattern = draw_fixed_pattern(sensor.with_noise(dust=False), SHAPE, seed=5)
     dark = pattern.dark.astype(float) / VIDAR.mean_dark_e
     rise = pattern.response - 1 + 0.026
     assert (rise / dark).mean() == pytest.approx(0.026, rel=0.05)
@@ -222,12 +222,12 @@ def test_dust_takes_half_normal_light_from_its_share_of_the_pixels():
 def test_dead_pixels_never_fire():
     """1,000 of 100,000 pixels within 5 sd; seed 8."""
     sensor = replace(VIDAR, dead_fraction=0.01)
-    pattern = draw_sensor_fixed_pattern(sensor, SHAPE, seed=8)
+    pattern = draw_fixed_pattern(sensor, SHAPE, seed=8)
     dead = pattern.response == 0
     assert dead.sum() == pytest.approx(1_000, abs=5 * np.sqrt(1_000))
     assert not pattern.dark[dead].any()
     assert (pattern.dark[~dead] > 0).all()
-    assert (draw_sensor_fixed_pattern(sensor.with_noise(dead=False), SHAPE, seed=8).response > 0).all()
+    assert (draw_fixed_pattern(sensor.with_noise(dead=False), SHAPE, seed=8).response > 0).all()
 
 
 # --- dark charge and thresholds -----------------------------------------------------------------------
@@ -235,7 +235,7 @@ def test_dead_pixels_never_fire():
 
 def test_dark_charge_is_log_normal_with_hot_pixels_and_the_stated_mean():
     """400,000 pixels of four devices: the mean within 1 %, 800 hot pixels within 5 sd; seeds 0 to 3."""
-    dark = np.stack([draw_sensor_fixed_pattern(VIDAR, SHAPE, seed=s).dark for s in range(4)]).astype(float)
+    dark = np.stack([draw_fixed_pattern(VIDAR, SHAPE, seed=s).dark for s in range(4)]).astype(float)
     assert dark.mean() == pytest.approx(0.0045 * VIDAR.threshold_e, rel=0.01)
     logs = np.log(dark[dark < 3 * np.median(dark)])
     assert logs.std() == pytest.approx(0.43, rel=0.02)
@@ -248,7 +248,7 @@ def test_hot_pixels_grow_rare_by_a_pareto_law():
 
     Of the real chip's 99,351 pixels 27, 7, 5 and 1 are above 8, 12, 20 and 30 medians, within 95 % of that Poisson law.
     """
-    dark = np.stack([draw_sensor_fixed_pattern(VIDAR, SHAPE, seed=s).dark for s in range(8)]).astype(float)
+    dark = np.stack([draw_fixed_pattern(VIDAR, SHAPE, seed=s).dark for s in range(8)]).astype(float)
     ratio = dark / np.median(dark)
     hot = 0.002 - stats.norm.sf(np.log(4) / 0.43)
     for level, real in ((8, 27), (12, 7), (20, 5), (30, 1)):
@@ -263,7 +263,7 @@ def test_dark_charge_doubles_every_eight_kelvins(pattern, warmer, factor):
     """This holds exactly for the map, whose values are on a grid, and for the mean that exposure uses."""
     sensor = replace(VIDAR, temperature_c=25 + warmer)
     assert sensor.mean_dark_e == factor * VIDAR.mean_dark_e
-    warm = draw_sensor_fixed_pattern(sensor, SHAPE, seed=1)
+    warm = draw_fixed_pattern(sensor, SHAPE, seed=1)
     assert np.array_equal(warm.dark, np.float32(factor) * pattern.dark)
     assert np.array_equal(warm.response, pattern.response)
 
@@ -301,23 +301,23 @@ def test_maps_lie_on_a_grid_far_coarser_than_the_last_digit(pattern):
 )
 def test_a_switch_flattens_its_own_map_and_no_other(pattern, term, map_name):
     off = {"response": False, "dust": False} if map_name == "response" else {term: False}
-    switched = draw_sensor_fixed_pattern(VIDAR.with_noise(**off), SHAPE, seed=1)
+    switched = draw_fixed_pattern(VIDAR.with_noise(**off), SHAPE, seed=1)
     for name in ("response", "dark", "threshold"):
         same = np.array_equal(getattr(switched, name), getattr(pattern, name))
         assert same is not (name == map_name)
     assert np.ptp(getattr(switched, map_name)) == 0
-    alone = draw_sensor_fixed_pattern(VIDAR.with_noise(**{term: False}), SHAPE, seed=1)
+    alone = draw_fixed_pattern(VIDAR.with_noise(**{term: False}), SHAPE, seed=1)
     assert not np.array_equal(getattr(alone, map_name), getattr(pattern, map_name))
 
 
 def test_a_device_is_its_seed(pattern):
-    assert np.array_equal(pattern.response, draw_sensor_fixed_pattern(VIDAR, SHAPE, seed=1).response)
-    assert not np.array_equal(pattern.response, draw_sensor_fixed_pattern(VIDAR, SHAPE, seed=2).response)
+    assert np.array_equal(pattern.response, draw_fixed_pattern(VIDAR, SHAPE, seed=1).response)
+    assert not np.array_equal(pattern.response, draw_fixed_pattern(VIDAR, SHAPE, seed=2).response)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 5), (17, 64)])
 def test_any_shape_has_a_pattern(shape):
-    pattern = draw_sensor_fixed_pattern(VIDAR, shape, seed=1)
+    pattern = draw_fixed_pattern(VIDAR, shape, seed=1)
     for map_ in (pattern.response, pattern.dark, pattern.threshold):
         assert map_.shape == shape
         assert map_.dtype == np.float32
@@ -332,8 +332,8 @@ def test_smaller_arrays_have_the_spread_of_the_whole():
 
 
 def test_no_dark_rate_and_no_spread_are_flat():
-    flat = draw_sensor_fixed_pattern(replace(VIDAR, dark_rate=0, threshold_spread_rms=0), (5, 6), seed=1)
+    flat = draw_fixed_pattern(replace(VIDAR, dark_rate=0, threshold_spread_rms=0), (5, 6), seed=1)
     assert not flat.dark.any()
     assert (flat.threshold == np.float32(VIDAR.threshold_e)).all()
-    even = draw_sensor_fixed_pattern(replace(VIDAR, dark_log_sd=0, dark_hot_fraction=0), (5, 6), seed=1)
+    even = draw_fixed_pattern(replace(VIDAR, dark_log_sd=0, dark_hot_fraction=0), (5, 6), seed=1)
     assert even.dark == pytest.approx(0.0045 * VIDAR.threshold_e, rel=1e-4)

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from saf_gen.camera import Encoder, encode, get_sensor
-from saf_gen.camera.noise_table import LANES
+from saf_gen.camera.encoder_kernel import LANES
 
 THETA, NOISE = 29_900.0, 0.1  # threshold noise, of the threshold
 QUIET = {"shot": False, "dark": False, "response": False, "threshold_spread": False, "threshold_noise": False}

@@ -7,7 +7,7 @@ import pytest
 from refusals import refusal
 from small_dataset import SMALL_RECIPE
 
-from saf_gen.camera import encode, get_sensor, sensor_electrons_per_irradiance, sensor_names
+from saf_gen.camera import electrons_per_irradiance, encode, get_sensor, sensor_names
 from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 
@@ -42,7 +42,7 @@ def test_the_noisy_one_is_the_nominal_one_but_for_the_noise_of_its_thresholds():
 def test_the_fast_mode_is_the_same_chip_read_twice_as_often():
     """Light, dark current and the time of a reset are the same per second."""
     slow, fast = get_sensor("vidar_400x250"), get_sensor("vidar_400x250_40khz")
-    assert sensor_electrons_per_irradiance(fast) == pytest.approx(sensor_electrons_per_irradiance(slow) / 2)
+    assert electrons_per_irradiance(fast) == pytest.approx(electrons_per_irradiance(slow) / 2)
     assert fast.mean_dark_e * fast.readout_hz == pytest.approx(slow.mean_dark_e * slow.readout_hz)
     assert fast.reset_loss / fast.readout_hz == pytest.approx(slow.reset_loss / slow.readout_hz)
     per_readout = ("name", "readout_hz", "dark_rate", "reset_loss", "sources")
@@ -105,7 +105,7 @@ def test_the_threshold_is_capacitance_times_voltage():
 
 def test_the_fill_factor_gives_rate_one_half_at_1700_lux():
     vidar = get_sensor("vidar_400x250")
-    assert sensor_electrons_per_irradiance(vidar) * 1_700 / 683 == pytest.approx(vidar.threshold_e, rel=0.002)
+    assert electrons_per_irradiance(vidar) * 1_700 / 683 == pytest.approx(vidar.threshold_e, rel=0.002)
 
 
 def test_the_white_spread_of_rates_is_counted_once():

@@ -19,14 +19,14 @@ import typer
 from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
-from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, read_method_list
+from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, read_methods
 from saf_gen.cli import _terminal, app
 from saf_gen.cli._examples import EXAMPLES
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import atomic_file
 from saf_gen.render import backend
 from saf_gen.stream.manifest import read_manifest, write_manifest
 
-VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 STREAM = "test/plane-constant-00.h5"
 # A test run started in the background ignores Ctrl-C, and its child processes would, too.
 ENTRY = """
@@ -226,7 +226,7 @@ def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp
 
 def test_the_method_lists_of_the_benchmark_are_valid():
     for name in ("recorded", "closed_loop"):
-        assert len(read_method_list(HERE.parent / f"benchmarks/method_lists/{name}.txt")) > 10
+        assert len(read_methods(HERE.parent / f"benchmarks/method_lists/{name}.txt")) > 10
 
 
 def test_a_single_stream_is_evaluated_into_a_folder_next_to_it(call, dataset, tmp_path):
@@ -341,7 +341,7 @@ def test_scenes_list_names_scenes_of_the_folder_named(call, test_scenes):
 def test_a_slow_renderer_is_reported_unless_it_was_requested(
     call, small_recipe, test_scenes, tmp_path, monkeypatch, llvm, variant, rows
 ):
-    monkeypatch.setattr(backend, "probe_render_backends", lambda: backend.BackendProbe(llvm, cuda=False))
+    monkeypatch.setattr(backend, "probe_backends", lambda: backend.BackendProbe(llvm, cuda=False))
     code, _, err = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--variant", variant)
     assert code == 0
     assert err.count("scenes are rendered by variant scalar here, slowly and without diffraction; install LLVM") == rows
@@ -757,8 +757,8 @@ def test_the_next_run_clears_what_a_killed_one_left_half_written(copy, small_rec
     """A file that another process is writing at that moment is kept."""
     begin = """
 import os, sys
-from saf_gen.core.files import write_atomically
-left = [write_atomically(path) for path in sys.argv[1:]]
+from saf_gen.core.files import atomic_file
+left = [atomic_file(path) for path in sys.argv[1:]]
 for one in left:
     one.__enter__().write_bytes(b"half")
 os._exit(9)
@@ -766,7 +766,7 @@ os._exit(9)
     stack = next(copy.glob("stacks/*"))
     subprocess.run([sys.executable, "-c", begin, stack / "lamp.exr", copy / STREAM], check=False)
     assert len(list(copy.rglob(".*"))) == 2
-    with write_atomically(copy / STREAM) as part:
+    with atomic_file(copy / STREAM) as part:
         shutil.copy(copy / STREAM, part)
         assert call("generate", small_recipe, "--out", copy)[0] == 0
         assert list(copy.rglob(".*")) == [part]

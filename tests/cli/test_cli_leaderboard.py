@@ -222,5 +222,5 @@ def test_interrupted_tuning_reports_how_to_go_on(call, dataset, tmp_path, monkey
 
 
 def test_an_interrupted_command_that_writes_nothing_reports_only_that(call, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.stream.inspection.verify_streams_of_dataset", interrupted)
+    monkeypatch.setattr("saf_gen.stream.dataset.verify_dataset", interrupted)
     assert call("verify", tmp_path) == (130, "", "saf-gen: stopped\n")

@@ -151,7 +151,7 @@ def test_every_plug_in_of_ours_is_shown_with_its_options_and_its_source(call, na
     page, kind = read_page(out), "measures" if name in registry.names("measures") else "searches"
     plug_in = registry.build_plugin(kind, name)
     assert [line.partition("=")[0] for line in page["options"].splitlines()] == (
-        list(registry.registered_option_fields(kind, name)) or ["none"]
+        list(registry.option_fields(kind, name)) or ["none"]
     )
     assert "default:" not in page["options"]
     assert " ".join(page["source"].split()) == cite_source(plug_in)

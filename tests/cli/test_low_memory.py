@@ -50,7 +50,7 @@ def test_memory_that_runs_out_is_one_line(monkeypatch, call, error, message):
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr("saf_gen.camera.sensor_files.read_sensor_file_text", fail)
+    monkeypatch.setattr("saf_gen.camera.sensor_files.sensor_text", fail)
     code, _, err = call("sensors", "show", "ideal")
     (line,) = err.splitlines()
     assert code == 1

@@ -14,7 +14,7 @@ from saf_gen.acceptance.speed import BenchFigure, BenchResults
 from saf_gen.acceptance.validation.check import Verdict
 from saf_gen.cli import _tables
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import err, out, print_progress_bars
+from saf_gen.cli._terminal import err, out, progress_bars
 
 COLUMNS = [
     TableColumn("name"),
@@ -158,7 +158,7 @@ def test_the_name_of_a_progress_bar_is_not_cut(monkeypatch, capsys):
     monkeypatch.setattr(err, "_force_terminal", True)
     monkeypatch.setattr(err, "_width", 80)
     name = "evaluate a_scene-continuously_varying-00 structure_calibrated+photon_aware:window=100"
-    with print_progress_bars() as bars:
+    with progress_bars() as bars:
         bars.update(bars.add_task(name, total=1.0), completed=0.5)
     shown = capsys.readouterr().err
     assert "…" not in shown

@@ -35,22 +35,22 @@ def test_counts_of_every_window_are_sums():
     for first in range(38):
         for stop in range(first, 38):
             counts = np.zeros((5, 7), np.uint32)
-            bits.sum_bits_of_planes(planes, counts, first=first, stop=stop)
+            bits.sum_planes(planes, counts, first=first, stop=stop)
             assert np.array_equal(counts, frames[first:stop].sum(axis=0)), (first, stop)
 
 
 def test_counts_add_up_and_take_views():
     frames = np.ones((40, 5, 7), np.uint8)
     counts = np.full((2, 3), 10, np.uint32)
-    bits.sum_bits_of_planes(planes_of(frames)[:, 1:3, 2:5], counts, first=1, stop=39)
+    bits.sum_planes(planes_of(frames)[:, 1:3, 2:5], counts, first=1, stop=39)
     assert np.array_equal(counts, np.full((2, 3), 48))
 
 
 @pytest.mark.parametrize("count", [1, 8, 13, 16])
 def test_turning_a_bit_matrix_is_a_transpose(count):
     rows = np.random.default_rng(1).integers(0, 256, (count, 3), np.uint8)
-    tracks = bits.transpose_bits_to_trains(rows)
+    tracks = bits.to_trains(rows)
     expected = np.unpackbits(rows, axis=1, bitorder="little").T
     assert np.array_equal(np.unpackbits(tracks, axis=1, bitorder="little")[:, :count], expected)
     assert not np.unpackbits(tracks, axis=1, bitorder="little")[:, count:].any()
-    assert np.array_equal(bits.transpose_bits_to_frames(tracks, count), rows)
+    assert np.array_equal(bits.to_frames(tracks, count), rows)

@@ -14,7 +14,7 @@ def read_motion(tmp_path, text):
     path = tmp_path / "r.yaml"
     path.write_text(f"motion: {text}\n")
     document = read_yaml(path)
-    return components.read_config_component("motions", document.data["motion"], document=document, keys=("motion",))
+    return components.read_component("motions", document.data["motion"], document=document, keys=("motion",))
 
 
 def test_a_part_is_read_as_it_was_written_but_for_its_files(tmp_path):
@@ -42,7 +42,7 @@ def test_a_part_is_resolved_by_the_names_of_recording_and_purpose():
     motion = {"kind": "hand", "irregularity": {"uniform": [0.1, 0.9]}, "bandwidth_hz": {"uniform": [5, 9]}}
 
     def draw(component=motion, name=NAME, purpose="motion"):
-        return components.draw_config_component("motions", component, name=name, purpose=(purpose,))
+        return components.draw_component("motions", component, name=name, purpose=(purpose,))
 
     one = draw()
     assert one == draw()
@@ -55,9 +55,7 @@ def test_a_part_is_resolved_by_the_names_of_recording_and_purpose():
 
 def test_a_choice_among_parts_draws_a_part_and_then_its_numbers():
     among = {"choice": [{"kind": "hold", "position": {"uniform": [0.1, 0.9]}}, {"kind": "sweep"}]}
-    drawn = [
-        components.draw_config_component("motions", among, name=(seed, "a"), purpose=("motion",)) for seed in range(40)
-    ]
+    drawn = [components.draw_component("motions", among, name=(seed, "a"), purpose=("motion",)) for seed in range(40)]
     held = [motion["position"] for motion in drawn if motion["kind"] == "hold"]
     assert 5 < len(held) < 35  # a fair coin leaves this range with probability 1.4·10⁻⁶
     assert len(set(held)) == len(held)

@@ -12,7 +12,7 @@ from pathlib import Path
 import distributed
 import pytest
 from dask_processes import scheduler_process, wait_until, worker_processes
-from pool_jobs import DiesOnce, Light, Raises, Square
+from pool_jobs import DiesOnce, Exits, Light, Raises, Square
 from refusals import assert_says, refusal
 from test_executor import done, followers
 
@@ -29,7 +29,7 @@ def cluster(cluster_address, tmp_path):
 def test_a_cluster_gives_what_cores_give_and_names_what_failed(cluster):
     heard = []
     results = done(
-        [Square(3), Raises(BadInput("no such group")), Raises(OSError(28, "No space left"))],
+        [Square(3), Raises(BadInput("no such group")), Raises(OSError(28, "No space left")), Exits()],
         cluster=cluster,
         follow_up=followers,
         report=lambda name, done: heard.append((name, done)),
@@ -37,6 +37,7 @@ def test_a_cluster_gives_what_cores_give_and_names_what_failed(cluster):
     assert {name: result[0] for name, (result, _) in results.items() if result} == {"square 3": 9, "square 9": 81}
     assert results["raises BadInput"] == (None, "no such group")
     assert "No space left" in results["raises OSError"][1]
+    assert results["exits"] == (None, "CodeStopped: its code called exit(0)")
     assert ("square 9", 1.0) in heard
     assert not list(cluster.folder.iterdir())
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from dask_processes import wait_until
-from pool_jobs import Dies, DiesOnce, Heavy, Naps, Raises, Sleeps, Square
+from pool_jobs import Dies, DiesOnce, Exits, Heavy, Naps, Raises, Sleeps, Square
 
 from saf_gen.core.execution import run_jobs
 from saf_gen.core.execution.worker_pool import WorkerPool
@@ -93,6 +93,8 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
             Raises(PermissionError(13, "Permission denied", "/there/a.h5")),
             Raises(MemoryError()),
             Raises(ZeroDivisionError("division by zero")),
+            Exits(),
+            Raises(GeneratorExit()),
             Square(3),
         ]
     )
@@ -101,6 +103,8 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
     assert "/there/a.h5" in results["raises PermissionError"][1]
     assert results["raises MemoryError"][1] == "out of memory; run with fewer --workers"
     assert "division by zero" in results["raises ZeroDivisionError"][1]
+    assert results["exits"][1] == "CodeStopped: its code called exit(0)"
+    assert "its code raised GeneratorExit" in results["raises GeneratorExit"][1]
     assert results["square 3"][0][0] == 9
 
 

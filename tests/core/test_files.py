@@ -10,18 +10,18 @@ from refusals import assert_says, refusal
 
 from saf_gen.core.files import (
     ABANDONED_S,
+    atomic_file,
     check_file_system,
-    check_folder_writable,
-    remove_leftover_files,
+    check_writable,
+    remove_leftovers,
     temporary_folder,
-    write_atomically,
-    write_folder_atomically,
+    write_folder,
 )
 from saf_gen.errors import BadInput
 
 
 def test_a_file_appears_when_it_is_complete(tmp_path):
-    with write_atomically(tmp_path / "new" / "a.txt") as part:
+    with atomic_file(tmp_path / "new" / "a.txt") as part:
         part.write_text("complete")
         assert not (tmp_path / "new" / "a.txt").exists()
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["a.txt"]
@@ -32,7 +32,7 @@ def test_an_error_leaves_the_old_file_and_no_temporary(tmp_path):
     (tmp_path / "a.txt").write_text("old")
 
     def half_written():
-        with write_atomically(tmp_path / "a.txt") as part:
+        with atomic_file(tmp_path / "a.txt") as part:
             part.write_text("half")
             raise ValueError
 
@@ -44,7 +44,7 @@ def test_an_error_leaves_the_old_file_and_no_temporary(tmp_path):
 
 def test_if_two_write_the_same_file_the_last_one_wins(tmp_path):
     """Two containers may use the same process id."""
-    with write_atomically(tmp_path / "a.txt") as one, write_atomically(tmp_path / "a.txt") as other:
+    with atomic_file(tmp_path / "a.txt") as one, atomic_file(tmp_path / "a.txt") as other:
         one.write_text("one")
         other.write_text("other")
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
@@ -69,19 +69,19 @@ def test_what_the_dead_left_goes_when_somebody_writes_there_and_nothing_else(tmp
         for file in (old, *kept[1:]):
             file.write_text("")
         os.utime(old, (time.time() - 2 * ABANDONED_S,) * 2)
-        with write_atomically(tmp_path / "b.txt") as part:
+        with atomic_file(tmp_path / "b.txt") as part:
             part.write_text("complete")
         assert {p.name for p in tmp_path.iterdir()} == {"b.txt", "other", *(p.name for p in kept)}
         deep = abandoned(mine, pid=dead)
         deep.write_text("")
-        remove_leftover_files(tmp_path, recursive=True)
+        remove_leftovers(tmp_path, recursive=True)
         assert not deep.exists()
         assert mine.is_dir()
 
 
 def test_a_folder_appears_when_it_is_complete_or_not_at_all(tmp_path):
     def fill(fails: bool) -> None:
-        with write_folder_atomically(tmp_path / "out") as part:
+        with write_folder(tmp_path / "out") as part:
             (part / "a.txt").write_text("complete")
             if fails:
                 raise KeyboardInterrupt
@@ -98,11 +98,7 @@ def test_a_folder_appears_when_it_is_complete_or_not_at_all(tmp_path):
 
 
 def test_a_full_disk_is_reported_with_the_final_name_of_the_file(tmp_path):
-    with (
-        pytest.raises(BadInput) as raised,
-        write_folder_atomically(tmp_path / "out") as part,
-        write_atomically(part / "a.txt"),
-    ):
+    with pytest.raises(BadInput) as raised, write_folder(tmp_path / "out") as part, atomic_file(part / "a.txt"):
         raise OSError(errno.ENOSPC, "")
     assert raised.value.problem == f"{tmp_path}/out/a.txt cannot be written: No space left on device"
     assert "run the same command again" in raised.value.hint
@@ -112,7 +108,7 @@ def test_a_full_disk_is_reported_with_the_final_name_of_the_file(tmp_path):
 def test_the_folder_is_synced_after_a_rename(tmp_path, monkeypatch):
     synced = []
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(Path(f"/proc/self/fd/{file}").resolve()))
-    with write_atomically(tmp_path / "a.txt") as part:
+    with atomic_file(tmp_path / "a.txt") as part:
         part.write_text("complete")
     assert synced == [part, tmp_path]
 
@@ -121,15 +117,15 @@ def test_a_file_in_place_of_a_folder_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(BadInput, match=r"file/a.txt cannot be written: .*; choose another folder"),
-        write_atomically(tmp_path / "file" / "a.txt"),
+        atomic_file(tmp_path / "file" / "a.txt"),
     ):
         pass
 
 
 def test_a_folder_that_cannot_be_is_told_before_work_begins(tmp_path):
     (tmp_path / "file").write_text("")
-    assert_says(refusal(check_folder_writable, tmp_path / "file" / "out"), "file/out cannot be written")
-    check_folder_writable(tmp_path / "new" / "out")
+    assert_says(refusal(check_writable, tmp_path / "file" / "out"), "file/out cannot be written")
+    check_writable(tmp_path / "new" / "out")
     assert not (tmp_path / "new").exists()
 
 

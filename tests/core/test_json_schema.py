@@ -8,11 +8,11 @@ import pytest
 import yaml
 from small_dataset import HERE, SCENES
 
-from saf_gen.core.config.field_docs import config_field_docs
+from saf_gen.core.config.field_docs import field_docs
 from saf_gen.core.config.ranges import RANGE_FORMS
 from saf_gen.generate.recipe import Recipe
-from saf_gen.generate.recipe_schema import make_recipe_schema
-from saf_gen.scene.card_schema import make_scene_card_schema
+from saf_gen.generate.recipe_schema import recipe_schema
+from saf_gen.scene.card_schema import card_schema
 from saf_gen.scene.scene_folder import SceneCard
 
 ROOT = HERE.parent
@@ -24,7 +24,7 @@ CARD = yaml.safe_load((ROOT / "scenes/camel/scene.yaml").read_text())
 
 @pytest.fixture(scope="module")
 def validators():
-    schemas = {"recipe": make_recipe_schema(), "card": make_scene_card_schema()}
+    schemas = {"recipe": recipe_schema(), "card": card_schema()}
     for schema in schemas.values():
         jsonschema.Draft202012Validator.check_schema(schema)
     return {name: jsonschema.Draft202012Validator(schema) for name, schema in schemas.items()}
@@ -120,12 +120,12 @@ def test_the_docstring_below_a_field_is_found_and_its_bases_come_first():
         three: str = "3"
         """What three is."""
 
-    assert config_field_docs(Derived) == {"one": "What one is, over two lines.", "three": "What three is."}
-    assert set(config_field_docs(Recipe)) <= set(Recipe.model_fields)
-    assert set(config_field_docs(SceneCard)) <= set(SceneCard.model_fields)
+    assert field_docs(Derived) == {"one": "What one is, over two lines.", "three": "What three is."}
+    assert set(field_docs(Recipe)) <= set(Recipe.model_fields)
+    assert set(field_docs(SceneCard)) <= set(SceneCard.model_fields)
 
 
-@pytest.mark.parametrize(("group", "make"), [("recipes", make_recipe_schema), ("scenes", make_scene_card_schema)])
+@pytest.mark.parametrize(("group", "make"), [("recipes", recipe_schema), ("scenes", card_schema)])
 def test_the_command_prints_the_schema_or_writes_it(group, make, tmp_path, call):
     expected = json.loads(json.dumps(make()))
     code, printed, _ = call(group, "schema")

@@ -8,9 +8,9 @@ import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.core import object_store, object_transfers
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.core.object_store import FIRST_RANGE, KEPT_RANGES, LARGEST_RANGE, StorePath, find_path
-from saf_gen.core.object_transfers import abort_unfinished_uploads, download_file, list_objects, upload_file
+from saf_gen.core.object_transfers import abort_uploads, download_file, list_objects, upload_file
 
 CONTENT = bytes(range(256)) * 4096
 
@@ -53,7 +53,7 @@ def test_an_address_of_something_else_is_refused(text, fragments):
 
 def test_nothing_but_generate_writes_to_a_store(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    error = refusal(write_text_atomically, Path("s3://data/a.txt"), "text")
+    error = refusal(write_text, Path("s3://data/a.txt"), "text")
     assert_says(error, "s3://data/a.txt is in an object store | only `saf-gen generate` writes")
     assert list(tmp_path.iterdir()) == []
 
@@ -115,11 +115,11 @@ def test_unfinished_uploads_are_aborted_unless_others_may_be_writing_them(s3, mo
         s3.call_s3("upload_part", Bucket="data", Key=key, PartNumber=1, UploadId=upload["UploadId"], Body=b"half")
     folder = StorePath("s3", "data/kills")
     assert list_objects(folder) == set()
-    assert abort_unfinished_uploads(folder, own_names={"ours"}) == (1, 1)
+    assert abort_uploads(folder, own_names={"ours"}) == (1, 1)
     left = s3.call_s3("list_multipart_uploads", Bucket="data")["Uploads"]
     assert sorted(upload["Key"] for upload in left) == ["kills/others", "other/elsewhere"]
     monkeypatch.setattr(object_transfers, "ABANDONED_S", 0.0)
-    assert abort_unfinished_uploads(folder, own_names=()) == (1, 0)
+    assert abort_uploads(folder, own_names=()) == (1, 0)
 
 
 def ask(address):

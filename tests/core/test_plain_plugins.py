@@ -6,7 +6,7 @@ from planted_sweeps import write_sweep
 from refusals import assert_says, refusal
 
 import saf_gen
-from saf_gen.benchmark.conformance import check_conformance_by_name
+from saf_gen.benchmark.conformance import check_by_name
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.core.config import registry
@@ -143,10 +143,10 @@ def test_bad_options_of_plain_code_are_refused_in_one_line(plain, name, message)
 
 def test_plain_code_without_a_source_is_warned_of_and_passes(plain):
     for name, part in (("spread", "measure"), ("last", "search"), ("Middle:frames=9", "search")):
-        found = {r.check: r for r in check_conformance_by_name(f"{plain}:{name}") if r.check in ("described", "stated")}
+        found = {r.check: r for r in check_by_name(f"{plain}:{name}") if r.check in ("described", "stated")}
         assert {r.part for r in found.values()} == {part}
         assert (found["described"].level, found["stated"].level) == ("warn", "pass")
-    described = next(r for r in check_conformance_by_name(f"{plain}:Contrast") if r.check == "described")
+    described = next(r for r in check_by_name(f"{plain}:Contrast") if r.check == "described")
     assert (described.level, described.seen) == ("pass", "plain code with a docstring; source: nobody")
 
 

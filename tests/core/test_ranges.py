@@ -7,27 +7,27 @@ import pytest
 from refusals import assert_says, refusal
 from scipy.stats import kstest
 
-from saf_gen.core.config.ranges import check_config_parameter, config_range_extremes, draw_config_range, is_config_range
+from saf_gen.core.config.ranges import check_parameter, draw_range, is_range, range_extremes
 from saf_gen.core.seeds import make_generator
 
 
 def test_a_fixed_value_is_drawn_as_itself():
-    assert draw_config_range(3.5, make_generator(0)) == 3.5
-    assert draw_config_range([1, 2], make_generator(0)) == [1, 2]
-    assert not is_config_range({"uniform": [0, 1], "choice": [1]})
+    assert draw_range(3.5, make_generator(0)) == 3.5
+    assert draw_range([1, 2], make_generator(0)) == [1, 2]
+    assert not is_range({"uniform": [0, 1], "choice": [1]})
 
 
 def test_draws_are_uniform_in_their_range_or_in_its_logarithm():
     """Kolmogorov-Smirnov tests at 1e-4, 2,000 draws each, one fixed seed."""
     for form, low, high, scale in (("uniform", 2, 6, np.asarray), ("log_uniform", 0.1, 10, np.log)):
         random = make_generator("ranges")
-        draws = [draw_config_range({form: [low, high]}, random) for _ in range(2000)]
+        draws = [draw_range({form: [low, high]}, random) for _ in range(2000)]
         assert kstest((scale(draws) - scale(low)) / (scale(high) - scale(low)), "uniform").pvalue > 1e-4
 
 
 def test_a_choice_draws_every_value():
     random = make_generator("ranges")
-    assert {draw_config_range({"choice": ["a", "b"]}, random) for _ in range(50)} == {"a", "b"}
+    assert {draw_range({"choice": ["a", "b"]}, random) for _ in range(50)} == {"a", "b"}
 
 
 @pytest.mark.parametrize(
@@ -49,15 +49,15 @@ def test_a_choice_draws_every_value():
     ],
 )
 def test_a_range_that_is_degenerate_infinite_or_nested_is_refused(value, message):
-    assert_says(refusal(config_range_extremes, value), message)
-    assert_says(refusal(draw_config_range, value, make_generator(0)), message)
+    assert_says(refusal(range_extremes, value), message)
+    assert_says(refusal(draw_range, value, make_generator(0)), message)
 
 
 @pytest.mark.parametrize(
     "value", [0, -2.5, "near", True, [1, 2.0, 3], ["a", False], {"uniform": [0, 1]}, {"choice": ["a", [1, 2]]}], ids=str
 )
 def test_a_parameter_is_plain_or_a_range_of_what_is_plain(value):
-    check_config_parameter(value)
+    check_parameter(value)
 
 
 DATE = datetime.date(2024, 5, 1)
@@ -78,4 +78,4 @@ DATE = datetime.date(2024, 5, 1)
     ],
 )
 def test_a_parameter_that_no_file_could_record_is_refused(value, message):
-    assert_says(refusal(check_config_parameter, value, what="params.made", where="r.yaml:3"), message)
+    assert_says(refusal(check_parameter, value, what="params.made", where="r.yaml:3"), message)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from refusals import assert_says, refusal
 
-from saf_gen.core.region import mask_bounding_box, validate_region, validate_window
+from saf_gen.core.region import bounding_box, validate_region, validate_window
 from saf_gen.errors import BadInput
 
 
@@ -16,11 +16,11 @@ def mask(rows, columns, *pixels):
 
 
 def test_the_box_holds_every_target_pixel_and_touches_them():
-    assert mask_bounding_box(mask(10, 20, (2, 5), (7, 3))) == (slice(2, 8), slice(3, 6))
+    assert bounding_box(mask(10, 20, (2, 5), (7, 3))) == (slice(2, 8), slice(3, 6))
 
 
 def test_a_mask_without_a_pixel_is_refused():
-    assert_says(refusal(mask_bounding_box, mask(4, 4)), "0 pixels | at least one pixel")
+    assert_says(refusal(bounding_box, mask(4, 4)), "0 pixels | at least one pixel")
 
 
 def test_a_window_comes_back_in_plain_numbers():

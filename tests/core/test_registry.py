@@ -22,7 +22,7 @@ def test_every_registered_plug_in_is_one_class_with_a_docstring():
 
 
 def test_a_trailing_underscore_is_not_part_of_a_key():
-    assert registry.registered_option_fields("lights", "ramp") == {"from": "from_", "to": "to", "over_s": "over_s"}
+    assert registry.option_fields("lights", "ramp") == {"from": "from_", "to": "to", "over_s": "over_s"}
 
 
 @pytest.mark.parametrize(

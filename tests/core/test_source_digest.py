@@ -126,7 +126,7 @@ def test_behind_our_plugins_are_the_private_modules_of_their_folder():
 
 
 def test_the_digest_did_not_change_when_our_plugins_moved_to_a_folder(folder):
-    late = "from saf_gen{}.measures._counts import counts_as_integers"
+    late = "from saf_gen{}.measures._counts import as_integers"
     digests = []
     for name, inside in (("old", ""), ("new", ".plugins")):
         write_files(folder, {f"{name}/src_moved.py": mine("import math", late=late.format(inside))})

@@ -8,34 +8,34 @@ from small_dataset import SCENES
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.tracks import recorded_benchmark
-from saf_gen.benchmark.tracks.recorded_benchmark import name_benchmark_for_record
+from saf_gen.benchmark.tracks.recorded_benchmark import benchmark_of
 from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_digests
 from saf_gen.generate import benchmark_digest
-from saf_gen.generate.benchmark_digest import digest_resolved_recipe, name_generated_benchmark
+from saf_gen.generate.benchmark_digest import benchmark_name, recipe_digest
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.leaderboard import rank_methods, table_formats
-from saf_gen.scene.trusted_folders import register_scene_folder
+from saf_gen.scene.trusted_folders import register_folder
 from saf_gen.stream.stream_file import open_stream
 
 
 @pytest.mark.parametrize("name", sorted(read_frozen_digests()))
 def test_a_frozen_recipe_gives_the_spikes_that_it_gave(name):
     resolved, frozen = resolve_recipe(name), read_frozen_digests()[name]
-    assert digest_resolved_recipe(resolved) == frozen.digest, "a benchmark with other spikes needs another name"
+    assert recipe_digest(resolved) == frozen.digest, "a benchmark with other spikes needs another name"
     counted = [s.planned.split for s in resolved.plan]
     assert {split: counted.count(split) for split in counted} == frozen.sequences
 
 
 def test_the_digest_moves_with_what_decides_the_spikes_and_with_nothing_else(small_recipe, tmp_path, own_folder):
     shutil.copytree(SCENES / "plane", own_folder / "scenes/plane")
-    register_scene_folder(own_folder / "scenes")
+    register_folder(own_folder / "scenes")
     text = small_recipe.read_text()
 
     def digest(text):
         path = tmp_path / "changed.yaml"
         path.write_text(text)
-        return digest_resolved_recipe(resolve_recipe(path))
+        return recipe_digest(resolve_recipe(path))
 
     before = digest(text)
     assert digest(f"# in other words\n{text}") == before
@@ -56,7 +56,7 @@ def test_the_digest_moves_with_what_decides_the_spikes_and_with_nothing_else(sma
 def frozen_small(small_recipe, test_scenes, monkeypatch):
     """Freeze the small recipe without diffraction, so that any renderer can render it, and return its digest."""
     small_recipe.write_text(small_recipe.read_text().replace("max_depth: 3", "max_depth: 3, diffraction: false"))
-    digest = digest_resolved_recipe(resolve_recipe(small_recipe))
+    digest = recipe_digest(resolve_recipe(small_recipe))
     benchmark = FrozenBenchmark(digest=digest, since=date(2026, 11, 23), sequences={"test": 3})
     for module in (benchmark_digest, recorded_benchmark, table_formats):
         monkeypatch.setattr(module, "read_frozen_digests", lambda: {"small": benchmark})
@@ -78,7 +78,7 @@ def test_a_frozen_name_with_other_spikes_is_refused_before_anything_is_made(call
 
 def test_streams_and_results_name_their_benchmark_and_how_much_of_it_they_cover(frozen_small, small_recipe, tmp_path):
     resolved = resolve_recipe(small_recipe, part=(1, 2))
-    assert name_generated_benchmark(resolved) == f"small {frozen_small}"
+    assert benchmark_name(resolved) == f"small {frozen_small}"
     generate(resolved, tmp_path / "data")
     label = f"small {frozen_small:.12}"
     with open_stream(next((tmp_path / "data/test").glob("*.h5"))) as stream:
@@ -91,5 +91,5 @@ def test_streams_and_results_name_their_benchmark_and_how_much_of_it_they_cover(
 
 @pytest.mark.parametrize("claim", ["", "small", "small 0123456789ab", "unheard_of 00", "saf_bench-v2 " + "0" * 64])
 def test_a_recording_that_claims_an_unknown_benchmark_belongs_to_none(claim):
-    assert name_benchmark_for_record({"benchmark": claim}) is None
-    assert name_benchmark_for_record({}) is None
+    assert benchmark_of({"benchmark": claim}) is None
+    assert benchmark_of({}) is None

@@ -5,14 +5,14 @@ import re
 import capture_dataset
 import pytest
 
-from saf_gen.generate.coarse_sampling import MIN_POSITIONS, find_coarse_recipe_sampling
+from saf_gen.generate.coarse_sampling import MIN_POSITIONS, coarse_sampling
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.shipped_recipes import find_recipe, recipe_names
 
 
 @pytest.mark.parametrize("name", recipe_names())
 def test_no_recipe_that_comes_along_is_warned_of(name):
-    assert find_coarse_recipe_sampling(resolve_recipe(find_recipe(name))) == []
+    assert coarse_sampling(resolve_recipe(find_recipe(name))) == []
 
 
 @pytest.mark.usefixtures("test_scenes")
@@ -21,14 +21,14 @@ def test_the_suggested_number_of_positions_is_the_smallest_without_a_warning(sma
     small_recipe.write_text(text.replace("positions: 9", "positions: 2"))
     code, shown, _ = call("recipes", "check", small_recipe)
     assert code == 0
-    (line,) = find_coarse_recipe_sampling(resolve_recipe(small_recipe))
+    (line,) = coarse_sampling(resolve_recipe(small_recipe))
     assert f"warning: {line}" in " ".join(shown.split())
     enough = int(re.search(r"use (\d+) or more", line)[1])
     assert float(re.search(r"only ([\d.]+) of them", line)[1]) < MIN_POSITIONS
     small_recipe.write_text(text.replace("positions: 9", f"positions: {enough}"))
-    assert find_coarse_recipe_sampling(resolve_recipe(small_recipe)) == []
+    assert coarse_sampling(resolve_recipe(small_recipe)) == []
     small_recipe.write_text(text.replace("positions: 9", f"positions: {enough - 1}"))
-    assert len(find_coarse_recipe_sampling(resolve_recipe(small_recipe))) == 1
+    assert len(coarse_sampling(resolve_recipe(small_recipe))) == 1
 
 
 def test_fewer_time_slices_than_the_card_has_are_warned_of_with_the_error_to_expect(tmp_path, monkeypatch, call):
@@ -40,7 +40,7 @@ def test_fewer_time_slices_than_the_card_has_are_warned_of_with_the_error_to_exp
     def lines(slices_per_s, moves="static, dynamic"):
         text = capture_dataset.RECIPE.replace("whole_slices: true", f"slices_per_s: {slices_per_s}")
         recipe.write_text(text.replace("static, dynamic", moves))
-        return find_coarse_recipe_sampling(resolve_recipe(recipe))
+        return coarse_sampling(resolve_recipe(recipe))
 
     assert lines(250) == lines(1000) == lines(62.5, moves="static") == []
     (line,) = lines(62.5)

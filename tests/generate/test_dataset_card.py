@@ -3,7 +3,7 @@
 import pytest
 from small_dataset import SMALL_RECIPE
 
-from saf_gen.generate.dataset_card import write_generated_dataset_card
+from saf_gen.generate.dataset_card import write_dataset_card
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.stream.manifest import Manifest, write_manifest
 
@@ -14,7 +14,7 @@ def card(tmp_path, motion):
     (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n1,1\n")
     manifest = Manifest(name="small", recipe_fingerprint="r", variant="llvm", sequences=())
     write_manifest(tmp_path, manifest)
-    write_generated_dataset_card(tmp_path, read_recipe(path), manifest=manifest, scenes=[])
+    write_dataset_card(tmp_path, read_recipe(path), manifest=manifest, scenes=[])
     return (tmp_path / "README.md").read_text()
 
 

@@ -24,11 +24,11 @@ from saf_gen.errors import SafGenError
 from saf_gen.generate import run
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.stack.exr import read_stack_planes
+from saf_gen.stack.exr import read_planes
 from saf_gen.stack.focal_stack import StackStore
-from saf_gen.stream.description import describe_stream_file
+from saf_gen.stream.description import describe_file
 from saf_gen.stream.manifest import read_manifest
-from saf_gen.stream.recorded_grain import read_grain_of_stream
+from saf_gen.stream.recorded_grain import grain_of_stream
 
 
 def digests(folder):
@@ -92,7 +92,7 @@ def test_a_still_stack_has_a_contact_sheet_that_is_drawn_once(made, work, monkey
     drawn = sheet.read_bytes()
     assert drawn.startswith(b"\x89PNG")
     assert len(drawn) > 20_000
-    monkeypatch.setattr("saf_gen.authoring.preview.write_scene_preview", lambda *args, **how: pytest.fail("again"))
+    monkeypatch.setattr("saf_gen.authoring.preview.write_preview", lambda *args, **how: pytest.fail("again"))
     generate(work, made.folder)
     assert sheet.read_bytes() == drawn
 
@@ -108,8 +108,8 @@ def test_a_job_is_reported_as_done_once_its_files_have_their_names(first):
 
 def test_every_recording_says_how_much_grain_its_pictures_have(made):
     with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
-        grain = read_grain_of_stream(stream.metadata.provenance)
-        described = describe_stream_file(stream)["grain"]
+        grain = grain_of_stream(stream.metadata.provenance)
+        described = describe_file(stream)["grain"]
         assert abs(grain.moments[grain.focus].frame - stream.truth.frame) <= 0.5
     assert grain.samples == (16, 2)
     assert 0.01 < grain.rms_in_focus < 0.3
@@ -122,8 +122,8 @@ def test_a_recording_without_grain_is_read_all_the_same(made):
         del file["provenance/grain"], file.attrs["spikes_sha256"], file.attrs["provenance_sha256"]
     with saf_gen.open_stream(path) as stream:
         stream.verify()
-        assert read_grain_of_stream(stream.metadata.provenance) is None
-        assert describe_stream_file(stream)["grain"] == "unknown"
+        assert grain_of_stream(stream.metadata.provenance) is None
+        assert describe_file(stream)["grain"] == "unknown"
 
 
 def test_grain_that_is_missing_is_measured_and_moves_no_spike(made, work):
@@ -229,7 +229,7 @@ def test_a_changed_stack_is_recorded_again(small_recipe, work, made):
 
 def room_radiance(folder, work):
     """The room's radiance, which here serves as another lamp's."""
-    planes, _ = read_stack_planes(next(folder.glob("stacks/*/room.exr")))
+    planes, _ = read_planes(next(folder.glob("stacks/*/room.exr")))
     return np.array([planes[f"focus.{k:04d}"] for k in range(stack_spec(work).positions)])
 
 

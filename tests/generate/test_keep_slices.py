@@ -18,7 +18,7 @@ from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.stack import focal_stack
 from saf_gen.stack.capture import Capture
-from saf_gen.stream.inspection import verify_streams_of_dataset
+from saf_gen.stream.dataset import verify_dataset
 from saf_gen.stream.manifest import read_manifest
 
 pytestmark = pytest.mark.slow
@@ -89,7 +89,7 @@ def test_each_choice_keeps_what_it_says_and_the_recordings(work, made, copy, cho
     assert here == {"all": [3, 33, 18], "closed-loop": [3, 0, 18], "none": [3, 0, 0]}[choice]
     assert result.freed_bytes == sum(size for path, size in before.items() if not path.exists())
     assert digests(copy) == digests(made)
-    assert verify_streams_of_dataset(copy) == (4, {})
+    assert verify_dataset(copy) == (4, {})
     once_more = run_again(work, copy, choice)
     assert (once_more.rendered, once_more.recorded, once_more.freed_bytes) == ([], [], 0)
 
@@ -256,7 +256,7 @@ def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(mad
     rest = run_again(other, folder, "none")
     assert len(rest.rendered) == 3 * (11 - len(shared))
     assert list(folder.glob("stacks/*/*.exr")) == []
-    assert verify_streams_of_dataset(folder) == (len(work.plan), {})
+    assert verify_dataset(folder) == (len(work.plan), {})
 
 
 def test_a_damaged_recording_has_its_slices_rendered_again(work, copy):
@@ -275,7 +275,7 @@ def test_a_damaged_recording_has_its_slices_rendered_again(work, copy):
     assert MOVING[0] in again.recorded
     assert sorted(again.recorded + again.kept) == sorted(before)
     assert pictures(copy, slices(work)[0]) == []
-    assert verify_streams_of_dataset(copy) == (4, {})
+    assert verify_dataset(copy) == (4, {})
     with saf_gen.open_stream(damaged) as stream:
         if stream.metadata.provenance["fingerprint"] == fingerprint:
             assert digests(copy) == before
@@ -293,7 +293,7 @@ def test_more_repeats_need_the_slices_again(work, made, copy, tmp_path):
     assert again.rendered == []
     assert {"plane-dynamic-constant-01", "plane-dynamic-lamp_only-01"} <= set(again.recorded)
     assert pictures(copy, slices(more)[0]) == []
-    assert verify_streams_of_dataset(copy) == (8, {})
+    assert verify_dataset(copy) == (8, {})
 
 
 def test_a_recording_that_cannot_be_made_leaves_the_slices(work, copy, monkeypatch):

@@ -16,12 +16,12 @@ from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics import ImageDistanceDrive
-from saf_gen.render import estimators, render_missing_stacks
+from saf_gen.render import estimators, render_missing
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stream.manifest import read_manifest
-from saf_gen.stream.recorded_grain import read_grain_of_stream
+from saf_gen.stream.recorded_grain import grain_of_stream
 
 pytestmark = pytest.mark.slow
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.60, 0.42))
@@ -136,7 +136,7 @@ def test_a_moving_recording_says_how_much_grain_its_slices_have(made):
     """Of eleven slices one in the middle and the one in focus are rendered twice, with 64 and with 32 samples."""
     outcome, _ = made
     with saf_gen.open_stream(outcome.folder / "test" / "plane-dynamic-constant-00.h5") as stream:
-        grain = read_grain_of_stream(stream.metadata.provenance)
+        grain = grain_of_stream(stream.metadata.provenance)
         assert abs(grain.moments[grain.focus].frame - stream.truth.frame) <= 40
     assert grain.samples == (64, 32)
     assert 1 <= len(grain.moments) <= 2
@@ -157,7 +157,7 @@ def test_between_two_slices_the_picture_is_a_render_of_that_time(made, scenes, m
     frame = (time_stack.slice_frames[j] + time_stack.slice_frames[j + 1]) / 2 - 0.5
     blended = ChargeSource(plane_source, work.sensor).charge_image(frame, position)
     middle = replace(time_stack.specs[j], time_s=(time_stack.specs[j].time_s + time_stack.specs[j + 1].time_s) / 2)
-    render_missing_stacks(sequence.scene, [middle], root=tmp_path, backend_name=VARIANT)
+    render_missing(sequence.scene, [middle], root=tmp_path, backend_name=VARIANT)
     stack = StackStore(tmp_path, middle).load()
     rendered = ChargeSource(PlaneSource.from_stack(stack), work.sensor).charge_image(0, position)
     before = ChargeSource(plane_source, work.sensor).charge_image(time_stack.slice_frames[j] - 0.5, position)
@@ -204,7 +204,7 @@ def test_all_moments_are_traced_by_the_same_kernels(recipe, tmp_path, monkeypatc
     work = resolve_recipe(recipe)
     moments = work.sequences[0].time_stack.specs[::16]
     assert len({moment.window for moment in moments}) == len(moments) == 3
-    render, used = estimators.render_light_groups, []
+    render, used = estimators.render_groups, []
 
     def spied(*args, **kwargs):
         dr.kernel_history_clear()
@@ -213,9 +213,9 @@ def test_all_moments_are_traced_by_the_same_kernels(recipe, tmp_path, monkeypatc
         used.append(frozenset(kernel["hash"] for kernel in kernels))
         return stacks
 
-    monkeypatch.setattr(estimators, "render_light_groups", spied)
+    monkeypatch.setattr(estimators, "render_groups", spied)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        render_missing_stacks(work.sequences[0].scene, moments, root=tmp_path, backend_name=VARIANT)
+        render_missing(work.sequences[0].scene, moments, root=tmp_path, backend_name=VARIANT)
     assert len(used) == len(moments)
     assert all(kernels for kernels in used)
     assert len(set(used[1:])) == 1  # the first moment also loads what all moments share

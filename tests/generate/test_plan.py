@@ -4,7 +4,7 @@ import pytest
 import yaml
 from refusals import assert_says, refusal
 
-from saf_gen.generate.plan import SceneFamily, make_recipe_plan, recipe_fingerprint
+from saf_gen.generate.plan import SceneFamily, plan_sequences, recipe_fingerprint
 from saf_gen.generate.recipe import Recipe, read_recipe
 
 BASE = {
@@ -22,7 +22,7 @@ BASE = {
 
 
 def plan(**changes):
-    return make_recipe_plan(Recipe.model_validate(BASE | changes))
+    return plan_sequences(Recipe.model_validate(BASE | changes))
 
 
 def test_sequences_are_the_product_of_scenes_lights_and_repeats():
@@ -85,7 +85,7 @@ def test_an_edited_table_of_a_motion_makes_other_sequences(tmp_path):
     plans = []
     for end in ("0.9", "0.8"):
         (tmp_path / "lens.csv").write_text(f"time_s,position\n0,0.1\n1,{end}\n")
-        plans.append(make_recipe_plan(read_recipe(tmp_path / "r.yaml")))
+        plans.append(plan_sequences(read_recipe(tmp_path / "r.yaml")))
     assert plans[0][0].motion["file"] == {"path": "lens.csv", "text": "time_s,position\n0,0.1\n1,0.9\n"}
     assert plans[0] != plans[1]
 
@@ -110,7 +110,7 @@ def test_a_scene_at_rest_is_static_alone_and_changes_nothing_of_the_others():
     families = {"camel": SceneFamily(moves=True), "bottle": SceneFamily(moves=True)}
     split = {"scenes": ["camel", "bottle"], "lights": ["fixed"], "scene_motion": ["static", "dynamic"]}
     plans = [
-        make_recipe_plan(Recipe.model_validate(BASE | {"splits": {"test": split | at_rest}}), families)
+        plan_sequences(Recipe.model_validate(BASE | {"splits": {"test": split | at_rest}}), families)
         for at_rest in ({}, {"at_rest": ["camel"]})
     ]
     assert [s.id for s in plans[1]] == ["camel-fixed-00", "bottle-fixed-00", "bottle-dynamic-fixed-00"]
@@ -125,7 +125,7 @@ def test_two_sequences_of_one_id_are_refused_and_both_are_named():
     lights = {"fixed": {"kind": "constant"}, "dynamic-fixed": {"kind": "constant"}}
     split = {"scenes": ["camel"], "lights": list(lights), "scene_motion": ["static", "dynamic"]}
     recipe = Recipe.model_validate(BASE | {"lights": lights, "splits": {"test": split}})
-    error = refusal(make_recipe_plan, recipe, {"camel": SceneFamily(moves=True)})
+    error = refusal(plan_sequences, recipe, {"camel": SceneFamily(moves=True)})
     assert_says(
         error, "'camel-dynamic-fixed-00' | camel, static, under 'dynamic-fixed' | camel, dynamic, under 'fixed'"
     )
@@ -147,7 +147,7 @@ CARD = {
 def member(**chosen):
     split = {"test": {"scenes": ["camel"], "lights": ["fixed"]}}
     recipe = Recipe.model_validate(BASE | {"splits": split, "scene_params": {"camel": chosen}})
-    (sequence,) = make_recipe_plan(recipe, {"camel": SceneFamily(CARD)})
+    (sequence,) = plan_sequences(recipe, {"camel": SceneFamily(CARD)})
     return sequence.params
 
 

@@ -8,8 +8,8 @@ from small_dataset import DRIVE, SPEC, make_sequence
 import saf_gen
 from saf_gen.camera import get_sensor
 from saf_gen.generate.recorder import Recorder
-from saf_gen.optics.focus_crossings import find_focus_crossings
-from saf_gen.plugins.motions import motion_positions_at_readouts
+from saf_gen.optics.focus_crossings import focus_crossings
+from saf_gen.plugins.motions import lens_positions
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource
 
@@ -116,7 +116,7 @@ MOTIONS = {
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_the_lens_is_where_its_motion_says(tmp_path, motion):
     """In the file, and in the spikes of a field that grows brighter over the travel, in windows of 200 readouts."""
-    expected = motion_positions_at_readouts(motion, 2000, readout_hz=20_000)
+    expected = lens_positions(motion, 2000, readout_hz=20_000)
     pictures = stack()
     pictures.radiance[:] *= np.linspace(0.5, 1.5, 9, dtype=np.float32)[:, None, None]
     with record(tmp_path, CONSTANT, motion=motion, pictures=pictures) as stream:
@@ -134,7 +134,7 @@ def test_the_lens_is_where_its_motion_says(tmp_path, motion):
 def test_the_frame_of_truth_is_the_first_pass(tmp_path):
     with record(tmp_path, CONSTANT, motion=MOTIONS["there and back"]) as stream:
         truth, lens = stream.truth, stream.focus_position
-    assert find_focus_crossings(lens, truth.position) == pytest.approx([truth.frame, 1999 - truth.frame], abs=1e-2)
+    assert focus_crossings(lens, truth.position) == pytest.approx([truth.frame, 1999 - truth.frame], abs=1e-2)
     assert truth.frame == pytest.approx(truth.position * 800 - 0.5, abs=1e-2)  # 0.04 s one way, at 20 kHz
     assert np.interp(truth.frame, np.arange(2000), lens) == pytest.approx(truth.position, abs=1e-6)
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from refusals import refusal
 
-from saf_gen.generate.plan import make_recipe_plan
+from saf_gen.generate.plan import plan_sequences
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.stream.manifest import read_manifest
 
@@ -51,8 +51,8 @@ def test_everybody_who_unseals_a_recipe_gets_the_same_new_seed(call, sealed, sma
     assert read_recipe(other) == opened
     assert opened.seed != 3
     assert 0 <= opened.seed < 2**63
-    assert {s.seed for s in make_recipe_plan(opened)}.isdisjoint(
-        s.seed for s in make_recipe_plan(read_recipe(small_recipe))
+    assert {s.seed for s in plan_sequences(opened)}.isdisjoint(
+        s.seed for s in plan_sequences(read_recipe(small_recipe))
     )
 
 

@@ -15,8 +15,8 @@ from saf_gen.errors import BadInput
 from saf_gen.generate import store_transfer, to_store
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.generate.to_store import find_generate_scratch, generate_to_store, split_recipe_into_batches
-from saf_gen.stream.inspection import verify_streams_of_dataset
+from saf_gen.generate.to_store import find_scratch, generate_to_store, split_into_batches
+from saf_gen.stream.dataset import verify_dataset
 from saf_gen.stream.manifest import read_manifest
 
 NAMES = ["plane-constant-00", "plane-continuous-00", "plane-lamp_only-00"]
@@ -57,7 +57,7 @@ def work(here):
 
 def fill_scratch(made, work, store):
     """Fill the scratch folder, as if an earlier run had made everything and uploaded nothing."""
-    shutil.copytree(made / "local", find_generate_scratch(work, store))
+    shutil.copytree(made / "local", find_scratch(work, store))
 
 
 def run(work, store, **options):
@@ -70,7 +70,7 @@ def test_a_dataset_in_a_store_is_the_one_on_a_disk_and_nothing_is_left_here(made
     result = run(work, store, report=lambda name, done: reported.append(name) if done >= 1 else None)
     assert (result.recorded, result.kept, result.failed) == (NAMES, [], {})
     assert result.manifest == read_manifest(store) == read_manifest(made / "local")
-    assert verify_streams_of_dataset(store) == (3, {})
+    assert verify_dataset(store) == (3, {})
     names = {path.relative_to(made / "local").as_posix() for path in (made / "local").rglob("*") if path.is_file()}
     assert {key.removeprefix("data/sets/small/") for key in s3.find("data/sets/small")} == names
     assert [path.name for path in here.rglob("*") if path.name != "datasets"] == ["small.yaml"]
@@ -93,7 +93,7 @@ def test_what_the_store_holds_is_neither_rendered_nor_recorded_nor_sent_again(ma
     after = s3.find("data/sets/small", detail=True)
     assert {key: facts["ETag"] for key, facts in after.items()} == {k: facts["ETag"] for k, facts in before.items()}
     assert len(sent) == 8 + 3 + 2 * 3 + 3
-    assert not find_generate_scratch(work, store).exists()
+    assert not find_scratch(work, store).exists()
 
 
 @pytest.mark.slow
@@ -105,7 +105,7 @@ def test_a_lost_stream_and_a_lost_manifest_are_made_again_from_the_store(made, w
     again = run(work, store)
     assert (again.rendered, again.recorded, sorted(again.kept)) == ([], [NAMES[1]], [NAMES[0], NAMES[2]])
     assert again.manifest == first.manifest
-    assert verify_streams_of_dataset(store) == (3, {})
+    assert verify_dataset(store) == (3, {})
 
 
 class Killed(BaseException):
@@ -138,15 +138,15 @@ def test_a_run_stopped_at_any_upload_lists_only_complete_streams_and_resumes(mad
             run(work, store)
         monkeypatch.setattr(store_transfer, "upload_file", send)
         if s3.exists(f"{store.key}/manifest.json"):
-            assert verify_streams_of_dataset(store)[1] == {}
+            assert verify_dataset(store)[1] == {}
         if steps % 4 == 3:
-            shutil.rmtree(find_generate_scratch(work, store), ignore_errors=True)
+            shutil.rmtree(find_scratch(work, store), ignore_errors=True)
         result = run(work, store)
         assert result.failed == {}
         assert result.manifest.sequences == read_manifest(store).sequences == read_manifest(made / "local").sequences
         there = s3.find(f"{store.key}/test", detail=True)
         assert {key.rpartition("/")[2]: facts["ETag"].strip('"') for key, facts in there.items()} == whole
-        assert not find_generate_scratch(work, store).exists()
+        assert not find_scratch(work, store).exists()
         s3.rm(store.key, recursive=True)
 
 
@@ -166,7 +166,7 @@ def test_a_stream_of_another_recipe_is_not_listed_while_it_is_made_again(made, w
 
     monkeypatch.setattr(to_store, "generate", look)
     assert run(work, store).recorded == [NAMES[1]]
-    assert verify_streams_of_dataset(store) == (3, {})
+    assert verify_dataset(store) == (3, {})
 
 
 @pytest.mark.slow
@@ -176,20 +176,20 @@ def test_shards_list_what_others_have_made(made, here, store):
         fill_scratch(made, shard, store)
         result = run(shard, store)
     assert [entry.id for entry in result.manifest.sequences] == NAMES
-    assert verify_streams_of_dataset(store) == (3, {})
+    assert verify_dataset(store) == (3, {})
 
 
 def test_batches_hold_complete_stacks_up_to_a_size(work, monkeypatch):
     sequences = list(work.sequences)
-    assert split_recipe_into_batches(sequences) == [sequences]
+    assert split_into_batches(sequences) == [sequences]
     other = [replace(s, time_stack=replace(s.time_stack, slice_frames=(0, 8)), scene=None) for s in sequences]
-    assert split_recipe_into_batches([*sequences, *other]) == [[*sequences, *other]]  # the same pictures
+    assert split_into_batches([*sequences, *other]) == [[*sequences, *other]]  # the same pictures
     specs = [replace(spec, samples=99) for spec in sequences[0].time_stack.specs]
     apart = [replace(s, time_stack=replace(s.time_stack, specs=tuple(specs))) for s in sequences]
     mixed = [one for pair in zip(sequences, apart, strict=True) for one in pair]
     monkeypatch.setattr(to_store, "BATCH_BYTES", 1)
-    assert split_recipe_into_batches(mixed) == [sequences, apart]
-    assert split_recipe_into_batches([]) == []
+    assert split_into_batches(mixed) == [sequences, apart]
+    assert split_into_batches([]) == []
 
 
 def test_a_dry_run_lists_the_uploads_and_writes_nothing(made, work, store, here, s3, call):
@@ -241,4 +241,4 @@ def test_a_store_that_fails_later_ends_the_run_in_one_line_and_the_next_one_goes
         assert_says(refusal(run, work, store), "s3://data/sets/small/test/ | does not answer")
     result = run(work, store)
     assert (result.recorded, result.rendered) == ([], [])
-    assert verify_streams_of_dataset(store) == (3, {})
+    assert verify_dataset(store) == (3, {})

@@ -11,7 +11,7 @@ from saf_gen.cli import app
 from saf_gen.generate import work_plan
 from saf_gen.generate.cost import MachineRates, read_rates_for_plan
 from saf_gen.generate.resolve import resolve_recipe
-from saf_gen.generate.work_plan import StackWork, plan_recipe_work, simulate_plan_on_machines
+from saf_gen.generate.work_plan import StackWork, plan_work, simulate_machines
 
 RECIPE = """\
 name: many
@@ -40,7 +40,7 @@ def write(tmp_path):
 
 def test_a_plan_of_a_small_recipe_is_what_generate_would_do(write, tmp_path):
     recipe = write(3)
-    plan, work = plan_recipe_work(recipe), resolve_recipe(recipe)
+    plan, work = plan_work(recipe), resolve_recipe(recipe)
     assert (plan.sequences, plan.stacks, plan.jobs, plan.drawn) == (15, 3, 18, 15)
     assert plan.disk_bytes == pytest.approx(work.estimate_bytes(tmp_path / "new"), abs=1)
     assert plan.render_s + plan.record_s + MachineRates().start_s == pytest.approx(
@@ -62,9 +62,9 @@ def test_a_plan_of_a_small_recipe_is_what_generate_would_do(write, tmp_path):
 def test_a_few_repeats_stand_for_all(write, monkeypatch, more, motion, stacks):
     """Counts are exact; the cost of slices is estimated from the 8 of 12 lens motions that were drawn."""
     recipe = write(12, more=more, motion=motion)
-    every = plan_recipe_work(recipe)
+    every = plan_work(recipe)
     monkeypatch.setattr(work_plan, "MAX_DRAWN", 0)
-    few = plan_recipe_work(recipe)
+    few = plan_work(recipe)
     assert few.drawn < every.drawn
     assert every.stacks == stacks
     assert (few.sequences, few.stacks, few.jobs) == (every.sequences, every.stacks, every.jobs)
@@ -86,29 +86,29 @@ def test_a_million_sequences_are_planned_from_a_few(write):
         "splits": {"test": {"scenes": scenes, "lights": lights, "repeats": 10_000}},
     }
     recipe.write_text(json.dumps(data))
-    plan = plan_recipe_work(recipe, machines=50)
+    plan = plan_work(recipe, machines=50)
     assert (plan.sequences, plan.stacks, plan.drawn) == (1_000_000, 5, 800)
     assert plan.scheduler_s == pytest.approx(1_000_005 * MachineRates().job_s + 1e6 * MachineRates().sequence_s)
-    assert plan_recipe_work(recipe, part=(2, 8)).sequences == 125_000
+    assert plan_work(recipe, part=(2, 8)).sequences == 125_000
 
 
 def test_shards_have_the_sequences_together_and_each_its_stacks(write):
     recipe = write(4)
-    parts = [plan_recipe_work(recipe, part=(i, 3)) for i in (1, 2, 3)]
-    assert sum(part.sequences for part in parts) == plan_recipe_work(recipe).sequences
+    parts = [plan_work(recipe, part=(i, 3)) for i in (1, 2, 3)]
+    assert sum(part.sequences for part in parts) == plan_work(recipe).sequences
     assert all(part.stacks == 3 for part in parts)
 
 
 def test_machines_wait_for_stacks_and_for_the_scheduler():
     """By hand: a stack of 10 s, 8 recordings of 1 s. One machine of two renders; both record 4 once it is there."""
     one = StackWork(1, 10.0, 0, 0, 8)
-    assert simulate_plan_on_machines([one], record_s=1.0, machines=1, rates=NO_OVERHEAD) == 18
-    assert simulate_plan_on_machines([one], record_s=1.0, machines=2, rates=NO_OVERHEAD) == 14
-    assert simulate_plan_on_machines([replace(one, stacks=2)], record_s=1.0, machines=2, rates=NO_OVERHEAD) == 14
-    assert simulate_plan_on_machines([one], record_s=1.0, machines=100, rates=NO_OVERHEAD) == 11
+    assert simulate_machines([one], record_s=1.0, machines=1, rates=NO_OVERHEAD) == 18
+    assert simulate_machines([one], record_s=1.0, machines=2, rates=NO_OVERHEAD) == 14
+    assert simulate_machines([replace(one, stacks=2)], record_s=1.0, machines=2, rates=NO_OVERHEAD) == 14
+    assert simulate_machines([one], record_s=1.0, machines=100, rates=NO_OVERHEAD) == 11
     slow = replace(NO_OVERHEAD, job_s=2.0)  # nine jobs are handed out, the last after 12 + 8 · 2 s
-    assert simulate_plan_on_machines([one], record_s=1.0, machines=100, rates=slow) == 12 + 16 + 1
-    assert simulate_plan_on_machines([], record_s=1.0, machines=3, rates=MachineRates()) == 0
+    assert simulate_machines([one], record_s=1.0, machines=100, rates=slow) == 12 + 16 + 1
+    assert simulate_machines([], record_s=1.0, machines=3, rates=MachineRates()) == 0
 
 
 def test_more_workers_record_faster_until_the_cores_are_busy():
@@ -153,7 +153,7 @@ def test_the_command_adds_recipes_up_and_makes_nothing(write, tmp_path, monkeypa
     assert "2 machines under one scheduler, each with two cores" in shown.output
     shown = CliRunner().invoke(app, ["plan", recipe, "quickstart", "--json"], catch_exceptions=False)
     found = json.loads(shown.output)
-    both = [asdict(plan_recipe_work(recipe)), asdict(plan_recipe_work("quickstart"))]
+    both = [asdict(plan_work(recipe)), asdict(plan_work("quickstart"))]
     assert found["recipes"] == both
     assert found["total"]["jobs"] == both[0]["jobs"] + both[1]["jobs"]
     assert set(found["rates"]) == {field.name for field in fields(MachineRates)}

@@ -9,7 +9,7 @@ from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.render import backend
 
-VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 MOTION = """
 motion:
   plane: {keyframes: [{time_s: 0}, {time_s: 0.04, translate_m: [0.002, 0, -0.04]}]}

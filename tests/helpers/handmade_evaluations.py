@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 from handmade_records import failed, record
 
-from saf_gen.benchmark.assessed_curves import assess_evaluated_curves
+from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.plugin_description import describe_plugins_of_methods
+from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.results import Evaluation, FocusCurve, LensPath, SequenceFailure, SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 
@@ -91,7 +91,5 @@ def make_evaluation():
         make_sweep("steps", scene="fan", split="train"),
     )
     failures = (SequenceFailure("bad", "truncated"),)
-    plugins = describe_plugins_of_methods(map(parse_method, ("sd+argmax", "er_count+egs_code")))
-    return Evaluation(
-        tuple(make_records()), sweeps, failures, plugins=plugins, curves=tuple(assess_evaluated_curves(sweeps))
-    )
+    plugins = describe_plugins(map(parse_method, ("sd+argmax", "er_count+egs_code")))
+    return Evaluation(tuple(make_records()), sweeps, failures, plugins=plugins, curves=tuple(assess_curves(sweeps)))

@@ -1,4 +1,4 @@
-"""The transfer of a defocused round lens by two Fourier transforms, an independent computation of exact_lens_otf."""
+"""The transfer of a defocused round lens by two Fourier transforms, an independent computation of exact_otf."""
 
 import numpy as np
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from saf_gen import encode, get_measure, get_sensor
-from saf_gen.camera import draw_sensor_fixed_pattern
+from saf_gen.camera import draw_fixed_pattern
 
 SHAPE = (64, 96)
 CONTRAST = 0.3
@@ -24,14 +24,14 @@ def halves_of(rate, frames, *, seed=1):
 def dark_of(seed):
     """Return options of a calibrated measure as a dark recording of this device would give them."""
     sensor = get_sensor("vidar_400x250")
-    dark = draw_sensor_fixed_pattern(sensor, SHAPE, seed=seed).dark.astype(float)
+    dark = draw_fixed_pattern(sensor, SHAPE, seed=seed).dark.astype(float)
     return {"dark": dark.mean() / sensor.threshold_e, "dark_rms": dark.std() / dark.mean()}
 
 
 def expected_score(name, rate, *, contrast, seed):
     """Return the score of this device's noise-free counts, in a window so long that counts are large."""
     sensor = get_sensor("vidar_400x250")
-    device = draw_sensor_fixed_pattern(sensor, SHAPE, seed=seed)
+    device = draw_fixed_pattern(sensor, SHAPE, seed=seed)
     light = rate * sensor.threshold_e * (1 + contrast * BOARD)
     frames = 10_000_000
     half = (light * device.response + device.dark) / device.threshold * (frames // 2)

@@ -5,6 +5,7 @@ This module does not import pytest, because each worker process imports it.
 
 import os
 import signal
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +46,16 @@ class Raises(Light):
 
     def run(self, report):
         raise self.error
+
+
+@dataclass(frozen=True)
+class Exits(Light):
+    """A job that calls ``exit``, as the code of a scene may do."""
+
+    name: str = "exits"
+
+    def run(self, report):
+        sys.exit(0)
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from saf_gen.camera.fixed_pattern import draw_sensor_fixed_pattern
-from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE, make_sensor_noise_table
+from saf_gen.camera.encoder_kernel import LANES, NOISE_TABLE_SIZE, make_noise_table
+from saf_gen.camera.fixed_pattern import draw_fixed_pattern
 from saf_gen.camera.sensor import Sensor
 from saf_gen.core.seeds import derive_seed, make_generator
 
@@ -25,9 +25,9 @@ def encode_reference(
 ) -> np.ndarray:
     """Return spikes, uint8 (T, H, W), 0 or 1. If ``normal`` is given, it draws the noise instead of the table."""
     _, _, height, width = stack.shape
-    pattern = draw_sensor_fixed_pattern(sensor, (height, width), seed=seed)
+    pattern = draw_fixed_pattern(sensor, (height, width), seed=seed)
     size = height * width
-    table = make_sensor_noise_table()[:NOISE_TABLE_SIZE]
+    table = make_noise_table()[:NOISE_TABLE_SIZE]
     first = make_generator("encoder", seed, "first thresholds").integers(0, NOISE_TABLE_SIZE, size)
     phases = make_generator("encoder", seed, "phases").random(size, dtype=np.float32)
     key = derive_seed("encoder", seed, "noise")

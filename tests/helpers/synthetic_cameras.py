@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from saf_gen.calibration.comparison import mean_light_for_statistics
+from saf_gen.calibration.comparison import mean_light
 from saf_gen.calibration.recordings import EncodedRecording
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.seeds import make_generator
@@ -42,9 +42,7 @@ def flat(sensor: Sensor, rate: float, **options) -> EncodedRecording:
     Options are shape, frames, seed, device, name, a relative picture, and light over time.
     """
     shape = options.get("shape", (48, 64))
-    charge = np.full((1, *shape), mean_light_for_statistics(sensor, rate), np.float32) * np.float32(
-        options.get("picture", 1)
-    )
+    charge = np.full((1, *shape), mean_light(sensor, rate), np.float32) * np.float32(options.get("picture", 1))
     knots = None
     if "light" in options:  # gains at each readout, as knots
         charge = charge * np.array([0, 1], np.float32)[:, None, None]

@@ -7,20 +7,20 @@ from saf_gen.render import backend, filtered_pass, mitsuba_scene, one_pass
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 
-VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 SENSOR_GRID = SensorGrid(rows=40, columns=64, pitch_m=60e-6)
 LENS = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
 needs_llvm = pytest.mark.skipif(
-    not backend.probe_render_backends().llvm_usable, reason=backend.probe_render_backends().llvm_description
+    not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description
 )
 
 
 def load_setup(scene, burning=("lamp", "room"), *, name="llvm", grid=SENSOR_GRID, drive=None, max_depth=3):
     """Return a scene ready to render, with the scene's drive unless another one is given."""
-    backend.activate_render_backend(name)
-    described = mitsuba_scene.build_mitsuba_scene_dict(scene)
-    lit, integrator = mitsuba_scene.load_lit_mitsuba_scene(described, burning, max_depth=max_depth)
-    to_world, unit = mitsuba_scene.mitsuba_camera_to_world(scene), scene.card.unit_m
+    backend.activate_backend(name)
+    described = mitsuba_scene.scene_dict(scene)
+    lit, integrator = mitsuba_scene.load_lit_scene(described, burning, max_depth=max_depth)
+    to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
     return RenderSetup(lit, integrator, to_world, drive or scene.build_drive(), grid, unit)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from handmade_evaluations import CENTRES, LENS, make_sweep
 
-from saf_gen.benchmark.assessed_curves import assess_evaluated_curves
+from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.leaderboard import rank_measures_by_curves, write_leaderboard_curves
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
@@ -24,7 +24,7 @@ def lines_of(path):
 
 
 def test_a_curve_is_judged_over_the_lens_against_the_truth():
-    (row, *_) = assess_evaluated_curves([make_sweep()])  # sharpest near frame 300, the truth
+    (row, *_) = assess_curves([make_sweep()])  # sharpest near frame 300, the truth
     assert row.measure == "sd"
     assert row.quality.accuracy == pytest.approx(abs(row.quality.peak - 0.375))
     assert row.quality.accuracy < BLOCK
@@ -35,14 +35,14 @@ def test_a_curve_is_judged_over_the_lens_against_the_truth():
 def test_of_a_truth_that_moves_that_of_the_peak_counts():
     track = np.linspace(0.5, 0.3, 800)
     peak = np.exp(-(((CENTRES - 400) / 90) ** 2))
-    (row,) = assess_evaluated_curves([with_scores(peak, track=track)])
+    (row,) = assess_curves([with_scores(peak, track=track)])
     at = CENTRES[peak.argmax()]
     assert row.quality.accuracy == pytest.approx(abs(at / 799 - np.interp(at, np.arange(800), track)), abs=1e-6)
 
 
 def test_a_lens_that_comes_back_or_is_not_recorded_gives_no_quality_and_is_counted():
     there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
-    rows = assess_evaluated_curves(
+    rows = assess_curves(
         [make_sweep(), make_sweep(lens=there_and_back), make_sweep(lens=None), with_scores(np.ones(16))]
     )
     assert [r.quality is None for r in rows if r.measure == "sd"] == [False, True, True]
@@ -55,17 +55,17 @@ def test_a_lens_that_comes_back_or_is_not_recorded_gives_no_quality_and_is_count
 def test_measures_stand_by_their_accuracy_and_have_medians():
     nan = float("nan")
     blind = make_sweep(truth=nan, truth_frame=nan, depth_of_focus=(nan, nan), measures=("sd",))
-    rows = rank_measures_by_curves(assess_evaluated_curves([make_sweep(), make_sweep("ramp")]))
+    rows = rank_measures_by_curves(assess_curves([make_sweep(), make_sweep("ramp")]))
     assert [row.measure for row in rows] == ["sd", "sd_code", "er_count"]
     assert rows[2].medians["accuracy"] == pytest.approx(CENTRES[-1] / 799 - 0.375)
     assert rows[2].medians["width_50"] is None
-    (unknown,) = rank_measures_by_curves(assess_evaluated_curves([blind]))
+    (unknown,) = rank_measures_by_curves(assess_curves([blind]))
     assert (unknown.medians["accuracy"], unknown.medians["accuracy_dof"]) == (None, None)
     assert unknown.medians["range"] is not None
 
 
 def test_the_files_contain_curves_and_measures(tmp_path):
-    paths = write_leaderboard_curves(tmp_path, assess_evaluated_curves([make_sweep(), make_sweep("ramp", lens=None)]))
+    paths = write_leaderboard_curves(tmp_path, assess_curves([make_sweep(), make_sweep("ramp", lens=None)]))
     assert [p.name for p in paths] == ["curves.csv", "measures.csv"]
     curves, measures = map(lines_of, paths)
     assert len(curves) == 6
@@ -79,15 +79,15 @@ def test_the_files_contain_curves_and_measures(tmp_path):
 
 
 def test_without_a_curve_nothing_is_written(tmp_path):
-    assert write_leaderboard_curves(tmp_path, assess_evaluated_curves([make_sweep(measures=())])) == []
+    assert write_leaderboard_curves(tmp_path, assess_curves([make_sweep(measures=())])) == []
     assert list(tmp_path.iterdir()) == []
 
 
 def test_figures_that_need_a_lens_or_track_with_gaps_are_unknown():
     lens, track = np.linspace(0, 1, 800), np.full(800, 0.375)
     lens[3] = track[3] = float("nan")
-    (row,) = assess_evaluated_curves([make_sweep(lens=lens, measures=("sd",))])
+    (row,) = assess_curves([make_sweep(lens=lens, measures=("sd",))])
     assert row.quality is None
-    (row,) = assess_evaluated_curves([make_sweep(track=track, measures=("sd",))])
+    (row,) = assess_curves([make_sweep(track=track, measures=("sd",))])
     assert (row.quality.accuracy, row.quality.accuracy_dof) == (None, None)
     assert row.quality.range is not None

@@ -12,7 +12,7 @@ from handmade_evaluations import make_sweep
 from handmade_records import record
 from refusals import refusal
 
-from saf_gen.benchmark.assessed_curves import assess_evaluated_curves
+from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.leaderboard import rank_methods
@@ -41,7 +41,7 @@ OPENING = "figures/depth-of-focus.svg"
 def with_curves():
     records = tuple(record(m, "camel-constant", 0.1) for m in ("sd+argmax", "er_count+argmax"))
     sweep = make_sweep(measures=("sd",))
-    return Evaluation(records, (sweep,), (), curves=tuple(assess_evaluated_curves([sweep])))
+    return Evaluation(records, (sweep,), (), curves=tuple(assess_curves([sweep])))
 
 
 def of_one_method(scene="camel"):

@@ -17,7 +17,7 @@ from saf_gen.leaderboard.figures import (
     CONDITIONS,
     MAX_MEASURES,
     add_paper_to_figure,
-    assign_plot_styles,
+    assign_styles,
     build_figure_image_strip,
     build_figure_spike_strip,
     error_figure,
@@ -38,7 +38,7 @@ from saf_gen.leaderboard.figures.condition_figure import bin_sequences_for_figur
 
 pytestmark = pytest.mark.slow
 
-LOOKS = assign_plot_styles(["sd", "sd_code", "er_count"])
+LOOKS = assign_styles(["sd", "sd_code", "er_count"])
 RATIO, BUDGET = CONDITIONS
 
 
@@ -108,7 +108,7 @@ def test_pictures_leave_matplotlib_as_it_was():
 
 def test_looks_differ_and_are_the_same_in_every_figure():
     names = [f"m{i}" for i in range(MAX_MEASURES * MAX_MEASURES)]
-    styles = assign_plot_styles(names)
+    styles = assign_styles(names)
     assert len({(s.colour, s.marker) for s in styles.values()}) == MAX_MEASURES * MAX_MEASURES
     assert len({(s.colour, s.dashes) for s in styles.values()}) == MAX_MEASURES * MAX_MEASURES
     assert len({s.colour for s in list(styles.values())[:MAX_MEASURES]}) == MAX_MEASURES
@@ -136,7 +136,7 @@ def test_measures_whose_curves_coincide_share_a_line_else_not():
 
 def test_at_most_as_many_lines_as_can_be_distinguished():
     many = tuple(FocusCurve(f"m{i}", CENTRES, np.roll(np.arange(CENTRES.size), i), None) for i in range(15))
-    figure = curves(replace(make_sweep(), curves=many), styles=assign_plot_styles([c.measure for c in many]))
+    figure = curves(replace(make_sweep(), curves=many), styles=assign_styles([c.measure for c in many]))
     assert [t for t in legend(figure) if t.startswith("m")] == [f"m{i}" for i in range(MAX_MEASURES)]
 
 
@@ -167,7 +167,7 @@ def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
         record("my_net", "x", 1.0, frame=400.0),
         failed("er_count+egs_code", "x", "abstained"),
     ]
-    styles = assign_plot_styles(["sd", "my_net", "er_count"])
+    styles = assign_styles(["sd", "my_net", "er_count"])
     bare = make_sweep(measures=())
     figure = curves(bare, records, styles)
     strip, axes, light = figure.axes[0], main(figure), figure.axes[-1]
@@ -191,7 +191,7 @@ def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
 
 def test_a_measure_that_has_an_answer_and_no_curve_has_its_mark():
     records = [record("my_net", "x", 0.0, frame=300.0), record("sd+argmax", "x", 0.0, frame=310.0)]
-    figure = curves(make_sweep(measures=("sd",)), records, assign_plot_styles(["my_net", "sd"]))
+    figure = curves(make_sweep(measures=("sd",)), records, assign_styles(["my_net", "sd"]))
     assert legend(figure)[:2] == ["sd", "my_net"]
     assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == ["predictions", "argmax"]
     assert len(curves_of(main(figure))) == 1
@@ -203,7 +203,7 @@ def test_a_figure_states_what_it_leaves_out():
     )
     assert describe_figure_omissions((2, 2, "searches")) == ""
     names = [f"m{i}" for i in range(MAX_MEASURES + 3)]
-    styles = assign_plot_styles(names)
+    styles = assign_styles(names)
     searches = [f"s{i}" for i in range(11)]
     answered = [record(f"{m}+{s}", "x", 0.1, frame=300.0, trace=(1.0, 9.0, 300.0)) for s in searches for m in names]
     both = "Drawn: the first {} of 11 searches, the first 8 of 11 measures"
@@ -239,7 +239,7 @@ def test_long_names_keep_their_ends_and_stay_in_the_figure():
     assert len(shorten_figure_label("x" * 99, 18)) == 18
     names = [f"a_measure_of_a_very_long_name:option={i},another_one=0.25" for i in range(3)]
     records = [record(f"{n}+a_search_of_a_long_name:{n}", "x", 0.1, frame=300.0) for n in names]
-    figure = curves(make_sweep(measures=()), records, assign_plot_styles(names))
+    figure = curves(make_sweep(measures=()), records, assign_styles(names))
     figure.draw_without_rendering()
     box = figure.legends[0].get_window_extent()
     assert 0 <= box.x0 < box.x1 <= figure.bbox.width
@@ -253,7 +253,7 @@ def test_long_names_keep_their_ends_and_stay_in_the_figure():
 
 def test_short_names_share_lines_of_the_legend():
     records = [record(f"m{i}+s", "x", 0.1, frame=300.0) for i in range(4)]
-    figure = curves(make_sweep(measures=()), records, assign_plot_styles([f"m{i}" for i in range(4)]))
+    figure = curves(make_sweep(measures=()), records, assign_styles([f"m{i}" for i in range(4)]))
     assert figure.legends[0]._ncols == 2
 
 

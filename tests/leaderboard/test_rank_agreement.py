@@ -8,7 +8,7 @@ from handmade_records import record
 from refusals import refusal
 from scipy.stats import kendalltau
 
-from saf_gen.benchmark.records import write_benchmark_records
+from saf_gen.benchmark.records import write_records
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import (
     compare_rankings,
@@ -119,7 +119,7 @@ def test_regions_of_one_evaluation_and_of_two_compare_alike(tmp_path):
     named = [replace(r, method=f"{r.method}@frame") for r in frame]
     for name, own in (("target", target), ("frame", frame), ("both", [*target, *named])):
         (tmp_path / name).mkdir()
-        write_benchmark_records(tmp_path / name / "records.jsonl", own)
+        write_records(tmp_path / name / "records.jsonl", own)
     (one,) = read_rank_agreement(tmp_path / "both", by="region")
     (two,) = read_rank_agreement(tmp_path / "target", tmp_path / "frame", by="region")
     assert one == two
@@ -156,7 +156,7 @@ def test_the_command_prints_the_table_or_json_and_refuses_nonsense_in_one_line(c
 
     for name, own in zip("ab", two_sensors(by_skill, by_skill), strict=True):
         (tmp_path / name).mkdir()
-        write_benchmark_records(tmp_path / name / "records.jsonl", own)
+        write_records(tmp_path / name / "records.jsonl", own)
     folders = tmp_path / "a", tmp_path / "b"
     code, out, _ = compare(*folders, "--by", "sensor")
     assert code == 0

@@ -13,7 +13,7 @@ from scipy.stats import kendalltau
 from spreadsheets import HEADING, write_xlsx
 
 from saf_gen.benchmark import thumbnails
-from saf_gen.benchmark.records import read_records, write_benchmark_records
+from saf_gen.benchmark.records import read_records, write_records
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.leaderboard.rank_agreement import compare_ranked_scores
 from saf_gen.leaderboard.saf_output import write_saf_ranking
@@ -65,7 +65,7 @@ def ranked(saf, tmp_path_factory):
         for n, method in enumerate(METHODS)
         for scene in range(3)
     ]
-    write_benchmark_records(out / "bench/evaluation/records.jsonl", beside)
+    write_records(out / "bench/evaluation/records.jsonl", beside)
     return out, rank_methods_on_saf_folder(saf, out / "mine", methods=METHODS, beside=[out / "bench/evaluation"])
 
 
@@ -155,11 +155,11 @@ def test_what_cannot_be_ranked_is_one_line(call, saf, ranked, tmp_path):
     write_stream(tmp_path / "out/recordings/blocks-8/other.h5", np.zeros((8, 4, 4), np.uint8))
     assert "is not a recording of" in refusal(rank_methods_on_saf_folder, saf, tmp_path / "out").problem
     racing = [record("sd+argmax", "s", 0.1, track="closed_loop", terms="x")]
-    write_benchmark_records(tmp_path / "loop/records.jsonl", racing)
+    write_records(tmp_path / "loop/records.jsonl", racing)
     code, out, err = call("leaderboard", "saf", saf, "--out", tmp_path / "o", "--beside", tmp_path / "loop")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "loop is an evaluation of the closed loop" in err
-    write_benchmark_records(tmp_path / "far/records.jsonl", [record("there.py:Mine+argmax", "s", 0.1)])
+    write_records(tmp_path / "far/records.jsonl", [record("there.py:Mine+argmax", "s", 0.1)])
     error = refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", beside=[tmp_path / "far"])
     assert "no method of far is available" in error.problem
     error = refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", methods=["sd+golden_section"])

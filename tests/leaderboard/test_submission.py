@@ -9,8 +9,8 @@ from handmade_records import record
 from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
 from refusals import refusal
 
-from saf_gen.benchmark.records import format_benchmark_records, read_records
-from saf_gen.benchmark.tuned_method import TunedMethod, format_tuned_method
+from saf_gen.benchmark.records import format_records, read_records
+from saf_gen.benchmark.tuned_method import TunedMethod, format_tuned
 from saf_gen.leaderboard.submission import check_submission, create_submission
 from saf_gen.stream.stream_writer import write_stream
 
@@ -48,7 +48,7 @@ def folder(tmp_path):
     (folder / "method.py").write_text(code)
     (folder / "evaluation").mkdir()
     answers = [record("there/method.py:Mine+argmax", "board", 0.2), record("sd+argmax", "board", 0.1)]
-    (folder / "evaluation/records.jsonl").write_text(format_benchmark_records(answers))
+    (folder / "evaluation/records.jsonl").write_text(format_records(answers))
     return folder
 
 
@@ -125,16 +125,16 @@ def test_a_file_that_is_no_python_is_reported(folder):
 
 def test_answers_to_other_sequences_are_reported(folder, dataset):
     more = [record("method.py:Mine+argmax", name, 0.2) for name in ("board", "leaf")]
-    (folder / "evaluation/records.jsonl").write_text(format_benchmark_records(more))
+    (folder / "evaluation/records.jsonl").write_text(format_records(more))
     assert errors(folder, dataset=dataset)["answers"] == "2 sequences, but 1 in the dataset: leaf is not in both"
-    (folder / "evaluation/records.jsonl").write_text(format_benchmark_records([record("sd+argmax", "board", 0.1)]))
+    (folder / "evaluation/records.jsonl").write_text(format_records([record("sd+argmax", "board", 0.1)]))
     assert "there is no row of method.py:Mine+argmax, only of sd+argmax" in errors(folder)["answers"]
 
 
 @pytest.mark.parametrize(("split", "wrong"), [("test", True), ("train", False)])
 def test_constants_are_tuned_on_other_splits(folder, split, wrong):
     tuned = TunedMethod("sd+argmax", "mine", split, "recorded", "", "target", 1, "d", "1", ())
-    (folder / "best.json").write_text(format_tuned_method(tuned))
+    (folder / "best.json").write_text(format_tuned(tuned))
     edit(folder, 'constants: ""', "constants: best.json")
     assert ("constants" in errors(folder)) is wrong
 
@@ -146,7 +146,7 @@ def test_a_forged_answer_that_was_run_again_is_an_error(call, folder, dataset):
     assert call("leaderboard", "verify", evaluation, "--on", dataset)[0] == 0
     assert {f.check: f.text for f in check_submission(folder, dataset=dataset)}["verified"] == "re-run here"
     (forged,) = (replace(one, frames_seen=one.frames_seen - 1) for one in read_records(evaluation))
-    (evaluation / "records.jsonl").write_text(format_benchmark_records([forged]))
+    (evaluation / "records.jsonl").write_text(format_records([forged]))
     assert call("leaderboard", "verify", evaluation, "--on", dataset)[0] == 1
     assert "answers differ when the method is run again" in errors(folder, dataset=dataset)["verified"]
 
@@ -155,7 +155,7 @@ def test_answers_of_another_program_stay_a_claim(folder):
     edit(folder, "method: method.py:Mine+argmax", 'method: ""')
     edit(folder, 'predictions: ""', "predictions: answers.jsonl")
     (folder / "answers.jsonl").write_text('{"method": "my_method", "sequence": "board", "frame": 310.0}\n')
-    (folder / "evaluation/records.jsonl").write_text(format_benchmark_records([record("my_method", "board", 0.2)]))
+    (folder / "evaluation/records.jsonl").write_text(format_records([record("my_method", "board", 0.2)]))
     assert errors(folder) == {}
 
 

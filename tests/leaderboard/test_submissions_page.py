@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import pytest
 from handmade_records import record
 
-from saf_gen.benchmark.records import write_benchmark_records
+from saf_gen.benchmark.records import write_records
 from saf_gen.leaderboard import verification
 from saf_gen.leaderboard.submission import create_submission, list_submissions
 from saf_gen.leaderboard.verification import RowVerdict, Verification, digest_leaderboard_answers
@@ -27,7 +27,7 @@ def hand_in(folder, *, errors=(0.2, 0.4, 3.0), answers=True, **card):
     (folder / "method.py").write_text("open('ran', 'w')\n\ndef Mine(window):\n    return 0.0\n")
     if answers:
         own = [record("x/method.py:Mine+argmax", f"s{n}", e, scene=f"scene{n}") for n, e in enumerate(errors)]
-        write_benchmark_records(folder / "evaluation/records.jsonl", own)
+        write_records(folder / "evaluation/records.jsonl", own)
         return own
     return []
 
@@ -86,7 +86,7 @@ def test_submissions_are_ranked_with_those_that_answered_the_same(folder):
 
 def test_answers_to_other_data_stand_in_a_table_of_their_own(folder):
     own = [record("method.py:Mine+argmax", f"s{n}", 0.1, scene=f"scene{n}", data="others") for n in range(3)]
-    write_benchmark_records(folder / "best/evaluation/records.jsonl", own)
+    write_records(folder / "best/evaluation/records.jsonl", own)
     names = [[one.name for one in table.submissions] for table in list_submissions(folder).tables]
     assert ["best"] in names
     assert ["forged", "bites"] in names

@@ -10,7 +10,7 @@ from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method, read_method_with_constants
+from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned, read_tuned
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_evaluation_report
 from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_tuning_grid, tune_method
@@ -66,10 +66,10 @@ def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):
 def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     tuned, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
     path = tmp_path / "tuned.json"
-    path.write_text(format_tuned_method(tuned))
-    assert read_method_with_constants(path)[0] == tuned
+    path.write_text(format_tuned(tuned))
+    assert read_tuned(path)[0] == tuned
     method = parse_method(f"@{path}")
-    assert (method.name, method.tuning) == ("sd+argmax:window=200", read_method_with_constants(path)[1])
+    assert (method.name, method.tuning) == ("sd+argmax:window=200", read_tuned(path)[1])
     result = evaluate(dataset, methods=[f"@{path}", "sd+argmax"], split="test")
     record = result.records[0]
     assert record.tuning == method.tuning
@@ -83,21 +83,21 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
 def test_a_flipped_bit_is_found_and_an_older_file_is_read(tmp_path):
     path, trial = tmp_path / "tuned.json", TuningTrial("sd+argmax", 1.0, 0.5)
     tuned = TunedMethod("sd+argmax", "made", "train", "recorded", "", "target", 1, "0", "0", (trial,))
-    path.write_text(format_tuned_method(tuned))
+    path.write_text(format_tuned(tuned))
     content = path.read_bytes()
     for at in range(0, len(content), 5):  # each bit of a byte in turn
         path.write_bytes(content[:at] + bytes([content[at] ^ 1 << at % 8]) + content[at + 1 :])
-        assert str(path) in str(refusal(read_method_with_constants, path))
+        assert str(path) in str(refusal(read_tuned, path))
     before = json.loads(content)
     del before["checksum"]
     path.write_text(json.dumps(before))
-    assert read_method_with_constants(path)[0] == tuned
+    assert read_tuned(path)[0] == tuned
 
 
 def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
     path = tmp_path / "found.json"
     first, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
-    path.write_text(format_tuned_method(first))
+    path.write_text(format_tuned(first))
     assert expand_tuning_grid(f"@{path}", {"search.window": ["50"], "search.refine": ["parabola"]}) == [
         "sd+argmax:window=50,refine=parabola"
     ]
@@ -120,12 +120,12 @@ def test_constants_of_ones_own_part_are_found_too(tmp_path):
 def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
     tuned, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
     for name in ("a.json", "b.json"):
-        (tmp_path / name).write_text(format_tuned_method(replace(tuned, version=name)))
+        (tmp_path / name).write_text(format_tuned(replace(tuned, version=name)))
     specs = [f"@{tmp_path}/a.json", f"@{tmp_path}/b.json", " sd + argmax : window = 200 ", "sd+argmax"]
     steps = []
     result = evaluate(dataset, methods=specs, split="test", progress=lambda *step: steps.append(step))
     assert [r.method for r in result.records] == ["sd+argmax:window=200", "sd+argmax"]
-    assert result.records[0].tuning == read_method_with_constants(tmp_path / "a.json")[1]
+    assert result.records[0].tuning == read_tuned(tmp_path / "a.json")[1]
     assert [row.method for row in rank_methods(result.records)] == ["sd+argmax:window=200", "sd+argmax"]
     assert {of for _, of, _ in steps} == {2}
 
@@ -133,7 +133,7 @@ def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
 def test_a_file_that_names_a_file_is_refused(dataset, tmp_path):
     path = tmp_path / "found.json"
     tuned, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100"]})
-    path.write_text(format_tuned_method(replace(tuned, method=f"@{path}")))
+    path.write_text(format_tuned(replace(tuned, method=f"@{path}")))
     error = refusal(parse_method, f"@{path}")
     assert f"'@{path}'" in error.problem
     assert "MEASURE+SEARCH" in error.allowed
@@ -188,7 +188,7 @@ def test_a_method_keeps_its_region(method):
 
 def test_constants_of_a_file_may_look_elsewhere(dataset, tmp_path):
     tuned, _ = tune_method(dataset, "sd+argmax@target", values={"search.window": ["100", "200"]}, region="frame")
-    (tmp_path / "found.json").write_text(format_tuned_method(tuned))
+    (tmp_path / "found.json").write_text(format_tuned(tuned))
     name = f"@{tmp_path / 'found.json'}"
     assert parse_method(name).name == "sd+argmax:window=200@target"
     assert parse_method(f"{name}@frame").name == "sd+argmax:window=200@frame"

@@ -10,7 +10,7 @@ import pytest
 from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
 from refusals import refusal
 
-from saf_gen.benchmark.records import RECORDS_FILE, benchmark_record_to_json, read_records
+from saf_gen.benchmark.records import RECORDS_FILE, read_records, record_to_json
 from saf_gen.cli import main
 from saf_gen.core.config.json_document import format_checked_json
 from saf_gen.leaderboard.reading import read_leaderboard
@@ -71,7 +71,7 @@ def evaluation(evaluated, tmp_path):
 
 def forge(folder, row, *, sequences=("leaf",), **changes):
     """Change records of a row, and update their checksums."""
-    lines = [benchmark_record_to_json(record) for record in read_records(folder)]
+    lines = [record_to_json(record) for record in read_records(folder)]
     for line in lines:
         line.update(changes if line["method"] == row and line["sequence"] in sequences else {})
     (folder / RECORDS_FILE).write_text("".join(format_checked_json(line) + "\n" for line in lines))

@@ -14,9 +14,8 @@ from scipy.stats import chi2
 from small_dataset import HERE
 
 from saf_gen.optics.actuators import ActuatedLens, Actuator, actuator_names, get_actuator
+from saf_gen.optics.actuators.actuated_lens import move_fastest, propagator, trajectory_at
 from saf_gen.optics.actuators.actuator import PRESETS
-from saf_gen.optics.actuators.oscillator import lens_oscillator_propagator
-from saf_gen.optics.actuators.trajectory import actuator_trajectory_at, move_actuator_fastest
 
 HZ = 20_000.0
 SIGNIFICANCE = 1e-3
@@ -196,9 +195,7 @@ def step_response(seconds, hz, damping):
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.03, 2.0, 40.0])
 def test_the_turn_of_the_oscillator_is_the_matrix_exponential(angle, damping):
     system = np.array([[0.0, 1.0], [-1.0, -2 * damping]])
-    assert np.reshape(lens_oscillator_propagator(angle, damping), (2, 2)) == pytest.approx(
-        expm(system * angle), abs=1e-12
-    )
+    assert np.reshape(propagator(angle, damping), (2, 2)) == pytest.approx(expm(system * angle), abs=1e-12)
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.3, 1.0, 1.9])
@@ -321,12 +318,12 @@ def test_speed_and_acceleration_stay_within_their_limits_whatever_is_commanded()
 
 def test_a_motor_on_the_move_brakes_before_it_turns():
     """At speed 1 away from its target it stops after a time 1/a, 1/(2a) further on, and returns from there."""
-    course = move_actuator_fastest(0.2, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
-    assert actuator_trajectory_at(course, 5.1) == pytest.approx((0.55, 0.0))
+    course = move_fastest(0.2, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
+    assert trajectory_at(course, 5.1) == pytest.approx((0.55, 0.0))
     assert course[-1] == (pytest.approx(5.1 + 2 * sqrt(0.35 / 10)), 0.2, 0.0, 0.0)
     # too near to stop in time
-    nearer = move_actuator_fastest(0.52, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
-    assert actuator_trajectory_at(nearer, 5.1) == pytest.approx((0.55, 0.0))
+    nearer = move_fastest(0.52, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
+    assert trajectory_at(nearer, 5.1) == pytest.approx((0.55, 0.0))
     assert nearer[-1] == (pytest.approx(5.1 + 2 * sqrt(0.03 / 10)), 0.52, 0.0, 0.0)
 
 

@@ -7,7 +7,7 @@ import pytest
 from refusals import refusal
 from scipy.optimize import minimize_scalar
 
-from saf_gen.camera.exposure import sensor_irradiance_ratio
+from saf_gen.camera.exposure import irradiance_ratio
 from saf_gen.optics import DRIVES, FocalLengthDrive, ImageDistanceDrive, Stage
 
 MACRO = ImageDistanceDrive(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
@@ -222,7 +222,7 @@ def test_all_rays_from_a_point_on_the_stage_meet_where_it_is_in_focus(lens):
 def test_the_light_that_the_lens_collects_changes_with_v_alone(lens):
     """E/L = π·R²/v² on the axis, with a constant aperture."""
     v = lens.image_distance(P)
-    seen = sensor_irradiance_ratio((1, 1), v, pitch_m=PITCH, aperture_radius_m=lens.aperture_radius_m)
+    seen = irradiance_ratio((1, 1), v, pitch_m=PITCH, aperture_radius_m=lens.aperture_radius_m)
     assert seen[:, 0, 0] == pytest.approx(np.pi * (lens.aperture_radius_m / v) ** 2, rel=1e-12)
     assert (float(np.ptp(seen)) > 0) == (lens is MACRO)
 

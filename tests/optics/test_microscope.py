@@ -34,7 +34,7 @@ def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, mo
     scene = write_edge_scene(tmp_path, monkeypatch, lens=OBJECTIVE, distance_m=FOCUS_M, edge_m=height_m, unit_m=0.001)
     setup = load_setup(scene, ("glow",), grid=grid)
     drive = setup.drive
-    seen = depth_and_target.trace_depth_and_target(setup, ("glow",))
+    seen = depth_and_target.trace_geometry(setup, ("glow",))
     assert seen.depth[seen.target] == pytest.approx(FOCUS_M, abs=1e-9)
     assert 60e-6 * np.diff(drive.depth_of_focus(seen.depth[seen.target], PITCH)) == pytest.approx(2.31e-6, abs=1e-8)
 

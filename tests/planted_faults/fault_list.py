@@ -142,8 +142,8 @@ FAULTS = {
         (
             Change(
                 "render.camera_rays",
-                "first_x * pixels_per_m + opaque_number_for_rays(grid.columns / 2),",
-                "first_x * pixels_per_m + opaque_number_for_rays(grid.columns / 2 + 0.25),",
+                "first_x * pixels_per_m + opaque(grid.columns / 2),",
+                "first_x * pixels_per_m + opaque(grid.columns / 2 + 0.25),",
             ),
         ),
         (
@@ -194,7 +194,7 @@ FAULTS = {
             Change(
                 "plugins.lights._schedule",
                 "gains = np.diff(integral) * readout_hz",
-                "after = registry.sample_registered_function(\n"
+                "after = registry.sample_function(\n"
                 "        light, light.integral, seconds=edges[:-1] + 1e-3 / readout_hz, duration_s=edges[-1]\n"
                 "    )\n"
                 "    gains = (after - integral[:-1]) * readout_hz * 1e3",

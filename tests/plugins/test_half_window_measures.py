@@ -8,11 +8,11 @@ import pytest
 from refusals import refusal
 
 from saf_gen import encode, get_measure, get_sensor, open_stream, write_stream
-from saf_gen.benchmark.evaluate import score_evaluated_blocks
+from saf_gen.benchmark.evaluate import score_blocks
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.seeds import make_generator
 from saf_gen.plugins.measures import BrightnessNormalised
-from saf_gen.stream.measure_input import stream_input_for_measure
+from saf_gen.stream.measure_input import measure_input
 
 DEBIASED, SD = get_measure("sd_debiased"), get_measure("sd")
 SIDE = 64
@@ -119,20 +119,20 @@ def test_a_view_counts_both_halves_of_any_window(tmp_path):
     with open_stream(tmp_path / "s.h5") as stream:
         counts = WindowCounts(stream, (slice(1, 5), slice(2, 8)))
         for first, stop, middle in [(0, 60, 30), (3, 17, 10), (3, 18, 10), (58, 60, 59)]:
-            found = stream_input_for_measure(counts, DEBIASED, first=first, stop=stop)
+            found = measure_input(counts, DEBIASED, first=first, stop=stop)
             assert found.dtype == np.uint32
             for half, (a, b) in zip(found, [(first, middle), (middle, stop)], strict=True):
                 np.testing.assert_array_equal(half, frames[a:b, 1:5, 2:8].sum(axis=0))
             view = RecordingView(counts, DEBIASED)
             assert view.score(first, stop) == DEBIASED(found)
             assert (view.now, view.scorer.windows) == (stop, 1)
-        first, scores = score_evaluated_blocks(stream, "sd_debiased", window=20)
+        first, scores = score_blocks(stream, "sd_debiased", window=20)
         pairs = frames.reshape(3, 2, 10, 6, 8).sum(axis=2)
         assert scores.tolist() == [DEBIASED(pair) for pair in pairs]
         assert "frame 7" in refusal(view.score, 7, 8).problem
         assert "2 frames" in refusal(view.score, 7, 8).allowed
         assert "7 to 61" in refusal(view.score, 7, 61).problem
-        assert "has no halves" in refusal(score_evaluated_blocks, stream, "sd_debiased", window=1).problem
+        assert "has no halves" in refusal(score_blocks, stream, "sd_debiased", window=1).problem
 
 
 @dataclass(frozen=True)

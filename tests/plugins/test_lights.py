@@ -14,7 +14,7 @@ from saf_gen.camera import get_sensor
 from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
 from saf_gen.generate.recorder import Recorder
-from saf_gen.plugins.lights import light_gains_at_readouts, light_group_gains
+from saf_gen.plugins.lights import gains_at_readouts, group_gains
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource
 
@@ -81,13 +81,13 @@ def test_a_longer_recording_begins_like_a_shorter_one(name):
 def test_gains_are_means_over_readouts_however_finely_time_is_cut(name):
     """Four readouts average to the one that spans them; point samples would not."""
     light = light_of(name)
-    fine = light_gains_at_readouts(light, 4000, readout_hz=4000.0).reshape(-1, 4).mean(axis=1)
-    assert np.allclose(fine, light_gains_at_readouts(light, 1000, readout_hz=1000.0), rtol=1e-5, atol=2e-6)
+    fine = gains_at_readouts(light, 4000, readout_hz=4000.0).reshape(-1, 4).mean(axis=1)
+    assert np.allclose(fine, gains_at_readouts(light, 1000, readout_hz=1000.0), rtol=1e-5, atol=2e-6)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_gains_are_finite_and_not_negative(name):
-    gains = light_gains_at_readouts(light_of(name), 2000, readout_hz=2000.0)
+    gains = gains_at_readouts(light_of(name), 2000, readout_hz=2000.0)
     assert gains.dtype == np.float32
     assert np.isfinite(gains).all()
     assert gains.min() >= 0
@@ -104,23 +104,23 @@ def test_light_without_switches_is_continuous(name):
 
 
 def test_a_ramp_runs_from_one_end_of_the_recording_to_the_other():
-    gains = light_gains_at_readouts(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=20_000)
+    gains = gains_at_readouts(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=20_000)
     assert np.allclose(gains, 0.5 + 1.5 * (np.arange(1000) + 0.5) / 1000, rtol=1e-5)
 
 
 def test_a_ramp_with_a_length_stays_at_its_end():
-    gains = light_gains_at_readouts(get_light("ramp", **{"from": 1, "to": 3, "over_s": 0.5}), 100, readout_hz=100)
+    gains = gains_at_readouts(get_light("ramp", **{"from": 1, "to": 3, "over_s": 0.5}), 100, readout_hz=100)
     assert gains[:50] == pytest.approx(1 + 4 * (np.arange(50) + 0.5) / 100, rel=1e-5)
     assert gains[50:] == pytest.approx(3)
 
 
 def test_steps_take_their_levels_in_turn():
-    gains = light_gains_at_readouts(get_light("steps", every_s=0.1, levels=[1.0, 0.4, 2.0]), 20, readout_hz=20.0)
+    gains = gains_at_readouts(get_light("steps", every_s=0.1, levels=[1.0, 0.4, 2.0]), 20, readout_hz=20.0)
     assert gains == pytest.approx([1, 1, 0.4, 0.4, 2, 2] * 3 + [1, 1], rel=1e-5)
 
 
 def test_a_step_within_a_readout_counts_in_proportion():
-    gains = light_gains_at_readouts(get_light("steps", every_s=0.15, levels=[0.0, 1.0]), 2, readout_hz=10.0)
+    gains = gains_at_readouts(get_light("steps", every_s=0.15, levels=[0.0, 1.0]), 2, readout_hz=10.0)
     assert gains == pytest.approx([0, 0.5], abs=1e-6)
 
 
@@ -139,7 +139,7 @@ def test_a_sine_is_the_integral_of_what_its_docstring_says():
 def test_mains_flicker_sums_to_nothing_in_whole_periods(hz, frames, harmonics, depth):
     """At 20 kHz 200 frames are whole periods of 100 Hz, and 500 frames of 120 Hz: their mean is exactly the level."""
     light = get_light("flicker", hz=hz, depth=depth, harmonics=harmonics, level=0.8, phase=0.7)
-    gains = light_gains_at_readouts(light, 20 * frames, readout_hz=20_000).astype(float)
+    gains = gains_at_readouts(light, 20 * frames, readout_hz=20_000).astype(float)
     assert gains.reshape(20, frames).mean(axis=1) == pytest.approx(0.8, abs=1e-6)
     assert np.ptp(gains) > 0.1
     edges = np.arange(21) * frames / 20_000
@@ -147,7 +147,7 @@ def test_mains_flicker_sums_to_nothing_in_whole_periods(hz, frames, harmonics, d
 
 
 def test_120_hz_does_not_vanish_in_the_windows_of_100_hz():
-    gains = light_gains_at_readouts(get_light("flicker", hz=120.0, depth=0.5), 2000, readout_hz=20_000)
+    gains = gains_at_readouts(get_light("flicker", hz=120.0, depth=0.5), 2000, readout_hz=20_000)
     assert np.ptp(gains.reshape(10, 200).mean(axis=1)) > 0.05
 
 
@@ -164,7 +164,7 @@ def test_the_modulation_depth_is_the_one_asked_for(harmonics, depth):
 def test_the_spectrum_of_flicker_is_its_harmonics_and_nothing_else():
     """A readout of length 1/F reduces a harmonic at f by sinc(f/F); 0.1 s of 100 Hz at 20 kHz."""
     harmonics = np.array([1.0, -0.2, 0.0857])
-    gains = light_gains_at_readouts(
+    gains = gains_at_readouts(
         get_light("flicker", hz=100.0, depth=1.0, harmonics=list(harmonics)), 2000, readout_hz=20_000
     )
     line = np.fft.rfft(gains.astype(float)) / 1000
@@ -199,19 +199,19 @@ def test_phase_shifts_the_whole_wave():
 def test_the_mean_of_pwm_is_its_duty(duty, phase):
     """400 Hz at 20 kHz: 50 readouts per period."""
     light = get_light("pwm", hz=400.0, duty=duty, low=0.2, high=1.2, phase=phase)
-    gains = light_gains_at_readouts(light, 2000, readout_hz=20_000)
+    gains = gains_at_readouts(light, 2000, readout_hz=20_000)
     assert gains.reshape(40, 50).mean(axis=1) == pytest.approx(0.2 + duty, abs=1e-6)
 
 
 def test_a_readout_of_pwm_is_a_mean_and_not_a_point():
     """The period is 2.5 readouts, and the light is on for 1: edges within readouts count in proportion."""
-    gains = light_gains_at_readouts(get_light("pwm", hz=8_000.0, duty=0.4), 10, readout_hz=20_000)
+    gains = gains_at_readouts(get_light("pwm", hz=8_000.0, duty=0.4), 10, readout_hz=20_000)
     assert gains == pytest.approx([1, 0, 0.5, 0.5, 0] * 2, abs=1e-6)
 
 
 @pytest.mark.parametrize("hz", [20_000.0, 60_000.0])
 def test_pwm_as_fast_as_the_readout_is_steady(hz):
-    gains = light_gains_at_readouts(get_light("pwm", hz=hz, duty=0.3, phase=1.0), 100, readout_hz=20_000)
+    gains = gains_at_readouts(get_light("pwm", hz=hz, duty=0.3, phase=1.0), 100, readout_hz=20_000)
     assert gains == pytest.approx(0.3, abs=1e-6)
 
 
@@ -242,7 +242,7 @@ def test_a_flash_is_the_integral_of_what_its_docstring_says():
 
 
 def test_before_a_flash_and_long_after_it_the_base_is_left():
-    gains = light_gains_at_readouts(get_light("flash", at_s=0.02, peak=30.0, base=0.25), 2000, readout_hz=20_000)
+    gains = gains_at_readouts(get_light("flash", at_s=0.02, peak=30.0, base=0.25), 2000, readout_hz=20_000)
     assert (gains[:400] == 0.25).all()
     assert gains[400] > 0.25
     assert gains[1000:] == pytest.approx(0.25, abs=1e-5)
@@ -294,9 +294,7 @@ def test_the_expected_gain_of_a_walk_is_its_level(return_s):
 
 
 def test_a_walk_is_its_seed():
-    one, same, other = (
-        light_gains_at_readouts(light_of("random_walk", seed=s), 400, readout_hz=2000.0) for s in (1, 1, 2)
-    )
+    one, same, other = (gains_at_readouts(light_of("random_walk", seed=s), 400, readout_hz=2000.0) for s in (1, 1, 2))
     assert np.array_equal(one, same)
     assert abs(np.corrcoef(one, other)[0, 1]) < 0.9
     assert not np.array_equal(one, other)
@@ -310,7 +308,7 @@ def test_a_walk_takes_its_numbers_from_its_own_named_stream():
 
 
 def test_a_walk_without_spread_is_constant():
-    assert (light_gains_at_readouts(get_light("random_walk", sd=0.0, level=0.75), 100, readout_hz=1000.0) == 0.75).all()
+    assert (gains_at_readouts(get_light("random_walk", sd=0.0, level=0.75), 100, readout_hz=1000.0) == 0.75).all()
 
 
 # --- from_csv ----------------------------------------------------------------------------------------
@@ -332,20 +330,16 @@ def test_the_integral_of_a_table_is_that_of_trapezia():
 
 
 def test_a_table_of_two_points_is_a_ramp_and_of_one_a_constant():
-    ramp = light_gains_at_readouts(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=1000.0)
+    ramp = gains_at_readouts(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=1000.0)
     assert np.array_equal(
-        light_gains_at_readouts(get_light("from_csv", file=table((0, 0.5), (1, 2.0))), 1000, readout_hz=1000.0), ramp
+        gains_at_readouts(get_light("from_csv", file=table((0, 0.5), (1, 2.0))), 1000, readout_hz=1000.0), ramp
     )
-    assert (
-        light_gains_at_readouts(get_light("from_csv", file=table((0.3, 0.25))), 100, readout_hz=100.0) == 0.25
-    ).all()
+    assert (gains_at_readouts(get_light("from_csv", file=table((0.3, 0.25))), 100, readout_hz=100.0) == 0.25).all()
 
 
 def test_a_table_may_begin_before_the_recording_and_end_after_it():
     light = get_light("from_csv", file=table((-1, 0.0), (3, 4.0)))
-    assert light_gains_at_readouts(light, 100, readout_hz=100.0) == pytest.approx(
-        1 + (np.arange(100) + 0.5) / 100, rel=1e-5
-    )
+    assert gains_at_readouts(light, 100, readout_hz=100.0) == pytest.approx(1 + (np.arange(100) + 0.5) / 100, rel=1e-5)
 
 
 # --- the keys that every schedule takes --------------------------------------------------------------
@@ -465,10 +459,10 @@ def test_an_impossible_light_is_refused(name, options, message):
     ids=str,
 )
 def test_a_gain_that_float32_cannot_hold_is_refused_in_one_line(part):
-    error = refusal(light_group_gains, {"room": part}, ("lamp", "room"), frames=200, readout_hz=20_000)
+    error = refusal(group_gains, {"room": part}, ("lamp", "room"), frames=200, readout_hz=20_000)
     assert_says(error, "the gain of | is too large to be recorded | allowed: gains up to 3.4e+38")
 
 
 def test_the_shortest_steps_are_those_of_a_readout_at_1_mhz():
-    gains = light_gains_at_readouts(get_light("steps", every_s=1e-6, levels=[0.0, 1.0]), 4, readout_hz=1e6)
+    gains = gains_at_readouts(get_light("steps", every_s=1e-6, levels=[0.0, 1.0]), 4, readout_hz=1e6)
     assert gains.tolist() == pytest.approx([0, 1, 0, 1], abs=1e-6)

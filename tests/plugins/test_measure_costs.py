@@ -94,7 +94,7 @@ def bare(monkeypatch):
     """Let the measures accept arrays unchanged, and run their kernels as plain Python."""
     for name, module in list(sys.modules.items()):
         if name.startswith("saf_gen.plugins.measures."):
-            for checked in ("counts_as_integers", "counts_as_floats"):
+            for checked in ("as_integers", "as_floats"):
                 if hasattr(module, checked):
                     monkeypatch.setattr(module, checked, lambda counts, halves=False: counts)
             if hasattr(module, "correlate_separable"):
@@ -166,7 +166,7 @@ def test_a_spectrum_costs_its_transform_the_mean_and_what_is_done_with_the_frequ
 
 @pytest.mark.parametrize("name", [name for name in measure_names() if name.endswith("_n")])
 def test_a_normalised_measure_costs_the_sum_of_the_counts_more(bare, monkeypatch, name):
-    monkeypatch.setattr("saf_gen.plugins.measures.counts_as_integers", lambda counts, halves=False: counts)
+    monkeypatch.setattr("saf_gen.plugins.measures.as_integers", lambda counts, halves=False: counts)
     measure, normalised = get_measure(name.removesuffix("_n")), get_measure(name)
     assert normalised.cost == measure.cost + 1
     if name.removesuffix("_n") not in BEYOND | KERNELS:

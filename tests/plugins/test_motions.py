@@ -12,14 +12,14 @@ from scipy.stats import norm
 from saf_gen import get_motion
 from saf_gen.core.config import registry
 from saf_gen.plugins import motions
-from saf_gen.plugins.motions import motion_positions_at_readouts
+from saf_gen.plugins.motions import lens_positions
 
 HZ = 20_000.0
 TABLE = "time_s,position\n0,0.2\n0.05,0.8\n0.1,0.5\n"
 
 
 def lens(kind, *, frames=20_000, hz=HZ, **options):
-    return motion_positions_at_readouts({"kind": kind, **options}, frames, readout_hz=hz)
+    return lens_positions({"kind": kind, **options}, frames, readout_hz=hz)
 
 
 def csv(text, path="lens.csv"):
@@ -244,7 +244,7 @@ class TooFar:
 
 def test_a_motion_that_leaves_the_travel_is_refused():
     assert_says(
-        refusal(motion_positions_at_readouts, TooFar(), 2000, readout_hz=HZ),
+        refusal(lens_positions, TooFar(), 2000, readout_hz=HZ),
         "TooFar() moves the lens over | to 1.5 | 0 to 1 of the travel",
     )
 
@@ -261,7 +261,7 @@ class Broken:
 
 @pytest.mark.parametrize(("answer", "message"), [("short", "Broken | (5,) | one number per time"), (1, "ZeroDiv")])
 def test_a_motion_that_fails_is_reported_in_one_line(answer, message):
-    assert_says(refusal(motion_positions_at_readouts, Broken(answer), 2000, readout_hz=HZ), message)
+    assert_says(refusal(lens_positions, Broken(answer), 2000, readout_hz=HZ), message)
 
 
 @pytest.mark.parametrize("kind", ["sweep_and_return", "hand"])

@@ -5,7 +5,7 @@ import pytest
 from lit_sweep import Sweep
 
 from saf_gen import get_search
-from saf_gen.plugins.searches.peak_fit import MOST_DARK, contrast_of_blocks, estimate_dark_rate, fit_bell
+from saf_gen.plugins.searches.peak_fit import MOST_DARK, block_contrast, dark_rate_of, fit_bell
 
 FRAMES = 20_000
 WIDTH = 0.06
@@ -114,22 +114,22 @@ def test_jumps_of_light_do_not_move_the_focus_although_dark_counts_reduce_contra
 
 def test_the_dark_rate_is_estimated_from_contrast_that_falls_with_the_light():
     rate = np.array([0.2, 0.05, 0.02, 0.1])
-    assert estimate_dark_rate(rate, 0.3 * (1 - 0.015 / rate)) == pytest.approx(0.015)
-    assert estimate_dark_rate(rate, 0.3 * (1 + 0.015 / rate)) == 0
-    assert estimate_dark_rate(rate, np.zeros(4)) == 0
-    assert estimate_dark_rate(rate, -0.3 + 0.01 * rate) == 0
-    assert estimate_dark_rate(rate, 3 - 0.0599 / rate) == pytest.approx(MOST_DARK * 0.02)
+    assert dark_rate_of(rate, 0.3 * (1 - 0.015 / rate)) == pytest.approx(0.015)
+    assert dark_rate_of(rate, 0.3 * (1 + 0.015 / rate)) == 0
+    assert dark_rate_of(rate, np.zeros(4)) == 0
+    assert dark_rate_of(rate, -0.3 + 0.01 * rate) == 0
+    assert dark_rate_of(rate, 3 - 0.0599 / rate) == pytest.approx(MOST_DARK * 0.02)
     little = np.array([0.2, 0.18, 0.16])  # changes that come from noise rather than from dark counts
-    assert estimate_dark_rate(little, 0.3 * (1 - 0.015 / little)) == 0
+    assert dark_rate_of(little, 0.3 * (1 - 0.015 / little)) == 0
 
 
 def test_the_contrast_of_blocks_is_that_of_their_means():
     fine = np.where(np.indices((40, 64)).sum(axis=0) % 2, 4.0, 0.0)
-    assert contrast_of_blocks(fine) == 0
+    assert block_contrast(fine) == 0
     halves = np.repeat([[1.0, 3.0]], 10, axis=0).repeat(8, axis=1)
-    assert contrast_of_blocks(halves) == pytest.approx(0.5)
-    assert contrast_of_blocks(np.zeros((40, 64))) == 0
-    assert contrast_of_blocks(np.array([[1.0, 3.0]])) == pytest.approx(0.5)  # fewer pixels than blocks
+    assert block_contrast(halves) == pytest.approx(0.5)
+    assert block_contrast(np.zeros((40, 64))) == 0
+    assert block_contrast(np.array([[1.0, 3.0]])) == pytest.approx(0.5)  # fewer pixels than blocks
 
 
 def test_the_finest_differences_decide_near_the_top():

@@ -7,10 +7,10 @@ import yaml
 from refusals import assert_says, refusal
 from small_dataset import SMALL_RECIPE
 
-from saf_gen.generate.plan import SceneFamily, make_recipe_plan
+from saf_gen.generate.plan import SceneFamily, plan_sequences
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
-from saf_gen.plugins.lights import light_group_gains
+from saf_gen.plugins.lights import group_gains
 
 TABLE = "time_s,gain\n0,1\n0.01,0.5\n"
 
@@ -40,7 +40,7 @@ def fingerprints(path):
 
 
 def gains_of(sequence, frames=20):
-    return light_group_gains(sequence.schedule, ("lamp", "room"), frames=frames, readout_hz=20_000)
+    return group_gains(sequence.schedule, ("lamp", "room"), frames=frames, readout_hz=20_000)
 
 
 # --- files -------------------------------------------------------------------------------------------
@@ -74,7 +74,7 @@ def test_a_stored_recipe_does_not_need_the_table_file(recipe_of, tmp_path):
 def test_a_choice_of_tables_is_drawn(recipe_of):
     path = recipe_of("{kind: from_csv, file: {choice: [lamp.csv, other.csv]}}", repeats=12)
     path.with_name("other.csv").write_text("time_s,gain\n0,3\n")
-    drawn = [s.schedule[""]["file"]["path"] for s in make_recipe_plan(read_recipe(path))]
+    drawn = [s.schedule[""]["file"]["path"] for s in plan_sequences(read_recipe(path))]
     assert set(drawn) == {"lamp.csv", "other.csv"}
 
 
@@ -108,7 +108,7 @@ def test_a_table_that_does_not_fit_is_refused_in_one_line(recipe_of, light, mess
 @pytest.mark.parametrize("group", ["", "lamp"])
 def test_the_kind_itself_may_be_open(recipe_of, group):
     part = "{choice: [{kind: constant}, {kind: flicker, depth: {uniform: [0.1, 0.2]}}]}"
-    plan = make_recipe_plan(read_recipe(recipe_of(f"{{{group}: {part}}}" if group else part, repeats=12)))
+    plan = plan_sequences(read_recipe(recipe_of(f"{{{group}: {part}}}" if group else part, repeats=12)))
     drawn = [s.schedule[group] for s in plan]
     assert {part["kind"] for part in drawn} == {"constant", "flicker"}
     assert all(0.1 <= part["depth"] <= 0.2 for part in drawn if part["kind"] == "flicker")
@@ -119,26 +119,26 @@ def test_the_kind_itself_may_be_open(recipe_of, group):
 
 def test_every_sequence_walks_its_own_way_and_every_group_too(recipe_of):
     path = recipe_of("{lamp: {kind: random_walk, sd: 0.5}, room: {kind: random_walk, sd: 0.5}}", repeats=3)
-    plan = make_recipe_plan(read_recipe(path))
+    plan = plan_sequences(read_recipe(path))
     seeds = [part["seed"] for s in plan for part in s.schedule.values()]
     assert len(set(seeds)) == 6
     assert len({column.tobytes() for s in plan for column in gains_of(s, 400).T}) == 6
 
 
 def test_a_walk_depends_on_names_alone(recipe_of):
-    alone = make_recipe_plan(read_recipe(recipe_of("{kind: random_walk, sd: 0.5}")))
-    among = make_recipe_plan(read_recipe(recipe_of("{kind: random_walk, sd: 0.5}", repeats=3)))
+    alone = plan_sequences(read_recipe(recipe_of("{kind: random_walk, sd: 0.5}")))
+    among = plan_sequences(read_recipe(recipe_of("{kind: random_walk, sd: 0.5}", repeats=3)))
     assert among[:1] == alone
     assert json.loads(json.dumps(alone[0].schedule)) == alone[0].schedule
 
 
 def test_a_given_seed_holds_for_all_sequences(recipe_of):
-    plan = make_recipe_plan(read_recipe(recipe_of("{kind: random_walk, sd: 0.5, seed: 8}", repeats=3)))
+    plan = plan_sequences(read_recipe(recipe_of("{kind: random_walk, sd: 0.5, seed: 8}", repeats=3)))
     assert [s.schedule[""]["seed"] for s in plan] == [8, 8, 8]
 
 
 def test_a_schedule_without_a_seed_gets_none(recipe_of):
-    (sequence,) = make_recipe_plan(read_recipe(recipe_of("{kind: constant}")))
+    (sequence,) = plan_sequences(read_recipe(recipe_of("{kind: constant}")))
     assert sequence.schedule == {"": {"kind": "constant"}}
 
 
@@ -147,7 +147,7 @@ def test_a_schedule_without_a_seed_gets_none(recipe_of):
 
 def test_an_offset_may_be_open_and_belongs_to_any_kind(recipe_of):
     path = recipe_of("{lamp: {kind: pwm, hz: 400, duty: 0, offset: {uniform: [0.2, 0.3]}}}")
-    (sequence,) = make_recipe_plan(read_recipe(path))
+    (sequence,) = plan_sequences(read_recipe(path))
     offset = sequence.schedule["lamp"]["offset"]
     gains = gains_of(sequence)
     assert 0.2 <= offset <= 0.3
@@ -163,7 +163,7 @@ def test_levels_in_lux_are_divided_by_the_lux_that_the_scene_has_at_gain_1(recip
     """150 lux are half the lamp's 300, one and a half times the room's 100, and 3/8 of both."""
     part = "{kind: constant, level: 100, offset: 50, unit: lux}"
     recipe = read_recipe(recipe_of(f"{{{light}: {part}}}" if light else part))
-    (sequence,) = make_recipe_plan(recipe, LUX)
+    (sequence,) = plan_sequences(recipe, LUX)
     gains = gains_of(sequence)
     lit = {"lamp": [0], "room": [1], "": [0, 1]}[light]
     assert gains[:, lit] == pytest.approx(gain, abs=1e-6)
@@ -172,7 +172,7 @@ def test_levels_in_lux_are_divided_by_the_lux_that_the_scene_has_at_gain_1(recip
 
 def test_a_recipe_may_say_itself_how_many_lux_gain_1_is(recipe_of):
     recipe = read_recipe(recipe_of("{lamp: {kind: constant, level: 100, unit: lux, lux_at_gain_1: 50}}"))
-    (sequence,) = make_recipe_plan(recipe, LUX)
+    (sequence,) = plan_sequences(recipe, LUX)
     assert gains_of(sequence)[0].tolist() == [2, 1]
 
 

@@ -8,16 +8,16 @@ import sys
 import pytest
 from refusals import refusal
 
-from saf_gen.render.backend import BackendProbe, choose_render_backend
+from saf_gen.render.backend import BackendProbe, choose_backend
 
 NEW, OLD, NONE = BackendProbe((19, 1, 7), False), BackendProbe((15, 0, 6), False), BackendProbe(None, False)
 
 
 def test_cuda_comes_before_llvm_before_scalar():
-    assert choose_render_backend("auto", BackendProbe((19, 1, 7), True)) == "cuda"
-    assert choose_render_backend("auto", NEW) == "llvm"
-    assert choose_render_backend("auto", OLD) == "scalar"
-    assert choose_render_backend("auto", NONE) == "scalar"
+    assert choose_backend("auto", BackendProbe((19, 1, 7), True)) == "cuda"
+    assert choose_backend("auto", NEW) == "llvm"
+    assert choose_backend("auto", OLD) == "scalar"
+    assert choose_backend("auto", NONE) == "scalar"
 
 
 @pytest.mark.parametrize(
@@ -30,14 +30,14 @@ def test_cuda_comes_before_llvm_before_scalar():
     ],
 )
 def test_a_backend_that_cannot_run_here_is_refused(requested, machine, message):
-    error = refusal(choose_render_backend, requested, machine)
+    error = refusal(choose_backend, requested, machine)
     assert message in error.problem
     assert ("libllvm19" in error.hint) == (requested == "llvm")
     assert error.nearest == ("llvm" if requested == "lvm" else "")
 
 
 def test_scalar_runs_everywhere():
-    assert choose_render_backend("scalar", NONE) == "scalar"
+    assert choose_backend("scalar", NONE) == "scalar"
 
 
 @pytest.mark.slow
@@ -57,7 +57,7 @@ def test_threads_that_wait_for_work_sleep():
     """As OpenMP itself reports in another process; numba may use another kind of threads."""
     code = (
         "import numba, numpy, saf_gen.render.shading_kernels as kernels\n"
-        "kernels.keys_of_shading_cells(numpy.ones(9, 'u4'), *numpy.ones((5, 9), 'f4'))\n"
+        "kernels.cell_keys(numpy.ones(9, 'u4'), *numpy.ones((5, 9), 'f4'))\n"
         "print(numba.threading_layer())"
     )
     environment = {k: v for k, v in os.environ.items() if k != "OMP_WAIT_POLICY"} | {"OMP_DISPLAY_ENV": "TRUE"}

@@ -11,7 +11,7 @@ from written_scenes import load_setup, needs_llvm, render_filtered, write_edge_s
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.render import camera_rays, one_pass
-from saf_gen.render.ray_sampling import compute_ray_coverage
+from saf_gen.render.ray_sampling import ray_coverage
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 
@@ -29,8 +29,8 @@ def cast(setup, *, samples):
     """All rays of three positions over the travel: pixel numbers, and the paths as numpy arrays."""
     focus = np.linspace(0, 1, 3)
     pixels, paths = [], []
-    for rays in camera_rays.cast_camera_rays(setup, focus, samples=samples, seed=1):
-        landed = camera_rays.land_rays_on_sensor(rays, setup, focus=focus, seed=1)
+    for rays in camera_rays.cast_rays(setup, focus, samples=samples, seed=1):
+        landed = camera_rays.land_on_sensor(rays, setup, focus=focus, seed=1)
         pixels.append(rays.pixel.numpy())
         paths.append(landed.to_host())
     return np.concatenate(pixels), [
@@ -63,7 +63,7 @@ def test_one_kernel_casts_the_rays_of_every_sensor_lens_and_number_of_samples(te
 def test_a_ray_meets_its_own_pixel_at_the_middle_of_the_travel(test_scenes, drive, radius_m):
     """Within 10⁻³ pixel, for single precision; rays are even over the pixel, and their mean is its centre."""
     setup = load_setup(find_scene("plane"), drive=drive)
-    covered = compute_ray_coverage(drive, setup.grid)
+    covered = ray_coverage(drive, setup.grid)
     pixel, (first_x, first_y, step_x, step_y, *_) = cast(setup, samples=16)
     row, column = np.divmod(pixel.astype(np.int64), setup.grid.columns + 2 * covered.columns)
     for landed, cell in ((first_x + step_x, column - covered.columns), (first_y + step_y, row - covered.rows)):

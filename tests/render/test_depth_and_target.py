@@ -55,7 +55,7 @@ def test_a_target_that_is_in_the_frame_only_where_it_is_in_focus_is_seen(patch, 
     best = float(MACRO.best_position(0.9))
     setup = patch(MACRO, 0.9, offset, best)
     assert not at(setup, 0.5).target.any()
-    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
+    seen = depth_and_target.trace_geometry(setup, ("glow",), allow_unseen_target=passing)
     columns = np.flatnonzero(seen.target.any(axis=0))
     assert columns.mean() + 0.5 == pytest.approx(SENSOR_GRID.columns / 2 * (1 - offset), abs=0.5)
     assert seen.depth[seen.target] == pytest.approx(0.9, rel=1e-5)
@@ -75,7 +75,7 @@ def test_a_target_that_is_out_of_the_frame_when_in_focus_is_refused(patch, drive
     best = float(drive.best_position(depth_m))
     assert 0 < best < 1
     assert at(setup, seen_at).target.any()
-    error = refusal(depth_and_target.trace_depth_and_target, setup, ("glow",))
+    error = refusal(depth_and_target.trace_geometry, setup, ("glow",))
     assert f"outside the image at {best:.3f} of the travel, where it is in focus" in error.problem
     assert drive.travel_key in error.hint
 
@@ -83,7 +83,7 @@ def test_a_target_that_is_out_of_the_frame_when_in_focus_is_refused(patch, drive
 @pytest.mark.parametrize(("drive", "depth_m", "offset", "seen_at"), OUT)
 def test_a_moment_at_which_it_has_left_the_frame_has_an_empty_mask(patch, drive, depth_m, offset, seen_at):
     setup = patch(drive, depth_m, offset, seen_at)
-    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=True)
+    seen = depth_and_target.trace_geometry(setup, ("glow",), allow_unseen_target=True)
     assert not seen.target.any()
     where = float(drive.best_position(depth_m)) if seen_at == 0.5 else 0.5
     assert seen.depth.shape == (SENSOR_GRID.rows, SENSOR_GRID.columns)
@@ -100,17 +100,17 @@ def test_a_target_that_is_visible_over_the_full_travel_is_traced_twice(patch, pa
         return trace_at(setup, shapes, position=position, **rays)
 
     monkeypatch.setattr(depth_and_target, "trace_depth_at", counted)
-    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
+    seen = depth_and_target.trace_geometry(setup, ("glow",), allow_unseen_target=passing)
     assert positions == [0.5, pytest.approx(float(MACRO.best_position(0.5)), abs=1e-5)]
     assert same(seen, trace_at(setup, ("glow",), position=positions[1]))
 
 
 def test_a_target_that_is_in_no_frame_is_refused(patch):
     setup = patch(MACRO, 0.9, 1.2, 0.0)
-    error = refusal(depth_and_target.trace_depth_and_target, setup, ("glow",))
+    error = refusal(depth_and_target.trace_geometry, setup, ("glow",))
     assert "(glow) is not visible" in error.problem
     assert "camera and target" in error.hint
-    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=True)
+    seen = depth_and_target.trace_geometry(setup, ("glow",), allow_unseen_target=True)
     assert not seen.target.any()
 
 

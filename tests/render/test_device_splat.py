@@ -21,7 +21,7 @@ SCALE, MAX_RADIANCE = 1.2345e9, 0.9  # no power of two, so that products round; 
 
 @pytest.fixture
 def llvm():
-    backend.activate_render_backend("llvm")
+    backend.activate_backend("llvm")
 
 
 def traced(arrays, window=(), weight=None):
@@ -189,15 +189,15 @@ def test_a_rendered_stack_is_that_of_the_cores(test_scenes, monkeypatch, drive):
 
 @needs_llvm
 def test_the_cores_splat_what_they_traced_and_a_card_what_it_traced(llvm, monkeypatch):
-    assert one_pass.choose_splat_accumulator(None) is HostAccumulator
-    assert one_pass.choose_splat_accumulator(True) is DeviceAccumulator
+    assert one_pass.choose_accumulator(None) is HostAccumulator
+    assert one_pass.choose_accumulator(True) is DeviceAccumulator
     monkeypatch.setattr(dr, "backend_v", lambda _: dr.JitBackend.CUDA)
-    assert one_pass.choose_splat_accumulator(None) is DeviceAccumulator
-    assert one_pass.choose_splat_accumulator(False) is HostAccumulator
+    assert one_pass.choose_accumulator(None) is DeviceAccumulator
+    assert one_pass.choose_accumulator(False) is HostAccumulator
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(not backend.probe_render_backends().cuda, reason="no NVIDIA card that Mitsuba can use")
+@pytest.mark.skipif(not backend.probe_backends().cuda, reason="no NVIDIA card that Mitsuba can use")
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 def test_a_card_makes_the_stack_that_cores_make_of_its_paths(test_scenes, drive):
     setup = load_setup(find_scene("plane"), name="cuda", drive=drive)

@@ -12,10 +12,10 @@ from refusals import refusal
 from written_scenes import load_setup, needs_llvm, render_stack_once, write_scene
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.optics.exact_otf import exact_lens_otf
-from saf_gen.render import backend, camera_rays, mitsuba_scene, one_pass, render_missing_stacks
-from saf_gen.render.diffraction import find_waves_of_rays, place_bends_of_rays
-from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
+from saf_gen.optics.exact_otf import exact_otf
+from saf_gen.render import backend, camera_rays, mitsuba_scene, one_pass, render_missing
+from saf_gen.render.diffraction import find_waves, place_bends
+from saf_gen.render.ray_sampling import place_samples, ray_coverage
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec
@@ -43,31 +43,31 @@ def defocus_waves(drive, position):
 
 def expected_transfer(drive, position, cycles_per_pixel):
     fraction = cycles_per_pixel / PITCH_M * WAVE_M / (2 * aperture_of(drive, position))
-    return exact_lens_otf(fraction, defocus_waves(drive, position))
+    return exact_otf(fraction, defocus_waves(drive, position))
 
 
 @pytest.mark.parametrize("waves", [0.0, 0.3, 1.0, 1.5])
 def test_the_reference_agrees_with_the_fourier_transform_of_the_pupil(waves):
     """Within 0.001: two independent computations of the transfer, the second on a grid of 256 points across."""
     fraction, transfer = otf_by_fft(waves)
-    assert exact_lens_otf(fraction, waves) == pytest.approx(transfer, abs=1e-3)
+    assert exact_otf(fraction, waves) == pytest.approx(transfer, abs=1e-3)
 
 
 def test_the_reference_in_focus_is_the_textbooks():
     s = np.linspace(0, 1, 21)
-    assert exact_lens_otf(s, 0.0) == pytest.approx(2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s**2)), abs=1e-5)
+    assert exact_otf(s, 0.0) == pytest.approx(2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s**2)), abs=1e-5)
 
 
 def bend_paths(image_side_aperture, *, pixels=4096, samples=64):
     """Points on a lens (fractions of R), the angles (rad) of paths bent there, the waves, and the image distance."""
-    backend.activate_render_backend("llvm")
+    backend.activate_backend("llvm")
     drive = FocalLengthDrive(0.1, 1 / (2 * image_side_aperture), (0.9, 0.4))
-    waves = find_waves_of_rays(drive, GRID, wavelength_m=WAVE_M)
+    waves = find_waves(drive, GRID, wavelength_m=WAVE_M)
     index = dr.arange(mi.UInt32, pixels * samples)
     pixel, sample = index // samples, index % samples
-    _, _, lens = place_ray_samples(pixel, sample, samples=samples, seed=5)
+    _, _, lens = place_samples(pixel, sample, samples=samples, seed=5)
     point = mi.warp.square_to_uniform_disk_concentric(lens)
-    angle = waves.bend(mi.Point2f(point * waves.radius_m), place_bends_of_rays(pixel, sample, seed=5))
+    angle = waves.bend(mi.Point2f(point * waves.radius_m), place_bends(pixel, sample, seed=5))
     return np.array(point, dtype=np.float64), np.array(angle, dtype=np.float64), waves, 0.1
 
 
@@ -87,7 +87,7 @@ def test_bent_paths_have_the_transfer_of_the_lens(aperture, bound):
     cycles, defocus = np.linspace(0.05, 0.5, 10), np.linspace(0, 1.5, 16)
     seen = transfer_of_bent_paths(aperture, cycles, defocus=defocus)
     fraction = cycles / PITCH_M * WAVE_M / (2 * aperture)
-    assert seen == pytest.approx(np.array([exact_lens_otf(fraction, waves) for waves in defocus]), abs=bound)
+    assert seen == pytest.approx(np.array([exact_otf(fraction, waves) for waves in defocus]), abs=bound)
 
 
 @needs_llvm
@@ -95,8 +95,8 @@ def test_a_macro_lens_hardly_feels_waves():
     """At f/2 the transfer in focus is 0.965 at the Nyquist frequency of 20 µm, within 0.01."""
     nyquist = 0.5 / PITCH_M * WAVE_M / (2 * 0.25)
     seen = transfer_of_bent_paths(0.25, np.array([0.5]), defocus=np.zeros(1))
-    assert exact_lens_otf(nyquist, 0.0) == pytest.approx(0.965, abs=5e-4)
-    assert seen[0, 0] == pytest.approx(float(exact_lens_otf(nyquist, 0.0)), abs=0.01)
+    assert exact_otf(nyquist, 0.0) == pytest.approx(0.965, abs=5e-4)
+    assert seen[0, 0] == pytest.approx(float(exact_otf(nyquist, 0.0)), abs=0.01)
 
 
 @needs_llvm
@@ -124,12 +124,12 @@ def test_angles_spread_by_heisenbergs_relation():
 
 def test_no_light_reaches_farther_than_the_guard_band():
     """The nearest edge is a twentieth of the radius away: the reach is 3.2·λ·v/R, but at least one pixel."""
-    waves = find_waves_of_rays(DRIVES["stage"], GRID, wavelength_m=WAVE_M)
+    waves = find_waves(DRIVES["stage"], GRID, wavelength_m=WAVE_M)
     assert waves.nearest_edge_m == pytest.approx(DRIVES["stage"].aperture_radius_m / 20)
     assert waves.reach_m == pytest.approx(20 / (2 * np.pi) * WAVE_M * 0.198 / 0.005)
     macro = ImageDistanceDrive(0.035, 2.0, (0.61, 0.38))
-    assert find_waves_of_rays(macro, GRID, wavelength_m=WAVE_M).reach_m == pytest.approx(PITCH_M)
-    assert find_waves_of_rays(macro, GRID, wavelength_m=0.0) is None
+    assert find_waves(macro, GRID, wavelength_m=WAVE_M).reach_m == pytest.approx(PITCH_M)
+    assert find_waves(macro, GRID, wavelength_m=0.0) is None
 
 
 CYCLES = np.linspace(0.05, 0.5, 10)  # per pixel, up to Nyquist
@@ -247,7 +247,7 @@ def test_without_waves_an_edge_shows_the_geometric_transfer(tmp_path, monkeypatc
 def bent_paths_of(setup, *, positions=5, samples=64):
     """All paths of a stack on the sensor, as (position, path) arrays of pixels, and which of them count there."""
     focus = np.linspace(0, 1, positions)
-    traced = [band.to_host() for _, band in one_pass.trace_light_paths(setup, focus, samples=samples, seed=1)]
+    traced = [band.to_host() for _, band in one_pass.trace_paths(setup, focus, samples=samples, seed=1)]
     k = np.arange(positions)[:, None]
     joined = [None if part[0] is None else np.concatenate(part) for part in zip(*traced, strict=True)]
     first_x, first_y, step_x, step_y, radiance, begin, end = joined[:7]
@@ -271,7 +271,7 @@ def test_bent_paths_fall_as_densely_on_the_border_as_on_the_middle(tmp_path, mon
     With a guard band that is not widened they would lack every fiftieth path, which is bent onto them from outside.
     """
     setup = edge_setup(tmp_path, monkeypatch, drive)
-    assert find_waves_of_rays(drive, GRID, wavelength_m=WAVE_M).reach_m > 5 * PITCH_M
+    assert find_waves(drive, GRID, wavelength_m=WAVE_M).reach_m > 5 * PITCH_M
     x, y, _, counts = bent_paths_of(setup, samples=1024)
     for k in range(5):
         seen = counts[k] & (x[k] >= 0) & (x[k] < GRID.columns) & (y[k] >= 0) & (y[k] < GRID.rows)
@@ -285,8 +285,8 @@ def test_bent_paths_fall_as_densely_on_the_border_as_on_the_middle(tmp_path, mon
 @pytest.mark.parametrize("drive", STRONG.values(), ids=STRONG)
 def test_every_bent_ray_of_a_position_is_covered(drive):
     """No ray of a position, with the largest possible bend, comes from outside the sampled region."""
-    waves = find_waves_of_rays(drive, GRID, wavelength_m=WAVE_M)
-    covered = compute_ray_coverage(drive, GRID, bend_reach_m=waves.reach_m)
+    waves = find_waves(drive, GRID, wavelength_m=WAVE_M)
+    covered = ray_coverage(drive, GRID, bend_reach_m=waves.reach_m)
     half = GRID.columns / 2 * PITCH_M
     for position in (0.0, 0.5, 1.0):
         corners = np.array([(x, a) for x in (-1, 1) for a in (-1, 1)]) * (half + waves.reach_m, drive.aperture_radius_m)
@@ -299,7 +299,7 @@ def test_every_bent_ray_of_a_position_is_covered(drive):
 @pytest.mark.parametrize("drive", STRONG.values(), ids=STRONG)
 def test_waves_leave_an_even_light_even(tmp_path, monkeypatch, drive):
     setup = edge_setup(tmp_path, monkeypatch, drive)
-    sky, integrator = mitsuba_scene.load_lit_mitsuba_scene(
+    sky, integrator = mitsuba_scene.load_lit_scene(
         {"sky": {"type": "constant", "radiance": 3.0}}, ("sky",), max_depth=2
     )
     setup = replace(setup, mitsuba_scene=sky, integrator=integrator)
@@ -314,9 +314,9 @@ def test_a_bend_moves_paths_by_v_times_an_angle(tmp_path, monkeypatch, drive):
     The path in front of the lens does not change, and neither does its radiance.
     """
     setup = edge_setup(tmp_path, monkeypatch, drive)
-    reach = find_waves_of_rays(drive, GRID, wavelength_m=WAVE_M).reach_m
-    covered = compute_ray_coverage(drive, GRID, bend_reach_m=reach)
-    monkeypatch.setattr(camera_rays, "compute_ray_coverage", lambda *_, **__: covered)
+    reach = find_waves(drive, GRID, wavelength_m=WAVE_M).reach_m
+    covered = ray_coverage(drive, GRID, bend_reach_m=reach)
+    monkeypatch.setattr(camera_rays, "ray_coverage", lambda *_, **__: covered)
     (x, y, radiance, counts), (x0, y0, radiance0, counts0) = (
         bent_paths_of(replace(setup, wavelength_m=wave)) for wave in (WAVE_M, 0.0)
     )
@@ -341,7 +341,7 @@ def test_bends_are_the_same_however_many_bands_are_traced(tmp_path, monkeypatch)
 def test_scalar_refuses_a_stack_with_diffraction(test_scenes, tmp_path):
     plane = find_scene("plane")
     spec = StackSpec.from_scene(plane, GRID, positions=3, samples=1, max_depth=2, time_s=0.0, wavelength_m=WAVE_M)
-    error = refusal(render_missing_stacks, plane, [spec], root=tmp_path, backend_name="scalar")
+    error = refusal(render_missing, plane, [spec], root=tmp_path, backend_name="scalar")
     assert error.problem == "variant scalar cannot render diffraction"
     assert error.allowed == "llvm, cuda"
     assert not list(tmp_path.iterdir())

@@ -33,12 +33,12 @@ def one_by_one(first_x, first_y, step_x, step_y, value, shape, begin=None, end=N
 def test_the_stack_is_that_of_adding_paths_one_by_one(shape, windowed):
     arrays = paths(5, 3000, shape)
     window = windows(8, 3000, shape) if windowed else ()
-    sums = host_splat.allocate_splat_accumulators(2, shape)
+    sums = host_splat.allocate_sums(2, shape)
     assert splat(sums, *arrays, 2.0**30, 1e9, *window) == 0
     total, count = one_by_one(*arrays, shape, *window)
     seen = count > 0
     # with the reference's order of rounding, float32 points may fall on the other side of a pixel's border
-    agree = np.isclose(host_splat.mean_radiance_of_paths(sums, 2.0**30)[seen], (total[seen] / count[seen]), atol=1e-5)
+    agree = np.isclose(host_splat.mean_radiance_of(sums, 2.0**30)[seen], (total[seen] / count[seen]), atol=1e-5)
     assert agree.mean() > 0.9995
 
 
@@ -46,7 +46,7 @@ def test_a_window_of_all_positions_changes_no_bit():
     shape = (17, 9, 13)
     arrays = paths(6, 5000, shape)
     every = np.zeros(5000, dtype=np.int32), np.full(5000, 17, dtype=np.int32)
-    plain, windowed = (host_splat.allocate_splat_accumulators(2, shape) for _ in range(2))
+    plain, windowed = (host_splat.allocate_sums(2, shape) for _ in range(2))
     splat(plain, *arrays, 2.0**30, 1e9)
     splat(windowed, *arrays, 2.0**30, 1e9, *every)
     assert np.array_equal(plain, windowed)
@@ -57,26 +57,26 @@ def test_the_number_of_workers_changes_no_bit():
     arrays = paths(6, 5000, shape)
     stacks = []
     for workers in (1, 2, 5):
-        sums = host_splat.allocate_splat_accumulators(workers, shape)
+        sums = host_splat.allocate_sums(workers, shape)
         splat(sums, *arrays, 2.0**30, 1e9)
-        stacks.append(host_splat.mean_radiance_of_paths(sums, 2.0**30))
+        stacks.append(host_splat.mean_radiance_of(sums, 2.0**30))
     assert np.array_equal(stacks[0], stacks[1])
     assert np.array_equal(stacks[0], stacks[2])
 
 
 def test_a_path_that_stays_in_its_pixel_is_seen_at_every_position():
     one = np.ones(1, dtype=np.float32)
-    sums = host_splat.allocate_splat_accumulators(1, (9, 3, 3))
+    sums = host_splat.allocate_sums(1, (9, 3, 3))
     splat(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, 0.25 * one, 2.0**30, 1e9)
-    assert host_splat.mean_radiance_of_paths(sums, 2.0**30)[:, 1, 1] == pytest.approx(0.25)
+    assert host_splat.mean_radiance_of(sums, 2.0**30)[:, 1, 1] == pytest.approx(0.25)
 
 
 def test_fireflies_are_clipped_and_counted():
     one = np.ones(3, dtype=np.float32)
-    sums = host_splat.allocate_splat_accumulators(1, (2, 3, 3))
+    sums = host_splat.allocate_sums(1, (2, 3, 3))
     value = np.array([1, 2, 500], dtype=np.float32)
     assert splat(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, value, 2.0**20, 100.0) == 1
-    assert host_splat.mean_radiance_of_paths(sums, 2.0**20)[0, 1, 1] == pytest.approx((1 + 2 + 100) / 3)
+    assert host_splat.mean_radiance_of(sums, 2.0**20)[0, 1, 1] == pytest.approx((1 + 2 + 100) / 3)
 
 
 @pytest.mark.parametrize("windowed", [False, True])
@@ -87,7 +87,7 @@ def test_a_weight_counts_a_path_as_often(windowed):
     window = windows(9, count, shape) if windowed else (None, None)
     weight = np.random.default_rng(3).integers(0, 5, count).astype(np.uint32)
     often = np.repeat(np.arange(count), weight)
-    weighted, one_by_one = (host_splat.allocate_splat_accumulators(2, shape) for _ in range(2))
+    weighted, one_by_one = (host_splat.allocate_sums(2, shape) for _ in range(2))
     clipped = splat(weighted, *arrays, 2.0**30, 0.9, *window, weight)
     repeated = [None if array is None else array[often] for array in (*arrays, *window)]
     splat(one_by_one, *repeated[:5], 2.0**30, 0.9, *repeated[5:])
@@ -100,7 +100,7 @@ def test_a_weight_of_one_changes_no_bit_and_of_zero_leaves_nothing():
     arrays = paths(6, 5000, shape)
     found = []
     for weight in (None, np.ones(5000, dtype=np.uint32), np.zeros(5000, dtype=np.uint32)):
-        sums = host_splat.allocate_splat_accumulators(2, shape)
+        sums = host_splat.allocate_sums(2, shape)
         clipped = splat(sums, *arrays, 2.0**30, 0.9, None, None, weight)
         found.append((sums, clipped))
     assert np.array_equal(found[0][0], found[1][0])
@@ -112,6 +112,6 @@ def test_a_weight_of_one_changes_no_bit_and_of_zero_leaves_nothing():
 def test_stacks_that_share_the_memory_have_fewer_workers():
     shape = (129, 250, 400)
     workers = host_splat.ACCUMULATOR_BYTES // (8 * 129 * 250 * 400)
-    assert len(host_splat.allocate_splat_accumulators(64, shape)) == workers
-    assert len(host_splat.allocate_splat_accumulators(64, shape, stacks=3)) == workers // 3
-    assert len(host_splat.allocate_splat_accumulators(64, shape, stacks=1000)) == 1
+    assert len(host_splat.allocate_sums(64, shape)) == workers
+    assert len(host_splat.allocate_sums(64, shape, stacks=3)) == workers // 3
+    assert len(host_splat.allocate_sums(64, shape, stacks=1000)) == 1

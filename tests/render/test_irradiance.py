@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from saf_gen.optics import ImageDistanceDrive
-from saf_gen.render.irradiance import render_target_irradiance
+from saf_gen.render.irradiance import target_irradiance
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("every_backend")]
@@ -22,9 +22,7 @@ def received(shapes, *, depth=4, target=EVERY_PIXEL, position=0.5):
     down = mi.ScalarTransform4f().look_at(origin=[0, 0, 0.5], target=[0, 0, 0], up=[0, 1, 0])
     loaded = mi.load_dict({"type": "scene", **shapes}, optimize=False)
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
-    return render_target_irradiance(
-        RenderSetup(loaded, integrator, down, DRIVE, GRID), position=position, target=target
-    )
+    return target_irradiance(RenderSetup(loaded, integrator, down, DRIVE, GRID), position=position, target=target)
 
 
 def plane(**more):

@@ -18,7 +18,7 @@ from saf_gen.render.layered_splat import (
     SMOOTHING,
     BlurScale,
     LayeredSums,
-    gaussian_splat_taps,
+    gaussian_taps,
 )
 from saf_gen.render.surface_hits import Distances
 
@@ -121,7 +121,7 @@ def sigma_of(layer):
 
 
 def smooth(plane, sigma):
-    half = gaussian_splat_taps(sigma)
+    half = gaussian_taps(sigma)
     taps = np.concatenate([half[:0:-1], half])
     return correlate1d(correlate1d(plane, taps, axis=0, mode="constant"), taps, axis=1, mode="constant")
 
@@ -133,11 +133,11 @@ def test_what_is_not_blurred_is_summed_as_it_was_traced(distance, windowed):
     shape, count = (9, 11, 13), 20_000
     *line, radiance = paths(5, count, shape)
     more = windows(8, count, shape) if windowed else ()
-    plain = host_splat.allocate_splat_accumulators(2, shape)
+    plain = host_splat.allocate_sums(2, shape)
     host_splat.splat_paths(plain, TracedPaths(*line, radiance, *more), scale=SCALE, max_radiance=MAX_RADIANCE)
     lens = on_disc(np.random.default_rng(1), count)
     found = add_all(shape, (TracedPaths(*line, None, *more), lens, distance, radiance))
-    assert found[0] == pytest.approx(host_splat.mean_radiance_of_paths(plain, SCALE), rel=1e-6)
+    assert found[0] == pytest.approx(host_splat.mean_radiance_of(plain, SCALE), rel=1e-6)
 
 
 @pytest.mark.parametrize("windowed", [False, True])
@@ -314,7 +314,7 @@ def test_taps_add_up_to_one_and_have_the_variance(sigma):
 
     One of half a pixel lacks 12 %, which is 0.03 pixels²; the disc that it smooths has 4.
     """
-    taps = gaussian_splat_taps(sigma)
+    taps = gaussian_taps(sigma)
     out = np.arange(taps.size)
     assert taps[0] + 2 * taps[1:].sum() == pytest.approx(1, abs=1e-12)
     assert (taps > 0).all()

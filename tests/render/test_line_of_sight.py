@@ -5,7 +5,7 @@ import pytest
 from written_scenes import load_setup, needs_llvm, render_filtered, write_scene
 
 from saf_gen.render import filtered_pass, one_pass
-from saf_gen.render.camera_rays import cast_camera_rays
+from saf_gen.render.camera_rays import cast_rays
 from saf_gen.render.surface_hits import SurfaceFinder
 from saf_gen.scene.scene_folder import find_scene
 
@@ -61,7 +61,7 @@ def test_a_sheet_in_even_light_reflects_its_matt_fraction_and_transmits_the_rest
     shapes = [f"'target': {sheet(0.0, REFLECTS)}", ROOM]
     setups = load(tmp_path, monkeypatch, *shapes, lights=("room",))
     finder = SurfaceFinder(setups["room"], emitting=["room"])
-    rays = next(iter(cast_camera_rays(setups["room"], np.array([0.0, 1.0]), samples=1, seed=1)))
+    rays = next(iter(cast_rays(setups["room"], np.array([0.0, 1.0]), samples=1, seed=1)))
     sight = finder.find(rays, np.array([0.0, 1.0]), seed=1)
     assert not sight.unshared.any()
     assert sight.hits.reflectance == pytest.approx(0.08)
@@ -158,7 +158,7 @@ def test_distances_are_those_of_all_clear_surfaces_and_of_the_end(tmp_path, monk
     """Sheets 0.5 and 0.52 m in front of the lens, and a lamp at 0.6 m."""
     shapes = [f"'target': {sheet(0.0, STAIN)}", f"'below': {sheet(0.02, STAIN)}", LAMP]
     setup = load(tmp_path, monkeypatch, *shapes)["lamp"]
-    rays = next(iter(cast_camera_rays(setup, np.array([0.0, 1.0]), samples=1, seed=1)))
+    rays = next(iter(cast_rays(setup, np.array([0.0, 1.0]), samples=1, seed=1)))
     distances = SurfaceFinder(setup, emitting=["lamp"]).find(rays, np.array([0.0, 1.0]), seed=1).distances
     for found, true in zip(distances, (0.6, 0.5, 0.52), strict=True):
         assert found == pytest.approx(true, rel=1e-5)
@@ -179,7 +179,7 @@ def test_rays_are_counted_that_go_straight_into_light_and_that_share_no_shading(
 
 def test_a_line_that_was_bent_is_not_to_be_smoothed(tmp_path, monkeypatch):
     setup = load(tmp_path, monkeypatch, *shapes_of("glass ball before a wall"), ABOVE)["lamp"]
-    rays = next(iter(cast_camera_rays(setup, np.array([0.0, 1.0]), samples=1, seed=1)))
+    rays = next(iter(cast_rays(setup, np.array([0.0, 1.0]), samples=1, seed=1)))
     sight = SurfaceFinder(setup, emitting=["lamp"]).find(rays, np.array([0.0, 1.0]), seed=1)
     ball = np.array(setup.mitsuba_scene.ray_intersect(rays.ray).t) < 0.5  # the wall is 0.55 m away
     assert ball.any()

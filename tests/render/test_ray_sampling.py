@@ -9,7 +9,7 @@ from written_scenes import needs_llvm
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.render import backend, camera_rays
-from saf_gen.render.ray_sampling import compute_ray_coverage, permute_ray_samples, place_ray_samples
+from saf_gen.render.ray_sampling import permute_samples, place_samples, ray_coverage
 from saf_gen.render.render_setup import SensorGrid
 
 GRID = SensorGrid(rows=12, columns=20, pitch_m=100e-6)
@@ -36,7 +36,7 @@ def transfer(drive, position, x, a):
 def test_every_ray_of_a_position_is_covered(drive, position):
     """20,000 rays over sensor and aperture, traced back to the reference position: none is outside."""
     random = np.random.default_rng(2)
-    covered = compute_ray_coverage(drive, GRID)
+    covered = ray_coverage(drive, GRID)
     half_x, half_y = GRID.columns / 2 * GRID.pitch_m, GRID.rows / 2 * GRID.pitch_m
     x, y = random.uniform(-half_x, half_x, 20_000), random.uniform(-half_y, half_y, 20_000)
     a, b = on_a_disc(random, 20_000, drive.aperture_radius_m)
@@ -48,9 +48,9 @@ def test_every_ray_of_a_position_is_covered(drive, position):
 
 
 def test_a_lens_that_stays_in_the_rays_needs_no_more_than_its_aperture():
-    assert compute_ray_coverage(DRIVES["image_distance"], GRID).radius_m == DRIVES["image_distance"].aperture_radius_m
-    assert compute_ray_coverage(DRIVES["focal_length"], GRID).radius_m == DRIVES["focal_length"].aperture_radius_m
-    assert compute_ray_coverage(DRIVES["stage"], GRID).radius_m > DRIVES["stage"].aperture_radius_m
+    assert ray_coverage(DRIVES["image_distance"], GRID).radius_m == DRIVES["image_distance"].aperture_radius_m
+    assert ray_coverage(DRIVES["focal_length"], GRID).radius_m == DRIVES["focal_length"].aperture_radius_m
+    assert ray_coverage(DRIVES["stage"], GRID).radius_m > DRIVES["stage"].aperture_radius_m
 
 
 @every_drive
@@ -62,7 +62,7 @@ def test_what_a_position_sees_is_even_over_sensor_and_aperture(drive, position):
     differ by tens of percent; 1 % in one row of cells would be detected.
     """
     random = np.random.default_rng(7)
-    covered, count = compute_ray_coverage(drive, GRID), 600_000
+    covered, count = ray_coverage(drive, GRID), 600_000
     half_x = (GRID.columns / 2 + covered.columns) * GRID.pitch_m
     half_y = (GRID.rows / 2 + covered.rows) * GRID.pitch_m
     x, y = random.uniform(-half_x, half_x, count), random.uniform(-half_y, half_y, count)
@@ -81,14 +81,14 @@ def test_what_a_position_sees_is_even_over_sensor_and_aperture(drive, position):
 @needs_llvm
 def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
     """4,000 lines across the lens against a test at each of 33 positions; at a border rounding may differ."""
-    backend.activate_render_backend("llvm")
+    backend.activate_backend("llvm")
     drive, random = DRIVES["stage"], np.random.default_rng(3)
     radius = drive.aperture_radius_m
     first, step = random.normal(0, radius, (2, 4000)), random.normal(0, radius / 12, (2, 4000))
     step[:, :400] *= 1e-6  # barely move
     step[:, 400:500] = 0
     line = mi.Point2f(first), mi.Vector2f(step)
-    begin, end = camera_rays.ray_positions_through_aperture(*line, radius=radius, positions=33)
+    begin, end = camera_rays.through_aperture(*line, radius=radius, positions=33)
     dr.eval(begin, end)
     k = np.arange(33)[:, None]
     counts = (np.array(begin) <= k) & (k < np.array(end))
@@ -100,9 +100,9 @@ def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
 
 def samples_of(samples, *, pixels=64, seed=5):
     """Offsets in the pixel and points on the lens of each pixel's samples, (4, pixel, sample)."""
-    backend.activate_render_backend("llvm")
+    backend.activate_backend("llvm")
     index = dr.arange(mi.UInt32, pixels * samples)
-    across, down, lens = place_ray_samples(index // samples, index % samples, samples=samples, seed=seed)
+    across, down, lens = place_samples(index // samples, index % samples, samples=samples, seed=seed)
     return np.array([across, down, lens.x, lens.y], dtype=np.float64).reshape(4, pixels, samples)
 
 
@@ -139,10 +139,10 @@ def test_counts_that_are_no_power_of_two_are_even_too(samples):
 @pytest.mark.parametrize("samples", [1, 2, 3, 5, 8, 24, 100, 1000, 1025])
 def test_samples_are_permuted_as_mitsuba_does_it(samples):
     """Bit for bit for 4,096 words; the order of each word is a permutation."""
-    backend.activate_render_backend("llvm")
+    backend.activate_backend("llvm")
     word = dr.repeat(mi.sample_tea_32(dr.arange(mi.UInt32, 4096), mi.UInt32(11), 4)[0], samples)
     index = dr.arange(mi.UInt32, 4096 * samples) % samples
-    own = permute_ray_samples(index, samples, word=word).numpy()
+    own = permute_samples(index, samples, word=word).numpy()
     assert (own == mi.permute_kensler(index, samples, word).numpy()).all()
     assert (np.sort(own.reshape(4096, samples), axis=1) == np.arange(samples)).all()
 
@@ -186,5 +186,5 @@ def test_the_mean_over_pixels_is_even_over_each_place():
 @needs_llvm
 def test_samples_are_the_same_whatever_backend_was_used_before():
     llvm = samples_of(16)
-    backend.activate_render_backend("scalar")
+    backend.activate_backend("scalar")
     assert np.array_equal(samples_of(16), llvm)

@@ -20,15 +20,7 @@ from written_scenes import (
 )
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.render import (
-    backend,
-    camera_rays,
-    depth_and_target,
-    mitsuba_scene,
-    one_pass,
-    render_missing_stacks,
-    thin_lens,
-)
+from saf_gen.render import backend, camera_rays, depth_and_target, mitsuba_scene, one_pass, render_missing, thin_lens
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
@@ -83,7 +75,7 @@ def test_one_pass_agrees_with_mitsubas_thin_lens(plane, drive):
 def test_every_position_gets_the_samples_asked_for(plane, drive):
     """50 per pixel on the sensor and within the aperture, less as the image grows (v²), within 1 %."""
     setup, landed = load_setup(plane, drive=drive), np.zeros(5)
-    for _, band in one_pass.trace_light_paths(setup, np.linspace(0, 1, 5), samples=50, seed=1):
+    for _, band in one_pass.trace_paths(setup, np.linspace(0, 1, 5), samples=50, seed=1):
         paths = band.to_host()
         for k in range(5):
             x, y = paths.first_x + k * paths.step_x, paths.first_y + k * paths.step_y
@@ -105,7 +97,7 @@ def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, rays_pe
     """From 0.5 m to 36 mm the samples per pixel go from 4.2 to 0.4 times the requested number."""
     monkeypatch.setattr(camera_rays, "RAYS_PER_PASS", rays_per_pass)
     setup = load_setup(plane, drive=ImageDistanceDrive(0.025, 2.0, (0.5, 0.036)))
-    sky, integrator = mitsuba_scene.load_lit_mitsuba_scene(
+    sky, integrator = mitsuba_scene.load_lit_scene(
         {"sky": {"type": "constant", "radiance": 3.0}}, ("sky",), max_depth=2
     )
     stack = render_stack_once(replace(setup, mitsuba_scene=sky, integrator=integrator), positions=9, samples=16, seed=1)
@@ -134,7 +126,7 @@ def test_light_groups_alone_add_up_to_all_together(plane):
 def test_the_truth_is_the_maximum_of_noise_free_sharpness_within_half_a_step(plane, drive):
     """The stage is left out: it brings the plane so near that the picture shows other checks."""
     setup = load_setup(plane, drive=drive)
-    seen = depth_and_target.trace_depth_and_target(setup, plane.card.target)
+    seen = depth_and_target.trace_geometry(setup, plane.card.target)
     stack = render_stack_once(setup, positions=33, samples=256, seed=1)
     assert abs(find_peak(dispersion(stack)) - 32 * drive.true_focus(seen.depth[seen.target])) < 0.5
 
@@ -231,22 +223,22 @@ def test_a_stack_is_the_same_bit_for_bit_when_made_again(plane, drive):
 @needs_llvm
 def test_normals_are_added_up_on_one_thread(plane, monkeypatch):
     """On several threads each smooth mesh came out differently in one of five runs on a busy machine."""
-    backend.activate_render_backend("llvm", threads=2)
+    backend.activate_backend("llvm", threads=2)
     seen = []
 
     def read(*arguments, **options):
         seen.append(dr.thread_count())
         return call(*arguments, **options)
 
-    call = mitsuba_scene.call_mitsuba_scene_script
-    monkeypatch.setattr(mitsuba_scene, "call_mitsuba_scene_script", read)
-    mitsuba_scene.build_mitsuba_scene_dict(find_scene("camel"))
+    call = mitsuba_scene.call_scene_script
+    monkeypatch.setattr(mitsuba_scene, "call_scene_script", read)
+    mitsuba_scene.scene_dict(find_scene("camel"))
     assert (seen, dr.thread_count()) == ([1], 2)
 
 
 @needs_llvm
 def test_depth_and_target_are_where_the_plane_is(plane):
-    seen = depth_and_target.trace_depth_and_target(load_setup(plane), ("plane",))
+    seen = depth_and_target.trace_geometry(load_setup(plane), ("plane",))
     assert seen.depth == pytest.approx(0.5, abs=1e-6)
     assert seen.target.all()
 
@@ -254,7 +246,7 @@ def test_depth_and_target_are_where_the_plane_is(plane):
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
 def test_the_target_is_found_with_other_scenes_in_the_process(plane, name):
     others = [load_setup(plane, name=name) for _ in range(2)]
-    assert depth_and_target.trace_depth_and_target(load_setup(plane, name=name), ("plane",)).target.all()
+    assert depth_and_target.trace_geometry(load_setup(plane, name=name), ("plane",)).target.all()
     assert len(others) == 2
 
 
@@ -272,7 +264,7 @@ def test_scenes_are_released_with_their_renderer(plane):
         before = first_free_index()
         for groups in (None, *((name,) for name in plane.card.lights)):
             renderer.prepare(groups)
-        renderer.trace_depth_and_target()
+        renderer.trace_geometry()
         renderer.render_region(0.5, samples=1, region=(slice(0, 2), slice(0, 2)))
         renderer.render_picture(0.5, samples=1)
         assert first_free_index() > before
@@ -284,7 +276,7 @@ def test_scenes_are_released_with_their_renderer(plane):
 
 @needs_llvm
 def test_an_invisible_target_is_refused(plane):
-    error = refusal(depth_and_target.trace_depth_and_target, load_setup(plane), ("lamp",))
+    error = refusal(depth_and_target.trace_geometry, load_setup(plane), ("lamp",))
     assert "(lamp) is not visible" in error.problem
 
 
@@ -298,7 +290,7 @@ def test_an_invisible_target_is_refused(plane):
     ],
 )
 def test_a_target_that_the_lens_cannot_reach_is_refused(plane, drive, allowed):
-    error = refusal(depth_and_target.trace_depth_and_target, load_setup(plane, drive=drive), ("plane",))
+    error = refusal(depth_and_target.trace_geometry, load_setup(plane, drive=drive), ("plane",))
     assert "0.5 m away" in error.problem
     assert error.allowed == allowed
 
@@ -307,14 +299,14 @@ def test_a_target_that_the_lens_cannot_reach_is_refused(plane, drive, allowed):
 def test_a_stage_that_runs_into_the_lens_is_refused(plane, name):
     near = Stage(0.3, 2.0, 1.5, (0.3, 0.6))  # focuses 0.5 m away; the plane passes the lens at 0.5 m
     setup = load_setup(plane, name=name, drive=near)
-    error = refusal(depth_and_target.trace_depth_and_target, setup, ("plane",))
+    error = refusal(depth_and_target.trace_geometry, setup, ("plane",))
     assert "a surface is 0.5 m" in error.problem
     assert "0.6 m" in error.allowed
 
 
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
 def test_depth_counts_from_the_lens_of_the_card_wherever_the_stage_is(plane, name):
-    seen = depth_and_target.trace_depth_and_target(load_setup(plane, name=name, drive=DRIVES["stage"]), ("plane",))
+    seen = depth_and_target.trace_geometry(load_setup(plane, name=name, drive=DRIVES["stage"]), ("plane",))
     assert seen.depth == pytest.approx(0.5, abs=1e-6)
 
 
@@ -339,8 +331,8 @@ def test_the_scalar_variant_renders_the_same_scene(plane):
 
 def test_a_stack_of_the_scalar_variant_is_stored_and_not_rendered_twice(plane, tmp_path):
     spec = StackSpec("plane", plane.digest, ("room",), plane.build_drive(), 40, 64, 60e-6, 2, 4, 3)
-    assert render_missing_stacks(plane, [spec], root=tmp_path, backend_name="scalar") == ["geometry", "room"]
-    assert render_missing_stacks(plane, [spec], root=tmp_path, backend_name="scalar") == []
+    assert render_missing(plane, [spec], root=tmp_path, backend_name="scalar") == ["geometry", "room"]
+    assert render_missing(plane, [spec], root=tmp_path, backend_name="scalar") == []
     stack = StackStore(tmp_path, spec).load()
     assert stack.backend == "scalar"
     assert stack.depth == pytest.approx(0.5, abs=1e-5)
@@ -372,6 +364,12 @@ def test_the_scalar_variant_has_every_drive(tmp_path, monkeypatch, kind):
         ("  room: [room]\n", "", "scene.yaml", "'room' belongs to no light group"),
         ("def build", "def built", "scene.py", "scene.py failed: AttributeError: "),
         ("return {", "return 1/0, {", "scene.py", "scene.py failed: ZeroDivisionError: division by zero"),
+        (
+            "return {",
+            "raise SystemExit(2)\n    return {",
+            "scene.py",
+            "scene.py failed: CodeStopped: its code called exit(2)",
+        ),
         ("checkerboard", "chequerboard", "scene.py", "Mitsuba cannot load the scene"),
     ],
 )

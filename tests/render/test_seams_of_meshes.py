@@ -46,7 +46,7 @@ def load_box(squares, turn):
         "wall": {"type": "rectangle", "to_world": wall},
         "sky": {"type": "constant"},
     }
-    return mitsuba_scene.load_lit_mitsuba_scene(described, ("sky",), max_depth=2)
+    return mitsuba_scene.load_lit_scene(described, ("sky",), max_depth=2)
 
 
 @pytest.mark.parametrize("squares", [8, 10])
@@ -74,7 +74,7 @@ def test_a_turned_box_has_no_hole_where_seams_lie_on_pixel_centres(every_backend
 @needs_llvm
 def test_random_paths_that_enter_a_closed_mesh_are_too_few_to_count():
     """2²⁰ random rays from outside at a box of 49,152 triangles; 25 enter, more than 105 with p < 10⁻³⁰."""
-    backend.activate_render_backend("llvm")
+    backend.activate_backend("llvm")
     scene, _ = load_box(64, mi.ScalarTransform4f().rotate([1, 0.3, 0.2], 37))
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(5, 1 << 20)
@@ -90,7 +90,7 @@ def test_a_slope_has_the_depth_of_its_pixel_centres(every_backend):
     turn = mi.ScalarTransform4f().rotate([1, 0.7, 0], 80)
     plane = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, AWAY_M]) @ turn.scale(HALF_M)}
     described = {"plane": plane, "sky": {"type": "constant"}}
-    scene, integrator = mitsuba_scene.load_lit_mitsuba_scene(described, ("sky",), max_depth=2)
+    scene, integrator = mitsuba_scene.load_lit_scene(described, ("sky",), max_depth=2)
     grid = SensorGrid(rows=64, columns=96, pitch_m=20e-6)
     setup = RenderSetup(scene, integrator, mi.ScalarTransform4f(), DRIVE, grid)
     seen = depth_and_target.trace_depth_at(setup, ("plane",), position=POSITION)

@@ -7,7 +7,7 @@ import pytest
 from written_scenes import SENSOR_GRID, needs_llvm, write_scene
 
 from saf_gen.render import filtered_pass, one_pass
-from saf_gen.render.camera_rays import cast_camera_rays
+from saf_gen.render.camera_rays import cast_rays
 from saf_gen.render.moment_shading import MomentShading
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.render.surface_hits import CELL_DEPTH, SurfaceFinder
@@ -50,7 +50,7 @@ def test_the_shift_of_a_motion_is_that_of_its_centre():
 def test_a_place_on_a_shape_that_moves_along_is_where_it_would_be_at_rest(moving_board):
     """Points and depths are those without motion, moved back in perspective."""
     setup, focus = moving_board.prepare(("sun",), time_s=STILL_S + 0.3), np.array([0.4, 0.6])
-    rays = next(cast_camera_rays(setup, focus, samples=4, seed=1))
+    rays = next(cast_rays(setup, focus, samples=4, seed=1))
     found, *_, distances = SurfaceFinder(setup, emitting=()).find(rays, focus, seed=1)
     as_seen, *_, same = SurfaceFinder(replace(setup, moved_m={}), emitting=()).find(rays, focus, seed=1)
     shift = np.linalg.inv(np.array(setup.to_world.matrix)[:3, :3]) @ (0.3 * np.array(SPEED))
@@ -103,7 +103,7 @@ def test_a_pinhole_has_no_waves_and_a_picture_is_that_of_its_lens(moving_board):
     sharp = moving_board.render_pinhole(0.5, samples=1)
     assert np.array_equal(waves.render_pinhole(0.5, samples=1), sharp)
     assert not np.array_equal(waves.render_picture(0.5, samples=1), moving_board.render_picture(0.5, samples=1))
-    seen = moving_board.trace_depth_and_target()
+    seen = moving_board.trace_geometry()
     stack = moving_board.render_stack(seen, positions=5, samples=64, window=(3, 4), as_one_group=True)
     end = moving_board.render_picture(1.0, samples=64)
     assert end.mean() == pytest.approx(stack.radiance[0, 1].mean(), rel=0.01)

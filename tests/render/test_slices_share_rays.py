@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from written_scenes import SENSOR_GRID, VARIANT, dispersion, needs_llvm
 
-from saf_gen.render import render_missing_stacks
+from saf_gen.render import render_missing
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
-from saf_gen.stack.time_resolved import shading_moments_of_stack_slices
+from saf_gen.stack.time_resolved import slice_moments
 
 pytestmark = needs_llvm
 
@@ -33,7 +33,7 @@ def slices(test_scenes, tmp_path):
             )
             for n in SLICES
         ]  # fmt: skip
-        render_missing_stacks(plane, specs, root=tmp_path, backend_name=VARIANT)
+        render_missing(plane, specs, root=tmp_path, backend_name=VARIANT)
         light = [StackStore(tmp_path, spec).load().radiance.sum(axis=0)[0] for spec in specs]
         return np.array(light, dtype=np.float64)
 
@@ -54,6 +54,6 @@ def test_a_still_scene_shows_no_beat_with_its_slices(slices, estimator):
     Noise that two slices do not share averages out half way: with separate camera rays this is 0.65 % of SD in plain
     slices and 0.09 % in filtered ones. Here one moment of nine is not shared, which leaves 0.004 %.
     """
-    found = slices(estimator, shading_moments_of_stack_slices(TIMES))
+    found = slices(estimator, slice_moments(TIMES))
     at, half_way = dispersion(found), dispersion((found[1:] + found[:-1]) / 2)
     assert half_way == pytest.approx((at[1:] + at[:-1]) / 2, rel=3e-4)

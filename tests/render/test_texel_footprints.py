@@ -7,7 +7,7 @@ from small_dataset import SCENES
 
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
-from saf_gen.render.texel_footprints import rendered_texel_footprints
+from saf_gen.render.texel_footprints import footprints
 
 pytestmark = pytest.mark.usefixtures("every_backend")
 GRID = SensorGrid(12, 16, 1e-4)
@@ -18,7 +18,7 @@ def texels(shape, *, unit_m=1.0):
     down = mi.ScalarTransform4f().look_at(origin=[0, 0, 0.5 / unit_m], target=[0, 0, 0], up=[0, 1, 0])
     loaded = mi.load_dict({"type": "scene", "it": shape}, optimize=False)
     setup = RenderSetup(loaded, None, down, ImageDistanceDrive(0.025, 2.0, (0.6, 0.4)), GRID, unit_m)
-    return rendered_texel_footprints(setup, ("it",), position=0.5, target=EVERY_PIXEL)
+    return footprints(setup, ("it",), position=0.5, target=EVERY_PIXEL)
 
 
 def picture(rows, columns, **more):

@@ -7,7 +7,7 @@ import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.errors import BadInput
-from saf_gen.scene.ply_file import is_scene_ply_file, validate_scene_ply_file
+from saf_gen.scene.ply_file import is_ply, validate_ply
 
 HEADER = """ply
 format {order} 1.0
@@ -45,8 +45,8 @@ def test_a_complete_mesh_passes(tmp_path, order):
     """Triangles and quadrilaterals, in runs that are longer and shorter than one read."""
     faces = [(0, 1, 2)] * 100 + [(0, 1, 2, 3), (3, 2, 1)] * 20 + [(0, 1, 2, 3)] * 50
     write_ply(tmp_path / "a.ply", faces, order=order)
-    validate_scene_ply_file(tmp_path / "a.ply")
-    assert is_scene_ply_file(tmp_path / "a.ply")
+    validate_ply(tmp_path / "a.ply")
+    assert is_ply(tmp_path / "a.ply")
 
 
 @pytest.mark.parametrize("order", FORMATS)
@@ -57,7 +57,7 @@ def test_a_missing_vertex_is_refused_wherever_it_is_named(tmp_path, order, bad, 
     faces[at] = (bad, *faces[at][1:])
     write_ply(tmp_path / "a.ply", faces, order=order)
     assert_says(
-        refusal(validate_scene_ply_file, tmp_path / "a.ply"),
+        refusal(validate_ply, tmp_path / "a.ply"),
         f"a face names the vertex {bad}, but the number of vertices is 4 | export it again",
     )
 
@@ -68,13 +68,13 @@ def test_a_mesh_that_ends_too_early_is_refused(tmp_path, order):
     content = (tmp_path / "a.ply").read_bytes()
     for end in (100, len(content) - 200, len(content) - 7):
         (tmp_path / "a.ply").write_bytes(content[:end])
-        assert_says(refusal(validate_scene_ply_file, tmp_path / "a.ply"), "the mesh is damaged")
+        assert_says(refusal(validate_ply, tmp_path / "a.ply"), "the mesh is damaged")
 
 
 def test_too_large_a_number_of_vertices_is_refused(tmp_path):
     for order in FORMATS:
         write_ply(tmp_path / "a.ply", [(0, 1, 2)], order=order, stated=10**9)
-        assert_says(refusal(validate_scene_ply_file, tmp_path / "a.ply"), "the mesh is damaged")
+        assert_says(refusal(validate_ply, tmp_path / "a.ply"), "the mesh is damaged")
 
 
 def test_a_line_of_too_few_numbers_is_refused(tmp_path):
@@ -82,7 +82,7 @@ def test_a_line_of_too_few_numbers_is_refused(tmp_path):
     write_ply(tmp_path / "a.ply", [(0, 1, 2)], order="ascii")
     text = (tmp_path / "a.ply").read_text()
     (tmp_path / "a.ply").write_text(text.replace("3.0 4.0 5.0\n", "3.0 4.0\n5.0 "))
-    assert_says(refusal(validate_scene_ply_file, tmp_path / "a.ply"), "a vertex has 2 numbers on its line instead of 3")
+    assert_says(refusal(validate_ply, tmp_path / "a.ply"), "a vertex has 2 numbers on its line instead of 3")
 
 
 def test_no_damaged_mesh_raises_anything_else(tmp_path):
@@ -96,4 +96,4 @@ def test_no_damaged_mesh_raises_anything_else(tmp_path):
             damaged[random.integers(len(content))] ^= 1 << random.integers(8)
             (tmp_path / "a.ply").write_bytes(damaged)
             with suppress(BadInput):
-                validate_scene_ply_file(tmp_path / "a.ply")
+                validate_ply(tmp_path / "a.ply")

@@ -9,11 +9,11 @@ import pytest
 from refusals import refusal
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.plugins.lights import RESERVED_GROUP_NAMES, split_schedule_by_light_group
+from saf_gen.plugins.lights import RESERVED_GROUP_NAMES, split_schedule
 from saf_gen.render import backend, mitsuba_scene
 from saf_gen.scene import library
 from saf_gen.scene.scene_folder import find_scene, scene_names
-from saf_gen.scene.trusted_folders import forget_scene_folder, register_scene_folder
+from saf_gen.scene.trusted_folders import forget_folder, register_folder
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
 
@@ -178,19 +178,19 @@ def test_scenes_that_use_the_library_keep_the_digest_of_their_own_file(name, dig
 @pytest.mark.parametrize("module", sorted(library.MODULES))
 def test_a_library_module_is_the_file_that_the_script_imports(plane, module):
     """The script and the digest are the same if the module is a file of the folder."""
-    backend.activate_render_backend("scalar")
+    backend.activate_backend("scalar")
     script = plane / "scene.py"
     script.write_text(f"import letters\nassert letters.__name__ == 'letters'\n{script.read_text()}")
     (plane / "letters.py").write_bytes(library.MODULES[module].read_bytes())
     local = find_scene("plane")
-    described = set(mitsuba_scene.build_mitsuba_scene_dict(local))
+    described = set(mitsuba_scene.scene_dict(local))
     card = plane / "scene.yaml"
     card.write_text(f"{card.read_text()}\nlibrary: {{letters: {module}}}\n")
     assert "'letters'" in refusal(find_scene, "plane").problem  # there are two of this name
     (plane / "letters.py").unlink()
     shared = find_scene("plane")
     assert shared.digest == local.digest
-    assert set(mitsuba_scene.build_mitsuba_scene_dict(shared)) == described
+    assert set(mitsuba_scene.scene_dict(shared)) == described
 
 
 def test_an_unknown_library_module_is_refused_with_its_line(edited):
@@ -273,7 +273,7 @@ def test_the_reserved_names_are_a_stack_s_other_piece_and_what_begins_a_schedule
     spec = StackSpec("plane", "0" * 64, ("lamp",), drive, 2, 2, 60e-6, 2, 1, 2)
     assert set(StackStore(tmp_path, spec).pieces) - {"lamp"} <= RESERVED_GROUP_NAMES
     for name in RESERVED_GROUP_NAMES - {"geometry"}:
-        assert set(split_schedule_by_light_group({name: {"kind": "constant"}})) == {""}
+        assert set(split_schedule({name: {"kind": "constant"}})) == {""}
 
 
 def test_a_light_group_without_emitters_is_refused(edited):
@@ -345,7 +345,7 @@ def test_links_of_an_xml_scene_stay_in_its_folder(plane, tmp_path):
 
 
 def test_a_folder_of_more_files_than_a_scene_has_is_refused(plane, monkeypatch):
-    monkeypatch.setattr("saf_gen.scene.scene_digest.MAX_FILES", 1)
+    monkeypatch.setattr("saf_gen.scene.scene_folder.MAX_FILES", 1)
     assert "plane holds more than 1 files" in refusal(find_scene, "plane").problem
 
 
@@ -364,8 +364,8 @@ def test_a_folders_own_scene_shadows_one_that_comes_with_it_only_where_it_is_reg
     local = tmp_path / "scenes/camel"
     shutil.copytree(shipped, local)
     assert find_scene("camel").folder == shipped
-    register_scene_folder(local.parent)
+    register_folder(local.parent)
     assert find_scene("camel").folder == local
-    forget_scene_folder(local.parent)
+    forget_folder(local.parent)
     monkeypatch.setenv("SAF_GEN_SCENES", str(local.parent))
     assert find_scene("camel").folder == local

@@ -5,11 +5,11 @@ import importlib.util
 import numpy as np
 import pytest
 
-from saf_gen.scene.library import find_scene_library_module
+from saf_gen.scene.library import library_module
 
 
 def library(name):
-    spec = importlib.util.spec_from_file_location(name, find_scene_library_module(name))
+    spec = importlib.util.spec_from_file_location(name, library_module(name))
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -12,8 +12,8 @@ from small_dataset import SCENES
 
 from saf_gen.render import backend, depth_and_target, mitsuba_scene, posed_shapes, xml_scene
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
-from saf_gen.scene.scene_folder import find_scene, load_scene_folder, scene_names
-from saf_gen.scene.trusted_folders import forget_scene_folder, register_scene_folder
+from saf_gen.scene.scene_folder import find_scene, load_scene, scene_names
+from saf_gen.scene.trusted_folders import forget_folder, register_folder
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
 
 HEAD = '<scene version="3.0.0">'
@@ -29,7 +29,7 @@ def exported(tmp_path):
         text = path.read_text()
         assert old in text
         path.write_text(text.replace(old, new, 1))
-        return load_scene_folder(path.parent)
+        return load_scene(path.parent)
 
     return edit
 
@@ -57,13 +57,13 @@ def test_the_exported_folder_is_what_its_script_makes(tmp_path):
 
 
 def seen_of(scene, group):
-    backend.activate_render_backend("scalar")
-    loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(
-        mitsuba_scene.build_mitsuba_scene_dict(scene), scene.card.lights[group], max_depth=3
+    backend.activate_backend("scalar")
+    loaded, integrator = mitsuba_scene.load_lit_scene(
+        mitsuba_scene.scene_dict(scene), scene.card.lights[group], max_depth=3
     )
-    to_world, unit = mitsuba_scene.mitsuba_camera_to_world(scene), scene.card.unit_m
+    to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
     setup = RenderSetup(loaded, integrator, to_world, scene.build_drive(), SensorGrid(40, 64, 1.25e-4), unit)
-    return loaded, depth_and_target.trace_depth_and_target(setup, scene.card.target)
+    return loaded, depth_and_target.trace_geometry(setup, scene.card.target)
 
 
 def test_an_exported_scene_goes_in_as_it_is(test_scenes):
@@ -93,12 +93,10 @@ def test_the_card_says_how_large_a_unit_is(exported):
     text = card.read_text().replace("[0, 0.2, 0.55]", "[0, 0.0004, 0.0011]")
     text = text.replace("[0, 0.157, 0.39]", "[0, 0.000314, 0.00078]")
     card.write_text(text.replace("0.80, 0.42", "1.6, 0.04").replace("25", "0.5"))
-    backend.activate_render_backend("scalar")
-    scene = load_scene_folder(scene.folder)
-    loaded, _ = mitsuba_scene.load_lit_mitsuba_scene(
-        mitsuba_scene.build_mitsuba_scene_dict(scene), scene.card.lights["lamp"], max_depth=3
-    )
-    camera = np.array(mitsuba_scene.mitsuba_camera_to_world(scene).matrix)
+    backend.activate_backend("scalar")
+    scene = load_scene(scene.folder)
+    loaded, _ = mitsuba_scene.load_lit_scene(mitsuba_scene.scene_dict(scene), scene.card.lights["lamp"], max_depth=3)
+    camera = np.array(mitsuba_scene.camera_to_world(scene).matrix)
     assert camera[:3, 3] == pytest.approx([0, 0.2, 0.55])
     assert loaded.bbox().max[0] == pytest.approx(0.6)
 
@@ -109,13 +107,11 @@ def test_a_shape_of_a_file_moves_by_its_name(exported):
         "motion:\n  mesh-Crate.001:\n    keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0, 0, -0.1]}]\ntarget:",
         name="scene.yaml",
     )
-    backend.activate_render_backend("scalar")
-    described = mitsuba_scene.build_mitsuba_scene_dict(scene)
+    backend.activate_backend("scalar")
+    described = mitsuba_scene.scene_dict(scene)
     depths = []
     for time_s in (0.0, 0.5):
-        moment = posed_shapes.pose_rendered_shapes(
-            described, mitsuba_scene.mitsuba_shape_motions(scene, described), time_s=time_s
-        )
+        moment = posed_shapes.pose_shapes(described, mitsuba_scene.shape_motions(scene, described), time_s=time_s)
         hit = mi.load_dict({"type": "scene", "it": moment["mesh-Crate.001"], "mat-Print": moment["mat-Print"]})
         depths.append(hit.ray_intersect(mi.Ray3f([0.01, 0.04, 0.5], [0, 0, -1])).t)
     assert depths == pytest.approx([0.5, 0.55], abs=1e-6)
@@ -146,10 +142,10 @@ def test_a_lamp_that_is_shared_burns_in_each_shape_that_names_it(written, tmp_pa
         '<shape type="cube" id="a"><ref id="glow"/><ref id="paint"/></shape>'
         '<shape type="cube" id="b"><ref id="glow"/></shape>'
     )
-    backend.activate_render_backend("scalar")
-    entries = xml_scene.parse_mitsuba_scene_dict(text, tmp_path / "scene.xml")
+    backend.activate_backend("scalar")
+    entries = xml_scene.parse_scene_dict(text, tmp_path / "scene.xml")
     assert set(entries) == {"grey", "a", "b"}
-    loaded, _ = mitsuba_scene.load_lit_mitsuba_scene(entries, ("a",), max_depth=2)
+    loaded, _ = mitsuba_scene.load_lit_scene(entries, ("a",), max_depth=2)
     lit = {s.id(): (s.is_emitter(), s.bsdf().id()) for s in loaded.shapes()}
     assert lit["a"] == (True, "grey")
     assert lit["b"][0] is False
@@ -163,11 +159,11 @@ def test_parameters_of_the_card_are_those_of_the_file(exported):
     exported('value="0.600000 0.100000 0.080000"', 'value="$red 0.1 0.1"')
     card = scene.folder / "scene.yaml"
     card.write_text(card.read_text() + "params: {red: {uniform: [0.3, 0.4]}}\n")
-    scene = load_scene_folder(scene.folder)
+    scene = load_scene(scene.folder)
     text = read_scene_xml(scene.folder / "scene.xml", scene.params).text
     assert f'value="{scene.params["red"]} 0.1 0.1"' in text
     card.write_text(card.read_text().replace("red:", "rad:"))
-    error = refusal(lambda: mitsuba_scene.build_mitsuba_scene_dict(load_scene_folder(scene.folder)))
+    error = refusal(lambda: mitsuba_scene.scene_dict(load_scene(scene.folder)))
     assert error.where == str(card)
     assert (error.allowed, error.nearest) == ("red, resx, resy, spp", "red")
 
@@ -372,8 +368,8 @@ def test_an_encoding_that_python_knows_is_read(tmp_path, name):
     ],
 )
 def test_an_error_of_mitsuba_is_reported_with_its_line(written, tmp_path, elements, message):
-    backend.activate_render_backend("scalar")
-    error = refusal(xml_scene.parse_mitsuba_scene_dict, written(elements), tmp_path / "scene.xml")
+    backend.activate_backend("scalar")
+    error = refusal(xml_scene.parse_scene_dict, written(elements), tmp_path / "scene.xml")
     assert error.where.endswith(f"scene.xml:{2 + elements.count(chr(10))}")
     assert message in str(error)
 
@@ -384,10 +380,10 @@ def test_a_mesh_or_picture_that_is_broken_is_one_line(exported, name, kept):
     scene = exported()
     file = scene.folder / name
     file.write_bytes(file.read_bytes()[:kept])
-    backend.activate_render_backend("scalar")
+    backend.activate_backend("scalar")
 
     def load():
-        mitsuba_scene.load_lit_mitsuba_scene(mitsuba_scene.build_mitsuba_scene_dict(scene), ("World",), max_depth=3)
+        mitsuba_scene.load_lit_scene(mitsuba_scene.scene_dict(scene), ("World",), max_depth=3)
 
     assert file.name in str(refusal(load))
 
@@ -416,18 +412,18 @@ def scripted(tmp_path):
 
 
 def test_a_script_elsewhere_is_not_run(scripted, tmp_path, monkeypatch):
-    error = refusal(load_scene_folder, scripted)
+    error = refusal(load_scene, scripted)
     assert "scene.py is code" in error.problem
     assert f"SAF_GEN_SCENES={scripted.parent}" in error.hint
     monkeypatch.chdir(scripted.parent)
-    assert "is code" in refusal(load_scene_folder, scripted).problem
+    assert "is code" in refusal(load_scene, scripted).problem
     assert not (tmp_path / "ran").exists()
 
 
 def test_a_script_in_a_folder_that_the_user_named_is_run(scripted, tmp_path, monkeypatch):
     monkeypatch.setenv("SAF_GEN_SCENES", str(scripted.parent))
-    backend.activate_render_backend("scalar")
-    mitsuba_scene.build_mitsuba_scene_dict(load_scene_folder(scripted))
+    backend.activate_backend("scalar")
+    mitsuba_scene.scene_dict(load_scene(scripted))
     assert (tmp_path / "ran").exists()
 
 
@@ -439,14 +435,14 @@ def test_scenes_of_the_working_directory_are_found_once_it_is_registered(scripte
     assert error.problem == "the scene 'plane' is only in ./scenes, which is not registered"
     assert error.hint == f"read its code, and if you trust it: saf-gen init {here}"
     assert "plane" not in scene_names()
-    assert refusal(load_scene_folder, here / "scenes/plane").hint == error.hint
-    register_scene_folder(Path("scenes"))
+    assert refusal(load_scene, here / "scenes/plane").hint == error.hint
+    register_folder(Path("scenes"))
     assert find_scene("plane").folder == here / "scenes/plane"
     monkeypatch.chdir("/")  # elsewhere it has no name, and is still trusted
     assert "unknown scene 'plane'" in refusal(find_scene, "plane").problem
-    assert load_scene_folder(here / "scenes/plane").id == "plane"
-    forget_scene_folder(here / "scenes")
-    assert "is code" in refusal(load_scene_folder, here / "scenes/plane").problem
+    assert load_scene(here / "scenes/plane").id == "plane"
+    forget_folder(here / "scenes")
+    assert "is code" in refusal(load_scene, here / "scenes/plane").problem
     assert not (tmp_path / "ran").exists()
 
 
@@ -465,7 +461,7 @@ def test_an_xml_scene_may_lie_anywhere(exported):
 def test_a_folder_with_both_kinds_of_geometry_is_refused(exported):
     folder = exported().folder
     (folder / "scene.py").write_text("raise SystemExit")
-    assert "is code" in refusal(load_scene_folder, folder).problem
+    assert "is code" in refusal(load_scene, folder).problem
 
 
 def test_a_trusted_folder_with_both_kinds_of_geometry_is_refused(exported, monkeypatch):

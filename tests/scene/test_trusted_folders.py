@@ -3,12 +3,7 @@
 import pytest
 from refusals import refusal
 
-from saf_gen.scene.trusted_folders import (
-    forget_scene_folder,
-    register_scene_folder,
-    registered_scene_folders,
-    scene_registration_file,
-)
+from saf_gen.scene.trusted_folders import forget_folder, register_folder, registered_folders, registration_file
 
 
 @pytest.fixture(autouse=True)
@@ -18,33 +13,33 @@ def _nothing_registered(tmp_path, monkeypatch):
 
 def test_a_folder_is_registered_once_and_forgotten(tmp_path):
     one, other = tmp_path / "one", tmp_path / "other"
-    assert registered_scene_folders() == []
-    assert [register_scene_folder(folder) for folder in (one, other, one)] == [True, True, False]
-    assert registered_scene_folders() == [one, other]
-    assert [forget_scene_folder(one), forget_scene_folder(one)] == [True, False]
-    assert registered_scene_folders() == [other]
+    assert registered_folders() == []
+    assert [register_folder(folder) for folder in (one, other, one)] == [True, True, False]
+    assert registered_folders() == [one, other]
+    assert [forget_folder(one), forget_folder(one)] == [True, False]
+    assert registered_folders() == [other]
 
 
 def test_a_path_that_is_relative_or_has_two_lines_is_never_taken(tmp_path):
-    scene_registration_file().parent.mkdir(parents=True)
-    scene_registration_file().write_text(f"scenes\n\n../up\n{tmp_path}\n")
-    assert registered_scene_folders() == [tmp_path]
-    assert "line break" in refusal(register_scene_folder, tmp_path / "a\nb").problem
+    registration_file().parent.mkdir(parents=True)
+    registration_file().write_text(f"scenes\n\n../up\n{tmp_path}\n")
+    assert registered_folders() == [tmp_path]
+    assert "line break" in refusal(register_folder, tmp_path / "a\nb").problem
 
 
 def test_a_list_that_cannot_be_read_is_named():
-    scene_registration_file().parent.mkdir(parents=True)
-    scene_registration_file().write_bytes(b"\xff\xfe")
-    error = refusal(registered_scene_folders)
-    assert str(scene_registration_file()) in error.problem
+    registration_file().parent.mkdir(parents=True)
+    registration_file().write_bytes(b"\xff\xfe")
+    error = refusal(registered_folders)
+    assert str(registration_file()) in error.problem
     assert error.hint == "remove it, and run saf-gen init again"
 
 
 def test_without_a_home_folder_nothing_is_registered_and_the_hint_names_the_variable(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", "relative")
     monkeypatch.setattr("os.path.expanduser", lambda path: path)
-    assert registered_scene_folders() == []
-    assert "SAF_GEN_SCENES" in refusal(register_scene_folder, tmp_path).hint
+    assert registered_folders() == []
+    assert "SAF_GEN_SCENES" in refusal(register_folder, tmp_path).hint
 
 
 def test_init_makes_and_registers_a_folder(call, tmp_path, monkeypatch):
@@ -66,10 +61,10 @@ def test_init_makes_and_registers_a_folder(call, tmp_path, monkeypatch):
 def test_a_new_scene_registers_a_folder_without_scenes_and_no_other(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert f"registered: {tmp_path / 'scenes'};" in call("scenes", "new", "card")[1]
-    assert registered_scene_folders() == [tmp_path / "scenes"]
-    forget_scene_folder(tmp_path / "scenes")
+    assert registered_folders() == [tmp_path / "scenes"]
+    forget_folder(tmp_path / "scenes")
     assert "next: saf-gen init, if you trust the code of all scenes in ./scenes" in call("scenes", "new", "other")[1]
-    assert registered_scene_folders() == []
+    assert registered_folders() == []
 
 
 def test_a_folder_that_cannot_be_made_is_one_line(call, tmp_path):
@@ -77,4 +72,4 @@ def test_a_folder_that_cannot_be_made_is_one_line(call, tmp_path):
     code, _, err = call("init", tmp_path / "file")
     assert (code, err.count("\n")) == (2, 1)
     assert "file/scenes cannot be written" in err
-    assert registered_scene_folders() == []
+    assert registered_folders() == []

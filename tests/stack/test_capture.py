@@ -12,14 +12,14 @@ from refusals import refusal
 import saf_gen
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import list_sequences_to_evaluate
+from saf_gen.benchmark.tracks.sequence_tasks import list_sequences
 from saf_gen.benchmark.view import WindowCounts
-from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_method_view
+from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_view
 from saf_gen.camera import Encoder
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics.actuators import get_actuator
-from saf_gen.plugins.motions import motion_positions_at_readouts
+from saf_gen.plugins.motions import lens_positions
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 
@@ -37,10 +37,8 @@ def test_the_same_lens_sees_the_same_spikes(dataset, name, region):
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
         capture = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        position = motion_positions_at_readouts(motion, capture.frames, readout_hz=stream.readout_hz)
-        frames = CapturedFrames(
-            capture, capture.open_charge_source(rows_in_method_view(capture, region)), region=region
-        )
+        position = lens_positions(motion, capture.frames, readout_hz=stream.readout_hz)
+        frames = CapturedFrames(capture, capture.open_charge_source(rows_in_view(capture, region)), region=region)
         for stop in (8, 96, 800):  # in any pieces
             frames.encode_until(stop, position)
         for first, last in ((0, 800), (3, 5), (90, 210)):
@@ -182,7 +180,7 @@ def test_slices_of_its_own_are_captured_from_the_beginning(without_whole_slices,
         assert [spec.rendered_count for spec in capture.plane_source.time_stack.specs] == [9] * 6
         frames = CapturedFrames(capture, capture.open_charge_source(), region=region)
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        frames.encode_until(400, motion_positions_at_readouts(motion, 800, readout_hz=stream.readout_hz))
+        frames.encode_until(400, lens_positions(motion, 800, readout_hz=stream.readout_hz))
         # The same light, through other paths: as many spikes, not the same ones.
         assert frames.window(0, 400).mean() == pytest.approx(stream.counts(0, 400, region=region).mean(), rel=0.01)
         assert ClosedLoopProtocol(get_actuator("voice_coil")).count_frames(capture)[0] == 400
@@ -190,7 +188,7 @@ def test_slices_of_its_own_are_captured_from_the_beginning(without_whole_slices,
         error = refusal(too_long.count_frames, capture)
         assert "30 ms" in error.problem
         assert error.allowed.startswith("0.8 to 20 ms")
-        (task,) = list_sequences_to_evaluate(folder)
+        (task,) = list_sequences(folder)
         setting = ClosedLoopSequence.from_stream(task, stream, region="target")
         assert setting.data != stream.content_sha256
         note = next((folder / "stacks" / capture.plane_source.time_stack.specs[0].key).glob("lamp.json"))
@@ -219,7 +217,7 @@ def test_windows_and_intervals_are_those_of_a_recording(dataset):
         capture = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
         frames = CapturedFrames(capture, capture.open_charge_source(), region=(slice(0, 40), slice(0, 64)))
-        frames.encode_until(800, motion_positions_at_readouts(motion, capture.frames, readout_hz=stream.readout_hz))
+        frames.encode_until(800, lens_positions(motion, capture.frames, readout_hz=stream.readout_hz))
         counts = WindowCounts(stream)
         for first, last in ((0, 800), (3, 61)):
             assert np.array_equal(frames.window(first, last), counts.window(first, last))

@@ -9,8 +9,8 @@ import pytest
 from refusals import refusal
 
 from saf_gen.errors import BadInput
-from saf_gen.stack import exr_parts
-from saf_gen.stack.exr import read_stack_planes, write_stack_plane_blocks, write_stack_planes
+from saf_gen.stack import exr
+from saf_gen.stack.exr import read_planes, write_plane_blocks, write_planes
 
 
 def test_planes_of_two_and_four_bytes_and_attributes_come_back_bit_for_bit(tmp_path):
@@ -18,8 +18,8 @@ def test_planes_of_two_and_four_bytes_and_attributes_come_back_bit_for_bit(tmp_p
     planes = {name: random.random((5, 7)).astype(np.float16) for name in ("b", "a", "c")}
     planes["depth"], planes["target"] = random.random((2, 5, 7), dtype=np.float32)
     planes["depth"][0, 1] = np.inf
-    write_stack_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
-    back, attributes = read_stack_planes(tmp_path / "a.exr")
+    write_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
+    back, attributes = read_planes(tmp_path / "a.exr")
     assert {name: plane.dtype for name, plane in back.items()} == {n: p.dtype for n, p in planes.items()}
     assert all(np.array_equal(back[name], planes[name]) for name in planes)
     assert attributes["unit"] == "m"
@@ -27,21 +27,21 @@ def test_planes_of_two_and_four_bytes_and_attributes_come_back_bit_for_bit(tmp_p
 
 def test_what_is_read_is_what_openexr_reads(tmp_path):
     planes = {f"focus.{k:04d}": np.arange(35, dtype=np.float16).reshape(5, 7) + k for k in (9, 10, 8)}
-    write_stack_planes(tmp_path / "a.exr", planes, attributes={})
+    write_planes(tmp_path / "a.exr", planes, attributes={})
     theirs = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
-    ours, _ = read_stack_planes(tmp_path / "a.exr")
+    ours, _ = read_planes(tmp_path / "a.exr")
     assert set(ours) == set(theirs)
     assert all(np.array_equal(ours[name], theirs[name].pixels) for name in theirs)
 
 
 def test_some_planes_of_many(tmp_path):
     planes = {f"focus.{k:04d}": np.full((5, 7), k, np.float32) for k in range(12)}
-    write_stack_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
-    back, attributes = read_stack_planes(tmp_path / "a.exr", ["focus.0010", "focus.0003"])
+    write_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
+    back, attributes = read_planes(tmp_path / "a.exr", ["focus.0010", "focus.0003"])
     assert list(back) == ["focus.0010", "focus.0003"]
     assert all(np.array_equal(back[name], planes[name]) for name in back)
     assert attributes["unit"] == "m"
-    error = refusal(read_stack_planes, tmp_path / "a.exr", ["focus.0012"])
+    error = refusal(read_planes, tmp_path / "a.exr", ["focus.0012"])
     assert "focus.0012" in error.problem
     assert error.hint.startswith("delete it")
 
@@ -75,7 +75,7 @@ def image_bytes(path, plane, compression=OpenEXR.NO_COMPRESSION):
 def test_a_file_that_is_not_ours_is_refused(tmp_path, make, problem):
     path = tmp_path / "a.exr"
     path.write_bytes(make(path))
-    error = refusal(read_stack_planes, path)
+    error = refusal(read_planes, path)
     assert str(path) in error.problem
     assert problem in error.problem
     assert error.hint.startswith("delete it")
@@ -83,14 +83,14 @@ def test_a_file_that_is_not_ours_is_refused(tmp_path, make, problem):
 
 def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe.exr")
-    assert refusal(read_stack_planes, tmp_path / "pipe.exr").problem.endswith("pipe.exr is not a file on a disk")
+    assert refusal(read_planes, tmp_path / "pipe.exr").problem.endswith("pipe.exr is not a file on a disk")
 
 
 def blocks_of(path, count, shape=(37, 13), seed=1):
     """Write planes that differ little from one to the next in blocks, and return them."""
     random = np.random.default_rng(seed)
     planes = {f"focus.{k:04d}": (random.random(shape) + 0.1 * k).astype(np.float16) for k in range(5, 5 + count)}
-    write_stack_plane_blocks(path, planes, attributes={"unit": "m", "exponent": "3"})
+    write_plane_blocks(path, planes, attributes={"unit": "m", "exponent": "3"})
     return planes
 
 
@@ -102,7 +102,7 @@ def same_bits(one, other):
 def test_planes_in_blocks_come_back_bit_for_bit(tmp_path, count):
     """37 lines are two chunks of 16 and one of 5; there are full and partial blocks, and a single one."""
     planes = blocks_of(tmp_path / "a.exr", count)
-    back, attributes = read_stack_planes(tmp_path / "a.exr")
+    back, attributes = read_planes(tmp_path / "a.exr")
     assert list(back) == list(planes)
     assert all(same_bits(back[name], planes[name]) for name in planes)
     assert attributes == {"unit": "m", "exponent": "3"}
@@ -113,8 +113,8 @@ def test_planes_of_four_bytes_come_back_from_blocks_too(tmp_path, block_size):
     depth = np.random.default_rng(2).random((37, 13)).astype(np.float32)
     depth[3, 4] = np.inf
     planes = {"depth": depth, "target": (depth > 0.5).astype(np.float32), "noise": depth[::-1].copy()}
-    write_stack_plane_blocks(tmp_path / "a.exr", planes, attributes={}, block_size=block_size)
-    back, _ = read_stack_planes(tmp_path / "a.exr")
+    write_plane_blocks(tmp_path / "a.exr", planes, attributes={}, block_size=block_size)
+    back, _ = read_planes(tmp_path / "a.exr")
     assert {name: plane.dtype for name, plane in back.items()} == dict.fromkeys(planes, np.dtype(np.float32))
     assert all(np.array_equal(back[name], planes[name]) for name in planes)
     parts = OpenEXR.File(str(tmp_path / "a.exr")).parts
@@ -130,8 +130,8 @@ def test_blocks_keep_every_bit_pattern(tmp_path, kind):
         "odd bits": np.arange(9 * 32 * 256).reshape(9, 32, 256) * 8191,
     }[kind].astype(np.uint16)
     planes = {f"p{k}": plane.view(np.float16) for k, plane in enumerate(bits)}
-    write_stack_plane_blocks(tmp_path / "a.exr", planes, attributes={})
-    back, _ = read_stack_planes(tmp_path / "a.exr")
+    write_plane_blocks(tmp_path / "a.exr", planes, attributes={})
+    back, _ = read_planes(tmp_path / "a.exr")
     assert all(same_bits(back[name], planes[name]) for name in planes)
     size, raw = (tmp_path / "a.exr").stat().st_size, bits.nbytes
     assert {"noise": size > raw, "flat": size < raw / 5, "odd bits": True}[kind]
@@ -149,18 +149,18 @@ def test_blocks_are_what_openexr_reads(tmp_path):
 
 def test_a_few_planes_are_read_from_their_blocks_alone(tmp_path, monkeypatch):
     planes, read = blocks_of(tmp_path / "a.exr", 30), []
-    read_picture = exr_parts.read_exr_picture
+    read_picture = exr.read_picture
 
     def counted(path, part):
         read.append(part.number)
         return read_picture(path, part)
 
-    monkeypatch.setattr(exr_parts, "read_exr_picture", counted)
-    back, _ = read_stack_planes(tmp_path / "a.exr", ["focus.0013", "focus.0012", "focus.0014"])
+    monkeypatch.setattr(exr, "read_picture", counted)
+    back, _ = read_planes(tmp_path / "a.exr", ["focus.0013", "focus.0012", "focus.0014"])
     assert list(back) == ["focus.0013", "focus.0012", "focus.0014"]
     assert all(same_bits(back[name], planes[name]) for name in back)
     assert read == [1, 0]  # each once
-    assert "focus.0040" in refusal(read_stack_planes, tmp_path / "a.exr", ["focus.0040"]).problem
+    assert "focus.0040" in refusal(read_planes, tmp_path / "a.exr", ["focus.0040"]).problem
 
 
 def test_damaged_blocks_are_refused(tmp_path):
@@ -170,22 +170,20 @@ def test_damaged_blocks_are_refused(tmp_path):
     random = np.random.default_rng(7)
     for length in (*range(0, 900, 60), *random.integers(900, len(content) - 1, 20).tolist()):
         (tmp_path / "b.exr").write_bytes(content[:length])
-        assert refusal(read_stack_planes, tmp_path / "b.exr").hint.startswith("delete it")
+        assert refusal(read_planes, tmp_path / "b.exr").hint.startswith("delete it")
     for at in (*range(0, 1200, 7), *random.integers(1200, len(content), 60).tolist()):
         for flipped in (0x55, 0x80, 0xFF):
             changed = bytearray(content)
             changed[at] ^= flipped
             (tmp_path / "b.exr").write_bytes(changed)
             with suppress(BadInput):  # and no other error
-                read_stack_planes(tmp_path / "b.exr")
+                read_planes(tmp_path / "b.exr")
 
 
 def test_no_damaged_header_ends_the_process_or_fills_its_memory(tmp_path):
     """OpenEXR itself crashed for two of 300 damaged files. 400 changes of the header, seed 5."""
     rng, path = np.random.default_rng(5), tmp_path / "a.exr"
-    write_stack_planes(
-        path, {f"focus.{n:04d}": np.ones((5, 7), np.float32) for n in range(3)}, attributes={"unit": "W"}
-    )
+    write_planes(path, {f"focus.{n:04d}": np.ones((5, 7), np.float32) for n in range(3)}, attributes={"unit": "W"})
     content, refused = path.read_bytes(), 0
     for number in range(400):
         damaged, at = bytearray(content), int(rng.integers(min(len(content), 700)))
@@ -193,7 +191,7 @@ def test_no_damaged_header_ends_the_process_or_fills_its_memory(tmp_path):
         damaged[at : at + 4] = extremes[number % 4]
         path.write_bytes(damaged)
         try:
-            read_stack_planes(path)
+            read_planes(path)
         except BadInput:
             refused += 1
     assert refused > 100

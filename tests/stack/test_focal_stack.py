@@ -63,7 +63,7 @@ def test_a_time_slice_is_half_floats_of_any_brightness(tmp_path, brightest):
     assert back.dtype == np.float32
     for stored in back:
         np.testing.assert_allclose(stored, radiance, rtol=2.0**-11, atol=brightest * 2.0**-39)
-    planes, facts = exr.read_stack_planes(store.folder / "lamp.exr")
+    planes, facts = exr.read_planes(store.folder / "lamp.exr")
     assert planes["focus.0001"].dtype == np.float16
     assert facts["unit"] == f"2^{facts['exponent']} W m^-2 sr^-1 at gain 1"
     assert np.array_equal(planes["focus.0002"].astype(float) * 2.0 ** int(facts["exponent"]), back[0, 1])
@@ -81,7 +81,7 @@ def test_a_piece_says_which_drive_it_was_seen_through(tmp_path):
     store, *_ = filled(tmp_path)
     drive = {"kind": "image_distance", "focal_length_m": 0.025, "f_number": 2.0}
     drive |= {"focus_range_m": [0.6, 0.42], "transmission": 1.0}
-    assert json.loads(exr.read_stack_planes(store.folder / "lamp.exr")[1]["drive"]) == drive
+    assert json.loads(exr.read_planes(store.folder / "lamp.exr")[1]["drive"]) == drive
     assert json.loads((store.folder / "lamp.json").read_text())["spec"]["drive"] == drive
 
 

@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stack.grain import ENERGIES, correlate_stack_grain, estimate_stack_grain, mean_energy_of_stack_grain
+from saf_gen.stack.grain import ENERGIES, correlate_grain, estimate_grain, mean_energy
 
 FACTORS = (1, 2, 24, 2, 468, 20 / 36)
 """Energies of white noise of variance 1, in the order of ENERGIES: the sum of the squares of each filter."""
@@ -27,7 +27,7 @@ def renders(clean, sigma, random, count=2):
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_an_energy_is_the_focus_measure(energy):
     picture = make_generator("picture", 1).random((37, 53))
-    assert mean_energy_of_stack_grain(picture, picture, energy=energy) == pytest.approx(
+    assert mean_energy(picture, picture, energy=energy) == pytest.approx(
         get_measure("variance" if energy == "contrast" else energy)(picture), rel=1e-12
     )
 
@@ -38,11 +38,9 @@ def test_the_energies_of_stripes_are_closed_forms():
     Filters leave out the border, so that the last two miss two columns: 0.2 % of 96 periods.
     """
     clean, s2 = stripes(5, 96 * PERIOD), math.sin(2 * math.pi / PERIOD) ** 2
-    assert mean_energy_of_stack_grain(clean, clean, energy="contrast") == pytest.approx(AMPLITUDE**2 / 2, rel=1e-12)
-    assert mean_energy_of_stack_grain(clean, clean, energy="brenner") == pytest.approx(2 * AMPLITUDE**2 * s2, rel=2e-3)
-    assert mean_energy_of_stack_grain(clean, clean, energy="tenengrad") == pytest.approx(
-        32 * AMPLITUDE**2 * s2, rel=2e-3
-    )
+    assert mean_energy(clean, clean, energy="contrast") == pytest.approx(AMPLITUDE**2 / 2, rel=1e-12)
+    assert mean_energy(clean, clean, energy="brenner") == pytest.approx(2 * AMPLITUDE**2 * s2, rel=2e-3)
+    assert mean_energy(clean, clean, energy="tenengrad") == pytest.approx(32 * AMPLITUDE**2 * s2, rel=2e-3)
 
 
 @pytest.mark.parametrize("sigma", [0.02, 0.3, 2.0])
@@ -54,16 +52,13 @@ def test_planted_noise_is_found(sigma):
     """
     clean = stripes(256, 384)
     first, second = renders(clean, sigma, make_generator("planted", 2))
-    found = estimate_stack_grain(first, second)
+    found = estimate_grain(first, second)
     assert found.mean == pytest.approx(MEAN, rel=0.01 * (1 + sigma))
     assert found.rms.value == pytest.approx(sigma / MEAN, rel=0.02)
     for energy, factor in zip(ENERGIES, FACTORS, strict=True):
-        noise = mean_energy_of_stack_grain(first - second, first - second, energy=energy) / 2
+        noise = mean_energy(first - second, first - second, energy=energy) / 2
         assert noise == pytest.approx(factor * sigma**2, rel=0.04)
-        figure, expected = (
-            found.noise_over_signal[energy],
-            noise / mean_energy_of_stack_grain(clean, clean, energy=energy),
-        )
+        figure, expected = (found.noise_over_signal[energy], noise / mean_energy(clean, clean, energy=energy))
         if expected < 20:
             assert figure.value == pytest.approx(expected, rel=0.04 + 0.2 * sigma)
         else:
@@ -74,7 +69,7 @@ def test_noise_of_fewer_samples_counts_by_the_ratio():
     """A second render with an eighth of the samples has 8 times the variance of the first. Seed 3, 98,304 pixels."""
     clean, random = stripes(256, 384), make_generator("ratio", 3)
     first, second = renders(clean, 0.1, random, 1)[0], renders(clean, 0.1 * math.sqrt(8), random, 1)[0]
-    found = estimate_stack_grain(first, second, ratio=8)
+    found = estimate_grain(first, second, ratio=8)
     assert found.rms.value == pytest.approx(0.1 / MEAN, rel=0.02)
     assert found.noise_over_signal["contrast"].value == pytest.approx(0.01 / (AMPLITUDE**2 / 2), rel=0.05)
 
@@ -104,14 +99,12 @@ def test_an_interval_holds_the_truth_as_often_as_it_says(kind):
 
     many = [draw(make_generator("reference", n)) for n in range(400)]  # their mean is known to 0.2 %
     expected = {
-        e: np.mean([mean_energy_of_stack_grain(n, n, energy=e) for n in many])
-        / mean_energy_of_stack_grain(clean, clean, energy=e)
-        for e in ENERGIES
+        e: np.mean([mean_energy(n, n, energy=e) for n in many]) / mean_energy(clean, clean, energy=e) for e in ENERGIES
     }
     rms = sigma / MEAN * (1 if kind == "white" else math.sqrt((0.5**2 + 1.5**2) / 2))
     held = dict.fromkeys(("rms", *ENERGIES), 0)
     for _ in range(draws):
-        found = estimate_stack_grain(clean + draw(random), clean + draw(random))
+        found = estimate_grain(clean + draw(random), clean + draw(random))
         held["rms"] += found.rms.low <= rms <= found.rms.high
         for energy, figure in found.noise_over_signal.items():
             held[energy] += figure.low <= expected[energy] <= figure.high
@@ -122,20 +115,20 @@ def test_an_interval_holds_the_truth_as_often_as_it_says(kind):
 
 
 def test_a_signal_that_noise_hides_has_no_upper_end():
-    found = estimate_stack_grain(*renders(np.full((40, 40), MEAN), 0.2, make_generator("flat", 5)))
+    found = estimate_grain(*renders(np.full((40, 40), MEAN), 0.2, make_generator("flat", 5)))
     for figure in found.noise_over_signal.values():
         assert figure.low >= 0
         assert figure.high == math.inf
 
 
 def test_equal_renders_have_no_grain():
-    found = estimate_stack_grain(stripes(), stripes())
+    found = estimate_grain(stripes(), stripes())
     for figure in (found.rms, *found.noise_over_signal.values()):
         assert (figure.value, figure.low, figure.high) == (0.0, 0.0, 0.0)
 
 
 def test_a_black_region_has_no_figure():
-    found = estimate_stack_grain(np.zeros((9, 9)), np.zeros((9, 9)))
+    found = estimate_grain(np.zeros((9, 9)), np.zeros((9, 9)))
     assert all(math.isnan(figure.value) for figure in (found.rms, *found.noise_over_signal.values()))
 
 
@@ -146,7 +139,7 @@ def test_a_mask_counts_its_own_pixels():
     mask = np.zeros(clean.shape, bool)
     mask[8:40, 16:64] = True
     loud = [np.where(mask, picture, picture + 5 * random.standard_normal(clean.shape)) for picture in (first, second)]
-    inside, cut = estimate_stack_grain(*loud, mask=mask), estimate_stack_grain(first[8:40, 16:64], second[8:40, 16:64])
+    inside, cut = estimate_grain(*loud, mask=mask), estimate_grain(first[8:40, 16:64], second[8:40, 16:64])
     assert inside.rms.value == pytest.approx(cut.rms.value, rel=1e-12)
     for energy in ENERGIES:
         assert inside.noise_over_signal[energy].value == pytest.approx(cut.noise_over_signal[energy].value, rel=1e-12)
@@ -155,7 +148,7 @@ def test_a_mask_counts_its_own_pixels():
 def test_an_energy_whose_filter_fits_nowhere_is_no_number():
     mask = np.zeros((20, 30), bool)
     mask[::2] = True  # alternate rows, which never contain Sobel's three rows
-    found = estimate_stack_grain(*renders(stripes(20, 30), 0.1, make_generator("rows", 7)), mask=mask).noise_over_signal
+    found = estimate_grain(*renders(stripes(20, 30), 0.1, make_generator("rows", 7)), mask=mask).noise_over_signal
     assert math.isnan(found["tenengrad"].value)
     assert found["brenner"].value > 0
 
@@ -172,7 +165,7 @@ def test_the_correlation_of_grain_is_found(kept):
         noise = random.standard_normal((2, 2, *clean.shape))
         earlier = [clean + 0.1 * one for one in noise[0]]
         later = [moved + 0.1 * (kept * a + math.sqrt(1 - kept**2) * b) for a, b in zip(*noise, strict=True)]
-        found = correlate_stack_grain(tuple(earlier), tuple(later))
+        found = correlate_grain(tuple(earlier), tuple(later))
         held += found.low <= kept <= found.high
         values.append(found.value)
     assert held >= binom.ppf(1e-4, draws, 0.95)
@@ -181,13 +174,13 @@ def test_the_correlation_of_grain_is_found(kept):
 
 def test_grain_that_stands_still_has_correlation_1():
     pair = tuple(renders(stripes(), 0.1, make_generator("still", 9)))
-    assert correlate_stack_grain(pair, pair).value == pytest.approx(1.0)
+    assert correlate_grain(pair, pair).value == pytest.approx(1.0)
 
 
 def test_what_cannot_be_compared_is_refused():
     picture = stripes()
-    assert "shapes" in refusal(estimate_stack_grain, picture, picture[1:]).problem
-    assert "shapes" in refusal(estimate_stack_grain, picture[0], picture[0]).problem
-    assert "marks 0 pixels" in refusal(estimate_stack_grain, picture, picture, mask=np.zeros(picture.shape)).problem
-    assert "ratio" in refusal(estimate_stack_grain, picture, picture, ratio=0).problem
-    assert "moments" in refusal(correlate_stack_grain, (picture, picture), (picture[1:], picture[1:])).problem
+    assert "shapes" in refusal(estimate_grain, picture, picture[1:]).problem
+    assert "shapes" in refusal(estimate_grain, picture[0], picture[0]).problem
+    assert "marks 0 pixels" in refusal(estimate_grain, picture, picture, mask=np.zeros(picture.shape)).problem
+    assert "ratio" in refusal(estimate_grain, picture, picture, ratio=0).problem
+    assert "moments" in refusal(correlate_grain, (picture, picture), (picture[1:], picture[1:])).problem

@@ -11,12 +11,12 @@ from small_dataset import SPEC
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.stack.focal_stack import FocalStack, StackStore
-from saf_gen.stack.grain import ENERGIES, estimate_stack_grain, mean_energy_of_stack_grain
-from saf_gen.stack.recording_grain import MOMENTS, stack_grain_along_recording
-from saf_gen.stack.stack_grain import FILE, measure_stack_grain, read_stack_grain, write_stack_grain
+from saf_gen.stack.grain import ENERGIES, estimate_grain, mean_energy
+from saf_gen.stack.recording_grain import MOMENTS, grain_along
+from saf_gen.stack.stack_grain import FILE, measure_pictures, read_grain, write_grain
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.recorded_grain import read_grain_of_stream
+from saf_gen.stream.recorded_grain import grain_of_stream
 
 ROWS, COLUMNS, POSITIONS = 48, 64, 9
 TARGET = np.zeros((ROWS, COLUMNS), bool)
@@ -50,7 +50,7 @@ def renders():
 
 @pytest.fixture(scope="module")
 def grain(renders):
-    return measure_stack_grain(*renders, target=TARGET, samples=SAMPLES)
+    return measure_pictures(*renders, target=TARGET, samples=SAMPLES)
 
 
 @pytest.mark.parametrize("gain", GAINS, ids=str)
@@ -58,12 +58,12 @@ def test_a_mix_of_lights_has_the_grain_of_the_mixed_pictures(renders, grain, gai
     """Both computations are exact and agree to rounding; the mean is that of the first render."""
     for k in (3, 4):
         first, second = (np.tensordot(gain, stack[:, k], 1)[BOX] for stack in renders)
-        found = estimate_stack_grain(first, second, ratio=SAMPLES[0] / SAMPLES[1])
+        found = estimate_grain(first, second, ratio=SAMPLES[0] / SAMPLES[1])
         rms, noise, signal = grain.mix(k, gain)
         assert rms * first.mean() == pytest.approx(found.rms.value * found.mean, rel=1e-9)
         for energy in ENERGIES:
             assert noise[energy] / signal[energy] == pytest.approx(found.noise_over_signal[energy].value, rel=1e-9)
-            expected = mean_energy_of_stack_grain(first, second, energy=energy) / first.mean() ** 2
+            expected = mean_energy(first, second, energy=energy) / first.mean() ** 2
             assert signal[energy] == pytest.approx(expected, rel=1e-9)
 
 
@@ -90,7 +90,7 @@ def test_the_signal_falls_away_from_focus_and_the_noise_does_not(grain):
 
 
 def test_some_positions_are_those_of_all(renders, grain):
-    some = measure_stack_grain(*renders, target=TARGET, samples=SAMPLES, indices=[0, 4, 5])
+    some = measure_pictures(*renders, target=TARGET, samples=SAMPLES, indices=[0, 4, 5])
     assert some.indices.tolist() == [0, 4, 5]
     assert some.mix(1, GAINS[1]) == grain.mix(4, GAINS[1])
 
@@ -101,9 +101,9 @@ def test_a_dark_mix_has_no_figures(grain):
 
 
 def test_what_cannot_be_compared_is_refused(renders):
-    assert "shapes" in refusal(measure_stack_grain, renders[0], renders[1][:1], target=TARGET, samples=SAMPLES).problem
+    assert "shapes" in refusal(measure_pictures, renders[0], renders[1][:1], target=TARGET, samples=SAMPLES).problem
     empty = np.zeros_like(TARGET)
-    assert "marks 0 pixels" in refusal(measure_stack_grain, *renders, target=empty, samples=SAMPLES).problem
+    assert "marks 0 pixels" in refusal(measure_pictures, *renders, target=empty, samples=SAMPLES).problem
 
 
 # --- the file -----------------------------------------------------------------------------------------
@@ -124,14 +124,14 @@ def stored(tmp_path, renders, grain):
     for group, radiance in zip(STORED.groups, renders[0].astype(np.float32), strict=True):
         store.write_group(group, radiance, backend="llvm")
     digest = store.digest()
-    write_stack_grain(tmp_path, STORED, grain=grain)
+    write_grain(tmp_path, STORED, grain=grain)
     assert store.digest() == digest, "grain is no part of the stack"
     assert store.missing_pieces() == []
     return tmp_path
 
 
 def test_grain_is_read_as_it_was_written(stored, grain):
-    again = read_stack_grain(stored, STORED)
+    again = read_grain(stored, STORED)
     assert again.samples == SAMPLES
     for k in (0, 4, 8):
         for gain in GAINS:
@@ -143,7 +143,7 @@ def test_grain_is_read_as_it_was_written(stored, grain):
 
 def test_grain_of_another_stack_is_not_taken(stored):
     StackStore(stored, STORED).write_group("lamp", np.ones((9, ROWS, COLUMNS), np.float32), backend="llvm")
-    assert read_stack_grain(stored, STORED) is None
+    assert read_grain(stored, STORED) is None
 
 
 @pytest.mark.parametrize(
@@ -158,16 +158,16 @@ def test_grain_of_another_stack_is_not_taken(stored):
 def test_a_damaged_file_counts_as_missing(stored, spoil):
     path = stored / STORED.key / FILE
     path.write_text(spoil(path.read_text()))
-    assert read_stack_grain(stored, STORED) is None
+    assert read_grain(stored, STORED) is None
     path.unlink()
-    assert read_stack_grain(stored, STORED) is None
+    assert read_grain(stored, STORED) is None
 
 
 def test_what_is_no_number_is_stored_as_json_knows_it(stored, grain):
     strange = replace(grain, signal={**grain.signal, "brenner": np.full_like(grain.square, np.nan)})
-    write_stack_grain(stored, STORED, grain=strange)
+    write_grain(stored, STORED, grain=strange)
     assert "NaN" not in (stored / STORED.key / FILE).read_text()
-    assert math.isnan(read_stack_grain(stored, STORED).mix(4, GAINS[0])[2]["brenner"])
+    assert math.isnan(read_grain(stored, STORED).mix(4, GAINS[0])[2]["brenner"])
 
 
 # --- along a recording --------------------------------------------------------------------------------
@@ -183,7 +183,7 @@ def sweep_source(grain):
 
 def test_a_still_recording_has_moments_and_its_focus(grain):
     gain = np.stack([np.linspace(1, 2, FRAMES), np.ones(FRAMES)], axis=1)
-    found = stack_grain_along_recording(sweep_source(grain), Truth(position=0.5), position=SWEEP, gain=gain)
+    found = grain_along(sweep_source(grain), Truth(position=0.5), position=SWEEP, gain=gain)
     assert len(found.moments) == MOMENTS + 1
     focus = found.moments[found.focus]
     assert focus.frame in (199, 200)
@@ -195,18 +195,14 @@ def test_a_still_recording_has_moments_and_its_focus(grain):
 
 
 def test_a_moment_has_the_nearest_position_that_was_measured(renders):
-    some = measure_stack_grain(*renders, target=TARGET, samples=SAMPLES, indices=[0, 3, 8])
-    found = stack_grain_along_recording(
-        sweep_source(some), Truth(position=0.5), position=SWEEP, gain=np.ones((FRAMES, 2))
-    )
+    some = measure_pictures(*renders, target=TARGET, samples=SAMPLES, indices=[0, 3, 8])
+    found = grain_along(sweep_source(some), Truth(position=0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
     assert found.moments[found.focus].position == 3 / 8
     assert {moment.position for moment in found.moments} == {0.0, 3 / 8, 1.0}
 
 
 def test_a_lens_that_never_meets_the_truth_has_its_nearest_frame(grain):
-    found = stack_grain_along_recording(
-        sweep_source(grain), Truth(position=1.2), position=SWEEP, gain=np.ones((FRAMES, 2))
-    )
+    found = grain_along(sweep_source(grain), Truth(position=1.2), position=SWEEP, gain=np.ones((FRAMES, 2)))
     assert found.moments[found.focus].frame == FRAMES - 1
 
 
@@ -217,7 +213,7 @@ def test_a_moving_recording_has_the_slices_that_were_measured(grain):
     known = {1: cut(grain, 2, 7), 3: cut(grain, 7, 8)}
     source = PlaneSource(TimeResolvedStack(starts, specs), None, None, "d", "llvm", known.get)
     track = np.full(FRAMES, 0.4, np.float32)
-    found = stack_grain_along_recording(source, Truth(0.4, track=track), position=SWEEP, gain=np.ones((FRAMES, 2)))
+    found = grain_along(source, Truth(0.4, track=track), position=SWEEP, gain=np.ones((FRAMES, 2)))
     assert [m.frame for m in found.moments] == [160, FRAMES - 1]
     assert [m.position for m in found.moments] == [3 / 8, 1.0]
     assert found.focus == 0
@@ -238,17 +234,17 @@ def cut(grain, first, last):
 
 def test_stacks_without_grain_leave_it_unknown():
     source = sweep_source(None)
-    assert stack_grain_along_recording(source, Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2))) is None
+    assert grain_along(source, Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2))) is None
 
 
 # --- as text ------------------------------------------------------------------------------------------
 
 
 def test_the_text_of_a_stream_holds_it(grain):
-    found = stack_grain_along_recording(sweep_source(grain), Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
+    found = grain_along(sweep_source(grain), Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
     text = found.to_text()
     json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
-    again = read_grain_of_stream({"grain": text})
+    again = grain_of_stream({"grain": text})
     assert again.focus == found.focus
     assert again.samples == SAMPLES
     assert again.rms_in_focus == pytest.approx(found.rms_in_focus, rel=1e-5)
@@ -256,7 +252,7 @@ def test_the_text_of_a_stream_holds_it(grain):
 
 
 def test_noise_over_the_curve_is_the_largest_noise_over_its_range(grain):
-    found = stack_grain_along_recording(sweep_source(grain), Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
+    found = grain_along(sweep_source(grain), Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
     noise = max(m.noise["brenner"] for m in found.moments)
     signal = [m.signal["brenner"] for m in found.moments]
     assert found.noise_over_curve("brenner") == pytest.approx(noise / (max(signal) - min(signal)))
@@ -267,5 +263,5 @@ def test_noise_over_the_curve_is_the_largest_noise_over_its_range(grain):
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"moments": [], "focus": 0, "samples": [1, 2]}', '{"moments": 3}'])
 def test_a_text_that_states_no_grain_leaves_it_unknown(text):
-    assert read_grain_of_stream({"grain": text}) is None
-    assert read_grain_of_stream({}) is None
+    assert grain_of_stream({"grain": text}) is None
+    assert grain_of_stream({}) is None

@@ -13,13 +13,8 @@ from saf_gen.generate.recorder import Recorder
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
-from saf_gen.stack.time_resolved import (
-    PlaneSource,
-    TimeResolvedStack,
-    focus_windows_of_stack_slices,
-    frames_of_stack_slices,
-)
-from saf_gen.stack.true_focus import find_true_focus_of_stack, noise_free_stack_sharpness
+from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack, slice_starts, slice_windows
+from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
 
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 SPEC = StackSpec("plane", "0" * 64, ("lamp", "room"), DRIVE, 6, 8, 60e-6, 9, 16, 4)
@@ -33,9 +28,7 @@ def stacks(position=SWEEP, at=AT, depths=(0.5, 0.5, 0.5, 0.5)):
     """A stack of random light per moment; the target is visible if its depth is not None."""
     random = np.random.default_rng(4)
     made = []
-    for frame, window, depth in zip(
-        at, focus_windows_of_stack_slices(position, at, positions=SPEC.positions), depths, strict=True
-    ):
+    for frame, window, depth in zip(at, slice_windows(position, at, positions=SPEC.positions), depths, strict=True):
         spec = replace(SPEC, time_s=frame / 20_000, window=window)
         light = random.uniform(0.1, 1, (2, spec.rendered_count, 6, 8)).astype(np.float32)
         target = np.full((6, 8), depth is not None)
@@ -68,7 +61,7 @@ def seen(made, frame, position):
     [(20_000, 20_000, 100, 200), (20_000, 20_000, 64, 312), (400, 20_000, 1, 20_000), (100, 20_000, 1e4, 8)],
 )
 def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, slices_per_s, step):
-    at = frames_of_stack_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
+    at = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
     assert set(np.diff(at)) == {step}
     assert at[0] == 0
     assert at[-2] < frames <= at[-1]
@@ -77,14 +70,14 @@ def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, slices_per_
 
 def test_windows_hold_every_position_that_the_lens_passes_between_neighbouring_moments():
     for position in (SWEEP, SWEEP[::-1], np.abs(1 - 2 * SWEEP), np.full(FRAMES, 0.25)):
-        found = focus_windows_of_stack_slices(position, AT, positions=9)
+        found = slice_windows(position, AT, positions=9)
         for j, (first, last) in enumerate(found):
             around = position[AT[max(j - 1, 0)] : AT[min(j + 1, 3)]] * 8
             assert 0 <= first < last <= 8
             assert first <= around.min()
             assert around.max() <= last
-    assert focus_windows_of_stack_slices(SWEEP, AT, positions=9)[0][1] < 8  # not the full travel
-    assert set(focus_windows_of_stack_slices(np.full(FRAMES, 0.25), AT, positions=9)) == {(2, 3)}
+    assert slice_windows(SWEEP, AT, positions=9)[0][1] < 8  # not the full travel
+    assert set(slice_windows(np.full(FRAMES, 0.25), AT, positions=9)) == {(2, 3)}
 
 
 @pytest.mark.parametrize("cut", [400, 160, 96, 8])
@@ -231,7 +224,7 @@ def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
 def test_the_truth_follows_a_target_that_comes_nearer():
     """The best focus follows straight lines between moments; the frame is the one in which the lens meets it."""
     made = stacks(depths=(0.55, 0.53, 0.51, 0.49))
-    truth = find_true_focus_of_stack(plane_source(made), SWEEP)
+    truth = find_true_focus(plane_source(made), SWEEP)
     best = DRIVE.best_position(np.float32([0.55, 0.53, 0.51, 0.49]).astype(float))
     assert truth.track[0] == pytest.approx(best[0], abs=0.002)
     assert truth.track[159] == pytest.approx(best[1], abs=0.001)
@@ -243,26 +236,26 @@ def test_the_truth_follows_a_target_that_comes_nearer():
 
 
 def test_moments_that_do_not_see_the_target_do_not_count():
-    truth = find_true_focus_of_stack(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
+    truth = find_true_focus(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
     assert np.ptp(truth.track) == 0
     assert truth.target.any()
 
 
 def test_a_lens_that_comes_when_the_target_is_out_of_sight_does_not_meet_it():
     """The lens is at the target's focus between the second and the third moment."""
-    met = find_true_focus_of_stack(plane_source(stacks(depths=(0.5, 0.5, 0.5, 0.5))), SWEEP)
+    met = find_true_focus(plane_source(stacks(depths=(0.5, 0.5, 0.5, 0.5))), SWEEP)
     assert 160 < met.frame < 320
-    gone = find_true_focus_of_stack(plane_source(stacks(depths=(0.5, 0.5, None, None))), SWEEP)
+    gone = find_true_focus(plane_source(stacks(depths=(0.5, 0.5, None, None))), SWEEP)
     assert np.isnan(gone.frame)
     assert gone.target.any()
     assert gone.position == pytest.approx(met.position, abs=1e-6)
-    back = find_true_focus_of_stack(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
+    back = find_true_focus(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
     assert back.frame == pytest.approx(met.frame)
 
 
 def test_a_lens_that_never_meets_the_target_has_no_frame():
     position = np.full(FRAMES, 0.9)
-    truth = find_true_focus_of_stack(plane_source(stacks(position, depths=(0.55, 0.53, 0.51, 0.50))), position)
+    truth = find_true_focus(plane_source(stacks(position, depths=(0.55, 0.53, 0.51, 0.50))), position)
     assert np.isnan(truth.frame)
     assert truth.position == pytest.approx(truth.track.max(), abs=0.01)  # the nearest focus on the track
 
@@ -279,13 +272,11 @@ def test_a_target_that_is_never_seen_is_refused(tmp_path):
 def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
     source = plane_source(stacks())
     charge_source = ChargeSource(source, SENSOR)
-    found = noise_free_stack_sharpness(charge_source, find_true_focus_of_stack(source, SWEEP), position=SWEEP)
+    found = noise_free_sharpness(charge_source, find_true_focus(source, SWEEP), position=SWEEP)
     assert np.isfinite(found).all()
     half = SWEEP / 2
     source = plane_source(stacks(half))
-    found = noise_free_stack_sharpness(
-        ChargeSource(source, SENSOR), find_true_focus_of_stack(source, half), position=half
-    )
+    found = noise_free_sharpness(ChargeSource(source, SENSOR), find_true_focus(source, half), position=half)
     assert np.isfinite(found[:5]).all()
     assert np.isnan(found[5:]).all()
 

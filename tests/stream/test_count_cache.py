@@ -5,9 +5,9 @@ import pytest
 from refusals import refusal
 
 from saf_gen import open_stream, write_stream
-from saf_gen.core.bits import sum_bits_of_trains
+from saf_gen.core.bits import sum_trains
 from saf_gen.stream import time_blocks
-from saf_gen.stream.count_cache import KeptCounts, keep_stream_counts
+from saf_gen.stream.count_cache import KeptCounts, keep_counts
 
 FRAMES = (np.random.default_rng(0).random((1_003, 7, 9)) < 0.4).astype(np.uint8)
 REGION = slice(2, 6), slice(3, 8)
@@ -54,7 +54,7 @@ def test_trains_of_any_length_are_counted(size):
     total = 8 * size[2]
     firsts, stops = np.array([(a, b) for a in range(total) for b in range(a + 1, total + 1)]).T
     counts = np.ones((len(firsts), *size[:2]), np.uint16)
-    sum_bits_of_trains(trains, counts, firsts=firsts, stops=stops)
+    sum_trains(trains, counts, firsts=firsts, stops=stops)
     assert np.array_equal(counts, [1 + frames[:, :, a:b].sum(axis=2) for a, b in zip(firsts, stops, strict=True)])
 
 
@@ -78,7 +78,7 @@ def test_a_damaged_stream_is_refused(tmp_path):
 
 def test_kept_counts_are_an_array_that_numpy_reads(tmp_path):
     counts = np.random.default_rng(2).integers(0, 256, (5, 3, 4), np.uint8)
-    kept = keep_stream_counts(tmp_path / "a.npy", [counts[:2], counts[2:]], shape=counts.shape, dtype=counts.dtype)
+    kept = keep_counts(tmp_path / "a.npy", [counts[:2], counts[2:]], shape=counts.shape, dtype=counts.dtype)
     assert kept == KeptCounts.open(tmp_path / "a.npy")
     assert np.array_equal([kept.read(number) for number in range(5)], counts)
     assert np.array_equal(np.load(tmp_path / "a.npy"), counts)

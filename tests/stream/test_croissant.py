@@ -11,10 +11,10 @@ from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.sharing.croissant import (
     SYNTHETIC,
     DatasetFacts,
-    describe_dataset_as_croissant,
-    front_matter_for_sharing,
-    point_croissant_to_shards,
-    read_licences_for_croissant,
+    croissant_of,
+    front_matter,
+    point_to_shards,
+    read_licences,
     write_croissant,
 )
 
@@ -80,7 +80,7 @@ def test_a_card_that_is_written_again_keeps_its_date(card, tmp_path):
 
 
 def test_the_front_matter_leads_to_the_files_of_each_split():
-    _, matter, rest = front_matter_for_sharing(MANIFEST, ["CC-BY-4.0"], pattern="{split}/*.h5").split("---\n")
+    _, matter, rest = front_matter(MANIFEST, ["CC-BY-4.0"], pattern="{split}/*.h5").split("---\n")
     found = yaml.safe_load(matter)
     assert found["license"] == ["cc-by-4.0"]
     (config,) = found["configs"]
@@ -100,12 +100,12 @@ def test_the_front_matter_leads_to_the_files_of_each_split():
     ],
 )
 def test_the_licence_is_that_of_every_scene_or_unknown(expressions, names):
-    assert read_licences_for_croissant(expressions) == names
+    assert read_licences(expressions) == names
 
 
 def test_a_card_without_a_licence_says_that_it_is_unknown():
-    assert "license" not in describe_dataset_as_croissant(MANIFEST, replace(FACTS, licences=[]), digest="0")
-    assert 'license: "unknown"\n' in front_matter_for_sharing(MANIFEST, [], pattern="{split}/*.h5")
+    assert "license" not in croissant_of(MANIFEST, replace(FACTS, licences=[]), digest="0")
+    assert 'license: "unknown"\n' in front_matter(MANIFEST, [], pattern="{split}/*.h5")
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # from the dependencies of mlcroissant
@@ -113,9 +113,9 @@ def test_a_card_without_a_licence_says_that_it_is_unknown():
 def test_mlcroissant_accepts_the_card_without_a_word(card, tmp_path, caplog, shards):
     mlcroissant = pytest.importorskip("mlcroissant", reason="pip install mlcroissant (90 MB)")
     facts = replace(FACTS, url="https://example.org", creator="Somebody", published="2026-01-01")
-    described = describe_dataset_as_croissant(MANIFEST, facts, digest=card["distribution"][0]["sha256"])
+    described = croissant_of(MANIFEST, facts, digest=card["distribution"][0]["sha256"])
     path = tmp_path / "croissant.json"
-    path.write_text(json.dumps(point_croissant_to_shards(described, shards) if shards else described))
+    path.write_text(json.dumps(point_to_shards(described, shards) if shards else described))
     dataset = mlcroissant.Dataset(jsonld=path)
     issues = dataset.metadata.ctx.issues
     assert (issues.errors, issues.warnings) == (set(), set())

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import saf_gen
-from saf_gen.optics.focus_crossings import find_focus_crossings
-from saf_gen.plugins.motions import motion_positions_at_readouts
-from saf_gen.stream.description import describe_stream_file
+from saf_gen.optics.focus_crossings import focus_crossings
+from saf_gen.plugins.motions import lens_positions
+from saf_gen.stream.description import describe_file
 from saf_gen.stream.metadata import Truth
 
 
@@ -24,7 +24,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
         provenance={"variant": "llvm"},
     )
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_stream_file(stream)
+        facts = describe_file(stream)
     assert facts["pixels"] == "6×4"
     assert facts["frames"] == "80 at 40000 Hz (0.002 s)"
     assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
@@ -48,8 +48,8 @@ def test_a_stream_with_truth_is_described(tmp_path):
     ],
 )
 def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
-    lens = motion_positions_at_readouts(motion, 80, readout_hz=80.0)
-    when = find_focus_crossings(lens, 0.25)
+    lens = lens_positions(motion, 80, readout_hz=80.0)
+    when = focus_crossings(lens, 0.25)
     saf_gen.write_stream(
         tmp_path / "a.h5",
         np.zeros((80, 4, 6), dtype=np.uint8),
@@ -57,7 +57,7 @@ def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
         truth={"position": 0.25, "frame": when[0] if when.size else np.nan},
     )
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_stream_file(stream)
+        facts = describe_file(stream)
     assert facts["focus"] == path
     assert facts["true focus"] == f"0.25000 of the travel, {passed}"
 
@@ -65,7 +65,7 @@ def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
 def test_a_stream_without_truth_says_so(tmp_path):
     saf_gen.write_stream(tmp_path / "a.h5", np.zeros((8, 2, 2), dtype=np.uint8))
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_stream_file(stream)
+        facts = describe_file(stream)
     assert facts["true focus"] == "unknown"
     assert facts["focus"] == "not recorded"
 
@@ -75,7 +75,7 @@ def test_rates_are_described_over_time_and_over_pixels(tmp_path):
     frames[50:, :, 5:] = 1  # half the pixels fire, in the second half
     saf_gen.write_stream(tmp_path / "a.h5", frames)
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_stream_file(stream)
+        facts = describe_file(stream)
     assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
     assert facts["rate over time"] == "0 to 0.5, in 50 parts of the recording"
     assert facts["rate of pixels"] == "0 to 0.5 for 98 % of them, 50 of 100 never fire"

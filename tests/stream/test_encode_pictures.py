@@ -12,8 +12,8 @@ from refusals import assert_says, refusal
 
 from saf_gen.camera import get_sensor
 from saf_gen.stream.interop import encode_pictures as module
-from saf_gen.stream.interop.encode_pictures import encode_pictures_as_stream, prepare_stream_of_pictures
-from saf_gen.stream.interop.picture_frames import decode_imported_srgb, open_imported_pictures
+from saf_gen.stream.interop.encode_pictures import encode_pictures, prepare_pictures
+from saf_gen.stream.interop.picture_frames import decode_srgb, open_pictures
 from saf_gen.stream.stream_file import open_stream
 
 IDEAL = get_sensor("ideal")
@@ -23,8 +23,8 @@ PICTURES = np.random.default_rng(4).integers(20, 236, (12, 8, 10), np.uint8)
 def encode_array(tmp_path, array, *, linear=True, **options):
     """Encode an array with the ideal sensor; return the rates in each tenth of the recording, and the plan."""
     np.save(tmp_path / "in.npy", array)
-    plan = prepare_stream_of_pictures(open_imported_pictures(tmp_path / "in.npy", linear=linear), IDEAL, **options)
-    encode_pictures_as_stream(plan, tmp_path / "out.h5", seed=3)
+    plan = prepare_pictures(open_pictures(tmp_path / "in.npy", linear=linear), IDEAL, **options)
+    encode_pictures(plan, tmp_path / "out.h5", seed=3)
     with open_stream(tmp_path / "out.h5") as stream:
         edges = np.linspace(0, plan.frames, 11).astype(int)
         return np.stack([stream.counts(a, b) / (b - a) for a, b in pairwise(edges)]), plan
@@ -32,7 +32,7 @@ def encode_array(tmp_path, array, *, linear=True, **options):
 
 def test_screen_values_are_decoded_as_the_standard_says():
     """Against the closed form of IEC 61966-2-1 at four values, the last one on its linear part."""
-    assert decode_imported_srgb(np.array([1.0, 0.5, 0.04045, 0.04])) == pytest.approx(
+    assert decode_srgb(np.array([1.0, 0.5, 0.04045, 0.04])) == pytest.approx(
         [1, 0.21404, 0.0031308, 0.0030960], rel=1e-4
     )
 
@@ -55,7 +55,7 @@ def test_light_between_two_pictures_is_a_fade(tmp_path):
 def test_screen_values_and_the_light_they_stand_for_give_the_same_rates(tmp_path):
     values = np.broadcast_to(np.linspace(0.1, 1, 10, dtype=np.float32), (1, 8, 10))
     decoded, _ = encode_array(tmp_path, values, linear=False, frames=500)
-    light, _ = encode_array(tmp_path, decode_imported_srgb(values), frames=500)
+    light, _ = encode_array(tmp_path, decode_srgb(values), frames=500)
     assert np.array_equal(decoded, light)
 
 
@@ -66,7 +66,7 @@ def test_colours_are_weighed_as_light_and_alpha_is_left_out(tmp_path):
     colours[..., 3, :3] = 1
     colours[..., 3] = 0.5
     np.save(tmp_path / "a.npy", colours)
-    (light,) = open_imported_pictures(tmp_path / "a.npy")
+    (light,) = open_pictures(tmp_path / "a.npy")
     assert light[0] == pytest.approx([0.2126, 0.7152, 0.0722, 1])
 
 
@@ -103,27 +103,27 @@ def test_the_same_pictures_in_any_file_become_the_same_spikes(tmp_path, video):
     (tmp_path / "clip.mp4").write_bytes(b"video")
     digests = set()
     for name in ("images", "a.npy", "a.npz", "wide.npy"):
-        plan = prepare_stream_of_pictures(open_imported_pictures(tmp_path / name), IDEAL, rate_hz=1_000)
-        digests.add(encode_pictures_as_stream(plan, tmp_path / "out.h5", seed=1))
+        plan = prepare_pictures(open_pictures(tmp_path / name), IDEAL, rate_hz=1_000)
+        digests.add(encode_pictures(plan, tmp_path / "out.h5", seed=1))
     assert len(digests) == 1
     # Three equal colours are summed with weights, which rounds.
-    light = np.stack(list(open_imported_pictures(tmp_path / "a.npy")))
+    light = np.stack(list(open_pictures(tmp_path / "a.npy")))
     for name in ("clip.mp4", "grey.npy"):
-        assert np.stack(list(open_imported_pictures(tmp_path / name))) == pytest.approx(light, rel=1e-5)
-    assert prepare_stream_of_pictures(open_imported_pictures(tmp_path / "clip.mp4"), IDEAL).rate_hz == 1_000
+        assert np.stack(list(open_pictures(tmp_path / name))) == pytest.approx(light, rel=1e-5)
+    assert prepare_pictures(open_pictures(tmp_path / "clip.mp4"), IDEAL).rate_hz == 1_000
     assert video.input_params == ["-protocol_whitelist", "file,pipe"]
 
 
 def test_neither_blocks_nor_the_pictures_in_memory_change_a_spike(tmp_path, monkeypatch):
     np.save(tmp_path / "a.npy", PICTURES)
     for rate in (1_000, 20_000, 90_000):  # slower than the camera, as fast, and faster
-        plan = prepare_stream_of_pictures(open_imported_pictures(tmp_path / "a.npy"), IDEAL, rate_hz=rate)
+        plan = prepare_pictures(open_pictures(tmp_path / "a.npy"), IDEAL, rate_hz=rate)
         assert plan.frames == int(11 / rate * 20_000)
-        digest = encode_pictures_as_stream(plan, tmp_path / "out.h5", seed=1)
+        digest = encode_pictures(plan, tmp_path / "out.h5", seed=1)
         with monkeypatch.context() as patch:
             patch.setattr(module, "BLOCK_FRAMES", 16)
             patch.setattr(module, "BLOCK_KNOTS", 2)
-            assert encode_pictures_as_stream(plan, tmp_path / "out.h5", seed=1) == digest
+            assert encode_pictures(plan, tmp_path / "out.h5", seed=1) == digest
             held = [len(knots) for knots, _, _ in module._blocks(plan)]
         assert max(held) <= max(3, 8 * rate / 20_000 + 3)
 
@@ -169,7 +169,7 @@ def write_two_sizes(folder):
 def test_pictures_that_do_not_fit_are_one_line(tmp_path, write, options, message):
     write(tmp_path / "in")
     options = {"rate_hz": 1_000.0, **options}
-    error = refusal(lambda: prepare_stream_of_pictures(open_imported_pictures(tmp_path / "in"), IDEAL, **options))
+    error = refusal(lambda: prepare_pictures(open_pictures(tmp_path / "in"), IDEAL, **options))
     assert_says(error, message)
 
 
@@ -186,13 +186,13 @@ def test_pictures_that_do_not_fit_are_one_line(tmp_path, write, options, message
 )
 def test_values_that_are_no_pictures_are_one_line(tmp_path, array, message):
     np.save(tmp_path / "in.npy", array)
-    assert_says(refusal(lambda: list(open_imported_pictures(tmp_path / "in.npy"))), message)
+    assert_says(refusal(lambda: list(open_pictures(tmp_path / "in.npy"))), message)
 
 
 def test_a_picture_or_video_that_cannot_be_read_is_one_line(tmp_path, video, call):
     (tmp_path / "images").mkdir()
     (tmp_path / "images" / "a.png").write_bytes(b"no picture")
-    assert_says(refusal(open_imported_pictures, tmp_path / "images"), "a.png: cannot be read")
+    assert_says(refusal(open_pictures, tmp_path / "images"), "a.png: cannot be read")
 
     def fail(path, input_params):
         yield {"fps": 25.0, "size": (10, 8)}
@@ -209,4 +209,4 @@ def test_a_video_without_its_package_says_what_to_install(tmp_path):
     if "imageio_ffmpeg" in sys.modules:
         pytest.skip("imageio-ffmpeg is installed")
     (tmp_path / "clip.mp4").write_bytes(b"video")
-    assert refusal(open_imported_pictures, tmp_path / "clip.mp4").hint == "pip install 'saf-gen[video]'"
+    assert refusal(open_pictures, tmp_path / "clip.mp4").hint == "pip install 'saf-gen[video]'"

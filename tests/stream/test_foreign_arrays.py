@@ -13,9 +13,9 @@ from spreadsheets import HEADING, write_xlsx
 
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop import SpikeArray, export_raw_frames, spreadsheet
-from saf_gen.stream.interop.array_files import open_imported_array
-from saf_gen.stream.interop.saf_folder import import_saf_folder, read_imported_saf_config
-from saf_gen.stream.interop.spreadsheet import read_imported_sheet
+from saf_gen.stream.interop.array_files import open_array
+from saf_gen.stream.interop.saf_folder import import_saf_folder, read_saf_config
+from saf_gen.stream.interop.spreadsheet import read_sheet
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
@@ -161,14 +161,14 @@ def test_slices_of_a_matlab_file_are_what_scipy_reads_in_any_order(tmp_path, pac
     io.savemat(tmp_path / "a.mat", arrays, do_compression=packed)
     known = io.loadmat(tmp_path / "a.mat")
     for name in [*arrays][:-2]:
-        found = open_imported_array(tmp_path / "a.mat", key=name)
+        found = open_array(tmp_path / "a.mat", key=name)
         expected = np.moveaxis(known[name], -1, 0)
         assert found.shape == expected.shape
         assert name == "a10" or found.dtype == expected.dtype  # scipy returns booleans as integers
         for span in (slice(0, 2), slice(5, 9), slice(3, 4), slice(0, len(expected))):
             assert np.array_equal(found[span], expected[span])
-    assert_says(refusal(open_imported_array, tmp_path / "a.mat", key="text"), "unknown array 'text'")
-    assert_says(refusal(open_imported_array, tmp_path / "a.mat", key="complex"), "unknown array 'complex'")
+    assert_says(refusal(open_array, tmp_path / "a.mat", key="text"), "unknown array 'text'")
+    assert_says(refusal(open_array, tmp_path / "a.mat", key="complex"), "unknown array 'complex'")
 
 
 def test_a_matlab_file_of_the_other_byte_order_is_read(tmp_path):
@@ -179,7 +179,7 @@ def test_a_matlab_file_of_the_other_byte_order_is_read(tmp_path):
     head = element(6, struct.pack(">II", 10, 0)) + element(5, struct.pack(">iii", 5, 6, 41)) + element(1, b"spk")
     matrix = element(14, head + element(3, values.transpose(1, 2, 0).tobytes(order="F")))
     (tmp_path / "a.mat").write_bytes(b"MATLAB 5.0".ljust(124) + b"\1\0MI" + matrix)
-    assert np.array_equal(open_imported_array(tmp_path / "a.mat")[0:41], SPIKES)
+    assert np.array_equal(open_array(tmp_path / "a.mat")[0:41], SPIKES)
 
 
 def test_no_damaged_matlab_file_ends_the_process(tmp_path):
@@ -193,7 +193,7 @@ def test_no_damaged_matlab_file_ends_the_process(tmp_path):
             damaged[random.integers(124, min(len(content), 400))] ^= 1 << random.integers(8)
             (tmp_path / "b.mat").write_bytes(damaged)
             with suppress(BadInput):
-                found = open_imported_array(tmp_path / "b.mat", key="spk")
+                found = open_array(tmp_path / "b.mat", key="spk")
                 assert found[0 : found.shape[0]].nbytes < 1e6
 
 
@@ -245,7 +245,7 @@ def test_a_folder_of_saf_becomes_a_dataset_that_is_evaluated(tmp_path, call, raw
 
 def test_a_sheet_with_gaps_keeps_its_columns(tmp_path):
     write_xlsx(tmp_path / "a.xlsx", [("a", "", "c"), (1, "", 2.5)])
-    assert read_imported_sheet(tmp_path / "a.xlsx") == [["a", "", "c"], ["1", "", "2.5"]]
+    assert read_sheet(tmp_path / "a.xlsx") == [["a", "", "c"], ["1", "", "2.5"]]
 
 
 @pytest.mark.parametrize(
@@ -266,7 +266,7 @@ def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, message):
     for path in (folder / "a.dat", tmp_path / "secret.dat"):
         path.write_bytes(raw)
     write_xlsx(folder / "config.xlsx", [HEADING, row])
-    assert_says(refusal(read_imported_saf_config, folder), message)
+    assert_says(refusal(read_saf_config, folder), message)
     assert_says(refusal(lambda: list(import_saf_folder(folder, tmp_path / "out"))), message)
     assert not (tmp_path / "out").exists()
 
@@ -274,19 +274,19 @@ def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, message):
 def test_a_sheet_that_is_invalid_or_too_large_is_refused(tmp_path, monkeypatch):
     bomb = '<!DOCTYPE a [<!ENTITY a "aaaa">]>'
     write_xlsx(tmp_path / "config.xlsx", [HEADING], prolog=bomb)
-    assert_says(refusal(read_imported_saf_config, tmp_path), "declares a document type")
+    assert_says(refusal(read_saf_config, tmp_path), "declares a document type")
     write_xlsx(tmp_path / "config.xlsx", [HEADING])
-    assert_says(refusal(read_imported_saf_config, tmp_path), "lists no recording")
+    assert_says(refusal(read_saf_config, tmp_path), "lists no recording")
     monkeypatch.setattr("saf_gen.stream.interop.spreadsheet.MAX_BYTES", 100)
-    assert_says(refusal(read_imported_saf_config, tmp_path), "is larger than")
+    assert_says(refusal(read_saf_config, tmp_path), "is larger than")
     with zipfile.ZipFile(tmp_path / "config.xlsx", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(spreadsheet.SHEET, "x" * 100)
     begin = 30 + len(spreadsheet.SHEET)  # of the deflated bytes
     packed = bytearray((tmp_path / "config.xlsx").read_bytes())
     packed[begin : begin + 4] = b"\xff" * 4
     (tmp_path / "config.xlsx").write_bytes(packed)
-    assert_says(refusal(read_imported_saf_config, tmp_path), "a spreadsheet (.xlsx) | while decompressing")
+    assert_says(refusal(read_saf_config, tmp_path), "a spreadsheet (.xlsx) | while decompressing")
     (tmp_path / "config.xlsx").write_text("no zip")
-    assert_says(refusal(read_imported_saf_config, tmp_path), "a spreadsheet (.xlsx)")
+    assert_says(refusal(read_saf_config, tmp_path), "a spreadsheet (.xlsx)")
     (tmp_path / "config.xlsx").unlink()
-    assert_says(refusal(read_imported_saf_config, tmp_path), "this is a folder without config.xlsx")
+    assert_says(refusal(read_saf_config, tmp_path), "this is a folder without config.xlsx")

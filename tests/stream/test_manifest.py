@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 from refusals import assert_says, refusal
 
-from saf_gen.stream.manifest import (
-    MANIFEST_NAME,
-    Manifest,
-    SequenceEntry,
-    read_manifest,
-    verify_manifest_entry,
-    write_manifest,
-)
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, verify_entry, write_manifest
 from saf_gen.stream.stream_writer import write_stream
 
 ENTRY = SequenceEntry(
@@ -121,9 +114,9 @@ def test_a_manifest_that_points_outside_is_not_written(tmp_path):
 def test_an_entry_is_verified_against_its_stream(tmp_path):
     digest = write_stream(tmp_path / "a.h5", np.eye(7)[:, None])
     entry = replace(ENTRY, file="a.h5", frames=7, content_sha256=digest)
-    verify_manifest_entry(tmp_path, entry)
+    verify_entry(tmp_path, entry)
     for wrong in (replace(entry, frames=8), replace(entry, content_sha256="0" * 64)):
-        error = refusal(verify_manifest_entry, tmp_path, wrong)
+        error = refusal(verify_entry, tmp_path, wrong)
         assert error.problem.startswith("holds 7 frames")
         assert MANIFEST_NAME in error.allowed
-    assert "no such file" in refusal(verify_manifest_entry, tmp_path, replace(entry, file="none.h5")).problem
+    assert "no such file" in refusal(verify_entry, tmp_path, replace(entry, file="none.h5")).problem

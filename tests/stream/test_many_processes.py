@@ -7,10 +7,10 @@ import pickle
 import numpy as np
 import pytest
 
-from saf_gen.stream import block_memory, time_blocks
-from saf_gen.stream.block_memory import BLOCK_MEMORY, BlockMemory
+from saf_gen.stream import time_blocks
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
+from saf_gen.stream.time_blocks import BLOCK_MEMORY, BlockMemory
 
 FRAMES = (np.random.default_rng(0).random((5_000, 6, 9)) < 0.3).astype(np.uint8)
 
@@ -61,7 +61,7 @@ def kept_bytes():
 
 def test_all_streams_share_one_budget_and_what_is_closed_or_lost_is_free(tmp_path, monkeypatch):
     monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
-    monkeypatch.setattr(block_memory, "BUDGET_BYTES", 10 * 8 * 6 * 9)
+    monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 10 * 8 * 6 * 9)
     BLOCK_MEMORY.reset()
     for i in range(6):
         write_stream(tmp_path / f"{i}.h5", FRAMES[i : i + 640])
@@ -69,8 +69,8 @@ def test_all_streams_share_one_budget_and_what_is_closed_or_lost_is_free(tmp_pat
     for _ in range(2):
         for i, stream in enumerate(streams):
             assert np.array_equal(stream.counts(0, 640), FRAMES[i : i + 640].sum(axis=0))
-            assert kept_bytes() <= block_memory.BUDGET_BYTES
-    assert kept_bytes() == block_memory.BUDGET_BYTES
+            assert kept_bytes() <= time_blocks.BUDGET_BYTES
+    assert kept_bytes() == time_blocks.BUDGET_BYTES
     streams.pop().close()
     assert kept_bytes() == 0  # ten blocks fit, all of them from the stream that was read last
     streams[0].counts(0, 640)
@@ -81,7 +81,7 @@ def test_all_streams_share_one_budget_and_what_is_closed_or_lost_is_free(tmp_pat
 
 
 def test_a_reader_keeps_three_blocks_whatever_the_budget(monkeypatch):
-    monkeypatch.setattr(block_memory, "BUDGET_BYTES", 0)
+    monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 0)
     memory = BlockMemory()
     for start in range(5):
         planes, _ = memory.find(1, start, shape=(2, 3, 4))

@@ -5,21 +5,25 @@ import json
 import re
 import sys
 from importlib.machinery import ModuleSpec
+from itertools import combinations
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 from browser import CHROMIUM, NO_CHROMIUM, run_in_page
-from PIL import Image, ImageSequence
+from matplotlib.figure import Figure
+from PIL import Image, ImageColor, ImageSequence
 from refusals import assert_says, refusal
 
-from saf_gen.benchmark.evaluate import score_evaluated_blocks
-from saf_gen.stream.interval_texture import texture_of_stream_window
+from saf_gen.benchmark.evaluate import score_blocks
+from saf_gen.core.figure_style import assign_styles, use_plot_style
+from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.pictures import FORMS, write_view
-from saf_gen.stream.pictures.movie import CURSOR, MovieCanvas, write_mp4_of_stream
-from saf_gen.stream.pictures.timeline import BINS, describe_moment_of_stream, read_stream_timeline
-from saf_gen.stream.pictures.window_pictures import choose_windows_of_stream
+from saf_gen.stream.pictures.movie import CURSOR, MovieCanvas, write_mp4
+from saf_gen.stream.pictures.panels import draw_panels, stream_legends_height
+from saf_gen.stream.pictures.timeline import BINS, describe_moment, read_timeline
+from saf_gen.stream.pictures.window_pictures import choose_windows
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
@@ -58,38 +62,36 @@ def bare(tmp_path):
 
 
 def test_pictures_are_counts_textures_or_one_readout_of_evenly_spaced_windows(stream):
-    counts = choose_windows_of_stream(stream, first=100, stop=700, window=50, count=4)
+    counts = choose_windows(stream, first=100, stop=700, window=50, count=4)
     assert counts.starts.tolist() == [100, 283, 466, 650]
     assert counts.centres[0] == 124.5
     assert np.array_equal(counts.linear(1), stream.counts(283, 333))
-    textures = choose_windows_of_stream(stream, kind="tfi", window=50, every=400)
+    textures = choose_windows(stream, kind="tfi", window=50, every=400)
     assert textures.starts.tolist() == [0, 400, 800]
-    assert np.array_equal(
-        textures.linear(2), texture_of_stream_window(stream.packed, stream.counts, first=800, stop=850)
-    )
-    spikes = choose_windows_of_stream(stream, kind="spikes", window=51, count=1)
+    assert np.array_equal(textures.linear(2), window_texture(stream.packed, stream.counts, first=800, stop=850))
+    spikes = choose_windows(stream, kind="spikes", window=51, count=1)
     assert np.array_equal(list(spikes), 255 * stream.frames(25, 26))
 
 
 def test_a_short_view_has_windows_of_a_tenth(stream):
-    assert choose_windows_of_stream(stream, stop=395).window == 40
-    assert choose_windows_of_stream(stream, stop=3).window == 1
-    assert choose_windows_of_stream(stream, stop=1_000).window == choose_windows_of_stream(stream).window == 100
+    assert choose_windows(stream, stop=395).window == 40
+    assert choose_windows(stream, stop=3).window == 1
+    assert choose_windows(stream, stop=1_000).window == choose_windows(stream).window == 100
 
 
 @pytest.mark.parametrize("size", [(60, 1), (300, 20), (4, 900), (1, 1)])
 def test_a_screen_holds_a_picture_of_any_shape(tmp_path, size):
     write_stream(tmp_path / "odd.h5", np.random.default_rng(1).integers(0, 2, (30, *size), np.uint8))
     with open_stream(tmp_path / "odd.h5") as odd:
-        timeline = read_stream_timeline(odd, first=0, stop=30, window=3)
-        width, height = MovieCanvas(choose_windows_of_stream(odd), timeline, region=None).size
+        timeline = read_timeline(odd, first=0, stop=30, window=3)
+        width, height = MovieCanvas(choose_windows(odd), timeline, region=None).size
     assert width <= 800 + 380
     assert height <= 800 + 26
 
 
 def test_half_the_light_is_as_dark_in_every_picture(stream):
     """Counts of 20 and 40 in 100 frames: the ratio of grey values is that of the light to the power of 1/2.2."""
-    for picture in choose_windows_of_stream(stream, count=3):
+    for picture in choose_windows(stream, count=3):
         dark, bright = picture[:, :16].mean(), picture[:, 16:].mean()
         assert dark / bright == pytest.approx(0.5 ** (1 / 2.2), abs=0.02)
 
@@ -108,8 +110,8 @@ def test_a_long_recording_is_read_window_by_window(stream):
             return stream.counts(first, stop, region=region)
 
     watched = Watched()
-    pictures = list(choose_windows_of_stream(watched, window=20, count=30))
-    read_stream_timeline(watched, first=0, stop=FRAMES, window=20, measures=["sd"])
+    pictures = list(choose_windows(watched, window=20, count=30))
+    read_timeline(watched, first=0, stop=FRAMES, window=20, measures=["sd"])
     assert len(pictures) == 30
     assert {stop - first for first, stop in watched.read} == {20}
     assert len(watched.read) == 12 + 30 + 2 * 60
@@ -117,14 +119,14 @@ def test_a_long_recording_is_read_window_by_window(stream):
 
 def test_scores_next_to_pictures_are_those_of_the_methods(stream):
     for measure in ("sd", "sd_debiased", "tenengrad_tfi", "sd_calibrated"):
-        timeline = read_stream_timeline(stream, first=0, stop=FRAMES, window=100, measures=[measure], region=BOX)
-        first, scores = score_evaluated_blocks(stream, measure, window=100, region="target")
+        timeline = read_timeline(stream, first=0, stop=FRAMES, window=100, measures=[measure], region=BOX)
+        first, scores = score_blocks(stream, measure, window=100, region="target")
         assert timeline.centres.tolist() == (first + 49.5).tolist()
         assert timeline.scores[measure].tolist() == scores.tolist()
 
 
 def test_a_flash_of_one_readout_is_drawn_however_long_the_view(stream):
-    timeline = read_stream_timeline(stream, first=0, stop=FRAMES, window=100)
+    timeline = read_timeline(stream, first=0, stop=FRAMES, window=100)
     lamp = timeline.gains["lamp"]
     assert len(lamp.frames) == BINS < FRAMES
     assert (lamp.low.max(), lamp.high.max()) == (1, 10)
@@ -136,11 +138,8 @@ def test_a_flash_of_one_readout_is_drawn_however_long_the_view(stream):
 
 def test_a_moment_is_described_in_words(stream, bare):
     # Frames 540 to 639: the lens is at 590/1,200, which is 0.0917 travels or 0.9 depths of focus from 0.4.
-    assert (
-        describe_moment_of_stream(stream, first=540, window=100)
-        == "frames 540–639 · lens 0.492 · +0.9 DoF · from 27.0 ms"
-    )
-    assert describe_moment_of_stream(bare, first=3, window=1) == "frame 3 · from 0.1 ms"
+    assert describe_moment(stream, first=540, window=100) == "frames 540–639 · lens 0.492 · +0.9 DoF · from 27.0 ms"
+    assert describe_moment(bare, first=3, window=1) == "frame 3 · from 0.1 ms"
 
 
 @pytest.mark.slow
@@ -187,15 +186,65 @@ def test_a_gif_has_a_frame_for_each_picture_and_the_rate_asked_for(stream, tmp_p
         assert {frame.info["duration"] for frame in ImageSequence.Iterator(image)} == {120}  # hundredths of a second
         image.seek(5)
         screen = np.asarray(image.convert("RGB"), int)
-    pictures = choose_windows_of_stream(stream, every=100)
+    pictures = choose_windows(stream, every=100)
     expected = np.kron(list(pictures)[5], np.ones((13, 13)))[:240, :300]
     # Outside the box; the GIF has 200 greys, of which Pillow chooses a near one, not always the nearest.
     assert np.abs(screen[:240, :300].mean(axis=2) - expected)[:60, :100].max() <= 4
 
 
+def lit(path, names, *, alike=False):
+    """Write a stream with these lights, which have different gains unless they are ``alike``, and open it."""
+    gain = np.arange(1, len(names) + 1) * (not alike) + 0.3 * np.sin(np.arange(300)[:, None] / 20) + 1
+    spikes = np.random.default_rng(2).integers(0, 2, (300, ROWS, COLUMNS), np.uint8)
+    write_stream(path, spikes, gain=gain.astype(np.float32), light_names=names)
+    return open_stream(path)
+
+
+@pytest.mark.parametrize("form", ["gif", "png", "mp4"])
+@pytest.mark.parametrize("count", [2, 5, 8])
+def test_each_light_has_its_own_colour_in_each_kind_of_file(tmp_path, encoder, count, form):
+    """Only the plot of the lights is drawn; nothing else in it is as near to the colour of a light."""
+    names = [f"light_{n}" for n in range(count)]
+    with lit(tmp_path / "it.h5", names) as stream:
+        write_view(stream, tmp_path / f"it.{form}", every=100)
+    screens = encoder.frames
+    if form != "mp4":
+        with Image.open(tmp_path / f"it.{form}") as image:
+            screens = [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(image)]
+    wanted = np.array([ImageColor.getrgb(style.colour) for style in assign_styles(["lens", *names]).values()])[1:]
+    for screen in screens:
+        seen = np.unique(screen.reshape(-1, 3), axis=0).astype(int)
+        drawn = np.array([seen[np.abs(seen - colour).sum(axis=1).argmin()] for colour in wanted])
+        assert np.abs(drawn - wanted).sum(axis=1).max() < 20
+        assert min(np.abs(a - b).sum() for a, b in combinations(drawn, 2)) > 60
+
+
+@pytest.mark.parametrize("ending", ["", "_over_the_bench"])
+@pytest.mark.parametrize(("count", "alike"), [(3, False), (8, False), (8, True)])
+@pytest.mark.parametrize("width", [3.5, 3.8, 4.4])
+def test_the_names_of_lights_are_in_the_picture_above_a_plot_of_useful_size(tmp_path, width, count, alike, ending):
+    names = [f"daylight_{n}{ending}" for n in range(count)]
+    with lit(tmp_path / "it.h5", names, alike=alike) as stream, use_plot_style():
+        timeline = read_timeline(stream, first=0, stop=300, window=30)
+        figure = Figure((width, 1.2 + stream_legends_height(timeline, width=width)), layout="constrained")
+        (axes,) = draw_panels(figure, timeline)
+        figure.draw_without_rendering()
+    legend, plot = axes.get_legend().get_window_extent(), axes.get_window_extent()
+    assert (legend.x1 <= figure.bbox.x1, legend.y1 <= figure.bbox.y1) == (True, True)
+    assert plot.width > 0.6 * figure.bbox.width
+    assert plot.height > 0.3 * figure.dpi
+
+
+@pytest.mark.parametrize("form", ["gif", "png", "html"])
+def test_a_view_of_many_lights_with_long_names_is_drawn(tmp_path, form):
+    """Matplotlib would warn if the legend left no room for the plot."""
+    with lit(tmp_path / "it.h5", [f"emit-lamp_over_the_bench_{n}" for n in range(8)]) as stream:
+        write_view(stream, tmp_path / f"it.{form}", every=100)
+
+
 def test_the_cursor_goes_as_frames_go(stream):
-    pictures = choose_windows_of_stream(stream, window=100, count=5)
-    canvas = MovieCanvas(pictures, read_stream_timeline(stream, first=0, stop=FRAMES, window=100), region=None)
+    pictures = choose_windows(stream, window=100, count=5)
+    canvas = MovieCanvas(pictures, read_timeline(stream, first=0, stop=FRAMES, window=100), region=None)
     assert canvas.size[0] % 2 == canvas.size[1] % 2 == 0
     seen = []
     for image in canvas:
@@ -242,9 +291,7 @@ def test_a_video_that_fails_leaves_nothing(stream, tmp_path, encoder, monkeypatc
     assert error.problem == "the video cannot be written: broken pipe"
     assert not list(tmp_path.iterdir())
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    assert (
-        refusal(write_mp4_of_stream, [], tmp_path / "a.mp4", size=(2, 2), fps=1).hint == "pip install 'saf-gen[video]'"
-    )
+    assert refusal(write_mp4, [], tmp_path / "a.mp4", size=(2, 2), fps=1).hint == "pip install 'saf-gen[video]'"
 
 
 def test_a_page_stands_alone_and_holds_every_picture(stream, tmp_path):

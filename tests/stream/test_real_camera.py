@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen.stream.dataset_index import index_streams_of_folder
-from saf_gen.stream.interop import (
-    RAW_LAYOUTS,
-    export_raw_frames,
-    import_lens_log,
-    import_truth_from_text,
-    sniff_imported_layout,
-)
+from saf_gen.stream.dataset import index_folder
+from saf_gen.stream.interop import RAW_LAYOUTS, export_raw_frames, import_lens_log, sniff_layout, truth_from_text
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
@@ -132,12 +126,12 @@ def test_the_layout_of_an_own_file_is_found(tmp_path, layout):
     write_stream(tmp_path / "a.h5", np.random.default_rng(1).integers(0, 2, (125, raw.rows, raw.columns), np.uint8))
     export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout)
     if layout == "sps1000":  # 125 of its frames are 1,280 of the dense ones
-        error = refusal(sniff_imported_layout, tmp_path / "a.dat")
+        error = refusal(sniff_layout, tmp_path / "a.dat")
         assert error.problem == "its 16000000 bytes fit dense and sps1000"
         assert error.hint == "name one with --layout"
         export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout)
         (tmp_path / "a.dat").write_bytes((tmp_path / "a.dat").read_bytes()[: 3 * raw.frame_bytes])
-    assert sniff_imported_layout(tmp_path / "a.dat") == layout
+    assert sniff_layout(tmp_path / "a.dat") == layout
 
 
 def test_a_layout_that_looks_wrong_is_reported(recording, call, tmp_path):
@@ -165,14 +159,14 @@ def test_a_lens_log_that_does_not_fit_is_one_line(tmp_path, text, problem):
 
 def test_a_truth_is_a_position_or_a_frame_of_the_log():
     lens = np.linspace(0, 1, 101, dtype=np.float32)
-    assert import_truth_from_text("frame:25", focus_position=lens).position == pytest.approx(0.25)
-    assert import_truth_from_text("0.25", focus_position=lens).frame == pytest.approx(25)
-    assert np.isnan(import_truth_from_text("0.25", focus_position=None).frame)
+    assert truth_from_text("frame:25", focus_position=lens).position == pytest.approx(0.25)
+    assert truth_from_text("0.25", focus_position=lens).frame == pytest.approx(25)
+    assert np.isnan(truth_from_text("0.25", focus_position=None).frame)
     for text in ("1.2", "frame:101", "half", "second:3", "nan"):
-        error = refusal(lambda text=text: import_truth_from_text(text, focus_position=lens))
+        error = refusal(lambda text=text: truth_from_text(text, focus_position=lens))
         assert error.allowed == "a position from 0 to 1, or frame:N with N from 0 to 100"
-    assert refusal(lambda: import_truth_from_text("frame:3", focus_position=None)).hint == "add --focus"
-    error = refusal(lambda: import_truth_from_text("0.25", focus_position=lens, depth_of_focus=(0.3, 0.4)))
+    assert refusal(lambda: truth_from_text("frame:3", focus_position=None)).hint == "add --focus"
+    error = refusal(lambda: truth_from_text("0.25", focus_position=lens, depth_of_focus=(0.3, 0.4)))
     assert "the truth 0.25" in error.allowed
 
 
@@ -197,7 +191,7 @@ def test_a_folder_is_indexed_once_with_splits_and_names(tmp_path):
     frames = np.zeros((16, 4, 5), np.uint8)
     for name in ("train/desk-lamp-01.h5", "test/vase-dynamic-sun-00.h5", "lonely.h5"):
         write_stream(tmp_path / name, frames)
-    manifest = index_streams_of_folder(tmp_path, split="rest")
+    manifest = index_folder(tmp_path, split="rest")
     assert read_manifest(tmp_path) == manifest
     found = {s.id: (s.split, s.scene, s.scene_motion, s.light, s.repeat) for s in manifest.sequences}
     assert found == {
@@ -205,12 +199,12 @@ def test_a_folder_is_indexed_once_with_splits_and_names(tmp_path):
         "test-vase-dynamic-sun-00": ("test", "vase", "dynamic", "sun", 0),
         "train-desk-lamp-01": ("train", "desk", "static", "lamp", 1),
     }
-    assert "manifest.json" in refusal(index_streams_of_folder, tmp_path).problem
+    assert "manifest.json" in refusal(index_folder, tmp_path).problem
     (tmp_path / "none").mkdir()
-    assert refusal(index_streams_of_folder, tmp_path / "none").problem == "has no stream"
+    assert refusal(index_folder, tmp_path / "none").problem == "has no stream"
     (tmp_path / "none" / "a.h5").write_text("no stream")
-    assert "not an HDF5 file" in refusal(index_streams_of_folder, tmp_path / "none").problem
-    assert "no such folder" in refusal(index_streams_of_folder, tmp_path / "nowhere").problem
+    assert "not an HDF5 file" in refusal(index_folder, tmp_path / "none").problem
+    assert "no such folder" in refusal(index_folder, tmp_path / "nowhere").problem
 
 
 def test_a_name_that_is_no_utf_8_is_written_as_escapes(tmp_path, call):

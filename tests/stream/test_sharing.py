@@ -19,10 +19,9 @@ from refusals import assert_says, refusal
 
 import saf_gen
 from saf_gen.errors import BadInput
-from saf_gen.stream.dataset_index import index_streams_of_folder
-from saf_gen.stream.inspection import verify_streams_of_dataset
+from saf_gen.stream.dataset import index_folder, verify_dataset
 from saf_gen.stream.manifest import read_manifest, write_manifest
-from saf_gen.stream.sharing import fetch_dataset, origin, pack_dataset
+from saf_gen.stream.sharing import fetch_dataset, fetching, pack_dataset
 
 LICENCE = ("CC-BY-4.0",)
 
@@ -36,7 +35,7 @@ def dataset(tmp_path_factory):
         saf_gen.write_stream(folder / f"{name}.h5", rng.integers(0, 2, (200, 24, 32), dtype=np.uint8))
     (folder / "stacks/scene").mkdir(parents=True)
     (folder / "stacks/scene/lamp.exr").write_bytes(bytes(range(256)))
-    index_streams_of_folder(folder)
+    index_folder(folder)
     return folder
 
 
@@ -100,7 +99,7 @@ def serve(folder, *, ranges=True, breaks=None):
 
 @pytest.fixture(autouse=True)
 def _no_waiting(monkeypatch):
-    monkeypatch.setattr(origin, "WAIT_S", 0.0)
+    monkeypatch.setattr(fetching, "WAIT_S", 0.0)
 
 
 def test_what_is_fetched_is_what_was_packed(dataset, packed, tmp_path):
@@ -108,7 +107,7 @@ def test_what_is_fetched_is_what_was_packed(dataset, packed, tmp_path):
     folder, index = fetch_dataset(str(packed), tmp_path / "again", report=lambda *step: seen.append(step))
     assert streams_of(folder) == streams_of(dataset)
     assert (folder / "manifest.json").read_bytes() == (dataset / "manifest.json").read_bytes()
-    assert verify_streams_of_dataset(folder) == (4, {})
+    assert verify_dataset(folder) == (4, {})
     assert seen[-1] == (index.total_bytes, index.total_bytes)
     assert sorted(p.name for p in folder.iterdir()) == ["README.md", "croissant.json", "manifest.json", "test", "train"]
 

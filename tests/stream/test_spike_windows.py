@@ -59,8 +59,8 @@ def read_all(windows, seed=0):
 
 def test_each_stream_is_inflated_once_whatever_the_order_and_however_often(dataset, monkeypatch):
     inflated = []
-    inflate = time_blocks.inflate_stream_chunk
-    monkeypatch.setattr(time_blocks, "inflate_stream_chunk", lambda *args: inflated.append(1) or inflate(*args))
+    inflate = time_blocks.inflate_chunk
+    monkeypatch.setattr(time_blocks, "inflate_chunk", lambda *args: inflated.append(1) or inflate(*args))
     windows = SpikeWindows(dataset, window=16)
     read_all(windows)
     blocks = 3 * -(-FRAMES // 64)
@@ -97,7 +97,7 @@ def test_half_written_counts_are_not_used(dataset, monkeypatch):
 
     again = SpikeWindows(dataset, window=100, counts=dataset / "elsewhere")
     with monkeypatch.context() as patch:
-        patch.setattr("saf_gen.stream.stream_file.count_stream_windows", stop)
+        patch.setattr("saf_gen.stream.stream_file.count_windows", stop)
         with pytest.raises(KeyboardInterrupt):
             again[3]
     assert not list((dataset / "elsewhere").iterdir())

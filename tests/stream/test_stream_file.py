@@ -19,7 +19,7 @@ from refusals import assert_says, refusal
 
 from saf_gen.core.bits import pack_bits
 from saf_gen.errors import BadInput
-from saf_gen.stream import block_memory, time_blocks
+from saf_gen.stream import time_blocks
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter, write_stream
@@ -49,7 +49,7 @@ def small_time_blocks(monkeypatch):
     """Split little data into many chunks of 2 rows and 8 bytes (64 frames)."""
     monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
     monkeypatch.setattr(time_blocks, "_CHUNK_BYTES", 2 * 9 * 8)
-    monkeypatch.setattr(block_memory, "BUDGET_BYTES", 0)
+    monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 0)
 
 
 @pytest.mark.parametrize("count", [1, 8, 63, 64, 2_000, 2_001, 4_013])
@@ -107,7 +107,7 @@ def test_a_stream_that_fits_in_memory_is_inflated_once(tmp_path, monkeypatch):
     small_time_blocks(monkeypatch)
     write_stream(tmp_path / "a.h5", random_frames(640))
     for budget, reads in ((10 * 6 * 9 * 8, 30), (0, 60)):
-        monkeypatch.setattr(block_memory, "BUDGET_BYTES", budget)
+        monkeypatch.setattr(time_blocks, "BUDGET_BYTES", budget)
         with open_stream(tmp_path / "a.h5") as stream:
             seen = chunks_read(stream, monkeypatch)
             for _ in range(2):
@@ -441,9 +441,9 @@ def test_a_folder_without_write_permission_is_reported(tmp_path):
 
 
 def test_what_the_disk_changed_is_found_before_the_rename(tmp_path, monkeypatch):
-    kept = time_blocks.deflate_stream_chunk
+    kept = time_blocks.deflate_chunk
     monkeypatch.setattr(time_blocks, "checksum", lambda data: len(data) + 1 if isinstance(data, bytes) else 0)
-    monkeypatch.setattr(time_blocks, "deflate_stream_chunk", lambda block, chunk: bytearray(kept(block, chunk)))
+    monkeypatch.setattr(time_blocks, "deflate_chunk", lambda block, chunk: bytearray(kept(block, chunk)))
     assert "check the disk" in refusal(write_stream, tmp_path / "a.h5", np.ones((8, 1, 1))).hint
     assert not list(tmp_path.iterdir())
 
@@ -568,7 +568,7 @@ def test_the_example_in_the_docs_runs(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("what", ["write", "count", "verify"])
 def test_memory_does_not_grow_with_time(tmp_path, monkeypatch, what):
-    monkeypatch.setattr(block_memory, "BUDGET_BYTES", 0)
+    monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 0)
     time_block = pack_bits(random_frames(2_000, 40, 40))
     peaks = []
     for count in (10, 40):

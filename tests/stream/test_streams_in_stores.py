@@ -13,7 +13,7 @@ from refusals import assert_says, refusal
 
 import saf_gen
 from saf_gen.core.object_store import find_path
-from saf_gen.stream.inspection import verify_streams_of_dataset
+from saf_gen.stream.dataset import verify_dataset
 from saf_gen.stream.manifest import read_manifest
 
 pytestmark = pytest.mark.slow
@@ -142,9 +142,9 @@ def dataset(s3, tmp_path):
 
 def test_a_dataset_in_a_store_is_listed_and_verified(s3, dataset, tmp_path):
     assert read_manifest(dataset) == read_manifest(tmp_path / "small")
-    assert verify_streams_of_dataset(dataset) == (2, {})
+    assert verify_dataset(dataset) == (2, {})
     s3.rm_file("data/small/test/two.h5")
-    count, problems = verify_streams_of_dataset(dataset)
+    count, problems = verify_dataset(dataset)
     assert (count, list(problems)) == (2, ["two"])
     assert "s3://data/small/test/two.h5: there is no such file" in problems["two"]
     assert_says(refusal(read_manifest, "s3://data/smal"), "there is no such folder | small")

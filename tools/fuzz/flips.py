@@ -25,7 +25,7 @@ import worker
 
 import saf_gen
 from saf_gen.benchmark.records import read_records
-from saf_gen.benchmark.tuned_method import read_method_with_constants
+from saf_gen.benchmark.tuned_method import read_tuned
 from saf_gen.errors import BadInput
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.focal_stack import StackSpec, StackStore
@@ -76,7 +76,7 @@ KINDS = (
     Flipped("stream", "data/test/a.h5", _read_stream),
     Flipped("manifest", "data/manifest.json", lambda path: read_manifest(path.parent)),
     Flipped("records", "judged/records.jsonl", read_records),
-    Flipped("tuned file", "tuned.json", lambda path: read_method_with_constants(path)[0]),
+    Flipped("tuned file", "tuned.json", lambda path: read_tuned(path)[0]),
     Flipped("index of shards", "packed/index.json", _read_packed),
     Flipped("shard", "packed/*.tar", _read_packed),
     Flipped("focal stack", f"stacks/{STACK.key}/lamp.exr", _read_stack),

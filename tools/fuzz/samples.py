@@ -14,10 +14,10 @@ import scipy.io
 from PIL import Image
 
 import saf_gen
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method
+from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned
 from saf_gen.core.region import REGIONS
 from saf_gen.stack import exr
-from saf_gen.stream.dataset_index import index_streams_of_folder
+from saf_gen.stream.dataset import index_folder
 from saf_gen.stream.sharing import pack_dataset
 
 PACKAGE = Path(saf_gen.__file__).parent
@@ -56,7 +56,7 @@ def write_samples(folder: Path, call: Callable[..., int]) -> None:
     assert call("evaluate", "data", "--method", "sd+argmax", "--method", "er_sumsq+sgfs_code", "--out", "judged") == 0
     trials = (TuningTrial("sd+argmax:window=50", 0.5, 1.25), TuningTrial("sd+argmax:window=100", None, None))
     tuned = TunedMethod("sd+argmax:window=50", "data", "train", "recorded", "", REGIONS[0], 2, "0" * 12, "0.1", trials)
-    (folder / "tuned.json").write_text(format_tuned_method(tuned))
+    (folder / "tuned.json").write_text(format_tuned(tuned))
     answers = [
         {
             "method": "net",
@@ -85,9 +85,9 @@ def write_samples(folder: Path, call: Callable[..., int]) -> None:
     pack_dataset(folder / "data", folder / "packed", licences=["MIT"])
     planes = np.random.default_rng(3).random((9, ROWS, COLUMNS), np.float32)
     named = {f"focus.{k:04d}": plane for k, plane in enumerate(planes)}
-    exr.write_stack_planes(folder / "stack.exr", named, attributes={"format": "1", "unit": "W"})
+    exr.write_planes(folder / "stack.exr", named, attributes={"format": "1", "unit": "W"})
     half = {name: plane.astype(np.float16) for name, plane in named.items()}
-    exr.write_stack_plane_blocks(folder / "slices.exr", half, attributes={"format": "1", "exponent": "3"})
+    exr.write_plane_blocks(folder / "slices.exr", half, attributes={"format": "1", "exponent": "3"})
 
 
 def _write_dataset(folder: Path) -> None:
@@ -110,7 +110,7 @@ def _write_dataset(folder: Path) -> None:
             },
             provenance={"recipe": RECIPE, "seed": "3", "sequence": json.dumps(PLANNED)},
         )  # fmt: skip
-    index_streams_of_folder(folder)
+    index_folder(folder)
 
 
 def _write_scene(folder: Path) -> None:

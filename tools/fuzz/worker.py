@@ -49,13 +49,13 @@ def _call_directly(what: str) -> int:
     """Call code that a command would reach only after minutes, and return an exit code."""
     try:
         if what == "scene":
-            from saf_gen.render.backend import activate_render_backend
-            from saf_gen.render.mitsuba_scene import build_mitsuba_scene_dict, load_lit_mitsuba_scene
-            from saf_gen.scene.scene_folder import load_scene_folder
+            from saf_gen.render.backend import activate_backend
+            from saf_gen.render.mitsuba_scene import load_lit_scene, scene_dict
+            from saf_gen.scene.scene_folder import load_scene
 
-            activate_render_backend("scalar")
-            described = build_mitsuba_scene_dict(load_scene_folder(Path("scenes/own")))
-            load_lit_mitsuba_scene(described, ("lamp",), max_depth=3)
+            activate_backend("scalar")
+            described = scene_dict(load_scene(Path("scenes/own")))
+            load_lit_scene(described, ("lamp",), max_depth=3)
         elif what == "actuator":
             import numpy as np
 
@@ -66,11 +66,11 @@ def _call_directly(what: str) -> int:
             lens.command(0.7)
             assert np.isfinite(lens.run(100)).all()
         elif what == "stack":
-            from saf_gen.stack.exr import read_stack_planes
+            from saf_gen.stack.exr import read_planes
 
             for path in ("stack.exr", "slices.exr"):
-                read_stack_planes(Path(path), ["focus.0003"])
-                read_stack_planes(Path(path))
+                read_planes(Path(path), ["focus.0003"])
+                read_planes(Path(path))
         elif what == "saf":
             main(["import", "saf", "--out", "out"])
     except SafGenError as error:

@@ -50,13 +50,13 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
 
     full_renderer = SceneRenderer(scene, sensor, backend_name="auto", wavelength_m=sensor.wavelength_m)
     # Pixels outside the target's box cost time and are not used.
-    cropped = scene_grain.crop_sensor_for_scene_grain(sensor, full_renderer.trace_depth_and_target().target)
+    cropped = scene_grain.crop_sensor(sensor, full_renderer.trace_geometry().target)
     renderer = SceneRenderer(scene, cropped, backend_name="auto", wavelength_m=sensor.wavelength_m)
-    seen = renderer.trace_depth_and_target()
+    seen = renderer.trace_geometry()
     truth = scene.build_drive().true_focus(seen.depth[seen.target])
-    measured_positions = scene_grain.list_scene_grain_positions(truth)
+    measured_positions = scene_grain.grain_positions(truth)
     positions = size.positions[0]
-    still = scene_grain.measure_still_scene_grain(
+    still = scene_grain.measure_still(
         renderer,
         seen,
         measured_positions=measured_positions,
@@ -68,7 +68,7 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
     yield from _position_figures(scene.id, "still", found=still, max_rms=None, max_contrast=max_contrast)
     if not (renderer.motions and scene.card.slices_per_s):
         return
-    found = scene_grain.measure_scene_grain_of_slices(
+    found = scene_grain.measure_slices(
         renderer,
         seen,
         measured_positions=measured_positions,
@@ -84,7 +84,7 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
     max_rms = scene_grain.MAX_SLICE_RMS
     yield from _position_figures(scene.id, "slice", found=found, max_rms=max_rms, max_contrast=max_contrast)
     report(f"{scene.id}, later slices", 0.0)
-    correlations = scene_grain.correlate_scene_grain_of_slices(
+    correlations = scene_grain.correlate_slices(
         renderer,
         seen,
         position=truth,
@@ -135,7 +135,7 @@ def _percent(what: str, figure: Any, *, goal: float | None = None, cell: tuple[s
 
 def _time_slices(renderer: Any, *, size: BenchSize, position: float) -> float:
     """Return the rendering time (seconds) per time slice of a recording with the lens at rest at ``position``."""
-    from saf_gen.render import render_missing_stacks
+    from saf_gen.render import render_missing
 
     first = min(int(position * (size.positions[0] - 1)), size.positions[0] - 2)
     scene = renderer.scene
@@ -153,10 +153,10 @@ def _time_slices(renderer: Any, *, size: BenchSize, position: float) -> float:
     specs = [replace(first_spec, time_s=first_spec.time_s + n * step_s) for n in range(2 + TIMED_SLICES)]
     with TemporaryDirectory() as folder:
         options: dict[str, Any] = {"root": Path(folder), "backend_name": renderer.backend_name}
-        render_missing_stacks(scene, specs[:1], **options)  # compiles
+        render_missing(scene, specs[:1], **options)  # compiles
         # A recording builds its scene only once; this time cancels in the difference between several slices and one.
-        _, one_s = time_benched_call(render_missing_stacks, scene, specs[1:2], **options)
-        _, several_s = time_benched_call(render_missing_stacks, scene, specs[2:], **options)
+        _, one_s = time_benched_call(render_missing, scene, specs[1:2], **options)
+        _, several_s = time_benched_call(render_missing, scene, specs[2:], **options)
     return max(several_s - one_s, 0.0) / (TIMED_SLICES - 1)
 
 

@@ -68,7 +68,7 @@ def _measure_rendering(size: BenchSize, folder: Path, *, report: ReportProgress)
     except BadInput as error:
         yield f"rates of rendering are left out: {error.problem}"
         return
-    if (chosen := backend.choose_render_backend("auto")) == "scalar":
+    if (chosen := backend.choose_backend("auto")) == "scalar":
         yield f"rates of rendering are left out: {backend.ADVICE}"
         return
     scene = find_scene(SCENE)

@@ -53,16 +53,14 @@ def set_up_benched_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     from saf_gen.render import backend, mitsuba_scene
     from saf_gen.render.render_setup import RenderSetup
 
-    chosen = backend.choose_render_backend("auto")
+    chosen = backend.choose_backend("auto")
     if chosen == "scalar":
         raise BadInput("the focal stack in one pass needs the variant llvm or cuda", hint=backend.ADVICE)
-    backend.activate_render_backend(chosen)
+    backend.activate_backend(chosen)
     found, camera = find_scene(scene), get_sensor(sensor)
     lamps = tuple(emitter for group in found.card.lights.values() for emitter in group)
-    loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(
-        mitsuba_scene.build_mitsuba_scene_dict(found), lamps, max_depth=6
-    )
-    pose, unit_m = mitsuba_scene.mitsuba_camera_to_world(found), found.card.unit_m
+    loaded, integrator = mitsuba_scene.load_lit_scene(mitsuba_scene.scene_dict(found), lamps, max_depth=6)
+    pose, unit_m = mitsuba_scene.camera_to_world(found), found.card.unit_m
     return RenderSetup(loaded, integrator, pose, found.build_drive(), camera, unit_m), chosen
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import saf_gen
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
-from saf_gen.core.files import check_folder_writable, write_text_atomically
+from saf_gen.core.files import check_writable, write_text
 from saf_gen.errors import BadInput, SafGenError
 from saf_gen.scene.scene_folder import Scene, find_scene, scene_names
 
@@ -54,7 +54,7 @@ def bench_each_scene(
     if a requested scene or the sensor is unknown, or if the folder cannot be written.
     """
     if folder is not None:
-        check_folder_writable(folder)
+        check_writable(folder)
     scenes = {name: _find(name, named=bool(size.scenes)) for name in size.scenes or scene_names()}
     identities = _identify(scenes, size)  # now, because code may be edited before a scene is done
     saved = {} if folder is None else _read_saved_results(folder, identities)
@@ -93,7 +93,7 @@ def _measure_scene(
 
 def _save_result(path: Path, identity: str, *, found: Sequence[BenchFigure | str]) -> None:
     document = {"format": FORMAT, "of": identity, "found": [f if isinstance(f, str) else asdict(f) for f in found]}
-    write_text_atomically(path, json.dumps(document, ensure_ascii=False, indent=1) + "\n")
+    write_text(path, json.dumps(document, ensure_ascii=False, indent=1) + "\n")
 
 
 def _read_saved_results(folder: Path, identities: Mapping[str, str]) -> dict[str, tuple[BenchFigure | str, ...]]:

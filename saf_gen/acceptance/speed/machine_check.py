@@ -6,7 +6,7 @@ import platform
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.extras import installed_version
 from saf_gen.errors import BadInput
-from saf_gen.scene.trusted_folders import trusted_scene_folders
+from saf_gen.scene.trusted_folders import all_trusted
 
 PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "OpenEXR", "matplotlib")
 
@@ -24,8 +24,8 @@ def describe_machine_to_bench() -> tuple[dict[str, str], list[str]]:
         facts["variant"] = f"none: {error.problem}; streams can still be evaluated"
         advice.append(f"to render: {error.hint}")
     else:
-        found = backend.probe_render_backends()
-        facts["variant"] = backend.choose_render_backend("auto", found)
+        found = backend.probe_backends()
+        facts["variant"] = backend.choose_backend("auto", found)
         facts["LLVM"] = found.llvm_description
         facts["NVIDIA card"] = "usable" if found.cuda else "none that Mitsuba can use"
         if not found.llvm_usable and not found.cuda:
@@ -33,7 +33,7 @@ def describe_machine_to_bench() -> tuple[dict[str, str], list[str]]:
     facts["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"
     facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
     facts["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
-    facts["scenes of yours"] = ", ".join(str(folder) for folder in trusted_scene_folders()) or "none registered"
+    facts["scenes of yours"] = ", ".join(str(folder) for folder in all_trusted()) or "none registered"
     facts["Python"] = platform.python_version()
     for name in PACKAGES:
         facts[name] = installed_version(name)

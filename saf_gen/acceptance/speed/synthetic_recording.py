@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from saf_gen.acceptance.speed.fresh_process import peak_memory_of_bench_gib
-from saf_gen.camera import Encoder, Sensor, encoder_knot_weights, get_sensor
+from saf_gen.camera import Encoder, Sensor, get_sensor, knot_weights
 from saf_gen.core import seeds
 from saf_gen.core.execution.job import ReportProgress
 from saf_gen.stream.metadata import Metadata
@@ -43,7 +43,7 @@ def encode_bench_blocks(
 
     Recordings with different values of ``number`` have independent noise.
     """
-    index, fraction = encoder_knot_weights(_sweep(frames), charge.shape[1])
+    index, fraction = knot_weights(_sweep(frames), charge.shape[1])
     gain = _gain(light, frames)
     encoder = Encoder(sensor, charge.shape[2:], seed=seeds.derive_seed("bench", "encoder", number))
     for begin in range(0, frames, BLOCK):

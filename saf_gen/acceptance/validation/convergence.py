@@ -11,11 +11,11 @@ from saf_gen.acceptance.validation.workload import DatasetMaker, MadeDataset, Wo
 from saf_gen.acceptance.validation.written_scenes import lit_chequers_of_workload
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import Sensor, get_sensor
-from saf_gen.camera.counting_law import pixel_noise_per_spike
-from saf_gen.generate.coarse_sampling import find_coarse_recipe_sampling
+from saf_gen.camera.counting_law import noise_per_spike
+from saf_gen.generate.coarse_sampling import coarse_sampling
 from saf_gen.leaderboard.grain_tables import compose_leaderboard_grain_notes
 from saf_gen.scene.scene_folder import find_scene
-from saf_gen.stream.recorded_grain import read_grain_of_stream
+from saf_gen.stream.recorded_grain import grain_of_stream
 
 SAMPLES, SLICE_SAMPLES, POSITIONS, RATE, BLOCK = 64, 16, 129, 0.2, 100
 """Samples per pixel at rest and in time slices, positions and mean rate (spikes per readout) of our recipes, and the
@@ -44,7 +44,7 @@ def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
     dataset = maker.make(make(SAMPLES))
     for scene in scenes:
         with dataset.open(scene=scene) as stream:
-            grain = read_grain_of_stream(stream.metadata.provenance)
+            grain = grain_of_stream(stream.metadata.provenance)
         rms = float("nan") if grain is None else grain.rms_in_focus
         comparisons.append(Comparison(f"{scene}: relative grain in focus", rms, at_least=0.0, at_most=noise))
         shown.append(rms)
@@ -132,7 +132,7 @@ def _check_slices(maker: DatasetMaker, quick: bool) -> Finding:
             )
 
         for times, expected_warnings in ((1, 0), (0.25, 1)):
-            lines = find_coarse_recipe_sampling(maker.resolve(make(times)))
+            lines = coarse_sampling(maker.resolve(make(times)))
             what = f"{scene}: warnings of recipes check at {times:g} times the slices of its card"
             comparisons.append(
                 Comparison(what, float(len(lines)), expected_warnings, expected_warnings, expected_warnings)
@@ -168,7 +168,7 @@ def _noise_of_block(sensor: Sensor) -> float:
             )
         )
     )
-    counting = float(np.sqrt(1 / 6 + RATE * BLOCK * pixel_noise_per_spike(sensor)) / (RATE * BLOCK))
+    counting = float(np.sqrt(1 / 6 + RATE * BLOCK * noise_per_spike(sensor)) / (RATE * BLOCK))
     return float(np.hypot(pattern, counting))
 
 

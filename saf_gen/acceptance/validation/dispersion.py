@@ -21,7 +21,7 @@ from saf_gen.acceptance.validation.written_scenes import (
     lit_chequers_of_workload,
 )
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.camera.counting_law import pixel_noise_per_spike
+from saf_gen.camera.counting_law import noise_per_spike
 
 WINDOW = 100
 FEW_COUNT_RATES = (0.003, 0.006, 0.0125, 0.025, 0.05, 0.08, 0.15, 0.3)
@@ -37,7 +37,7 @@ def _check_dark_end(maker: DatasetMaker, quick: bool) -> Finding:
         for n, rate in enumerate(FEW_COUNT_RATES)
     }
     dataset = maker.make(Workload((even_panel_of_workload(),), sensor, 2 * WINDOW, lights))
-    measure, per_spike = saf_gen.get_measure("sd"), pixel_noise_per_spike(sensor)
+    measure, per_spike = saf_gen.get_measure("sd"), noise_per_spike(sensor)
     comparisons = []
     for name, rate in zip(lights, FEW_COUNT_RATES, strict=True):
         with dataset.open(light=name) as stream:
@@ -81,7 +81,7 @@ def _check_dark_offset(maker: DatasetMaker, quick: bool) -> Finding:
         f"rate_{n}": {"kind": "constant", "level": gain_of_rate_by_law(rate, sensor)} for n, rate in enumerate(rates)
     }
     dataset = maker.make(Workload((even_panel_of_workload(),), sensor, frames, lights))
-    per_spike, n = pixel_noise_per_spike(sensor), 1000
+    per_spike, n = noise_per_spike(sensor), 1000
     with dataset.open(light="dark") as stream:
         dark = stream.counts(0, frames).astype(float) / frames  # each count is within half a spike of the truth
     comparisons, means, seen, law = [], [], [], []

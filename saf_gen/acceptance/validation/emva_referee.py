@@ -18,7 +18,7 @@ from saf_gen.acceptance.validation.theory import charge_of_rate_by_law, firing_r
 from saf_gen.acceptance.validation.workload import DatasetMaker, Workload
 from saf_gen.acceptance.validation.written_scenes import even_panel_of_workload, gain_of_rate_by_law
 from saf_gen.camera import get_sensor
-from saf_gen.camera.counting_law import pixel_noise_per_spike
+from saf_gen.camera.counting_law import noise_per_spike
 from saf_gen.camera.sensor import Sensor
 
 WINDOW = 200
@@ -136,7 +136,7 @@ def _check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
     theirs = _judge_flat_fields(pairs, stacks, saturated=len(RATES) - 1)
     # The two workloads have different devices, which follow from the seeds of their recipes, so each is compared with
     # our figures from the same windows.
-    ours = _our_figures(stacks[photons[bright]], stacks[0.0], per_spike=pixel_noise_per_spike(sensor))
+    ours = _our_figures(stacks[photons[bright]], stacks[0.0], per_spike=noise_per_spike(sensor))
     seen = np.array([np.mean(pairs[photons[name]]) for name in levels]) - np.mean(pairs[0.0])
     law = _law_of_series(np.array([np.mean(pairs[photons[name]]) for name in (bright, "dark")]), photons, sensor=sensor)
     used = seen <= 0.7 * seen[-1]  # up to 70 % of saturation, as in the standard

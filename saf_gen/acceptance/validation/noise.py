@@ -18,8 +18,8 @@ from saf_gen.acceptance.validation.inference import (
 from saf_gen.acceptance.validation.theory import count_variance_by_law, window_autocovariance_by_law
 from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
 from saf_gen.acceptance.validation.written_scenes import even_panel_of_workload, gain_of_rate_by_law
-from saf_gen.camera.counting_law import pixel_count_chi_squared, pixel_count_probabilities, pixel_noise_per_spike
-from saf_gen.camera.noise_table import LANES
+from saf_gen.camera.counting_law import count_chi_squared, count_probabilities, noise_per_spike
+from saf_gen.camera.encoder_kernel import LANES
 from saf_gen.stream.stream_file import SpikeStream
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
@@ -53,7 +53,7 @@ def _check_photon_transfer(maker: DatasetMaker, quick: bool) -> Finding:
     frames, shape = _size(quick)
     workload = _even_light(RATES, frames=frames, shape=shape)
     dataset = maker.make(workload)
-    per_spike = pixel_noise_per_spike(workload.sensor)
+    per_spike = noise_per_spike(workload.sensor)
     windows = [n for n in WINDOWS if 2 * n <= frames]
     comparisons, curves = [], []
     for rate in RATES:
@@ -102,7 +102,7 @@ def _check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
     rates = INTERVAL_RATES[::3] if quick else INTERVAL_RATES
     workload = _even_light(rates, frames=400, shape=shape)
     dataset = maker.make(workload)
-    per_spike = pixel_noise_per_spike(workload.sensor)
+    per_spike = noise_per_spike(workload.sensor)
     comparisons: list[Comparison] = []
     curves = []
     for rate in rates:
@@ -111,8 +111,8 @@ def _check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
             spikes = stream.frames(first, min(first + int(1.2 * mean) + 10, 400)).reshape(-1, shape[0] * shape[1])
         fired = spikes[0] == 1
         seen = spikes[1:, fired].argmax(axis=0) + 1
-        numbers, probabilities = pixel_count_probabilities(mean, per_spike * mean**2)
-        chi, freedom = pixel_count_chi_squared(seen, (numbers, probabilities))
+        numbers, probabilities = count_probabilities(mean, per_spike * mean**2)
+        chi, freedom = count_chi_squared(seen, (numbers, probabilities))
         name = f"rate {rate:g}, {seen.size:,} intervals"
         if freedom:
             comparisons.append(
@@ -154,7 +154,7 @@ def _check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
     frames, shape = _size(quick)
     workload = _even_light(RATES, frames=frames, shape=shape)
     dataset = maker.make(workload)
-    per_spike, pixels = pixel_noise_per_spike(workload.sensor), shape[0] * shape[1]
+    per_spike, pixels = noise_per_spike(workload.sensor), shape[0] * shape[1]
     taper = np.sqrt(8 / 3) * np.sin(np.pi * (np.arange(frames) + 0.5) / frames) ** 2
     bands = 5 if quick else 10
     figures = len(RATES) * (bands + 1)
@@ -207,7 +207,7 @@ def _check_independence(maker: DatasetMaker, quick: bool) -> Finding:
     # The streams of the small size end at the first border of time blocks, so this check has a longer one.
     rates, frames = ((rate,), stop) if quick else (RATES, frames)
     workload = _even_light(rates, frames=frames, shape=shape)
-    dataset, per_spike = maker.make(workload), pixel_noise_per_spike(workload.sensor)
+    dataset, per_spike = maker.make(workload), noise_per_spike(workload.sensor)
     with dataset.open(light=_light_name(rate)) as stream:
         counts = np.stack([stream.counts(begin + k * n, begin + (k + 1) * n) for k in range(20)]).astype(float)
     counts -= n * rate

@@ -20,7 +20,7 @@ from saf_gen.acceptance.validation.workload import (
 )
 from saf_gen.acceptance.validation.written_scenes import glowing_edge_of_workload, strips_behind_bar_of_workload
 from saf_gen.camera.sensor import Sensor
-from saf_gen.optics.exact_otf import exact_lens_otf
+from saf_gen.optics.exact_otf import exact_otf
 
 
 def _check_blur(maker: DatasetMaker, quick: bool) -> Finding:
@@ -73,9 +73,7 @@ def _check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
         v = first + (last - first) * (np.array(window) + 0.5) / frames
         defocus = radius**2 * np.abs(1 / depth - (1 / focal - 1 / v)) / 2 / sensor.wavelength_m
         cut_off = 2 * radius / (sensor.wavelength_m * in_focus) * sensor.pitch_m
-        law = np.mean(
-            [exact_lens_otf(frequencies / cut_off, w, points=500) for w in defocus[:: len(defocus) // 20]], axis=0
-        )
+        law = np.mean([exact_otf(frequencies / cut_off, w, points=500) for w in defocus[:: len(defocus) // 20]], axis=0)
         box = np.sinc(frequencies * np.cos(np.radians(ANGLE_DEG))) * np.sinc(
             frequencies * np.sin(np.radians(ANGLE_DEG))
         )
@@ -187,17 +185,17 @@ def _render_reference(
     from saf_gen.render.render_setup import RenderSetup
     from saf_gen.scene.scene_folder import find_scene
 
-    chosen = backend.choose_render_backend("auto")
+    chosen = backend.choose_backend("auto")
     if chosen == "scalar":
         raise CheckSkipped("the reference needs the variant llvm or cuda to finish within an hour")
-    backend.activate_render_backend(chosen)
+    backend.activate_backend(chosen)
     with use_workload_scenes(dataset.folder.parent / "scenes"):
         found = find_scene(scene.id)
     lamps = tuple(lamp for group in found.card.lights.values() for lamp in group)
-    described = mitsuba_scene.build_mitsuba_scene_dict(found)
-    loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(described, lamps, max_depth=3)
+    described = mitsuba_scene.scene_dict(found)
+    loaded, integrator = mitsuba_scene.load_lit_scene(described, lamps, max_depth=3)
     setup = RenderSetup(
-        loaded, integrator, mitsuba_scene.mitsuba_camera_to_world(found), found.build_drive(), sensor, found.card.unit_m
+        loaded, integrator, mitsuba_scene.camera_to_world(found), found.build_drive(), sensor, found.card.unit_m
     )
     batch = 1024
     parts = [

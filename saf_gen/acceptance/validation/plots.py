@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from saf_gen.acceptance.validation.check import Plot
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import atomic_file
 
 COLOURS = ("#1f5fa8", "#c0392b", "#2a8a4a", "#8a5a00", "#6b3fa0", "#007c8a", "#a83279", "#555555")
 SIZE_INCHES, DOTS_PER_INCH = (6.4, 2.7), 100
@@ -44,5 +44,5 @@ def draw_validation_plot(plot: Plot, path: Path) -> None:
         axes.legend(fontsize=6.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     drawn = BytesIO()
     figure.savefig(drawn, format="png")
-    with write_atomically(path) as part, Image.open(drawn) as picture:
+    with atomic_file(path) as part, Image.open(drawn) as picture:
         picture.convert("RGB").quantize(48).save(part, format="png", optimize=True)

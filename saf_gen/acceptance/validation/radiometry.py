@@ -23,7 +23,7 @@ from saf_gen.acceptance.validation.written_scenes import (
     gain_of_rate_by_law,
     glowing_panel_of_workload,
 )
-from saf_gen.camera.counting_law import pixel_noise_per_spike
+from saf_gen.camera.counting_law import noise_per_spike
 from saf_gen.camera.sensor import Sensor
 
 F_NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)
@@ -245,7 +245,7 @@ def _lost_at_the_cap(charge: float, sensor: Sensor) -> float:
     Close to saturation, within the noise, a pixel that has just fired may hold more than that. Charge then diffuses
     over the cap, by at most σ²/2 per spike: half the variance of a threshold, for a uniform density.
     """
-    return pixel_noise_per_spike(sensor) / 2 if sensor.saturation == "subtract" and charge > 0.9 else 0.0
+    return noise_per_spike(sensor) / 2 if sensor.saturation == "subtract" and charge > 0.9 else 0.0
 
 
 _TOLERANCE = (

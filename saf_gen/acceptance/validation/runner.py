@@ -11,7 +11,7 @@ from time import perf_counter
 import saf_gen
 from saf_gen.acceptance.validation.check import Check, CheckSkipped, Verdict
 from saf_gen.acceptance.validation.workload import DatasetMaker
-from saf_gen.core.files import check_folder_writable, write_text_atomically
+from saf_gen.core.files import check_writable, write_text
 from saf_gen.errors import SafGenError
 
 RESULTS = ".validation"
@@ -49,7 +49,7 @@ def run_validation_checks(
     BadInput
         If the folder cannot be written.
     """
-    check_folder_writable(folder)
+    check_writable(folder)
     home = folder / RESULTS / f"{fingerprint_validated_source()[:12]}-{'quick' if quick else 'whole'}"
     if (folder / RESULTS).is_dir():  # results and datasets of other code are of no use
         for other in (folder / RESULTS).iterdir():
@@ -69,7 +69,7 @@ def run_validation_checks(
         verdict = _run_check(check, replace(maker, report=notify), quick=quick)
         if verdict.outcome in ("passed", "failed"):
             text = json.dumps(verdict.as_dict(), ensure_ascii=False, allow_nan=False)
-            write_text_atomically(file, text)
+            write_text(file, text)
         verdicts.append(verdict)
     report(len(checks), len(checks), "done")
     maker.clear()

@@ -8,7 +8,7 @@ import saf_gen
 from saf_gen.acceptance.validation.check import Check, Comparison, Verdict
 from saf_gen.acceptance.validation.inference import FALSE_ALARM
 from saf_gen.acceptance.validation.plots import draw_validation_plot
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 
 PAGE, PICTURES = "validation.md", "pictures"
 LISTED_FIGURES = 8
@@ -26,7 +26,7 @@ def write_validation_page(checks: Sequence[Check], verdicts: Sequence[Verdict], 
         if verdict.plot is not None:
             draw_validation_plot(verdict.plot, folder / PICTURES / _picture(check))
     page = folder / PAGE
-    write_text_atomically(page, "\n".join(_lines(shown, quick=quick)) + "\n")
+    write_text(page, "\n".join(_lines(shown, quick=quick)) + "\n")
     return page
 
 

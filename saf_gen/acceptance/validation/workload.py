@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.camera import Sensor, get_sensor
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.errors import SafGenError
 from saf_gen.generate.resolve import ResolvedRecipe, resolve_recipe
 from saf_gen.generate.run import generate
@@ -153,7 +153,7 @@ class DatasetMaker:
         home = self._home(workload)
         for name, text in workload.files.items():
             if not (home / name).exists():
-                write_text_atomically(home / name, text)
+                write_text(home / name, text)
         with use_workload_scenes(home / "scenes"):
             return resolve_recipe(home / "recipe.yaml")
 

@@ -7,16 +7,16 @@
 from collections.abc import Callable, Iterator
 
 from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok
-from saf_gen.authoring.checks.focus_reach import check_scene_family, check_scene_reach, scene_check_out_of_reach
-from saf_gen.authoring.checks.licence import check_scene_licence
-from saf_gen.authoring.checks.picture_grain import check_scene_grain
+from saf_gen.authoring.checks.focus_reach import check_family, check_reach, out_of_reach
+from saf_gen.authoring.checks.licence import check_licence
+from saf_gen.authoring.checks.picture_grain import check_grain
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.authoring.checks.scene_units import check_scene_units
-from saf_gen.authoring.checks.sharpness_curve import check_scene_curve
-from saf_gen.authoring.checks.slice_interpolation import check_scene_slices
-from saf_gen.authoring.checks.target_detail import check_scene_detail
-from saf_gen.authoring.checks.target_illuminance import check_scene_exposure
-from saf_gen.authoring.checks.target_motion import check_scene_motion
+from saf_gen.authoring.checks.scene_units import check_units
+from saf_gen.authoring.checks.sharpness_curve import check_curve
+from saf_gen.authoring.checks.slice_interpolation import check_slices
+from saf_gen.authoring.checks.target_detail import check_detail
+from saf_gen.authoring.checks.target_illuminance import check_exposure
+from saf_gen.authoring.checks.target_motion import check_motion
 from saf_gen.camera import Sensor
 from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import Scene
@@ -24,28 +24,28 @@ from saf_gen.scene.scene_folder import Scene
 __all__ = [
     "SceneFinding",
     "SceneUnderTest",
+    "check_curve",
+    "check_detail",
+    "check_exposure",
+    "check_family",
+    "check_grain",
+    "check_motion",
+    "check_reach",
     "check_scene",
-    "check_scene_curve",
-    "check_scene_detail",
-    "check_scene_exposure",
-    "check_scene_family",
-    "check_scene_grain",
-    "check_scene_motion",
-    "check_scene_reach",
-    "check_scene_slices",
-    "check_scene_units",
+    "check_slices",
+    "check_units",
 ]
 
 CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]], ...] = (
-    check_scene_units,
-    check_scene_reach,
-    check_scene_exposure,
-    check_scene_detail,
-    check_scene_curve,
-    check_scene_motion,
-    check_scene_slices,
-    check_scene_grain,
-    check_scene_family,
+    check_units,
+    check_reach,
+    check_exposure,
+    check_detail,
+    check_curve,
+    check_motion,
+    check_slices,
+    check_grain,
+    check_family,
 )
 
 
@@ -72,7 +72,7 @@ def check_scene(
     ------
     SceneFinding
     """
-    yield from check_scene_licence(scene)
+    yield from check_licence(scene)
     subject = SceneUnderTest(scene, sensor, backend=backend)
     try:
         shapes = subject.renderer.prepare().mitsuba_scene.shapes()
@@ -84,7 +84,7 @@ def check_scene(
     try:
         subject.true_focus  # noqa: B018
     except BadInput as problem:
-        yield scene_check_out_of_reach(subject, problem)
+        yield out_of_reach(subject, problem)
         return
     for n, check in enumerate(CHECKS_OF_BUILT_SCENES, 1):
         try:

@@ -7,8 +7,8 @@ import numpy as np
 
 from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.authoring.checks.scene_units import suggest_scene_check_unit
-from saf_gen.core.config.ranges import is_config_range
+from saf_gen.authoring.checks.scene_units import suggest_unit
+from saf_gen.core.config.ranges import is_range
 from saf_gen.errors import BadInput
 
 MARGIN = 0.1  # of the travel, at either end
@@ -16,13 +16,13 @@ MIN_BLUR = 4.0  # pixels; with less blur at both ends of the travel, a search ha
 MEMBERS = 3
 
 
-def scene_check_out_of_reach(subject: SceneUnderTest, problem: BadInput) -> SceneFinding:
+def out_of_reach(subject: SceneUnderTest, problem: BadInput) -> SceneFinding:
     """Return the finding for a target out of sight or reach, with advice on a wrong unit if that explains it."""
-    unit = suggest_scene_check_unit(subject)
+    unit = suggest_unit(subject)
     return scene_check_error("reach", f"{problem}; {unit}" if unit else str(problem))
 
 
-def check_scene_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check where in the travel the target is in focus, and how much it is blurred at the ends of the travel."""
     truth, half = subject.true_focus, subject.half_depth_of_focus
     low, high = subject.depth_of_focus
@@ -47,15 +47,15 @@ def check_scene_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         yield scene_check_ok("reach", f"{text}; recipes need focus.positions: {positions} or more")
 
 
-def check_scene_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check that a few random members of the family can be built, with a target that the lens can focus."""
     scene = subject.scene
-    if not any(is_config_range(value) for value in scene.card.params.values()):
+    if not any(is_range(value) for value in scene.card.params.values()):
         return
     found = []
     for n in range(MEMBERS):
         member = SceneUnderTest(scene.draw_member("check", n), subject.sensor, backend=subject.backend)
-        drawn = ", ".join(f"{k} {v}" for k, v in member.scene.params.items() if is_config_range(scene.card.params[k]))
+        drawn = ", ".join(f"{k} {v}" for k, v in member.scene.params.items() if is_range(scene.card.params[k]))
         try:
             found.append(member.true_focus)
         except BadInput as problem:

@@ -19,7 +19,7 @@ PICTURES = frozenset({".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tga", ".bmp", "
 ASSETS = PICTURES | {".ply", ".obj", ".serialized", ".vol", ".spd", ".bsdf"}  # files whose authors must be named
 
 
-def check_scene_licence(scene: Scene) -> Iterator[SceneFinding]:
+def check_licence(scene: Scene) -> Iterator[SceneFinding]:
     """Check the card's ``licence`` and ``source``, and the file to which ``source`` refers."""
     licence, source = scene.card.licence.strip(), scene.card.source.strip()
     words = licence.replace("(", " ").replace(")", " ").split()

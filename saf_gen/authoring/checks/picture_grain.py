@@ -18,30 +18,30 @@ SAMPLES = scene_grain.STILL_SAMPLES // 8
 POSITIONS = 33  # in a stack over the whole travel, their number has little effect on the grain at each position
 
 
-def check_scene_grain(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_grain(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Compare the grain at the usual numbers of samples, at rest and in time slices, with the goals."""
     full_renderer = subject.renderer
-    sensor = scene_grain.crop_sensor_for_scene_grain(subject.sensor, subject.depth_and_target.target)
+    sensor = scene_grain.crop_sensor(subject.sensor, subject.depth_and_target.target)
     renderer = SceneRenderer(
         subject.scene, sensor, backend_name=full_renderer.backend_name, wavelength_m=full_renderer.wavelength_m
     )
-    seen = renderer.trace_depth_and_target()
-    measured_positions = scene_grain.list_scene_grain_positions(subject.true_focus)
+    seen = renderer.trace_geometry()
+    measured_positions = scene_grain.grain_positions(subject.true_focus)
     if renderer.is_slow:  # it renders position by position, so two positions have the same grain as in a full stack
         still_samples = slice_samples = SLOW_SAMPLES
-        still = scene_grain.measure_scene_grain_of_slices(
+        still = scene_grain.measure_slices(
             renderer, seen, measured_positions=measured_positions, positions=POSITIONS, samples=still_samples
         )
     else:
         still_samples, slice_samples = SAMPLES, scene_grain.SLICE_SAMPLES
-        still = scene_grain.measure_still_scene_grain(
+        still = scene_grain.measure_still(
             renderer, seen, measured_positions=measured_positions, positions=POSITIONS, samples=still_samples
         )
     yield _compare_with_goals(still, samples=still_samples, usual=scene_grain.STILL_SAMPLES, moving=False)
     slices_per_s = subject.scene.card.slices_per_s
     if not (renderer.motions and slices_per_s):
         return
-    moving = scene_grain.measure_scene_grain_of_slices(
+    moving = scene_grain.measure_slices(
         renderer,
         seen,
         measured_positions=measured_positions,

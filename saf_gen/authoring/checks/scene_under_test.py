@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from saf_gen.camera import Sensor, sensor_charge_of_images
+from saf_gen.camera import Sensor, charge_of_images
 from saf_gen.optics import Drive
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
@@ -43,7 +43,7 @@ class SceneUnderTest:
     @cached_property
     def depth_and_target(self) -> DepthAndTarget:
         """Depth map and target with the lens focused on the target; for a moving scene, at the time ``still_s``."""
-        return self.renderer.trace_depth_and_target()
+        return self.renderer.trace_geometry()
 
     @property
     def target_depths_m(self) -> np.ndarray:
@@ -99,6 +99,4 @@ class SceneUnderTest:
 
     def collected_charge(self, stack: FocalStack) -> np.ndarray:
         """Return the photo-electrons per readout with all lights at gain 1, float32 (focus, row, col)."""
-        return sensor_charge_of_images(stack.radiance, self.sensor, lens=self.drive, position=stack.spec.focus).sum(
-            axis=0
-        )
+        return charge_of_images(stack.radiance, self.sensor, lens=self.drive, position=stack.spec.focus).sum(axis=0)

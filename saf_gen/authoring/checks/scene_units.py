@@ -20,7 +20,7 @@ MIN_PIXELS = 500  # of a target
 MAX_FIELDS = 3.0  # half fields of view; a unit that puts the target farther off the axis is not suggested
 
 
-def check_scene_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check how large the target is, how far away it is, and how much of the frame it fills."""
     seen = subject.depth_and_target
     size = np.ptp(subject.renderer.bounds(*subject.scene.card.target), axis=0)
@@ -37,7 +37,7 @@ def check_scene_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         yield scene_check_ok("units", text)
 
 
-def suggest_scene_check_unit(subject: SceneUnderTest) -> str:
+def suggest_unit(subject: SceneUnderTest) -> str:
     """Return advice to change the unit if that brings the target into the reach of the lens, else ''."""
     card = subject.scene.card
     box = subject.renderer.bounds(*card.target)

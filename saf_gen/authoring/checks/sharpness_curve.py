@@ -6,7 +6,7 @@ import numpy as np
 
 from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.core.region import mask_bounding_box
+from saf_gen.core.region import bounding_box
 from saf_gen.stack.focal_stack import FocalStack
 
 CLOSE, FAR = 0.5, 1.5  # depths of focus
@@ -14,7 +14,7 @@ MIN_RIVAL = 0.8  # of the peak
 MIN_CONTRAST = 1.2  # the peak divided by the lowest value
 
 
-def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check how far the peak is from the true focus, in depths of focus, and whether there are other peaks."""
     focus, curve = subject.stack.spec.focus, _target_sharpness(subject, subject.stack)
     if not curve.max() > 0:
@@ -57,7 +57,7 @@ def _target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
 
     The ``sharpness`` of a stream has the same definition. The value is 0 if the box is black.
     """
-    rows, columns = mask_bounding_box(stack.target)
+    rows, columns = bounding_box(stack.target)
     seen = subject.collected_charge(stack)[:, rows, columns].astype(np.float64)
     square = seen.mean(axis=(1, 2)) ** 2
     return np.divide(seen.var(axis=(1, 2)), square, out=np.zeros_like(square), where=square > 0)

@@ -17,10 +17,10 @@ from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_ok
 from saf_gen.authoring.checks._scene_finding import scene_check_error as error_finding
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.authoring.checks.target_motion import RECORDING_S
-from saf_gen.core.region import mask_bounding_box, region_shape
-from saf_gen.scene.keyframes import scene_motion_end_s
+from saf_gen.core.region import bounding_box, region_shape
+from saf_gen.scene.keyframes import motion_end_s
 from saf_gen.scene.scene_folder import EDGE_POWER
-from saf_gen.stack.time_resolved import frames_of_stack_slices
+from saf_gen.stack.time_resolved import slice_starts
 
 PATHS, SLOW_PATHS = 1 << 19, 1 << 15  # per image
 MIN_SAMPLES, MAX_SAMPLES = 8, 256  # per pixel
@@ -62,7 +62,7 @@ class SliceMismatch:
         return cls(square, float(np.sqrt(noise.mean() / noise.size)) / mean**2)
 
 
-def check_scene_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Compare the error of interpolating between slices with the card's ``interpolation_error``."""
     card = subject.scene.card
     if not subject.renderer.motions or card.slices_per_s is None:
@@ -78,7 +78,7 @@ def check_scene_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         )
     found = {time_s: error for time_s, error in found.items() if time_s not in dark}
     if not found:
-        return  # this check or check_scene_motion has reported the reason
+        return  # this check or check_motion has reported the reason
     worst = max(found, key=lambda time_s: found[time_s].mean_square)
     error = found[worst]
     text = f"half way between two time slices the error is {error.rms():.2%} (rms, at {worst:.3g} s)"
@@ -101,17 +101,17 @@ def _measure_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch |
     """Return the error between the two slices around a moment; None if the target is not in the frame or in reach."""
     hz, renderer = subject.sensor.readout_hz, subject.renderer
     slices_per_s = subject.scene.card.slices_per_s or hz
-    step = frames_of_stack_slices(1, readout_hz=hz, slices_per_s=slices_per_s)[1]  # frames, as in a recipe
-    last = max(int(scene_motion_end_s(renderer.motions, recording_s=RECORDING_S) * hz) // step, 1)
+    step = slice_starts(1, readout_hz=hz, slices_per_s=slices_per_s)[1]  # frames, as in a recipe
+    last = max(int(motion_end_s(renderer.motions, recording_s=RECORDING_S) * hz) // step, 1)
     before = min(int(time_s * hz) // step, last - 1) * step / hz
     between, after = before + step / 2 / hz, before + step / hz
-    seen = renderer.trace_depth_and_target(time_s=between, allow_unseen_target=True)
+    seen = renderer.trace_geometry(time_s=between, allow_unseen_target=True)
     if not seen.target.any():
         return None
     truth = subject.drive.true_focus(seen.depth[seen.target])
     if not 0 <= truth <= 1:
         return None
-    box = mask_bounding_box(seen.target)
+    box = bounding_box(seen.target)
     paths = SLOW_PATHS if renderer.is_slow else PATHS
     samples = min(max(paths // math.prod(region_shape(box)), MIN_SAMPLES), MAX_SAMPLES)
 
@@ -124,7 +124,7 @@ def _measure_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch |
 
 def _times(subject: SceneUnderTest) -> list[float]:
     """Return the first moment, the moment at which the scene is shown at rest, and the last moment, in seconds."""
-    last = scene_motion_end_s(subject.renderer.motions, recording_s=RECORDING_S)
+    last = motion_end_s(subject.renderer.motions, recording_s=RECORDING_S)
     return sorted({0.0, min(max(subject.scene.card.still_s, 0.0), last), last})
 
 

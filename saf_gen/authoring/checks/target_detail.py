@@ -47,7 +47,7 @@ class TargetDetail:
     noise: float
 
 
-def check_scene_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check the contrast and blur loss of the target, the size of its texels, and its noise."""
     focus, (low, high) = subject.near_stacks[0].spec.focus, subject.depth_of_focus
     offset = min(BLUR * (high - low) / 2, max(subject.true_focus - focus[0], focus[-1] - subject.true_focus))

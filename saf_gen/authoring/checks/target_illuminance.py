@@ -6,8 +6,8 @@ import numpy as np
 
 from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.camera.exposure import sensor_firing_rate
-from saf_gen.core.config.ranges import is_config_range
+from saf_gen.camera.exposure import firing_rate
+from saf_gen.core.config.ranges import is_range
 
 LUMENS_PER_WATT = 683.0
 """Luminous efficacy of light of 555 nm, by the definition of the candela. All light is assumed to have the wavelength
@@ -17,7 +17,7 @@ DARKEST, BRIGHTEST = 0.1, 2e5  # lux: the light of the full moon, and more than 
 MAX_DARK_FRACTION = 0.05
 
 
-def check_scene_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Compare the illuminance of the target by each light group with the card, and look for dark pixels."""
     card = subject.scene.card
     lux = {
@@ -33,7 +33,7 @@ def check_scene_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
                 "exposure", f"light group {group!r} does not reach the target: move its lamps, or remove it"
             )
     written = "illuminance_lux: {" + ", ".join(f"{g}: {float(f'{v:.3g}'):g}" for g, v in lux.items()) + "}"
-    tolerance = FAMILY_TOLERANCE if any(is_config_range(value) for value in card.params.values()) else TOLERANCE
+    tolerance = FAMILY_TOLERANCE if any(is_range(value) for value in card.params.values()) else TOLERANCE
     wrong = [g for g, stated in card.illuminance_lux.items() if abs(lux[g] - stated) > tolerance * stated]
     total = sum(lux.values())
     if wrong:
@@ -57,7 +57,7 @@ def _check_absolute_exposure(subject: SceneUnderTest) -> SceneFinding:
     best = int(np.abs(stack.spec.focus - subject.true_focus).argmin())
     charge = subject.collected_charge(stack)[best][stack.target]
     dark = float(np.mean(charge <= 0))
-    rate = float(np.mean(sensor_firing_rate(charge + subject.sensor.mean_dark_e, subject.sensor)))
+    rate = float(np.mean(firing_rate(charge + subject.sensor.mean_dark_e, subject.sensor)))
     text = f"with absolute exposure the target fires {rate:.3g} spikes per readout"
     if dark > MAX_DARK_FRACTION:
         return scene_check_warning(

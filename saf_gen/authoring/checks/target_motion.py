@@ -7,14 +7,14 @@ import numpy as np
 
 from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.scene.keyframes import scene_motion_end_s
+from saf_gen.scene.keyframes import motion_end_s
 
 MOMENTS = 9
 RECORDING_S = 1.0  # 20,000 frames
 MAX_STEP, PROPOSED_STEP = 2.0, 1.0  # pixels from one time slice to the next
 
 
-def check_scene_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check the target at a few moments, and compare the speed of the fastest shape with the time slices."""
     renderer, card = subject.renderer, subject.scene.card
     if not renderer.motions:
@@ -26,7 +26,7 @@ def check_scene_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     times = _times(subject)
     lost, positions = [], []
     for time_s in times:
-        seen = renderer.trace_depth_and_target(time_s=time_s, allow_unseen_target=True)
+        seen = renderer.trace_geometry(time_s=time_s, allow_unseen_target=True)
         if seen.target.any():
             positions.append(subject.drive.true_focus(seen.depth[seen.target]))
         else:
@@ -74,7 +74,7 @@ def _times(subject: SceneUnderTest) -> list[float]:
     """Return moments (seconds) within a recording: evenly spaced ones, and those of keyframes."""
     motions = subject.renderer.motions
     keys = {frame.time_s for motion in motions.values() for frame in motion.keyframes}
-    last = scene_motion_end_s(motions, recording_s=RECORDING_S)
+    last = motion_end_s(motions, recording_s=RECORDING_S)
     return sorted({*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]})
 
 

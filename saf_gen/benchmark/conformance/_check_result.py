@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from saf_gen.core.user_code import PassesUserCode
+
 
 @dataclass(frozen=True)
 class CheckResult:
@@ -30,7 +32,7 @@ class CheckResult:
     to_do: str = ""
 
 
-class CheckFailure(BaseException):
+class CheckFailure(PassesUserCode):
     """Error that a failing check raises, with its observation and the correction of the fault.
 
     It is a BaseException, so that no ``except Exception`` in a plug-in or in the benchmark catches it.

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckResult, CheckWarning
+from saf_gen.core.user_code import PassesUserCode, user_code
 
 Check = Callable[[], str]
 """A function that returns its observation if all is well, and otherwise raises CheckFailure or CheckWarning."""
@@ -47,11 +48,11 @@ class CheckLimits:
             raise LimitExceededError(f"did not end within {self.scores:,} scores")
 
 
-class LimitExceededError(BaseException):
+class LimitExceededError(PassesUserCode):
     """Error for a plug-in that exceeds its limits; a BaseException, so that no ``except Exception`` catches it."""
 
 
-def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
+def run_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
     """Run checks one after the other and yield their results; a check that exceeds the limits ends the run."""
     for name, check in checks.items():
         try:
@@ -62,12 +63,12 @@ def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: Ch
             seen = f"{late}; the remaining checks were skipped"
             yield CheckResult(part, name, "fail", seen, "make every loop end, whatever the scores are")
             return
-        except (Exception, SystemExit) as error:  # noqa: BLE001 a third-party plug-in may raise anything
-            seen = describe_method_crash(error)
+        except Exception as error:  # noqa: BLE001 a third-party plug-in may raise anything
+            seen = describe_crash(error)
             yield CheckResult(part, name, "fail", seen, "handle this case: no input may raise an exception")
 
 
-def describe_method_crash(error: BaseException) -> str:
+def describe_crash(error: BaseException) -> str:
     """Return an exception on one line, with the file and line of the plug-in that raised it."""
     plugin_frames = [
         frame for frame in traceback.extract_tb(error.__traceback__) if _is_plugin_code(Path(frame.filename))
@@ -78,7 +79,8 @@ def describe_method_crash(error: BaseException) -> str:
 
 def _is_plugin_code(file: Path) -> bool:
     in_package = PACKAGE in file.parents and not any(folder in file.parents for folder in PLUGIN_FOLDERS)
-    in_python = PYTHON in file.parents and "site-packages" not in file.parts
+    in_library = PYTHON in file.parents and "site-packages" not in file.parts
+    in_python = in_library or file.name.startswith("<frozen ")  # such as exit() itself
     return not (in_package or in_python or NUMPY in file.parents)
 
 
@@ -86,7 +88,8 @@ def _run_within(check: Check, limits: CheckLimits) -> str:
     """Return the check's observation; a Python warning becomes a CheckWarning, instead of filling the screen."""
     with warnings.catch_warnings(record=True) as caught, _time_limit(limits.seconds):
         warnings.simplefilter("always")
-        seen = check()
+        with user_code():
+            seen = check()
     if caught:
         raise CheckWarning(f"{caught[0].category.__name__}: {caught[0].message}", "handle the case that causes this")
     return seen

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import STATE_HINT, check_method_answer
+from saf_gen.benchmark.conformance._answer_checks import STATE_HINT, check_answer
 from saf_gen.benchmark.conformance._check_result import CheckFailure
-from saf_gen.benchmark.conformance._check_runner import CheckLimits, describe_method_crash
-from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, OVEREXPOSURE, make_conformance_scene
+from saf_gen.benchmark.conformance._check_runner import CheckLimits, describe_crash
+from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, OVEREXPOSURE, make_scene
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.captured_frames import CapturedFrames
 from saf_gen.benchmark.view.running_camera import BudgetSpentError
+from saf_gen.core.user_code import user_code
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Search, View, commands
 from saf_gen.stack.capture import Capture
@@ -33,7 +34,7 @@ LIGHT_FACTORS = {"a usual light": 1.0, "no light": 0.0, "50 times too much": OVE
 
 
 Runner = Callable[..., ClosedLoopRun]
-"""Runs one method by run_method_on_conformance_scene, given the name of an actuator and the conditions."""
+"""Runs one method by run_on_scene, given the name of an actuator and the conditions."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,8 @@ class CheckedSearch:
 
     def __call__(self, view: View) -> Any:
         try:
-            answer = self.search(view)
+            with user_code():
+                answer = self.search(view)
         except BudgetSpentError as error:
             raise CheckFailure(
                 f"it exceeds the budget, with {self.camera}",
@@ -71,16 +73,16 @@ class CheckedSearch:
             ) from error
         except Exception as error:  # a third-party search may raise anything
             raise CheckFailure(
-                f"{describe_method_crash(error)}, with {self.camera}",
+                f"{describe_crash(error)}, with {self.camera}",
                 "it must not raise with any camera: move only to 0 ... 1, and abstain if there is nothing to see",
             ) from error
-        return check_method_answer(answer, commanding=commands(self.search))
+        return check_answer(answer, commanding=commands(self.search))
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.search, name)
 
 
-def run_method_on_conformance_scene(
+def run_on_scene(
     method: Method,
     actuator: str,
     *,
@@ -131,7 +133,7 @@ def run_method_on_conformance_scene(
     protocol = ClosedLoopProtocol(get_actuator(actuator), budget_s=frames / capture.sensor.readout_hz)
     region = slice(0, capture.sensor.rows), slice(0, capture.sensor.columns)
     captured = CapturedFrames(capture, charge_source, region=region, threads=1)
-    run = run_closed_loop_method(captured, checked, protocol=protocol)
+    run = run_closed_loop(captured, checked, protocol=protocol)
     if run.problem:
         raise CheckFailure(f"{run.problem}, with {camera}", "answer with a frame of the sweep, or abstain")
     if commands(method.search):
@@ -139,7 +141,7 @@ def run_method_on_conformance_scene(
     return run
 
 
-def run_method_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str = "") -> ClosedLoopRun:
+def run_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str = "") -> ClosedLoopRun:
     """Run a method twice and return the first run; raise CheckFailure if the two runs differ."""
     first, again = (run(actuator, light=light) for _ in range(2))
     if first.answer != again.answer or not np.array_equal(first.path, again.path):
@@ -149,7 +151,7 @@ def run_method_twice(run: Runner, actuator: str, *, light: float = 1.0, conditio
     return first
 
 
-def describe_closed_loop_run(run: ClosedLoopRun) -> str:
+def describe_run(run: ClosedLoopRun) -> str:
     """Return the last position of the lens and the frame at which the method was done, in words."""
     return f"{run.path[-1]:.3f} after {run.answer_frame:,} of {run.budget:,} frames"
 
@@ -166,7 +168,7 @@ def _check_position(run: ClosedLoopRun) -> None:
 
 @lru_cache(maxsize=8)
 def _make_capture(best: float, light: float, *, seed: int) -> tuple[Capture, ChargeSource]:
-    scene = make_conformance_scene(best)
+    scene = make_scene(best)
     _, positions, rows, columns = scene.radiance.shape
     spec = StackSpec(
         scene="conformance",

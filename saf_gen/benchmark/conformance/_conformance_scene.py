@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
-from saf_gen.camera import Sensor, camera_exposure_scale, encode, get_sensor, sensor_charge_of_images
+from saf_gen.benchmark.conformance._sample_counts import sample_texture
+from saf_gen.camera import Sensor, charge_of_images, encode, exposure_scale, get_sensor
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_writer import StreamWriter
@@ -55,23 +55,23 @@ class ConformanceScene:
 
 
 @lru_cache
-def make_conformance_scene(best: float) -> ConformanceScene:
+def make_scene(best: float) -> ConformanceScene:
     """Return the scene with its best focus at the position ``best``, a fraction of the travel."""
     sensor = get_sensor("vidar_400x250", rows=ROWS, columns=COLUMNS)
-    sharp = make_conformance_texture(ROWS, COLUMNS)
+    sharp = sample_texture(ROWS, COLUMNS)
     distance = np.abs(np.linspace(0, 1, POSITIONS) - best)
     radiance = np.stack([gaussian_filter(sharp, BLUR * d, mode="wrap") for d in distance])[None].astype(np.float32)
     at_best = _charge(radiance, sensor)[0, int(distance.argmin())]
-    exposure = camera_exposure_scale(at_best, np.ones((ROWS, COLUMNS), bool), sensor=sensor, mean_rate=TARGET_RATE)
+    exposure = exposure_scale(at_best, np.ones((ROWS, COLUMNS), bool), sensor=sensor, mean_rate=TARGET_RATE)
     return ConformanceScene(best, radiance, DRIVE, sensor, exposure)
 
 
-def write_conformance_recordings(folder: Path, frames: int) -> dict[str, Path]:
+def write_recordings(folder: Path, frames: int) -> dict[str, Path]:
     """Write recordings of ``frames`` frames and return their paths by name.
 
     The names are ``empty``, ``full``, ``saturated`` and ``swept``; the first two have no lens positions.
     """
-    scene = make_conformance_scene(BEST_FOCUS)
+    scene = make_scene(BEST_FOCUS)
     empty = np.zeros((ROWS, COLUMNS, -(-frames // 8)), np.uint8)
     full = np.broadcast_to(np.packbits(np.arange(frames) >= 0, bitorder="little"), empty.shape)
     swept, saturated = (
@@ -89,4 +89,4 @@ def write_conformance_recordings(folder: Path, frames: int) -> dict[str, Path]:
 
 
 def _charge(radiance: np.ndarray, sensor: Sensor) -> np.ndarray:
-    return sensor_charge_of_images(radiance, sensor, lens=DRIVE, position=np.linspace(0, 1, POSITIONS))
+    return charge_of_images(radiance, sensor, lens=DRIVE, position=np.linspace(0, 1, POSITIONS))

@@ -7,7 +7,7 @@ from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarni
 from saf_gen.parts import cite_source
 
 
-def check_conformance_of_class(plug_in: object) -> None:
+def check_class(plug_in: object) -> None:
     """Raise CheckFailure unless the plug-in is a frozen dataclass with a docstring.
 
     A plug-in made from a function, or from a class that is not a dataclass, need not be frozen. If it has no docstring,
@@ -33,9 +33,9 @@ def _missing(plug_in: object) -> type[CheckFailure]:
     return CheckWarning if _is_plain(plug_in) else CheckFailure
 
 
-def check_conformance_of_docs(plug_in: object) -> str:
+def check_docs(plug_in: object) -> str:
     """Check that the plug-in is plain code, or a frozen dataclass, with a docstring and a source."""
-    check_conformance_of_class(plug_in)
+    check_class(plug_in)
     source = cite_source(plug_in)
     if not source:
         raise _missing(plug_in)(

@@ -7,7 +7,7 @@ import numpy as np
 from saf_gen.core.seeds import make_generator
 
 
-def make_conformance_counts(*shape: int, highest: int = 50) -> np.ndarray:
+def sample_counts(*shape: int, highest: int = 50) -> np.ndarray:
     """Return counts drawn uniformly from 0 to ``highest`` - 1: uint32 of the given shape, read-only."""
     counts = make_generator("conformance", *shape).integers(0, highest, shape, dtype=np.uint32)
     counts.flags.writeable = False
@@ -15,7 +15,7 @@ def make_conformance_counts(*shape: int, highest: int = 50) -> np.ndarray:
 
 
 @lru_cache
-def make_conformance_texture(rows: int, columns: int) -> np.ndarray:
+def sample_texture(rows: int, columns: int) -> np.ndarray:
     """Return a random image with amplitudes proportional to 1/frequency, as they are on average in natural scenes.
 
     Returns
@@ -38,12 +38,12 @@ def make_conformance_texture(rows: int, columns: int) -> np.ndarray:
 
 
 EDGE_CASE_COUNTS: dict[str, np.ndarray] = {
-    "random": make_conformance_counts(37, 52),
+    "random": sample_counts(37, 52),
     "empty": np.zeros((20, 30), np.uint32),
     "saturated": np.full((20, 30), 20_000, np.uint32),
-    "one-pixel": make_conformance_counts(1, 1),
-    "one-row": make_conformance_counts(1, 40),
-    "one-column": make_conformance_counts(40, 1),
+    "one-pixel": sample_counts(1, 1),
+    "one-row": sample_counts(1, 40),
+    "one-column": sample_counts(40, 1),
     "one-spike": np.eye(1, 400, 7, dtype=np.uint32).reshape(20, 20),
 }
 """Counts that every measure must be able to score."""

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from saf_gen.benchmark.conformance._check_runner import CheckLimits
-from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
+from saf_gen.benchmark.conformance._sample_counts import sample_texture
 from saf_gen.core.region import validate_window
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_frames, wants_halves
@@ -15,7 +15,7 @@ MEAN_RATE = 0.2  # spikes per pixel and readout
 SIZE = 16, 24
 
 
-def conformance_bell_curve(frames: int, peak: float, *, width: float = 0.1) -> np.ndarray:
+def bell(frames: int, peak: float, *, width: float = 0.1) -> np.ndarray:
     """Return a Gaussian focus curve of height 1, one value per frame.
 
     The peak is at the fraction ``peak`` of the recording; at the distance ``width``, also a fraction of the recording,
@@ -99,7 +99,7 @@ class SyntheticRecording:
 
     def _make_texture(self, mean: float, *, frames: int) -> np.ndarray:
         contrast = (mean - self._lowest) / self._range if self._range else 0.0
-        return self._light * frames * (1 + contrast * (make_conformance_texture(*SIZE) - 1))
+        return self._light * frames * (1 + contrast * (sample_texture(*SIZE) - 1))
 
 
 _measure = cache(get_measure)

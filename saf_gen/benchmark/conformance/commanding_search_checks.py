@@ -7,20 +7,20 @@ from functools import partial
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_same_method_answers
+from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_same_answers
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
 from saf_gen.benchmark.conformance._checked_runs import (
     BUDGET_FRAMES,
     LIGHT_FACTORS,
     Runner,
-    describe_closed_loop_run,
-    run_method_on_conformance_scene,
-    run_method_twice,
+    describe_run,
+    run_on_scene,
+    run_twice,
 )
-from saf_gen.benchmark.conformance._declaration_checks import check_conformance_of_docs
+from saf_gen.benchmark.conformance._declaration_checks import check_docs
 from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording
-from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, check_statements_conformance
+from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, check_statements
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import actuator_names
@@ -33,14 +33,12 @@ BEST_POSITIONS = 0.0, 0.4, 1.0
 TOLERANCE = 0.1  # fraction of the travel
 
 
-def list_commanding_conformance_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
+def commanding_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
     """Return the checks of a search that commands the lens, by name."""
-    run = partial(
-        run_method_on_conformance_scene, Method("sd+search", get_measure("sd"), search, code=""), limits=limits
-    )
+    run = partial(run_on_scene, Method("sd+search", get_measure("sd"), search, code=""), limits=limits)
     return {
-        "described": partial(check_conformance_of_docs, search),
-        "stated": partial(check_statements_conformance, search),
+        "described": partial(check_docs, search),
+        "stated": partial(check_statements, search),
         "not on a recording": partial(_check_refuses_recording, search, limits),
         "stays in travel and budget": partial(_check_actuators, run),
         "little time": partial(_check_small_budgets, run),
@@ -65,7 +63,7 @@ def _check_refuses_recording(search: Search, limits: CheckLimits) -> str:
 
 def _check_actuators(run: Runner) -> str:
     """Check that the search ends in time with every actuator of saf_gen, and answers with a position in the travel."""
-    return "; ".join(f"{name}: {describe_closed_loop_run(run(name))}" for name in actuator_names())
+    return "; ".join(f"{name}: {describe_run(run(name))}" for name in actuator_names())
 
 
 def _check_small_budgets(run: Runner) -> str:
@@ -79,14 +77,12 @@ def _check_small_budgets(run: Runner) -> str:
 
 def _check_lights(run: Runner) -> str:
     """Check that the search ends in usual light, without light, and in light that saturates the sensor."""
-    return "; ".join(
-        f"{name}: {describe_closed_loop_run(run(STEADY, light=light))}" for name, light in LIGHT_FACTORS.items()
-    )
+    return "; ".join(f"{name}: {describe_run(run(STEADY, light=light))}" for name, light in LIGHT_FACTORS.items())
 
 
 def _check_repeatable(run: Runner) -> str:
     """Check that the search moves the lens along the same path if it runs again on the same camera."""
-    run_method_twice(run, STEADY)
+    run_twice(run, STEADY)
     return "the same answer along the same path of the lens"
 
 
@@ -94,7 +90,7 @@ def _check_any_unit(run: Runner) -> str:
     """Check that the search gives the same answer for scores in another unit, because each measure has its own unit."""
     for best in (0.0, 0.7):
         plain, scaled = (run(STEADY, best=best, unit=unit).answer for unit in (1.0, UNIT))
-        check_same_method_answers(plain, scaled, cause=f"scores times {UNIT:g} change the answer", hint=UNIT_HINT)
+        check_same_answers(plain, scaled, cause=f"scores times {UNIT:g} change the answer", hint=UNIT_HINT)
     return f"scores times {UNIT:g} give the same answer"
 
 

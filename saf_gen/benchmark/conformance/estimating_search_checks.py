@@ -5,11 +5,11 @@ from functools import partial
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_method_answer_frame, check_same_method_answers
+from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_answer_frame, check_same_answers
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
-from saf_gen.benchmark.conformance._declaration_checks import check_conformance_of_docs
-from saf_gen.benchmark.conformance._synthetic_recording import MEAN_RATE, SyntheticRecording, conformance_bell_curve
+from saf_gen.benchmark.conformance._declaration_checks import check_docs
+from saf_gen.benchmark.conformance._synthetic_recording import MEAN_RATE, SyntheticRecording, bell
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.parts import Search, wants_measures
@@ -25,7 +25,7 @@ UNIT = 1024.0  # a power of two, so that scaled scores are the same to the last 
 ViewFactory = Callable[..., SyntheticRecording]
 
 
-def list_estimating_conformance_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
+def estimating_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
     """Return the checks of a search that works on recordings, by name."""
     checks: dict[str, Callable[[Search, ViewFactory], str]] = {
         "ends": _check_ends,
@@ -39,13 +39,13 @@ def list_estimating_conformance_checks(search: Search, limits: CheckLimits) -> d
     }
     record = partial(SyntheticRecording, limits=limits)
     return {
-        "described": partial(check_conformance_of_docs, search),
-        "stated": partial(check_statements_conformance, search),
+        "described": partial(check_docs, search),
+        "stated": partial(check_statements, search),
         **{name: partial(check, search, record) for name, check in checks.items()},
     }
 
 
-def check_statements_conformance(search: Search) -> str:
+def check_statements(search: Search) -> str:
     """Check that the search states whether it is causal, and that all measures that it names exist."""
     causal = getattr(search, "causal", None)
     if not isinstance(causal, bool):
@@ -62,11 +62,11 @@ def check_statements_conformance(search: Search) -> str:
     return f"causal: {'yes' if causal else 'no'}{f'; also uses {others}' if others else ''}"
 
 
-def find_recording_length_for_method(search: Search, record: ViewFactory = SyntheticRecording) -> int:
+def recording_length(search: Search, record: ViewFactory = SyntheticRecording) -> int:
     """Return the first of LENGTHS, in frames, that the search does not refuse; raise CheckFailure if it refuses all."""
     for frames in LENGTHS:
         try:
-            search(record(conformance_bell_curve(frames, 0.5)))
+            search(record(bell(frames, 0.5)))
         except BadInput as problem:
             refusal = problem
         else:
@@ -80,8 +80,8 @@ def find_recording_length_for_method(search: Search, record: ViewFactory = Synth
 def _check_ends(search: Search, record: ViewFactory) -> str:
     """Check that the search ends within the limits on scores and time."""
     costs = []
-    for frames in (find_recording_length_for_method(search, record), LENGTHS[-1]):
-        view = record(conformance_bell_curve(frames, 0.5))
+    for frames in (recording_length(search, record), LENGTHS[-1]):
+        view = record(bell(frames, 0.5))
         search(view)
         costs.append(f"{view.scores:,} scores of {frames:,} frames")
     return "; ".join(costs)
@@ -89,48 +89,46 @@ def _check_ends(search: Search, record: ViewFactory) -> str:
 
 def _check_answers(search: Search, record: ViewFactory) -> str:
     """Check that for any curve the search returns an Answer, with a frame of the recording or an abstention."""
-    curves = _curves(find_recording_length_for_method(search, record))
+    curves = _curves(recording_length(search, record))
     for name, curve in curves.items():
-        check_method_answer_frame(search(record(curve)), len(curve), recording=name)
+        check_answer_frame(search(record(curve)), len(curve), recording=name)
     return f"an answer in the recording, on {len(curves)} curves: peaks, noise, scores below 0"
 
 
 def _check_flat(search: Search, record: ViewFactory) -> str:
     """Check that the search does not crash without spikes, if all scores are equal, or if the curve is flat on top."""
-    frames = find_recording_length_for_method(search, record)
+    frames = recording_length(search, record)
     answers = []
     for name, (curve, light) in {
         "an empty recording": (np.zeros(frames), 0.0),
         "a constant one": (np.ones(frames), MEAN_RATE),
-        "a saturated one": (np.minimum(conformance_bell_curve(frames, 0.5), 0.5), 1.0),
+        "a saturated one": (np.minimum(bell(frames, 0.5), 0.5), 1.0),
     }.items():
-        answer = check_method_answer_frame(search(record(curve, light=light)), frames, recording=name)
+        answer = check_answer_frame(search(record(curve, light=light)), frames, recording=name)
         answers.append(f"{name}: {'none' if answer.frame is None else f'frame {answer.frame:g}'}")
     return "; ".join(answers)
 
 
 def _check_repeatable(search: Search, record: ViewFactory) -> str:
     """Check that the search gives the same answer for the same recording."""
-    for name, curve in _curves(find_recording_length_for_method(search, record)).items():
+    for name, curve in _curves(recording_length(search, record)).items():
         first, again = search(record(curve)), search(record(curve))
-        check_same_method_answers(first, again, cause=f"the same recording gets another answer, on {name}")
+        check_same_answers(first, again, cause=f"the same recording gets another answer, on {name}")
     return "the same recording gets the same answer"
 
 
 def _check_any_unit(search: Search, record: ViewFactory) -> str:
     """Check that the search gives the same answer for scores in another unit, because each measure has its own unit."""
-    for name, curve in _curves(find_recording_length_for_method(search, record)).items():
+    for name, curve in _curves(recording_length(search, record)).items():
         plain, scaled = search(record(curve)), search(record(curve, unit=UNIT))
-        check_same_method_answers(
-            plain, scaled, cause=f"scores times {UNIT:g} change the answer, on {name}", hint=UNIT_HINT
-        )
+        check_same_answers(plain, scaled, cause=f"scores times {UNIT:g} change the answer, on {name}", hint=UNIT_HINT)
     return f"scores times {UNIT:g} give the same answer"
 
 
 def _check_finds_peak(search: Search, record: ViewFactory) -> str:
     """Check that the search finds a smooth peak without noise."""
-    frames = find_recording_length_for_method(search, record)
-    found = [(peak, search(record(conformance_bell_curve(frames, peak))).frame) for peak in PEAK_FRACTIONS]
+    frames = recording_length(search, record)
+    found = [(peak, search(record(bell(frames, peak))).frame) for peak in PEAK_FRACTIONS]
     words = ", ".join(f"{peak} → {'no answer' if at is None else f'{at / frames:.3f}'}" for peak, at in found)
     seen = f"peak of the curve → answer, as fractions of the recording: {words}"
     if any(at is None or abs(at / frames - peak) > TOLERANCE for peak, at in found):
@@ -145,7 +143,7 @@ def _check_stops_early(search: Search, record: ViewFactory) -> str:
     therefore be among the frames recorded until then.
     """
     frames = LENGTHS[-1] // 2
-    view = record(conformance_bell_curve(frames, PEAK_FRACTIONS[0]))
+    view = record(bell(frames, PEAK_FRACTIONS[0]))
     answer = search(view)
     seen = f"for a peak at {PEAK_FRACTIONS[0]} of the sweep, it asks for frames up to {view.seen / frames:.3f}"
     if getattr(search, "causal", False) and view.seen >= frames:
@@ -167,7 +165,7 @@ def _check_short(search: Search, record: ViewFactory) -> str:
     for frames in SHORT_LENGTHS:
         try:
             answer = search(record(np.ones(frames)))
-            check_method_answer_frame(answer, frames, recording=f"a recording of {frames} frames")
+            check_answer_frame(answer, frames, recording=f"a recording of {frames} frames")
         except BadInput:
             refused.append(f"{frames}")
     return f"recordings of {', '.join(refused) or 'no'} frames are refused in one line"
@@ -176,15 +174,6 @@ def _check_short(search: Search, record: ViewFactory) -> str:
 def _curves(frames: int) -> dict[str, np.ndarray]:
     """Return focus curves by name; their lengths are ``frames`` and, for some peaks, an odd number."""
     odd = frames * 5 // 2 - 1
-    peaks = {
-        f"a peak at {at:g} of {n:,} frames": conformance_bell_curve(n, at)
-        for n in (frames, odd)
-        for at in (0, 0.3, 0.9, 1)
-    }
+    peaks = {f"a peak at {at:g} of {n:,} frames": bell(n, at) for n in (frames, odd) for at in (0, 0.3, 0.9, 1)}
     noise = make_generator("conformance", "noise").normal(size=frames)
-    return {
-        **peaks,
-        "noise": noise,
-        "scores below 0": -1 - conformance_bell_curve(frames, 0.4),
-        "ones": np.ones(frames),
-    }
+    return {**peaks, "noise": noise, "scores below 0": -1 - bell(frames, 0.4), "ones": np.ones(frames)}

@@ -11,13 +11,10 @@ from scipy.ndimage import gaussian_filter
 
 from saf_gen.benchmark.conformance._answer_checks import STATE_HINT
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
-from saf_gen.benchmark.conformance._check_runner import Check, describe_method_crash
-from saf_gen.benchmark.conformance._declaration_checks import check_conformance_of_docs
-from saf_gen.benchmark.conformance._sample_counts import (
-    EDGE_CASE_COUNTS,
-    make_conformance_counts,
-    make_conformance_texture,
-)
+from saf_gen.benchmark.conformance._check_runner import Check, describe_crash
+from saf_gen.benchmark.conformance._declaration_checks import check_docs
+from saf_gen.benchmark.conformance._sample_counts import EDGE_CASE_COUNTS, sample_counts, sample_texture
+from saf_gen.core.user_code import user_code
 from saf_gen.parts import Measure, wants_frames, wants_halves
 
 TYPES = (np.uint8, np.uint16, np.int16, np.int64, np.float32, np.float64)
@@ -26,10 +23,10 @@ BLUR = 3.0  # sigma in pixels
 Scorer = Callable[[np.ndarray], float]
 
 
-def list_measure_conformance_checks(measure: Measure) -> dict[str, Check]:
+def measure_checks(measure: Measure) -> dict[str, Check]:
     """Return the checks of a focus measure, by name."""
     checks: dict[str, Callable[[Measure], str]] = {
-        "described": check_conformance_of_docs,
+        "described": check_docs,
         "stated": _check_statements,
         "finite": _check_finite,
         "zero when empty": _check_zero_when_empty,
@@ -68,10 +65,11 @@ def _check_finite(measure: Measure) -> str:
     """Check that the measure returns a finite float for counts of any kind, with and without the window length."""
     for name, counts in EDGE_CASE_COUNTS.items():
         try:
-            score = _window_scorer(measure)(counts)
+            with user_code():
+                score = _window_scorer(measure)(counts)
         except Exception as error:  # a third-party measure may raise anything
             raise CheckFailure(
-                f"{describe_method_crash(error)}, for {name} counts {counts.shape}", "score counts of any size"
+                f"{describe_crash(error)}, for {name} counts {counts.shape}", "score counts of any size"
             ) from error
         if not isinstance(score, float):
             raise CheckFailure(
@@ -92,7 +90,7 @@ def _check_zero_when_empty(measure: Measure) -> str:
 
 def _check_number_types(measure: Measure) -> str:
     """Check that the measure returns the same score for counts of every number type."""
-    scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
+    scorer, counts = _window_scorer(measure), sample_counts(37, 52)
     score = scorer(counts)
     for number_type in TYPES:
         other = scorer(counts.astype(number_type))
@@ -106,7 +104,7 @@ def _check_number_types(measure: Measure) -> str:
 
 def _check_memory_layout(measure: Measure) -> str:
     """Check that the measure returns the same score for every memory layout of the counts."""
-    scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
+    scorer, counts = _window_scorer(measure), sample_counts(37, 52)
     score = scorer(counts)
     for layout, other in {
         "with gaps": np.repeat(counts, 2, axis=1)[:, ::2],
@@ -122,7 +120,7 @@ def _check_memory_layout(measure: Measure) -> str:
 
 def _check_leaves_input(measure: Measure) -> str:
     """Check that the measure does not modify the counts, because other methods get the same array."""
-    before = make_conformance_counts(37, 52)
+    before = sample_counts(37, 52)
     writeable = before.copy()
     _window_scorer(measure)(writeable)
     if not np.array_equal(writeable, before):
@@ -132,7 +130,7 @@ def _check_leaves_input(measure: Measure) -> str:
 
 def _check_repeatable(measure: Measure) -> str:
     """Check that the measure, or a fresh copy of it, always returns the same score for the same counts."""
-    scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
+    scorer, counts = _window_scorer(measure), sample_counts(37, 52)
     score = scorer(counts)
     scorer(EDGE_CASE_COUNTS["one-spike"])
     for when, again in {
@@ -148,7 +146,7 @@ def _check_repeatable(measure: Measure) -> str:
 def _check_degree(measure: Measure) -> str:
     """Check that tripling the counts multiplies the score by 3 to the power of the stated degree."""
     # A half-window measure corrects for rounding to whole spikes by a constant, which is negligible for large counts.
-    counts = make_conformance_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
+    counts = sample_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
     scorer = _window_scorer(measure)
     one, three = scorer(counts), scorer(counts * np.uint32(3))
     if not math.isclose(three, one * 3.0**measure.degree, rel_tol=1e-9, abs_tol=1e-12):
@@ -162,7 +160,7 @@ def _check_degree(measure: Measure) -> str:
 
 def _check_sharp_over_blurred(measure: Measure) -> str:
     """Check that the measure does not score a natural texture lower than a blurred copy of it."""
-    sharp = 50 * make_conformance_texture(96, 96)
+    sharp = 50 * sample_texture(96, 96)
     scorer = _window_scorer(measure)
     high, low = scorer(sharp), scorer(gaussian_filter(sharp, BLUR, mode="wrap"))
     if not low <= high * (1 + 1e-9):
@@ -176,8 +174,8 @@ def _check_sharp_over_blurred(measure: Measure) -> str:
 def _check_speed(measure: Measure) -> str:
     """Return the time that a score of 100,000 pixels takes, as text; a slow measure does not fail."""
     halves = (2,) if wants_halves(measure) else ()
-    counts = make_conformance_counts(*halves, *IMAGE)
-    measure(make_conformance_counts(*halves, 37, 52))  # triggers compilation on first use
+    counts = sample_counts(*halves, *IMAGE)
+    measure(sample_counts(*halves, 37, 52))  # triggers compilation on first use
     times: list[float] = []
     while len(times) < 3 and sum(times) < 0.05:
         begin = perf_counter()

@@ -4,11 +4,11 @@ import tempfile
 from functools import partial
 from pathlib import Path
 
-from saf_gen.benchmark.conformance._answer_checks import check_method_answer_frame, check_same_method_answers
+from saf_gen.benchmark.conformance._answer_checks import check_answer_frame, check_same_answers
 from saf_gen.benchmark.conformance._check_result import CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
-from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, write_conformance_recordings
-from saf_gen.benchmark.conformance.estimating_search_checks import find_recording_length_for_method
+from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, write_recordings
+from saf_gen.benchmark.conformance.estimating_search_checks import recording_length
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.parts import Answer, commands
@@ -19,7 +19,7 @@ TOLERANCE = 0.1  # fraction of the travel
 ACTUATOR = "voice_coil_hall"
 
 
-def list_method_conformance_checks(method: Method, limits: CheckLimits) -> dict[str, Check]:
+def method_checks(method: Method, limits: CheckLimits) -> dict[str, Check]:
     """Return the checks of a method, by name."""
     closed_loop: dict[str, Check] = {"running camera": partial(_check_on_running_camera, method, limits)}
     if commands(method.search):
@@ -29,15 +29,15 @@ def list_method_conformance_checks(method: Method, limits: CheckLimits) -> dict[
 
 def _check_on_recordings(method: Method) -> str:
     """Check that the method repeats its answers on empty, full and saturated recordings, and on a sweep."""
-    frames = max(find_recording_length_for_method(method.search), MIN_FRAMES)
+    frames = max(recording_length(method.search), MIN_FRAMES)
     answers: dict[str, Answer] = {}
     with tempfile.TemporaryDirectory(prefix="saf-gen-") as folder:
-        for name, path in write_conformance_recordings(Path(folder), frames).items():
+        for name, path in write_recordings(Path(folder), frames).items():
             with open_stream(path) as stream:
                 counts = WindowCounts(stream)
                 first, again = (method.search(RecordingView(counts, method.measure)) for _ in range(2))
-                answers[name] = check_method_answer_frame(first, frames, recording=name)
-                check_same_method_answers(first, again, cause=f"the {name} stream gets another answer the second time")
+                answers[name] = check_answer_frame(first, frames, recording=name)
+                check_same_answers(first, again, cause=f"the {name} stream gets another answer the second time")
     found = {name: None if a.frame is None else a.frame / frames for name, a in answers.items()}
     listed = ", ".join(f"{name} {'none' if at is None else f'{at:.3f}'}" for name, at in found.items())
     seen = f"fractions of {frames:,} frames: {listed}; focus at {BEST_FOCUS}"
@@ -51,12 +51,12 @@ def _check_on_running_camera(method: Method, limits: CheckLimits) -> str:
     # Imported here because this loads the reader of OpenEXR files.
     from saf_gen.benchmark.conformance import _checked_runs as checked_runs
 
-    run = partial(checked_runs.run_method_on_conformance_scene, method, limits=limits)
+    run = partial(checked_runs.run_on_scene, method, limits=limits)
     runs = {
-        name: checked_runs.run_method_twice(run, ACTUATOR, light=light, condition=f"with {name} ")
+        name: checked_runs.run_twice(run, ACTUATOR, light=light, condition=f"with {name} ")
         for name, light in checked_runs.LIGHT_FACTORS.items()
     }
-    ends = "; ".join(f"{name}: {checked_runs.describe_closed_loop_run(end)}" for name, end in runs.items())
+    ends = "; ".join(f"{name}: {checked_runs.describe_run(end)}" for name, end in runs.items())
     seen = f"the lens ends at {ends}; focus at {BEST_FOCUS}"
     if abs(float(runs["a usual light"].path[-1]) - BEST_FOCUS) > TOLERANCE:
         raise CheckWarning(seen, f"an error within {TOLERANCE:g} is expected in usual light")

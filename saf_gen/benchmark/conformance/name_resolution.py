@@ -3,7 +3,7 @@
 from inspect import signature
 from typing import Any
 
-from saf_gen.benchmark.method_spec import Method, parse_method, parse_method_options
+from saf_gen.benchmark.method_spec import Method, parse_method, parse_options
 from saf_gen.core.config.registry import names, plugin_class
 from saf_gen.errors import BadInput, unknown
 from saf_gen.plugins.measures import get_measure, measure_names
@@ -12,14 +12,14 @@ from saf_gen.plugins.searches import get_search, search_names
 FORM_SUFFIXES = ("_n", "_tfi")
 
 
-def resolve_method_name(spec: str) -> Method | tuple[str, Any]:
+def resolve_name(spec: str) -> Method | tuple[str, Any]:
     """Return the method of a given name, or the kind (``measures`` or ``searches``) and the plug-in of that name.
 
     Raises BadInput if nothing has this name, or if the plug-in refuses its options.
     """
     if spec.startswith("@") or "+" in spec:
         return parse_method(spec)
-    name, options = parse_method_options("".join(spec.split()), spec)
+    name, options = parse_options("".join(spec.split()), spec)
     if _find_kind(name) == "searches":
         return "searches", get_search(name, **options)
     return "measures", get_measure(name, **options)

@@ -11,10 +11,10 @@ import numpy as np
 from gymnasium import spaces
 
 from saf_gen.benchmark.gym.episode import Episode
-from saf_gen.benchmark.gym.observation_images import draw_policy_observation
+from saf_gen.benchmark.gym.observation_images import draw_observation
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequences_to_evaluate
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequences
 from saf_gen.core import seeds
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
@@ -77,7 +77,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     which the benchmark counts as a failure.
 
     The info has ``sequence`` and ``seconds`` (the time that has passed) and, at the end, the result of
-    :func:`saf_gen.benchmark.tracks.closed_loop_judgement.judge_closed_loop_run`.
+    :func:`saf_gen.benchmark.tracks.closed_loop_judgement.judge_run`.
 
     ``reset(seed=n)`` draws the sequence, the initial lens position and the noise of camera and lens; n and the number
     of episodes since then determine them. ``reset(options={"sequence": ID})`` uses that sequence, and the initial
@@ -110,7 +110,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         _check_integer("keep", keep)
         if threads is not None:
             _check_integer("threads", threads)
-        self.tasks = _select_tasks(list_sequences_to_evaluate(Path(dataset), split=split), sequences)
+        self.tasks = _select_tasks(list_sequences(Path(dataset), split=split), sequences)
         self.protocol = ClosedLoopProtocol(get_actuator("voice_coil")) if protocol is None else protocol
         self.region, self.control_s, self.pixels = region, control_s, pixels
         self.render_mode = render_mode
@@ -201,9 +201,9 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     def render(self) -> np.ndarray | None:
         """Return the box in the last control period as an image, uint8 (h, w, 3), if the render mode is ``rgb_array``.
 
-        See draw_policy_observation for the grey values.
+        See draw_observation for the grey values.
         """
-        return draw_policy_observation(self.episode.rate) if self.render_mode == "rgb_array" else None
+        return draw_observation(self.episode.rate) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Release the sequences in memory; streams need no closing, since they are open only while they are read."""

@@ -8,14 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.gym.observation_images import average_policy_observation
-from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
-from saf_gen.benchmark.tracks.closed_loop_run import (
-    ClosedLoopRun,
-    explain_spent_method_budget,
-    finish_closed_loop_run,
-    start_closed_loop_camera,
-)
+from saf_gen.benchmark.gym.observation_images import average_observation
+from saf_gen.benchmark.tracks.closed_loop_judgement import judge_run
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, explain_spent_budget, finish_run, start_camera
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.running_camera import PACKET_FRAMES
@@ -71,7 +66,7 @@ class Episode:
     ) -> None:
         capture = sequence.capture if seed is None else replace(sequence.capture, seed=seed)
         captured = replace(sequence, capture=capture).make_captured_frames(threads=threads)
-        self._camera = start_closed_loop_camera(captured, _no_score, protocol=protocol)
+        self._camera = start_camera(captured, _no_score, protocol=protocol)
         self._truth, self._hz, self._pixels = capture.truth, capture.sensor.readout_hz, pixels
         self._budget = protocol.count_frames(capture)[0]
         self.period = max(-(-round(control_s * self._hz) // PACKET_FRAMES), 1) * PACKET_FRAMES
@@ -114,7 +109,7 @@ class Episode:
         self._camera.move(position)
         observation = self.observe()
         if self._camera.now == self._camera.frames:
-            self.fail(explain_spent_method_budget(self._budget))
+            self.fail(explain_spent_budget(self._budget))
         return observation, -self._sum_errors(begin)
 
     def stop(self, position: float) -> tuple[dict[str, np.ndarray], float]:
@@ -137,7 +132,7 @@ class Episode:
 
     def fail(self, problem: str) -> None:
         """End the episode without an answer; ``problem`` says why."""
-        self.run = finish_closed_loop_run(self._camera, Answer(), to=None, budget=self._budget, problem=problem)
+        self.run = finish_run(self._camera, Answer(), to=None, budget=self._budget, problem=problem)
 
     def judge(self) -> dict[str, Any]:
         """Return truth, error, success and other results of the run, each None if unknown.
@@ -146,11 +141,11 @@ class Episode:
         """
         if self.run is None:
             raise BadInput("the episode is not over", hint="stop it, or let its time run out")
-        return judge_closed_loop_run(self.run, self._truth, readout_hz=self._hz)
+        return judge_run(self.run, self._truth, readout_hz=self._hz)
 
     def _finish(self, position: float | None) -> None:
         answer = Answer(trace=tuple(self._camera.commanded_positions[1:]), position=position)
-        self.run = finish_closed_loop_run(self._camera, answer, to=position, budget=self._budget)
+        self.run = finish_run(self._camera, answer, to=position, budget=self._budget)
 
     def _make_observation(self) -> dict[str, np.ndarray]:
         """Return the observation; its image covers a full period, even if the last period was cut short."""
@@ -159,7 +154,7 @@ class Episode:
         counts = camera.run_until(first, camera.now).window(first, camera.now)
         self.rate = counts / self.period
         read = min(max(camera.position(camera.now - 1), 0.0), 1.0)
-        image = average_policy_observation(counts, self._pixels, columns=self._pixels) / self.period
+        image = average_observation(counts, self._pixels, columns=self._pixels) / self.period
         return {
             "image": image.astype(np.float32),
             "lens": np.array([read], np.float32),

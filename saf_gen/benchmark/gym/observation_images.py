@@ -5,7 +5,7 @@ import numpy as np
 GAMMA = 2.2
 
 
-def average_policy_observation(image: np.ndarray, rows: int, *, columns: int) -> np.ndarray:
+def average_observation(image: np.ndarray, rows: int, *, columns: int) -> np.ndarray:
     """Return the means of an image over a grid of equal areas.
 
     Pixels are divided between areas if necessary, and areas may be smaller than a pixel. The mean is kept, and the
@@ -43,7 +43,7 @@ def _average_along_first(image: np.ndarray, parts: int) -> np.ndarray:
     return means
 
 
-def draw_policy_observation(rate: np.ndarray) -> np.ndarray:
+def draw_observation(rate: np.ndarray) -> np.ndarray:
     """Return counts per pixel and frame, 0...1, as a grey image for display: uint8 (h, w, 3), gamma 2.2.
 
     White always means a spike in every frame, so that changes of the light are visible across images.

@@ -14,12 +14,13 @@ import gymnasium
 import numpy as np
 
 from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
-from saf_gen.benchmark.records import RECORDS_FILE, Record, write_benchmark_records
+from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.predictions import METHOD_NAME
-from saf_gen.benchmark.tracks.search_run import describe_method_exception
-from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, measure_rate_of_evaluated_stream
+from saf_gen.benchmark.tracks.search_run import describe_exception
+from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, measure_rate
 from saf_gen.benchmark.view import WindowCounts
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
 
@@ -74,9 +75,9 @@ def evaluate_policy(
     for task in inner.tasks:
         sequence = inner.load_sequence(task)
         with open_stream(task.path) as stream:
-            rate = measure_rate_of_evaluated_stream(WindowCounts(stream, region=sequence.box))
+            rate = measure_rate(WindowCounts(stream, region=sequence.box))
             budget = inner.protocol.count_frames(sequence.capture)[0]
-            common = describe_evaluated_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
+            common = describe_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
         run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)
         records.append(
             sequence.make_record(
@@ -84,7 +85,7 @@ def evaluate_policy(
             )
         )
     if out is not None:
-        write_benchmark_records(Path(out) / RECORDS_FILE, records)
+        write_records(Path(out) / RECORDS_FILE, records)
     return records
 
 
@@ -94,20 +95,21 @@ def _run_policy(
     observation, _ = env.reset(options={"sequence": sequence})
     episode, seconds, over = inner.episode, 0.0, False
     try:
-        policy = make_policy()
-        while not over:
-            begin = perf_counter()
-            action = policy(observation)
-            seconds += perf_counter() - begin
-            if action is None:
-                episode.abstain()
-                break
-            observation, _, terminated, truncated, _ = env.step(action)
-            over = terminated or truncated
-        if episode.run is None:
-            episode.fail("a wrapper of the environment ended the episode")
+        with user_code():
+            policy = make_policy()
+            while not over:
+                begin = perf_counter()
+                action = policy(observation)
+                seconds += perf_counter() - begin
+                if action is None:
+                    episode.abstain()
+                    break
+                observation, _, terminated, truncated, _ = env.step(action)
+                over = terminated or truncated
+            if episode.run is None:
+                episode.fail("a wrapper of the environment ended the episode")
     except Exception as error:  # noqa: BLE001 a third-party policy may raise anything
-        episode.fail(describe_method_exception(error))
+        episode.fail(describe_exception(error))
     run = episode.run
     if run is None:
         raise RuntimeError("an episode ended without a run")

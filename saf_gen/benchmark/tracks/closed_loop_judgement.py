@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judged_depth_of_focus
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judged_dof
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.stream.metadata import Truth
 
@@ -16,7 +16,7 @@ DEFAULT_DEPTH_OF_FOCUS = 0.01
 """Depth of focus, as a fraction of the travel, that is assumed for ARRIVAL_TOLERANCE_DOF if it is unknown."""
 
 
-def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float) -> dict[str, Any]:
+def judge_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float) -> dict[str, Any]:
     """Return the fields of a record that depend on the lens; None means unknown.
 
     Errors (in travels and in depths of focus) and blur compare the last position of the lens with the truth at that
@@ -29,11 +29,11 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float
     track = truth.track
     best = float(track[min(last, len(track) - 1)]) if track is not None and last >= 0 else truth.position
     best_known = math.isfinite(best)
-    dof = judged_depth_of_focus(truth.depth_of_focus)
+    dof = judged_dof(truth.depth_of_focus)
     fields: dict[str, Any] = {
         "truth": best if best_known else None,
         "lens_travel": float(np.abs(np.diff(path)).sum()),
-        "reversals": count_reversals_of_closed_loop_run(run.commanded_positions),
+        "reversals": count_reversals(run.commanded_positions),
         "status": "failed" if run.problem else "answered" if answered else "abstained",
     }
     success: tuple[bool | None, ...] = (None,) * len(SUCCESS_LIMITS_DOF)
@@ -60,7 +60,7 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float
     return fields
 
 
-def count_reversals_of_closed_loop_run(positions: Sequence[float]) -> int:
+def count_reversals(positions: Sequence[float]) -> int:
     """Return the number of times that a lens changes direction if it is sent to these positions in turn."""
     directions = np.sign(np.diff(positions))
     directions = directions[directions != 0]

@@ -14,7 +14,7 @@ import numpy as np
 
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.search_run import run_search_of_method
+from saf_gen.benchmark.tracks.search_run import run_search
 from saf_gen.benchmark.view.captured_frames import CapturedFrames
 from saf_gen.benchmark.view.running_camera import BudgetSpentError, RunningCamera
 from saf_gen.benchmark.view.sweep_view import SweepView
@@ -59,7 +59,7 @@ class ClosedLoopRun:
     commanded_positions: tuple[float, ...] = ()
 
 
-def start_closed_loop_camera(
+def start_camera(
     captured: CapturedFrames, measure: Callable[..., float], *, protocol: ClosedLoopProtocol
 ) -> RunningCamera:
     """Return a camera before its first frame, with the lens at the start position of all methods on this sequence.
@@ -78,7 +78,7 @@ def start_closed_loop_camera(
     )
 
 
-def finish_closed_loop_run(
+def finish_run(
     camera: RunningCamera, answer: Answer, *, to: float | None, budget: int, problem: str = ""
 ) -> ClosedLoopRun:
     """Let the lens settle at ``to`` (unless that is None), and return the run of a method that is done.
@@ -104,34 +104,32 @@ def finish_closed_loop_run(
     )
 
 
-def explain_spent_method_budget(budget: int) -> str:
+def explain_spent_budget(budget: int) -> str:
     """Return the reason for failure of a method that spent its budget, in frames, without an answer."""
     return f"the budget of {budget} frames was spent"
 
 
-def run_closed_loop_method(captured: CapturedFrames, method: Method, *, protocol: ClosedLoopProtocol) -> ClosedLoopRun:
+def run_closed_loop(captured: CapturedFrames, method: Method, *, protocol: ClosedLoopProtocol) -> ClosedLoopRun:
     """Let a method search for the focus, and return the run, whatever the method raises or answers.
 
     ``captured`` may come from an earlier run, whose frames are reused as long as they are the same. Raises BadInput if
     the protocol does not suit the recording, and the error of the focal stacks if they cannot be read.
     """
     budget, sweep = protocol.count_frames(captured.capture)
-    camera = start_closed_loop_camera(captured, method.measure, protocol=protocol)
+    camera = start_camera(captured, method.measure, protocol=protocol)
     try:
         if commands(method.search):
             answer, to, problem = _run_commanding_search(camera, method)
         else:
             answer, to, problem = _run_estimating_search(camera, method, sweep=sweep)
     except BudgetSpentError:
-        return finish_closed_loop_run(
-            camera, Answer(), to=None, budget=budget, problem=explain_spent_method_budget(budget)
-        )
-    return finish_closed_loop_run(camera, answer, to=to, budget=budget, problem=problem)
+        return finish_run(camera, Answer(), to=None, budget=budget, problem=explain_spent_budget(budget))
+    return finish_run(camera, answer, to=to, budget=budget, problem=problem)
 
 
 def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answer, float | None, str]:
     """Run a search that moves the lens itself; return its answer, the final lens command, and the problem or ''."""
-    answer, problem = run_search_of_method(method.search, camera, scorer=camera.scorer)
+    answer, problem = run_search(method.search, camera, scorer=camera.scorer)
     return answer, _clip_to_travel(answer.position), problem
 
 
@@ -141,7 +139,7 @@ def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int)
     camera.move(begin)
     camera.settle()
     view = SweepView(camera, begin=begin, end=end, frames=sweep)
-    answer, problem = run_search_of_method(method.search, view, scorer=camera.scorer)
+    answer, problem = run_search(method.search, view, scorer=camera.scorer)
     camera.commanded_trajectory = None
     if answer.frame is None:
         return answer, None, problem

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
+from saf_gen.benchmark.tracks.closed_loop_judgement import judge_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream_to_evaluate
-from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_method_view
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream
+from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_view
 from saf_gen.core.region import Region, validate_region
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
-from saf_gen.stream.measure_input import choose_stream_region
+from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.stream_file import SpikeStream
 
 
@@ -54,14 +54,14 @@ class ClosedLoopSequence:
 
         Raises BadInput if the stream is not the one that the manifest names, or if it cannot be captured again.
         """
-        check_stream_to_evaluate(task, stream)
+        check_stream(task, stream)
         capture = Capture.from_stream(stream, Path(str(task.path)).parent.parent / "stacks")
         data = stream.content_sha256
         if capture.slices:
             data = hashlib.sha256(f"{data} {capture.slices}".encode()).hexdigest()
-        chosen, region_name = choose_stream_region(stream, region)
+        chosen, region_name = choose_region(stream, region)
         box = validate_region(chosen, stream.shape[1:])
-        charge_source = capture.open_charge_source(rows_in_method_view(capture, box))
+        charge_source = capture.open_charge_source(rows_in_view(capture, box))
         return cls(task, capture, box, region_name, charge_source, data)
 
     def make_captured_frames(self, *, threads: int | None = None) -> CapturedFrames:
@@ -90,7 +90,7 @@ class ClosedLoopSequence:
         method, code, parameters : str
             Name of the method, digest of its code, and all its options.
         common : mapping of str to any
-            Fields from describe_evaluated_sequence.
+            Fields from describe_sequence.
         tuning : str, optional
             Digest of the tuned file that named the method.
 
@@ -99,7 +99,7 @@ class ClosedLoopSequence:
         Record
             The record.
         """
-        judged = judge_closed_loop_run(run, self.capture.truth, readout_hz=self.capture.sensor.readout_hz)
+        judged = judge_run(run, self.capture.truth, readout_hz=self.capture.sensor.readout_hz)
         unknown = dict.fromkeys(("position", "error", "error_dof", "blur_px", "time_to_focus_s"))
         return Record(
             method=method,

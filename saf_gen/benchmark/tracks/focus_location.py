@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, find_judged_focus_crossing, judged_depth_of_focus
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, focus_crossing, judged_dof
 from saf_gen.stream.metadata import Truth
 
 REACH_LIMIT_DOF = SUCCESS_LIMITS_DOF[1]
 """Distance from the focus, in depths of focus, within which the lens has reached it, so that an answer can be right."""
 
 
-def judge_focus_crossing(truth: Truth, focus_position: np.ndarray | None) -> tuple[float | None, float | None]:
+def judge_crossing(truth: Truth, focus_position: np.ndarray | None) -> tuple[float | None, float | None]:
     """Return the time at which the lens of a recording first meets the focus, and its smallest distance from the focus.
 
     Parameters
@@ -29,7 +29,7 @@ def judge_focus_crossing(truth: Truth, focus_position: np.ndarray | None) -> tup
         focus meets it where it is nearest. None if the lens stays farther away than REACH_LIMIT_DOF, or if unknown.
     distance : float or None
         Smallest distance over all readouts, in depths of focus, by which
-        :func:`saf_gen.benchmark.judgement.judge_method_answer` judges abstentions. None if unknown.
+        :func:`saf_gen.benchmark.judgement.judge` judges abstentions. None if unknown.
     """
     best = _find_best_focus(truth)
     lens = np.asarray([] if focus_position is None else focus_position, dtype=np.float64)
@@ -39,13 +39,13 @@ def judge_focus_crossing(truth: Truth, focus_position: np.ndarray | None) -> tup
     min_distance = _to_depths_of_focus(float(np.abs(offset).min()), truth)
     if min_distance is not None and min_distance > REACH_LIMIT_DOF:
         return None, min_distance
-    frame = find_judged_focus_crossing(None, offset=offset, truth_frame=truth.frame)
+    frame = focus_crossing(None, offset=offset, truth_frame=truth.frame)
     if frame is None and min_distance is not None:
         frame = float(np.abs(offset).argmin())
     return None if frame is None else min(max((frame + 0.5) / lens.size, 0.0), 1.0), min_distance
 
 
-def judge_focus_location(truth: Truth) -> tuple[float | None, float | None]:
+def judge_location(truth: Truth) -> tuple[float | None, float | None]:
     """Return the position of the focus in the travel, and its distance from the travel, if the lens may move freely.
 
     Parameters
@@ -69,7 +69,7 @@ def judge_focus_location(truth: Truth) -> tuple[float | None, float | None]:
     return min(max(truth.position, 0.0), 1.0) if reached else None, min_distance
 
 
-def truncate_truth_to_judge(truth: Truth, frames: int) -> Truth:
+def truncate_truth(truth: Truth, frames: int) -> Truth:
     """Return the truth of the first ``frames`` frames of a recording.
 
     If the target moves and the recorded lens met the focus later, the position is the best focus in the last of these
@@ -88,5 +88,5 @@ def _find_best_focus(truth: Truth) -> np.ndarray | None:
 
 
 def _to_depths_of_focus(distance: float, truth: Truth) -> float | None:
-    dof = judged_depth_of_focus(truth.depth_of_focus)
+    dof = judged_dof(truth.depth_of_focus)
     return 0.0 if distance == 0 else None if dof is None else distance / dof

@@ -144,7 +144,7 @@ def _check_stream(prediction: Prediction, task: SequenceTask, *, where: str) -> 
         raise BadInput(f"{task.id}: {problem}", where=where, allowed=f"1 to {task.frames}, or null for all")
 
 
-def read_method_predictions(path: str | Path) -> PredictionSet:
+def read_predictions(path: str | Path) -> PredictionSet:
     """Read a file of predictions.
 
     Parameters

@@ -8,7 +8,7 @@ _DIGITS = 12
 """Number of digits of the digest that a record contains."""
 
 
-def name_benchmark_for_record(provenance: Mapping[str, str]) -> str | None:
+def benchmark_of(provenance: Mapping[str, str]) -> str | None:
     """Return the name of a recording's frozen benchmark and 12 digits of its digest, or None if it belongs to none.
 
     The benchmark that a recording states is accepted only if this version of saf_gen knows its name and digest.

@@ -12,7 +12,7 @@ import numpy as np
 from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS
 from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
 from saf_gen.stack.grain import ENERGIES
-from saf_gen.stream.recorded_grain import read_grain_of_stream
+from saf_gen.stream.recorded_grain import grain_of_stream
 from saf_gen.stream.stream_file import SpikeStream
 
 ENERGY_OF_MEASURE: Mapping[str, str] = {
@@ -21,14 +21,14 @@ ENERGY_OF_MEASURE: Mapping[str, str] = {
 }
 
 
-def describe_grain_for_record(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
+def grain_fields(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
     """Return the fields of a record that describe the grain of a recording; None if unknown.
 
     The focus curve is the noise-free sharpness in the file for ``contrast``, and the signal along the recording for the
     other energies. Grain is known only in the box around the target, and hence not for a method that looks at the
     frame.
     """
-    grain = read_grain_of_stream(stream.metadata.provenance)
+    grain = grain_of_stream(stream.metadata.provenance)
     if grain is None:
         return {"grain_rms": None, "grain_of_curve": None}
     measure = method.split("+")[0].split(":")[0]

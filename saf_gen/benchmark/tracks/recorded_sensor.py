@@ -11,7 +11,7 @@ from saf_gen.camera.sensor import parse_sensor
 from saf_gen.errors import BadInput
 
 
-def name_sensor_for_record(provenance: Mapping[str, str]) -> str | None:
+def sensor_of(provenance: Mapping[str, str]) -> str | None:
     """Return the name of the sensor that a recording states, or None if it states no readable sensor.
 
     If the numbers of the sensor differ from those of the registered sensor of that name, because a recipe changed them

@@ -6,28 +6,23 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import judge_method_answer
+from saf_gen.benchmark.judgement import judge
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
-from saf_gen.benchmark.thumbnails import make_evaluated_thumbnails
+from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
-from saf_gen.benchmark.tracks.recorded_grain_fields import describe_grain_for_record
-from saf_gen.benchmark.tracks.search_run import run_search_of_method
-from saf_gen.benchmark.tracks.sequence_tasks import (
-    SequenceTask,
-    check_stream_to_evaluate,
-    describe_evaluated_sequence,
-    measure_rate_of_evaluated_stream,
-)
+from saf_gen.benchmark.tracks.recorded_grain_fields import grain_fields
+from saf_gen.benchmark.tracks.search_run import run_search
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream, describe_sequence, measure_rate
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
-from saf_gen.stream.measure_input import choose_stream_region
+from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 
-def check_method_leaves_lens(methods: Sequence[Method]) -> None:
+def check_leaves_lens(methods: Sequence[Method]) -> None:
     """Raise BadInput if a method commands the lens, which is impossible on a recording."""
     for method in methods:
         if commands(method.search):
@@ -53,7 +48,7 @@ class _Attempt:
     tuning: str = ""
 
 
-def evaluate_recorded_sequence(
+def evaluate_recorded(
     task: SequenceTask,
     methods: Sequence[Method],
     *,
@@ -99,15 +94,13 @@ def evaluate_recorded_sequence(
     attempts: list[_Attempt] = []
     curves: dict[str, FocusCurve] = {}
     with open_stream(task.path) as stream:
-        check_stream_to_evaluate(task, stream)
-        box, region_name = choose_stream_region(stream, region)
+        check_stream(task, stream)
+        box, region_name = choose_region(stream, region)
         counts = WindowCounts(stream, box)
-        rate = common_rate = measure_rate_of_evaluated_stream(counts)
+        rate = common_rate = measure_rate(counts)
         if rate_region != region:
-            common_rate = measure_rate_of_evaluated_stream(
-                WindowCounts(stream, choose_stream_region(stream, rate_region)[0])
-            )
-        common = describe_evaluated_sequence(task, stream, rate=common_rate, track="recorded")
+            common_rate = measure_rate(WindowCounts(stream, choose_region(stream, rate_region)[0]))
+        common = describe_sequence(task, stream, rate=common_rate, track="recorded")
         for done, method in enumerate(methods, start=1):
             view = RecordingView(counts, method.measure)
             attempt = _run_method(method, view, stream_path=str(stream.path))
@@ -125,11 +118,7 @@ def evaluate_recorded_sequence(
                 task,
                 attempt,
                 stream=stream,
-                common={
-                    "region": region_name,
-                    **describe_grain_for_record(stream, attempt.method, region=region_name),
-                    **common,
-                },
+                common={"region": region_name, **grain_fields(stream, attempt.method, region=region_name), **common},
             )
             for attempt in attempts
         ]
@@ -147,13 +136,13 @@ def evaluate_recorded_sequence(
             curves=tuple(curves.values()),
             track=stream.truth.track,
             scene_motion=task.scene_motion,
-            thumbnails=make_evaluated_thumbnails(stream, box) if with_thumbnails else None,
+            thumbnails=make_thumbnails(stream, box) if with_thumbnails else None,
         )
         return records, sweep
 
 
 def _run_method(method: Method, view: RecordingView, *, stream_path: str) -> _Attempt:
-    answer, problem = run_search_of_method(method.search, view, scorer=view.scorer, stream_path=stream_path)
+    answer, problem = run_search(method.search, view, scorer=view.scorer, stream_path=stream_path)
     if fault := _find_range_fault(answer, view.frames):
         answer, problem = Answer(None, answer.trace), fault
     return _Attempt(
@@ -191,7 +180,7 @@ def _find_range_fault(answer: Answer, frames: int) -> str:
 
 def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, common: Mapping[str, Any]) -> Record:
     truth, answer = stream.truth, attempt.answer
-    judged = judge_method_answer(
+    judged = judge(
         answer.frame,
         frames_seen=attempt.frames_seen,
         focus_position=stream.focus_position,

@@ -7,6 +7,7 @@ from typing import Any
 from saf_gen.benchmark.view.metered_scorer import MeteredScorer
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, RestrictedView
 from saf_gen.core.stopwatch import Stopwatch
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, Search, View, commands
 
@@ -14,9 +15,7 @@ MAX_REASON_CHARACTERS = 300
 """Maximum length of a reason, which is shown in a table."""
 
 
-def run_search_of_method(
-    search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = ""
-) -> tuple[Answer, str]:
+def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
     """Return the answer of a search and '', or an empty answer and one line that says why the search failed.
 
     The search has access only to the members of :class:`saf_gen.parts.View`. Its computing time outside the view is
@@ -31,21 +30,22 @@ def run_search_of_method(
     """
     total_time, view_time = Stopwatch(), Stopwatch()
     try:
-        answer = total_time.time(search, RestrictedView(view, view_time))
-        if fault := find_method_answer_fault(answer, commanding=commands(search)):
-            return Answer(), _to_one_line("; ".join(fault))
-        return _to_plain_numbers(answer), ""
+        with user_code():
+            answer = total_time.time(search, RestrictedView(view, view_time))
+            if fault := answer_fault(answer, commanding=commands(search)):
+                return Answer(), _to_one_line("; ".join(fault))
+            return _to_plain_numbers(answer), ""
     except BudgetSpentError:
         raise
     except Exception as error:  # third-party searches and measures may raise anything
         if stream_path and isinstance(error, BadInput) and error.where == stream_path:
             raise
-        return Answer(), describe_method_exception(error)
+        return Answer(), describe_exception(error)
     finally:  # with threads, the times inside the view may add up to more than the total
         scorer.add_seconds(max(total_time.seconds - view_time.seconds, 0.0))
 
 
-def describe_method_exception(error: Exception) -> str:
+def describe_exception(error: Exception) -> str:
     """Return the type and the message of an exception, on one line."""
     try:
         message = str(error)
@@ -54,7 +54,7 @@ def describe_method_exception(error: Exception) -> str:
     return _to_one_line(f"{type(error).__name__}: {message}" if message else type(error).__name__)
 
 
-def find_method_answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
+def answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
     """Return the fault of an answer and its correction, or None if the answer can be judged.
 
     A valid answer is an Answer with a finite trace and a note of at most one line. A search that commands the lens

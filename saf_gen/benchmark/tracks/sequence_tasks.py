@@ -5,14 +5,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import light_ratio_for_record
-from saf_gen.benchmark.tracks.focus_location import judge_focus_crossing, judge_focus_location, truncate_truth_to_judge
-from saf_gen.benchmark.tracks.recorded_benchmark import name_benchmark_for_record
-from saf_gen.benchmark.tracks.recorded_sensor import name_sensor_for_record
+from saf_gen.benchmark.judgement import light_ratio
+from saf_gen.benchmark.tracks.focus_location import judge_crossing, judge_location, truncate_truth
+from saf_gen.benchmark.tracks.recorded_benchmark import benchmark_of
+from saf_gen.benchmark.tracks.recorded_sensor import sensor_of
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.cores import describe_machine
-from saf_gen.core.files import file_name_as_text
+from saf_gen.core.files import name_as_text
 from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.stream.manifest import read_manifest
@@ -38,9 +38,7 @@ class SequenceTask:
     frames: int | None = None
 
 
-def list_sequences_to_evaluate(
-    path: AnyPath, *, split: str | None = None, scene_motion: str | None = None
-) -> list[SequenceTask]:
+def list_sequences(path: AnyPath, *, split: str | None = None, scene_motion: str | None = None) -> list[SequenceTask]:
     """Return the sequences to evaluate in a dataset folder, or the single stream of a file.
 
     Parameters
@@ -106,7 +104,7 @@ def _make_stream_task(path: AnyPath, *, split: str | None, scene_motion: str | N
                 f"{what} {value!r} cannot be selected from the single stream {str(path)!r}",
                 allowed=f"a dataset, or a stream and no {what}",
             )
-    name = file_name_as_text(path.stem)
+    name = name_as_text(path.stem)
     return SequenceTask(name, None, name, None, path, None)
 
 
@@ -114,7 +112,7 @@ def _siblings(path: AnyPath) -> list[str]:
     return [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
 
 
-def check_stream_to_evaluate(task: SequenceTask, stream: SpikeStream) -> None:
+def check_stream(task: SequenceTask, stream: SpikeStream) -> None:
     """Raise BadInput unless the stream is the one that the manifest names."""
     if task.content_sha256 is not None and stream.content_sha256 != task.content_sha256:
         raise BadInput(
@@ -123,7 +121,7 @@ def check_stream_to_evaluate(task: SequenceTask, stream: SpikeStream) -> None:
         )
 
 
-def measure_rate_of_evaluated_stream(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
+def measure_rate(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
     """Return the centre of each block, in frames, and its mean counts, in spikes per pixel and readout."""
     window = max(1, counts.frames // RATE_BLOCKS)
     first = np.arange(0, counts.frames - window + 1, window)
@@ -131,7 +129,7 @@ def measure_rate_of_evaluated_stream(counts: WindowCounts) -> tuple[np.ndarray, 
     return first + (window - 1) / 2, rate
 
 
-def describe_evaluated_sequence(
+def describe_sequence(
     task: SequenceTask,
     stream: SpikeStream,
     *,
@@ -148,7 +146,7 @@ def describe_evaluated_sequence(
     stream : SpikeStream
         Its open stream.
     rate : tuple of ndarray
-        Result of measure_rate_of_evaluated_stream.
+        Result of measure_rate.
     track : str
         ``recorded`` or ``closed_loop``.
     frames : int, optional
@@ -159,15 +157,15 @@ def describe_evaluated_sequence(
     dict of str to any
         Keyword arguments for Record.
     """
-    truth, gain = truncate_truth_to_judge(stream.truth, frames or stream.shape[0]), stream.metadata.gain
+    truth, gain = truncate_truth(stream.truth, frames or stream.shape[0]), stream.metadata.gain
     centres, mean_rate = rate
     if frames is not None:
         gain = None if gain is None else gain[:frames]
         mean_rate = mean_rate[: max(1, int((centres < frames).sum()))]
     if track == "recorded":
-        location, off_dof = judge_focus_crossing(truth, stream.focus_position)
+        location, off_dof = judge_crossing(truth, stream.focus_position)
     else:
-        location, off_dof = judge_focus_location(truth)
+        location, off_dof = judge_location(truth)
     return {
         "track": track,
         "variant": task.variant,
@@ -177,9 +175,9 @@ def describe_evaluated_sequence(
         "focus_place": location,
         "focus_off_dof": off_dof,
         "mean_rate": float(mean_rate.mean()),
-        "light_ratio": light_ratio_for_record(gain),
-        "sensor": name_sensor_for_record(stream.metadata.provenance),
-        "benchmark": name_benchmark_for_record(stream.metadata.provenance),
+        "light_ratio": light_ratio(gain),
+        "sensor": sensor_of(stream.metadata.provenance),
+        "benchmark": benchmark_of(stream.metadata.provenance),
         "machine": describe_machine(),
         "rig": evaluator_version(track),
     }

@@ -12,7 +12,7 @@ from saf_gen.core import bits
 from saf_gen.core.region import Region
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
-from saf_gen.stream.interval_texture import time_texture_of_stream_window
+from saf_gen.stream.interval_texture import window_time_texture
 
 
 class CapturedFrames:
@@ -25,7 +25,7 @@ class CapturedFrames:
     capture : Capture
         The recording that is captured again.
     charge_source : ChargeSource
-        Charge of ``rows_in_method_view(capture, region)``; runs of one capture may share it.
+        Charge of ``rows_in_view(capture, region)``; runs of one capture may share it.
     region : Region
         Region of the sensor; both ends of its slices are numbers.
     threads : int, optional
@@ -44,7 +44,7 @@ class CapturedFrames:
     ) -> None:
         rows, columns = region
         self.capture, self._charge_source = capture, charge_source
-        encoded = rows_in_method_view(capture, region)
+        encoded = rows_in_view(capture, region)
         self._create_encoder = partial(capture.create_encoder, encoded, threads=threads)
         self._encoder = self._create_encoder()
         self._inside = slice(rows.start - encoded.start, rows.stop - encoded.start), columns
@@ -82,21 +82,21 @@ class CapturedFrames:
     def window(self, first: int, stop: int) -> np.ndarray:
         """Return the counts of frames ``first <= t < stop``, which must be encoded already: uint32 (h, w)."""
         counts = np.zeros(self.shape, np.uint32)
-        bits.sum_bits_of_planes(self._planes, counts, first=first, stop=stop)
+        bits.sum_planes(self._planes, counts, first=first, stop=stop)
         return counts
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
-        """Return the interval texture of a window, float64 (h, w); see texture_of_stream_window."""
+        """Return the interval texture of a window, float64 (h, w); see window_texture."""
 
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
 
-        image, seconds = time_texture_of_stream_window(read, self.window, first=first, stop=stop)
+        image, seconds = window_time_texture(read, self.window, first=first, stop=stop)
         self.textures_s += seconds
         return image
 
 
-def rows_in_method_view(capture: Capture, region: Region) -> slice:
+def rows_in_view(capture: Capture, region: Region) -> slice:
     """Return the rows that a region needs, beginning at the start of a block of the encoder's noise."""
     step = capture.row_alignment
     return slice(region[0].start // step * step, region[0].stop)

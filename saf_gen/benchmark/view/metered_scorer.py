@@ -9,7 +9,7 @@ from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.measure_input import WindowSource, stream_input_for_measure
+from saf_gen.stream.measure_input import WindowSource, measure_input
 
 
 class TimedWindowSource(WindowSource, Protocol):
@@ -28,7 +28,7 @@ class TimedWindowSource(WindowSource, Protocol):
 class MeteredScorer:
     """Scores windows for one method, and measures the cost.
 
-    The cost in ``seconds`` is the computing time of the measure and of its interval textures; run_search_of_method adds
+    The cost in ``seconds`` is the computing time of the measure and of its interval textures; run_search adds
     the time of the search. Reading, encoding and counting of spikes are excluded: they represent the camera, depend on
     the storage of the spikes rather than on the method, and give windows that methods share.
 
@@ -73,7 +73,7 @@ class MeteredScorer:
             self._named_measures[measure] = get_measure(measure)
         scorer = self._measure if measure is None else self._named_measures[measure]
         before = source.textures_s
-        counts = stream_input_for_measure(source, scorer, first=first, stop=stop)
+        counts = measure_input(source, scorer, first=first, stop=stop)
         self.add_seconds(source.textures_s - before)
         timed: dict[str, Any] = {"frames": int(stop) - int(first)} if wants_frames(scorer) else {}
         self.windows += 1

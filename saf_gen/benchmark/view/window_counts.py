@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
-from saf_gen.stream.interval_texture import time_texture_of_stream_window
+from saf_gen.stream.interval_texture import window_time_texture
 from saf_gen.stream.stream_file import SpikeStream
 
 KNOTS = 256
@@ -65,7 +65,7 @@ class WindowCounts:
     def intervals(self, first: int, stop: int) -> np.ndarray:
         """Return the interval texture of a window of n frames: float64 (h, w), 0...n, read-only.
 
-        See texture_of_stream_window. Raises BadInput if the window is empty or extends beyond the recording.
+        See window_texture. Raises BadInput if the window is empty or extends beyond the recording.
         """
         window = validate_window(first, stop, total=self.frames)
         image = self._compute_once("intervals", self._compute_texture, window=window)
@@ -105,9 +105,7 @@ class WindowCounts:
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._stream.packed(first_byte, stop_byte, region=self._region)
 
-        image, self._texture_seconds[first, stop] = time_texture_of_stream_window(
-            read, self._count, first=first, stop=stop
-        )
+        image, self._texture_seconds[first, stop] = window_time_texture(read, self._count, first=first, stop=stop)
         return image
 
     def _running_sums(self) -> np.ndarray:

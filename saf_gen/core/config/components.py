@@ -1,8 +1,8 @@
 """Components of recipes: plug-ins with their options, written as ``{kind: ..., key: value, ...}``.
 
 A number may be left open as a range, a file is named by its path, and the component itself may be a choice among
-several. :func:`read_config_component` checks a component at every corner of its ranges, so that no draw can fail hours
-later; :func:`draw_config_component` draws the component of one recording.
+several. :func:`read_component` checks a component at every corner of its ranges, so that no draw can fail hours
+later; :func:`draw_component` draws the component of one recording.
 """
 
 from collections.abc import Callable, Iterable
@@ -12,14 +12,14 @@ from typing import Any
 from saf_gen.core import seeds
 from saf_gen.core.config import registry
 from saf_gen.core.config.document import Document, Key
-from saf_gen.core.config.ranges import config_range_extremes, draw_config_range, is_config_range
-from saf_gen.core.csv_table import read_text_in_folder
+from saf_gen.core.config.ranges import draw_range, is_range, range_extremes
+from saf_gen.core.csv_table import read_text_in
 from saf_gen.errors import BadInput, located, unknown
 
 Component = dict[str, Any]
 
 
-def read_config_component(
+def read_component(
     plugin_kind: str,
     component: Any,
     *,
@@ -36,11 +36,10 @@ def read_config_component(
     Raises BadInput, with file and line, for the first entry that is wrong.
     """
     what, where = registry.PLUGIN_KINDS[plugin_kind], document.locate(*keys)
-    if is_config_range(component):
-        among = config_range_extremes(component, where=where)
+    if is_range(component):
+        among = range_extremes(component, where=where)
         read = [
-            read_config_component(plugin_kind, one, document=document, keys=keys, common=common, build=build)
-            for one in among
+            read_component(plugin_kind, one, document=document, keys=keys, common=common, build=build) for one in among
         ]
         return {"choice": read}
     names = registry.names(plugin_kind)
@@ -53,13 +52,13 @@ def read_config_component(
     kind, options = component["kind"], {key: value for key, value in component.items() if key != "kind"}
     if kind not in names:
         raise unknown(what, kind, allowed=names, where=document.locate(*keys, "kind"))
-    known = [*registry.registered_option_fields(plugin_kind, kind), *common]
+    known = [*registry.option_fields(plugin_kind, kind), *common]
     for key in options:
         if key not in known:
             raise unknown(f"key of {what} {kind!r}:", key, allowed=known, where=document.locate(*keys, key))
     if "file" in options:
         options["file"] = _with_text(options["file"], document, where=document.locate(*keys, "file"))
-    corners = [config_range_extremes(value, where=document.locate(*keys, key)) for key, value in options.items()]
+    corners = [range_extremes(value, where=document.locate(*keys, key)) for key, value in options.items()]
     for values in product(*corners):
         corner = dict(zip(options, values, strict=True))
         with located(where):
@@ -69,25 +68,24 @@ def read_config_component(
 
 def _with_text(value: Any, document: Document, *, where: str) -> Any:
     """Return the path of a file, or each path of a choice, with the text of the file, which a recording stores."""
-    if is_config_range(value) and isinstance(value.get("choice"), list):
+    if is_range(value) and isinstance(value.get("choice"), list):
         return {"choice": [_with_text(one, document, where=where) for one in value["choice"]]}
     if not isinstance(value, str):
         return value  # its text is already read, or the plug-in will refuse it
-    return {"path": value, "text": read_text_in_folder(str(document.path.parent), value, where=where)}
+    return {"path": value, "text": read_text_in(str(document.path.parent), value, where=where)}
 
 
-def draw_config_component(
+def draw_component(
     plugin_kind: str, component: Component, *, name: tuple[str | int, ...], purpose: tuple[str, ...]
 ) -> Component:
     """Return the component of one recording: open numbers drawn, and a ``seed`` added if the plug-in takes one.
 
     ``name`` names the random streams of the recording, and ``purpose`` identifies this component among them.
     """
-    chosen = draw_config_range(component, seeds.make_generator(*name, "recipe", *purpose))
+    chosen = draw_range(component, seeds.make_generator(*name, "recipe", *purpose))
     drawn = {
-        key: draw_config_range(value, seeds.make_generator(*name, "recipe", *purpose, key))
-        for key, value in chosen.items()
+        key: draw_range(value, seeds.make_generator(*name, "recipe", *purpose, key)) for key, value in chosen.items()
     }
-    if "seed" in registry.registered_option_fields(plugin_kind, drawn["kind"]):
+    if "seed" in registry.option_fields(plugin_kind, drawn["kind"]):
         drawn.setdefault("seed", seeds.derive_seed(*name, *purpose))
     return drawn

@@ -11,7 +11,7 @@ from textwrap import dedent
 
 
 @cache
-def config_field_docs(cls: type) -> dict[str, str]:
+def field_docs(cls: type) -> dict[str, str]:
     """Return the docstring below each annotated field of a class, on one line, by the name of the field.
 
     Fields of base classes come first; a class may replace the docstring of a field of its base. Fields without a

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from saf_gen.core.config import registry
-from saf_gen.core.config.field_docs import config_field_docs
+from saf_gen.core.config.field_docs import field_docs
 
 Schema = dict[str, Any]
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -37,12 +37,12 @@ RANGE: Schema = {
 }
 PLAIN_SCHEMA: Schema = {"type": ["number", "string", "boolean"]}
 OPEN: Schema = {"$ref": "#/$defs/Range"}
-"""A value that is left open as a range; :func:`model_to_json_schema` adds the definition to every schema."""
+"""A value that is left open as a range; :func:`model_schema` adds the definition to every schema."""
 PARAMETER: Schema = {"anyOf": [PLAIN_SCHEMA, {"type": "array", "items": PLAIN_SCHEMA}, OPEN]}
 """A parameter of a scene: a plain value, a list of them, or a range."""
 
 
-def model_to_json_schema(model: type[BaseModel], title: str) -> Schema:
+def model_schema(model: type[BaseModel], title: str) -> Schema:
     """Return the schema of a document, with the docstrings of its models and their fields as descriptions."""
     schema = model.model_json_schema()
     for cls in {model, *_models_in(model)}:
@@ -51,7 +51,7 @@ def model_to_json_schema(model: type[BaseModel], title: str) -> Schema:
         part["description"] = (cls.__doc__ or "").split("\n\n")[0].replace("``", "")
         for name, one in part["properties"].items():
             one.pop("title", None)
-            if text := config_field_docs(cls).get(name):
+            if text := field_docs(cls).get(name):
                 one["description"] = text.replace("``", "")
     schema["$defs"] = schema.get("$defs", {}) | {"Range": RANGE}
     return {"$schema": DIALECT, "title": title, **schema}
@@ -67,7 +67,7 @@ def _models_in(model: type[BaseModel]) -> Iterable[type[BaseModel]]:
         waiting.extend(typing.get_args(one))
 
 
-def define_config_schema(schema: Schema, plugin_kind: str, *, common: Mapping[str, Schema] | None = None) -> Schema:
+def define_schema(schema: Schema, plugin_kind: str, *, common: Mapping[str, Schema] | None = None) -> Schema:
     """Add a definition of ``{kind: ..., ...}`` for each plug-in of a kind, and return a reference to their union.
 
     ``common`` maps further keys, which all of them take, to schemas. Each value may be left open, and the component
@@ -84,7 +84,7 @@ def define_config_schema(schema: Schema, plugin_kind: str, *, common: Mapping[st
 
 def _kind_schema(plugin_kind: str, name: str, *, common: dict[str, Schema]) -> Schema:
     cls = registry.plugin_class(plugin_kind, name)
-    hints, docs = typing.get_type_hints(cls), config_field_docs(cls)
+    hints, docs = typing.get_type_hints(cls), field_docs(cls)
     keys: dict[str, Schema] = {"kind": {"const": name}}
     needed = ["kind"]
     for field in fields(cls):

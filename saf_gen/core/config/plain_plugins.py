@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_frames, wants_halves
 
@@ -117,7 +118,8 @@ def _find_degree(measure: Any) -> int:
     window = np.stack([counts, counts[::-1]]) if wants_halves(measure) else counts
     frames = {"frames": 200} if wants_frames(measure) else {}
     try:
-        one, four = measure(window, **frames), measure(4 * window, **frames)
+        with user_code():
+            one, four = measure(window, **frames), measure(4 * window, **frames)
     except Exception:  # noqa: BLE001  (a user's measure may raise anything, and does so again when it is used)
         return 0
     if not (0 < one < math.inf and 0 < four < math.inf):

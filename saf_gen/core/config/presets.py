@@ -65,7 +65,7 @@ Sources = Annotated[
 """Sources of the numbers of a device."""
 
 
-def change_preset_fields(device: Device, changes: Mapping[str, Any], *, where: str) -> Device:
+def change_fields(device: Device, changes: Mapping[str, Any], *, where: str) -> Device:
     """Return a copy of a device with some fields changed.
 
     In a field that has fields itself, a mapping changes only the fields that it names. Raises BadInput, with
@@ -115,4 +115,4 @@ class Presets(Generic[Device]):
         else:
             raise unknown(self.kind, name, allowed=names, hint="or give the path of a .yaml file")
         device = validate_document(self.model, read_yaml(path))
-        return change_preset_fields(device, changes, where=f"{self.kind} {name}") if changes else device
+        return change_fields(device, changes, where=f"{self.kind} {name}") if changes else device

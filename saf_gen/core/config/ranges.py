@@ -21,7 +21,7 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
-def is_config_range(value: Any) -> bool:
+def is_range(value: Any) -> bool:
     """Return whether a value has one of the three forms of a range."""
     return isinstance(value, dict) and len(value) == 1 and next(iter(value)) in RANGE_FORMS
 
@@ -33,7 +33,7 @@ def _form_and_values(value: dict[str, Any], where: str) -> tuple[str, list[Any]]
         if not isinstance(among, list) or not among:
             raise BadInput(f"choice is {among!r}", where=where, allowed="a list of at least one value")
         for value in among:
-            if is_config_range(value):
+            if is_range(value):
                 raise BadInput(f"a choice holds the range {value!r}", where=where, allowed="plain values")
         return kind, among
     log = kind == "log_uniform"
@@ -45,13 +45,13 @@ def _form_and_values(value: dict[str, Any], where: str) -> tuple[str, list[Any]]
     return kind, among
 
 
-def check_config_parameter(value: Any, *, what: str = "the value", where: str = "") -> None:
+def check_parameter(value: Any, *, what: str = "the value", where: str = "") -> None:
     """Raise BadInput for a parameter that is neither a plain value nor a range of plain values.
 
     Finite numbers, text, true, false and lists of these are plain. A YAML date or ``.nan`` is not, because it could not
     be stored with the recording.
     """
-    for end in config_range_extremes(value, where=where):
+    for end in range_extremes(value, where=where):
         for one in end if isinstance(end, list) else [end]:
             if not (is_number(one) or isinstance(one, str | bool)):
                 forms = ", ".join(f"{{{kind}: [...]}}" for kind in RANGE_FORMS)
@@ -61,17 +61,17 @@ def check_config_parameter(value: Any, *, what: str = "the value", where: str = 
                 )
 
 
-def config_range_extremes(value: Any, *, where: str = "") -> list[Any]:
+def range_extremes(value: Any, *, where: str = "") -> list[Any]:
     """Return both ends of a range, or all values of a choice, so that they can be checked before anything is drawn.
 
     For a fixed value the list holds only this value. Raises BadInput for a range from which nothing can be drawn.
     """
-    return _form_and_values(value, where)[1] if is_config_range(value) else [value]
+    return _form_and_values(value, where)[1] if is_range(value) else [value]
 
 
-def draw_config_range(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
+def draw_range(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
     """Return a value drawn from a range; a fixed value is returned unchanged."""
-    if not is_config_range(value):
+    if not is_range(value):
         return value
     kind, among = _form_and_values(value, where)
     if kind == "choice":

@@ -6,7 +6,7 @@ plain function or class is converted to a plug-in (:mod:`saf_gen.core.config.pla
 are the keys that a recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
 
 Listing names imports nothing, so a plug-in that cannot be imported does not break the others. Names from files are
-resolved under :func:`refuse_code_named_in_file`, so that only code that is registered, or that the command line names
+resolved under :func:`refuse_code`, so that only code that is registered, or that the command line names
 too, is run.
 """
 
@@ -28,7 +28,8 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core.config.plain_plugins import wrap_plain_code
-from saf_gen.errors import BadInput, SafGenError, unknown
+from saf_gen.core.user_code import named_user_code, user_code
+from saf_gen.errors import BadInput, unknown
 
 PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
 
@@ -37,7 +38,7 @@ _CODE_REFUSED_IN: ContextVar[str] = ContextVar("code refused in", default="")
 
 
 @contextmanager
-def refuse_code_named_in_file(where: str) -> Iterator[None]:
+def refuse_code(where: str) -> Iterator[None]:
     """Refuse to load ``package.module:Class`` and ``file.py:Class`` while names come from the file ``where``.
 
     The file may be untrusted. Code that this process has loaded before, because its command line named it, is accepted.
@@ -132,7 +133,8 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
 
 def _load_plugin(load: Callable[[], Any], what: str, *, plugin_kind: str, **advice: str) -> type:
     try:
-        found = load()
+        with user_code():
+            found = load()
     except Exception as error:  # the module is user code and may raise anything
         raise BadInput(f"{what} cannot be loaded: {type(error).__name__}: {error}", **advice) from error
     plugin = wrap_plain_code(found, plugin_kind)
@@ -163,7 +165,7 @@ def _import_file(path: Path) -> ModuleType:
     return module
 
 
-def registered_option_fields(plugin_kind: str, name: str) -> dict[str, str]:
+def option_fields(plugin_kind: str, name: str) -> dict[str, str]:
     """Return the name of the dataclass field for each key that a plug-in takes."""
     return {f.name.rstrip("_"): f.name for f in fields(plugin_class(plugin_kind, name)) if f.init}
 
@@ -173,12 +175,13 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
 
     Raises BadInput for an unknown name or key, a missing key, or a value that the plug-in refuses.
     """
-    cls, known = plugin_class(plugin_kind, name), registered_option_fields(plugin_kind, name)
+    cls, known = plugin_class(plugin_kind, name), option_fields(plugin_kind, name)
     for key in options:
         if key not in known:
             raise unknown(f"key of {PLUGIN_KINDS[plugin_kind]} {name!r}:", key, allowed=known)
     try:
-        return cls(**{known[k]: v for k, v in options.items()})
+        with user_code():
+            return cls(**{known[k]: v for k, v in options.items()})
     except BadInput:
         raise
     except TypeError as error:  # a missing key, or a value of the wrong type
@@ -193,7 +196,7 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
         ) from error
 
 
-def sample_registered_function(
+def sample_function(
     plugin: object, method: Callable[[np.ndarray, float], Any], *, seconds: np.ndarray, duration_s: float
 ) -> np.ndarray:
     """Return the values of a method of a light schedule or a motion at these times, as float64 of the same shape.
@@ -201,12 +204,8 @@ def sample_registered_function(
     Raises BadInput if the method raises anything but SafGenError or MemoryError, or does not return one number per
     time.
     """
-    try:
+    with named_user_code(plugin):
         values = np.asarray(method(seconds, duration_s), dtype=np.float64)
-    except (SafGenError, MemoryError):
-        raise
-    except Exception as error:  # the plug-in is user code and may raise anything
-        raise BadInput(f"{plugin!r} fails: {type(error).__name__}: {error}", hint="repair it") from error
     if values.shape != seconds.shape:
         problem = f"{plugin!r} returns an array of shape {values.shape} for {seconds.size} times"
         raise BadInput(problem, allowed="one number per time")

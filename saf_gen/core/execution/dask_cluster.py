@@ -22,7 +22,8 @@ from typing import Any
 
 from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress, describe_job_error
 from saf_gen.core.extras import installed_versions, require_extra
-from saf_gen.core.files import check_file_system, remove_leftover_files, temporary_file_name
+from saf_gen.core.files import check_file_system, remove_leftovers, temporary_name
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput, SafGenError
 
 CONNECT_S = "10s"
@@ -81,7 +82,7 @@ class _Conditions:
             problem = self.find_problem()
             if self.writes and not problem:
                 check_file_system(self.witness.parent)
-                remove_leftover_files(
+                remove_leftovers(
                     self.witness.parent, recursive=True
                 )  # files of jobs whose process was killed on this machine
             return problem
@@ -108,7 +109,7 @@ def _agree_on_conditions(cluster: Cluster) -> Iterator[_Conditions]:
         witness = folder / "manifest.json" if folder.is_dir() else folder
         if cluster.writes:
             folder.mkdir(parents=True, exist_ok=True)
-            witness = temporary_file_name(folder / "seen")
+            witness = temporary_name(folder / "seen")
             undo.callback(witness.unlink, missing_ok=True)
             witness.write_text(token_hex(16), encoding="utf-8")
         yield _Conditions(installed_versions(), witness, _digest_file(witness), cluster.writes)
@@ -120,12 +121,13 @@ def _run_on_worker(job: Job, conditions: _Conditions) -> tuple[Any, SafGenError 
         return None, SafGenError(f"a worker that joined later {problem}")
     with _JOB_LOCK:  # Dr.Jit and numba's threads belong to one job at a time
         try:
-            return job.run(lambda name, done: None), None  # a cluster reports no progress within jobs
+            with user_code():
+                return job.run(lambda name, done: None), None  # a cluster reports no progress within jobs
         except Exception as error:  # noqa: BLE001  (whatever a job raised is its result, as in a pool)
             return None, describe_job_error(error)
 
 
-def run_jobs_on_dask(
+def run_on_dask(
     jobs: Sequence[Job], cluster: Cluster, *, report: ReportProgress, follow_up: FollowUp, notify: Callable[[str], None]
 ) -> Generator[JobResult]:
     """Run jobs, and the jobs that follow from them, on a cluster, and yield each when it ends.

@@ -4,7 +4,7 @@ import multiprocessing
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 
-from saf_gen.core.execution.dask_cluster import Cluster, run_jobs_on_dask
+from saf_gen.core.execution.dask_cluster import Cluster, run_on_dask
 from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress, describe_job_error
 from saf_gen.core.execution.worker_pool import WorkerPool
 
@@ -36,7 +36,7 @@ def run_jobs(
     follow_up : callable, optional
         Called with a job that succeeded and its result; returns the jobs that may start then.
     cluster : Cluster, optional
-        Dask cluster that runs the jobs instead, see :func:`saf_gen.core.execution.dask_cluster.run_jobs_on_dask`.
+        Dask cluster that runs the jobs instead, see :func:`saf_gen.core.execution.dask_cluster.run_on_dask`.
     notify : callable, optional
         Called with a line of text for each job that is run again, with the reason.
 
@@ -49,7 +49,7 @@ def run_jobs(
         nothing: tuple[JobResult, ...] = ()
         return (ended for ended in nothing)
     if cluster is not None:
-        return run_jobs_on_dask(jobs, cluster, report=report, follow_up=follow_up, notify=notify)
+        return run_on_dask(jobs, cluster, report=report, follow_up=follow_up, notify=notify)
     return _run_on_cores(jobs, workers, report=report, follow_up=follow_up, notify=notify)
 
 

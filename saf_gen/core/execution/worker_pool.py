@@ -18,6 +18,7 @@ from typing import Any
 
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.execution.job import Job, ReportProgress
+from saf_gen.core.user_code import user_code
 
 MAX_DEATHS = 2
 
@@ -41,7 +42,8 @@ def _exit_after(sentinel: int) -> None:
 
 
 def _run(job: Job) -> Any:
-    return job.run(lambda name, done: _queue.put((name, done)))
+    with user_code():
+        return job.run(lambda name, done: _queue.put((name, done)))
 
 
 @dataclass(eq=False)

@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from saf_gen.core.figure_style import MAX_MEASURES, PlotStyle, assign_plot_styles, inline_svg, plot_to_svg
+from saf_gen.core.figure_style import MAX_MEASURES, PlotStyle, assign_styles, inline_svg, plot_to_svg
 from saf_gen.leaderboard.figures._figure import (
     PDF_CREATOR,
     PREDICTIONS_LABEL,
@@ -34,7 +34,7 @@ __all__ = [
     "ImageStrip",
     "PlotStyle",
     "add_paper_to_figure",
-    "assign_plot_styles",
+    "assign_styles",
     "build_figure_image_strip",
     "build_figure_spike_strip",
     "figure_to_pdf",

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.core.figure_style import GREY, PAPER, PlotStyle, hide_plot_spines
+from saf_gen.core.figure_style import GREY, PAPER, PlotStyle, hide_spines
 from saf_gen.leaderboard.figures._figure import PREDICTIONS_LABEL, shorten_figure_label, split_figure_label
 from saf_gen.leaderboard.figures._sweep_axis import frames_to_figure_axis
 
@@ -46,4 +46,4 @@ def draw_figure_answer_rows(
     axes.set_ylim(max(len(answers), 1) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0, labelsize=7.5)
     axes.tick_params(axis="x", bottom=False, labelbottom=False)
-    hide_plot_spines(axes, "left", "right", "top", "bottom")
+    hide_spines(axes, "left", "right", "top", "bottom")

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from saf_gen.benchmark.judgement import judged_lens_position
+from saf_gen.benchmark.judgement import lens_position
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.core.figure_style import BAND, GREY, INK, SOFT
-from saf_gen.optics.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import focus_crossings
 
 LENS_LINE: dict[str, Any] = {"color": SOFT, "lw": 0.9, "ls": (0, (7, 2))}
 
@@ -75,7 +75,7 @@ def find_figure_runs(where: np.ndarray) -> list[tuple[int, int]]:
 
 def find_figure_truth_crossings(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
     """Return the frames at which the lens crosses the truth."""
-    return find_focus_crossings(_focus_offset(sweep, lens), 0.0)
+    return focus_crossings(_focus_offset(sweep, lens), 0.0)
 
 
 def _focus_offset(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
@@ -111,7 +111,7 @@ def add_figure_frame_axis(axes: Axes, sweep: SweepSummary, *, label: Axes) -> No
     label.set_xlabel("focus position, fraction of travel")
     ticks = [t for t in MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(0, len(lens) - 1) if 0 <= t <= len(lens)]
     upper = axes.secondary_xaxis("top")
-    upper.set_xticks([judged_lens_position(t, lens) for t in ticks], [f"{t:,.0f}" for t in ticks])
+    upper.set_xticks([lens_position(t, lens) for t in ticks], [f"{t:,.0f}" for t in ticks])
     upper.tick_params(colors=SOFT, labelcolor=SOFT, labelsize=7.5, pad=1, length=2.5)
     upper.spines["top"].set_color(GREY)
     upper.set_xlabel("frame", fontsize=7.5, color=SOFT, labelpad=4)

@@ -5,15 +5,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from saf_gen.core.figure_style import (
-    GREY,
-    INK,
-    MAX_MEASURES,
-    SOFT,
-    assign_plot_styles,
-    hide_plot_spines,
-    use_plot_style,
-)
+from saf_gen.core.figure_style import GREY, INK, MAX_MEASURES, SOFT, assign_styles, hide_spines, use_plot_style
 from saf_gen.leaderboard.figures._figure import (
     MAX_LABEL_CHARACTERS,
     create_leaderboard_figure,
@@ -41,7 +33,7 @@ def plot_profile_figure(profiles: Sequence[Profile], *, title: str) -> Figure:
     """
     shown = list(profiles[:MAX_MEASURES])
     note = describe_figure_omissions((len(shown), len(profiles), "methods"))
-    styles = assign_plot_styles([profile.method for profile in shown])
+    styles = assign_styles([profile.method for profile in shown])
     names = list(styles)
     with use_plot_style():
         figure = create_leaderboard_figure(2.7 + figure_legend_height(names, note=note), title=title)
@@ -64,7 +56,7 @@ def plot_profile_figure(profiles: Sequence[Profile], *, title: str) -> Figure:
         axes.set_xlabel(AXIS_LABELS[quantity])
         axes.grid(color=GREY, lw=0.6)
         axes.set_axisbelow(True)
-        hide_plot_spines(axes, "top", "right")
+        hide_spines(axes, "top", "right")
         add_figure_legend(figure, [styles[n].legend_handle() for n in names], names=names, note=note)
     return figure
 
@@ -92,5 +84,5 @@ def plot_neighbour_figure(neighbours: Sequence[NeighbourComparison], *, title: s
         axes.set_xlabel("probability that the upper method is nearer" + (f" ({note})" if note else ""))
         axes.grid(axis="x", color=GREY, lw=0.6)
         axes.set_axisbelow(True)
-        hide_plot_spines(axes, "top", "right")
+        hide_spines(axes, "top", "right")
     return figure

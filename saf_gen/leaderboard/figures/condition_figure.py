@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from saf_gen.benchmark.records import Record
-from saf_gen.core.figure_style import BAND, GREY, MAX_MEASURES, PAPER, PlotStyle, hide_plot_spines, use_plot_style
+from saf_gen.core.figure_style import BAND, GREY, MAX_MEASURES, PAPER, PlotStyle, hide_spines, use_plot_style
 from saf_gen.leaderboard.averages import mean_over_scenes_for_ranking, median_magnitude_for_ranking
 from saf_gen.leaderboard.axes import BLOCK_READOUTS
 from saf_gen.leaderboard.figures._figure import create_leaderboard_figure, describe_figure_omissions, split_figure_label
@@ -112,7 +112,7 @@ def plot_condition_figure(
         for axes in (above, below):
             axes.grid(axis="y", color=GREY, lw=0.6)
             axes.set_axisbelow(True)
-            hide_plot_spines(axes, "top", "right")
+            hide_spines(axes, "top", "right")
         add_figure_legend(figure, [styles[m].legend_handle() for m in measures], names=measures, note=note)
     return figure
 

@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from saf_gen.benchmark.judgement import judged_depth_of_focus
+from saf_gen.benchmark.judgement import judged_dof
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
-from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, hide_plot_spines, use_plot_style
+from saf_gen.core.display_tone import display_gamma, white_level
+from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, hide_spines, use_plot_style
 from saf_gen.leaderboard.figures._figure import create_leaderboard_figure
 from saf_gen.leaderboard.figures.sweep_strip import WHITE_QUANTILE
 
@@ -62,7 +62,7 @@ def _draw_blur(axes: Axes) -> None:
     axes.set_ylim(0, 2 * REACH_DOF)
     axes.set_xlabel("distance of the lens from the true focus, in depths of focus (DoF)")
     axes.set_ylabel("blur, pixels")
-    hide_plot_spines(axes, "top", "right")
+    hide_spines(axes, "top", "right")
 
 
 def _choose_pictures(sweeps: Sequence[SweepSummary]) -> list[tuple[float, np.ndarray]]:
@@ -79,8 +79,8 @@ def _choose_pictures(sweeps: Sequence[SweepSummary]) -> list[tuple[float, np.nda
     focus = pictures.images[int(np.abs(offsets).argmin())]
     detail = _find_detail(focus, box=pictures.box)
     crops = [pictures.images[number][detail] for number in chosen]
-    white = find_display_white_level(*crops, quantile=WHITE_QUANTILE) if crops else 1.0
-    return [(float(offsets[n]), apply_display_gamma(crop, white)) for n, crop in zip(chosen, crops, strict=True)]
+    white = white_level(*crops, quantile=WHITE_QUANTILE) if crops else 1.0
+    return [(float(offsets[n]), display_gamma(crop, white)) for n, crop in zip(chosen, crops, strict=True)]
 
 
 def _find_detail(image: np.ndarray, *, box: tuple[float, float, float, float]) -> tuple[slice, slice]:
@@ -100,7 +100,7 @@ def _find_detail(image: np.ndarray, *, box: tuple[float, float, float, float]) -
 
 def _offsets_in_dof(sweep: SweepSummary) -> np.ndarray | None:
     """Return lens minus true focus at each picture, in depths of focus; None if the focus is unknown or moves."""
-    depth = judged_depth_of_focus(sweep.depth_of_focus)
+    depth = judged_dof(sweep.depth_of_focus)
     pictures, lens = sweep.thumbnails, sweep.focus_position
     if pictures is None or lens is None or sweep.track is not None or not depth or not math.isfinite(sweep.truth):
         return None

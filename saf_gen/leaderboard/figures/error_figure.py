@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from saf_gen.benchmark.records import Record
-from saf_gen.core.figure_style import BAND, GREY, INK, PAPER, SOFT, assign_plot_styles, hide_plot_spines, use_plot_style
+from saf_gen.core.figure_style import BAND, GREY, INK, PAPER, SOFT, assign_styles, hide_spines, use_plot_style
 from saf_gen.leaderboard.figures._figure import (
     MAX_LABEL_CHARACTERS,
     create_leaderboard_figure,
@@ -44,7 +44,7 @@ def plot_error_figure(records: Sequence[Record], *, title: str) -> Figure:
     if many:
         note = "; ".join([*([note] if note else []), "marks are medians, lines the middle 90 %"])
     row_inches = ROW if len(methods) <= MANY_ROWS else CLOSE_ROW
-    lights = assign_plot_styles([r.light or NO_LIGHT for r in records])
+    lights = assign_styles([r.light or NO_LIGHT for r in records])
     known = [abs(r.error_dof) for r in records if r.error_dof is not None]
     reach = max([3.0, *known]) * 1.3
     size = 4.5 if len(methods) <= MANY_ROWS else 3.6
@@ -76,7 +76,7 @@ def plot_error_figure(records: Sequence[Record], *, title: str) -> Figure:
         axes.set_yticks(range(len(methods)), [shorten_figure_label(m, MAX_LABEL_CHARACTERS) for m in methods])
         axes.set_ylim(len(methods) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0, labelsize=7.5)
-        hide_plot_spines(axes, "left", "right", "top")
+        hide_spines(axes, "left", "right", "top")
         add_figure_legend(figure, marks, names=names, columns=3, note=note)
     return figure
 

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, hide_plot_spines, use_plot_style
+from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, hide_spines, use_plot_style
 from saf_gen.leaderboard.figures._answer_rows import AnswersBySearch, draw_figure_answer_rows, group_figure_answers
 from saf_gen.leaderboard.figures._figure import create_leaderboard_figure, describe_figure_omissions
 from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend_height
@@ -143,10 +143,10 @@ def _set_height(axes: Axes, sweep: SweepSummary, *, has_curves: bool) -> None:
     if has_curves or over_frames:
         axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
         axes.set_ylabel("focus score, normalised" if has_curves else "focus position")
-        hide_plot_spines(axes, "top", "right")
+        hide_spines(axes, "top", "right")
     else:
         axes.set_yticks([])
-        hide_plot_spines(axes, "top", "right", "left")
+        hide_spines(axes, "top", "right", "left")
 
 
 def _draw_light(axes: Axes, sweep: SweepSummary, *, x: np.ndarray) -> None:
@@ -160,7 +160,7 @@ def _draw_light(axes: Axes, sweep: SweepSummary, *, x: np.ndarray) -> None:
     light.set_yticks([t for t in MaxNLocator(3).tick_values(0, brightest) if 0 <= t <= brightest * 1.01])
     light.tick_params(axis="y", labelcolor=SOFT)
     light.set_ylabel("spikes per pixel and readout", color=SOFT)
-    hide_plot_spines(light, "top", "right", "left")
+    hide_spines(light, "top", "right", "left")
 
 
 def _list_legend(

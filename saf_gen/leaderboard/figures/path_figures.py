@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath, SweepSummary
-from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, PAPER, PlotStyle, hide_plot_spines, use_plot_style
+from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, PAPER, PlotStyle, hide_spines, use_plot_style
 from saf_gen.leaderboard.figures._figure import (
     PREDICTIONS_LABEL,
     create_leaderboard_figure,
@@ -130,7 +130,7 @@ def _panels(
         axes.set_title(shorten_figure_label(search or PREDICTIONS_LABEL, MAX_PANEL_CHARACTERS), fontsize=8, loc="left")
         axes.grid(axis="y", color=GREY, lw=0.6)
         axes.set_axisbelow(True)
-        hide_plot_spines(axes, "top", "right")
+        hide_spines(axes, "top", "right")
     for axes in panels[len(searches) :]:
         axes.set_visible(False)
     handles: list[Any] = [styles[m].legend_handle() for m in measures]

@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 
-from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
-from saf_gen.stream.pictures.image_strip import ImageStrip, lay_out_stream_pictures, shrink_stream_picture
+from saf_gen.core.display_tone import display_gamma, white_level
+from saf_gen.stream.pictures.image_strip import ImageStrip, lay_out_pictures, shrink_picture
 
 WIDTH = 280
 """Largest width of one picture, in pixels."""
@@ -23,7 +23,7 @@ def build_figure_image_strip(images: np.ndarray, *, max_bytes: int) -> ImageStri
     All pictures have the same white level, so that less light looks darker. A few pictures are encoded first to skip
     qualities and sizes that would be too large.
     """
-    white = find_display_white_level(images, quantile=WHITE_QUANTILE)
+    white = white_level(images, quantile=WHITE_QUANTILE)
     few = images[::TRIED_FIRST]
     max_few_bytes = MARGIN * max_bytes * len(few) / len(images)
     *larger, (shrinkage, quality) = itertools.product(SHRINKAGES, QUALITIES)
@@ -39,12 +39,12 @@ def _encode(images: np.ndarray, white: float, *, shrinkage: float, quality: int)
     rows, columns = images.shape[1:]
     width = max(round(min(columns, WIDTH) / shrinkage), 1)
     size = width, max(round(rows * width / columns), 1)
-    greys = (255 * apply_display_gamma(shrink_stream_picture(image, size), white) for image in images)
-    sheet = lay_out_stream_pictures((grey.round().astype(np.uint8) for grey in greys), count=len(images))
+    greys = (255 * display_gamma(shrink_picture(image, size), white) for image in images)
+    sheet = lay_out_pictures((grey.round().astype(np.uint8) for grey in greys), count=len(images))
     return sheet.encode("WEBP", quality=quality)
 
 
 def build_figure_spike_strip(spikes: np.ndarray) -> ImageStrip:
     """Return readouts (n, h, w) of 0 and 1 as PNG with one bit per pixel, in which spikes are white."""
     greys = (np.asarray(frame, dtype=np.uint8) * 255 for frame in spikes)
-    return lay_out_stream_pictures(greys, count=len(spikes), two_tone=True).encode("PNG", optimize=True)
+    return lay_out_pictures(greys, count=len(spikes), two_tone=True).encode("PNG", optimize=True)

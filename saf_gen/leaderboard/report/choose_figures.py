@@ -10,14 +10,14 @@ from typing import Any
 from saf_gen.benchmark.evaluate import DRAWN_SEQUENCES
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Evaluation, LensPath, SweepSummary
-from saf_gen.benchmark.thumbnails import select_evaluated_to_show
+from saf_gen.benchmark.thumbnails import select_to_show
 from saf_gen.leaderboard import LeaderboardRow, MethodComparison
 from saf_gen.leaderboard.figures import (
     CONDITIONS,
     PREDICTIONS_LABEL,
     Figure,
     PlotStyle,
-    assign_plot_styles,
+    assign_styles,
     locate_figure_cursor,
     plot_condition_figure,
     plot_depth_of_focus_figure,
@@ -72,7 +72,7 @@ def plot_report_figures(
     order = {row.method: number for number, row in enumerate(rows)}
     records = sorted(evaluation.records, key=lambda r: order.get(r.method, len(order)))
     paths = sorted(evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
-    styles = assign_plot_styles([split_figure_label(row.method)[0] for row in rows])
+    styles = assign_styles([split_figure_label(row.method)[0] for row in rows])
     drawn = [*((s.split, s.scene) for s in evaluation.sweeps), *((p.split, p.scene) for p in paths)]
     return _make_names_unique(
         [
@@ -166,7 +166,7 @@ def _plot_sweeps(
     sweeps: Sequence[SweepSummary], records: Sequence[Record], *, styles: Mapping[str, PlotStyle]
 ) -> list[ReportFigure]:
     """Return the figures of the chosen sweeps: curves (if any), light and answers; and the steps of the searches."""
-    chosen = select_evaluated_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], MAX_SEQUENCES)
+    chosen = select_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], MAX_SEQUENCES)
     omissions = _describe_omissions_by_scene(records, [(sweeps[n].split, sweeps[n].scene) for n in chosen])
     figures = []
     for sweep in (sweeps[number] for number in chosen):
@@ -203,7 +203,7 @@ def _plot_paths(
     for path in paths:
         by_sequence.setdefault(path.sequence, []).append(path)
     firsts = [group[0] for group in by_sequence.values()]
-    chosen = select_evaluated_to_show([((p.split, p.scene), p.light) for p in firsts], MAX_SEQUENCES)
+    chosen = select_to_show([((p.split, p.scene), p.light) for p in firsts], MAX_SEQUENCES)
     omissions = _describe_omissions_by_scene(records, [(firsts[n].split, firsts[n].scene) for n in chosen])
     figures = []
     for first in (firsts[number] for number in chosen):

@@ -17,14 +17,7 @@ from pathlib import Path
 from saf_gen.benchmark.records import READY, RECORDS_FILE
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.cores import defer_termination
-from saf_gen.core.files import (
-    rename_durably,
-    sync_folder,
-    temporary_folder,
-    unwritable_file_error,
-    write_atomically,
-    write_text_atomically,
-)
+from saf_gen.core.files import atomic_file, rename_durably, sync_folder, temporary_folder, unwritable, write_text
 from saf_gen.core.plain_text import escape_all_text
 from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
 from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_to_figure, figure_to_pdf
@@ -95,7 +88,7 @@ def write_evaluation_report(
             paths = tuple(final / path.relative_to(part) for path in staged)
             _publish(part, final)
     except OSError as error:
-        raise unwritable_file_error(Path(error.filename2 or error.filename or final), error) from error
+        raise unwritable(Path(error.filename2 or error.filename or final), error) from error
     return WrittenEvaluation(paths, f"replaced {earlier}" if earlier else "")
 
 
@@ -142,9 +135,9 @@ def write_report(
         tables = compute_leaderboard_tables(rows, evaluation.records)
     report_figures = plot_report_figures(evaluation, rows, comparison=tables.comparison)
     for figure in report_figures:
-        write_text_atomically(out / FIGURES / f"{figure.name}.svg", add_paper_to_figure(figure.svg))
+        write_text(out / FIGURES / f"{figure.name}.svg", add_paper_to_figure(figure.svg))
         if pdf:
-            with write_atomically(out / FIGURES / f"{figure.name}.pdf") as file:
+            with atomic_file(out / FIGURES / f"{figure.name}.pdf") as file:
                 file.write_bytes(figure_to_pdf(figure.figure))
     text = build_report_page(
         rows,
@@ -156,7 +149,7 @@ def write_report(
         plugins=evaluation.plugins,
         tables=tables,
     )
-    write_text_atomically(out / PAGE, text)
+    write_text(out / PAGE, text)
     return [out / PAGE, *([out / FIGURES] if report_figures else [])]
 
 
@@ -182,7 +175,7 @@ def _publish(part: Path, final: Path) -> None:
             (final / folder).mkdir(parents=True, exist_ok=True)
         existing = [path.relative_to(final) for path in _list_evaluation_files(final)]
         stale = [str(name) for name in existing if name not in names]
-        write_text_atomically(part / STALE, "\n".join(stale))
+        write_text(part / STALE, "\n".join(stale))
         rename_durably(part, final / READY)
         _finish_publishing(final)
 

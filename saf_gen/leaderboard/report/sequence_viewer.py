@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import judged_depth_of_focus
+from saf_gen.benchmark.judgement import judged_dof
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.leaderboard.figures import Cursor, ImageStrip, build_figure_image_strip, build_figure_spike_strip
@@ -65,7 +65,7 @@ def _describe(sweep: SweepSummary, frame: float, *, offset: float) -> str:
     parts = [f"frame {frame:,.0f}"]
     if (lens := sweep.focus_position) is not None:
         parts.append(f"lens at {np.interp(frame, np.arange(len(lens)), lens):.3f}")
-    if math.isfinite(offset) and (depth := judged_depth_of_focus(sweep.depth_of_focus)) is not None:
+    if math.isfinite(offset) and (depth := judged_dof(sweep.depth_of_focus)) is not None:
         parts.append(f"{offset / depth:+.1f} DoF from the focus".replace("-", "−"))
     if len(sweep.rate):
         parts.append(f"{np.interp(frame, sweep.frames, sweep.rate):.3f} spikes per pixel and readout")

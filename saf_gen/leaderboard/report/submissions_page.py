@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 from saf_gen import __version__
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.core.plain_text import escape_all_text, escape_markdown
 from saf_gen.errors import escape_controls
 from saf_gen.leaderboard.columns import ESSENTIAL, Column, list_shown_leaderboard_columns
@@ -56,7 +56,7 @@ def write_submissions_page(folder: Path, listed: SubmissionList, *, source: Path
         MARKDOWN: _format_markdown(listed, title=source.resolve().name, addresses=addresses),
     }
     for name, text in texts.items():
-        write_text_atomically(folder / name, text)
+        write_text(folder / name, text)
     return [folder / name for name in texts]
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from saf_gen.core.config.document import FrozenModel, validate_document
 from saf_gen.core.config.yaml_document import read_yaml
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.errors import BadInput
 
 CARD_FILE = "submission.yaml"
@@ -63,7 +63,7 @@ def create_submission(folder: Path) -> Path:
     path = folder / CARD_FILE
     if path.exists():
         raise BadInput(f"{path} exists already", hint="edit it, or choose another folder")
-    write_text_atomically(path, _TEMPLATE.read_text(encoding="utf-8").replace("NAME", name, 1))
+    write_text(path, _TEMPLATE.read_text(encoding="utf-8").replace("NAME", name, 1))
     return path
 
 

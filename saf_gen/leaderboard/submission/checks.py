@@ -8,11 +8,11 @@ from datetime import date
 from pathlib import Path
 from typing import Literal
 
-from saf_gen.benchmark.method_spec import split_method_options, split_method_region
+from saf_gen.benchmark.method_spec import split_options, split_region
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
-from saf_gen.benchmark.tracks.predictions import read_method_predictions
-from saf_gen.benchmark.tracks.sequence_tasks import list_sequences_to_evaluate
-from saf_gen.benchmark.tuned_method import read_method_with_constants
+from saf_gen.benchmark.tracks.predictions import read_predictions
+from saf_gen.benchmark.tracks.sequence_tasks import list_sequences
+from saf_gen.benchmark.tuned_method import read_tuned
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.config.registry import names
 from saf_gen.errors import BadInput, unknown
@@ -94,7 +94,7 @@ def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[Sub
         yield SubmissionFinding("method", "error", f"{both}: name one of the two")
     elif card.predictions:
         try:
-            read_method_predictions(_file_of(folder, card.predictions))
+            read_predictions(_file_of(folder, card.predictions))
             yield SubmissionFinding("predictions", "ok", f"{card.predictions} can be read; its row will be a claim")
         except BadInput as error:
             yield SubmissionFinding("predictions", "error", str(error))
@@ -108,11 +108,11 @@ def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[Sub
 
 def _check_method(method: str, folder: Path) -> None:
     """Raise BadInput unless both parts of a method are registered or defined in a file of the folder."""
-    halves = split_method_region(method)[0].split("+")
+    halves = split_region(method)[0].split("+")
     if len(halves) != 2:
         raise BadInput(f"the method is {method!r}", allowed="MEASURE+SEARCH, such as method.py:Mine+argmax")
     for half, kind in zip(halves, ("measures", "searches"), strict=True):
-        name = split_method_options(half)[0]
+        name = split_options(half)[0]
         file, _, member = name.rpartition(":")
         if not file:
             if name not in names(kind):
@@ -153,7 +153,7 @@ def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[SubmissionF
     if not card.constants:
         return
     try:
-        tuned = read_method_with_constants(_file_of(folder, card.constants))[0]
+        tuned = read_tuned(_file_of(folder, card.constants))[0]
     except BadInput as error:
         yield SubmissionFinding("constants", "error", str(error))
         return
@@ -167,7 +167,7 @@ def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[SubmissionF
 def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) -> Iterator[SubmissionFinding]:
     data = dataset or "DATASET"
     again = f"run saf-gen evaluate {data} --split {JUDGED_SPLIT} --out {folder / EVALUATION} with your method"
-    tasks = None if dataset is None else {t.id for t in list_sequences_to_evaluate(dataset, split=JUDGED_SPLIT)}
+    tasks = None if dataset is None else {t.id for t in list_sequences(dataset, split=JUDGED_SPLIT)}
     if not (folder / EVALUATION / RECORDS_FILE).is_file():
         yield SubmissionFinding("answers", "error", f"there is no {EVALUATION}/{RECORDS_FILE}: {again}")
         return

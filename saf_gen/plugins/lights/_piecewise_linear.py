@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def integrate_piecewise_linear_gain(seconds: np.ndarray, *, times: np.ndarray, gains: np.ndarray) -> np.ndarray:
+def integrate_gain(seconds: np.ndarray, *, times: np.ndarray, gains: np.ndarray) -> np.ndarray:
     """Return the exact integral, from 0 to each of ``seconds``, of a gain interpolated linearly between points.
 
     ``times`` (N,) and ``gains`` (N,) are the points; times increase, and N is at least 1. Before the first point and

@@ -23,7 +23,7 @@ import numpy as np
 from saf_gen.core.config import components, registry
 from saf_gen.core.config.components import Component
 from saf_gen.core.config.document import Document
-from saf_gen.core.config.ranges import RANGE_FORMS, is_config_range
+from saf_gen.core.config.ranges import RANGE_FORMS, is_range
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Light
 
@@ -45,7 +45,7 @@ GAIN_GRID = 2.0**-20
 digit."""
 
 
-def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) -> None:
+def check_groups(lights: Mapping[str, Sequence[str]], document: Document) -> None:
     """Check the light groups of a scene card.
 
     Parameters
@@ -88,7 +88,7 @@ def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) 
             raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.locate("lights"))
 
 
-def read_light_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[str, ...]) -> dict[str, Any]:
+def read_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[str, ...]) -> dict[str, Any]:
     """Check the light schedule at ``keys`` of a recipe, and return it with the text of the files that it names.
 
     Parameters
@@ -110,14 +110,14 @@ def read_light_schedule(schedule: dict[str, Any], document: Document, *, keys: t
     BadInput
         If the schedule is not valid; the error names file and line.
     """
-    by_group = split_schedule_by_light_group(schedule, where=document.locate(*keys))
+    by_group = split_schedule(schedule, where=document.locate(*keys))
     if "" in by_group:
         return _read(schedule, document, keys=keys)
     return {group: _read(component, document, keys=(*keys, group)) for group, component in by_group.items()}
 
 
 def _read(component: Component, document: Document, *, keys: tuple[str, ...]) -> Component:
-    return components.read_config_component(
+    return components.read_component(
         "lights", component, document=document, keys=keys, common=COMMON_KEYS, build=_build_without_scene
     )
 
@@ -129,15 +129,15 @@ def _build_without_scene(kind: str, /, **options: Any) -> Light:
     return get_light(kind, **options)
 
 
-def split_schedule_by_light_group(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
+def split_schedule(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
     """Return a light schedule as {light group: component}; the key '' means all groups at once.
 
     Raises BadInput, located at ``where``, if a light group has no kind.
     """
-    if "kind" in schedule or is_config_range(schedule):
+    if "kind" in schedule or is_range(schedule):
         return {"": schedule}
     for group, component in schedule.items():
-        if not isinstance(component, dict) or not ("kind" in component or is_config_range(component)):
+        if not isinstance(component, dict) or not ("kind" in component or is_range(component)):
             raise BadInput(
                 f"light group {group!r} has no kind",
                 where=where,
@@ -147,7 +147,7 @@ def split_schedule_by_light_group(schedule: dict[str, Any], *, where: str = "") 
     return schedule
 
 
-def draw_light_schedule(
+def draw_schedule(
     schedule: dict[str, Any], name: tuple[str | int, ...], *, illuminance_lux: Mapping[str, float]
 ) -> dict[str, Component]:
     """Return the light schedule of one recording by light group, with all open numbers drawn.
@@ -155,7 +155,7 @@ def draw_light_schedule(
     Parameters
     ----------
     schedule : dict
-        The schedule as :func:`read_light_schedule` returns it.
+        The schedule as :func:`read_schedule` returns it.
     name : tuple of str or int
         Name of the random streams of the recording.
     illuminance_lux : mapping of str to float
@@ -167,8 +167,8 @@ def draw_light_schedule(
         Component of each light group; the key '' means all groups at once.
     """
     drawn = {}
-    for group, component in split_schedule_by_light_group(schedule).items():
-        drawn[group] = one = components.draw_config_component("lights", component, name=name, purpose=("lights", group))
+    for group, component in split_schedule(schedule).items():
+        drawn[group] = one = components.draw_component("lights", component, name=name, purpose=("lights", group))
         lux = illuminance_lux.get(group) if group else sum(illuminance_lux.values())
         if lux and one.get("unit") == "lux":
             one.setdefault("lux_at_gain_1", lux)
@@ -204,7 +204,7 @@ def get_light(
     BadInput
         If the name or an option is unknown, or if a value is not allowed.
     """
-    known = registry.registered_option_fields("lights", name)
+    known = registry.option_fields("lights", name)
     for key in options:
         if key not in known:
             raise unknown(f"key of light schedule {name!r}:", key, allowed=(*known, *COMMON_KEYS))
@@ -240,7 +240,7 @@ class _ScaledLight:
         return (self.light.integral(seconds, duration_s) + steady) / self.unit_gain
 
 
-def light_gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.ndarray:
+def gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.ndarray:
     """Return the mean gain of each readout.
 
     Gains are means over a readout instead of samples, as on a sensor that integrates: a lamp that flickers at 100 Hz
@@ -266,14 +266,14 @@ def light_gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> 
         If the gain falls below 0.
     """
     edges = np.arange(frames + 1) / readout_hz
-    integral = registry.sample_registered_function(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
+    integral = registry.sample_function(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
     gains = np.diff(integral) * readout_hz
     if not gains.min() >= -1e-9:
         raise BadInput(f"the gain of {light!r} falls to {gains.min():.3g}", allowed="gains of 0 or more")
     return (np.round(np.maximum(gains, 0) / GAIN_GRID) * GAIN_GRID).astype(np.float32)
 
 
-def light_group_gains(
+def group_gains(
     schedule: Mapping[str, Mapping[str, Any]], groups: Sequence[str], *, frames: int, readout_hz: float
 ) -> np.ndarray:
     """Return the mean gain of each readout for each light group.
@@ -281,7 +281,7 @@ def light_group_gains(
     Parameters
     ----------
     schedule : mapping of str to mapping
-        Components by light group, as :func:`draw_light_schedule` returns them. A group that is missing has gain 1.
+        Components by light group, as :func:`draw_schedule` returns them. A group that is missing has gain 1.
     groups : sequence of str
         Light groups of the scene, L in number.
     frames : int
@@ -309,7 +309,7 @@ def light_group_gains(
         if component is not None:
             light = get_light(component["kind"], **{k: v for k, v in component.items() if k != "kind"})
             with np.errstate(over="ignore", invalid="ignore"):  # an overflow raises BadInput below
-                gains[:, g] = light_gains_at_readouts(light, frames, readout_hz=readout_hz)
+                gains[:, g] = gains_at_readouts(light, frames, readout_hz=readout_hz)
             if not np.isfinite(gains[:, g]).all():
                 raise BadInput(
                     f"the gain of {light!r} is too large to be recorded",

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saf_gen.core.csv_table import parse_csv_table
+from saf_gen.core.csv_table import parse_csv
 from saf_gen.errors import BadInput
-from saf_gen.plugins.lights._piecewise_linear import integrate_piecewise_linear_gain
+from saf_gen.plugins.lights._piecewise_linear import integrate_gain
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class FromCsv:
     """Path of a CSV file with ``time_s``, ``gain``: the gain is interpolated linearly between these points."""
 
     def __post_init__(self) -> None:
-        times, gains = parse_csv_table(self.file, ("time_s", "gain"))
+        times, gains = parse_csv(self.file, ("time_s", "gain"))
         if gains.min() < 0:
             worst = int(gains.argmin())
             raise BadInput(
@@ -34,5 +34,5 @@ class FromCsv:
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds."""
-        times, gains = parse_csv_table(self.file, ("time_s", "gain"))
-        return integrate_piecewise_linear_gain(seconds, times=times, gains=gains)
+        times, gains = parse_csv(self.file, ("time_s", "gain"))
+        return integrate_gain(seconds, times=times, gains=gains)

@@ -7,7 +7,7 @@ import numpy as np
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.plugins.lights._piecewise_linear import integrate_piecewise_linear_gain
+from saf_gen.plugins.lights._piecewise_linear import integrate_gain
 
 STEP_S = 5e-4  # seconds between two points of the walk; the gain is interpolated linearly between them
 
@@ -60,7 +60,7 @@ class RandomWalk:
         else:
             walk = self.sd * _stationary_walk(draws, float(np.exp(-STEP_S / self.return_s)))
             variance = np.full_like(times, self.sd**2)
-        return integrate_piecewise_linear_gain(seconds, times=times, gains=self.level * np.exp(walk - variance / 2))
+        return integrate_gain(seconds, times=times, gains=self.level * np.exp(walk - variance / 2))
 
 
 def _stationary_walk(draws: np.ndarray, kept: float) -> np.ndarray:

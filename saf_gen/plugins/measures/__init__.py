@@ -18,7 +18,7 @@ from saf_gen.core.config.plain_plugins import declare_measure
 from saf_gen.core.config.registry import PLUGIN_KINDS, add_plugin, build_plugin, names, plugin_class
 from saf_gen.errors import BadInput, unknown
 
-from saf_gen.plugins.measures._counts import counts_as_integers  # isort: skip  (order is in digests of `_n`)
+from saf_gen.plugins.measures._counts import as_integers  # isort: skip  (order is in digests of `_n`)
 from saf_gen.parts import Measure, cite_source, wants_halves, wants_intervals
 
 __all__ = ["BrightnessNormalised", "IntervalTexture", "get_measure", "measure", "measure_names"]
@@ -66,7 +66,7 @@ class BrightnessNormalised:
 
         Raises BadInput if the measure does.
         """
-        numbers, degree = counts_as_integers(counts, halves=self.halves), self.measure.degree
+        numbers, degree = as_integers(counts, halves=self.halves), self.measure.degree
         total = numbers.sum().item()  # an exact int for whole numbers, so that equal windows get equal scores
         return self.measure(counts) * numbers.size**degree / total**degree if total else 0.0
 

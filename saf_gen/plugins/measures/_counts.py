@@ -11,7 +11,7 @@ GROWTH = 512
 """Largest factor by which a sum in a measure of this package exceeds Σc²; kernel weights reach 20, and 20² is 400."""
 
 
-def counts_as_integers(counts: np.ndarray, *, halves: bool = False) -> np.ndarray:
+def as_integers(counts: np.ndarray, *, halves: bool = False) -> np.ndarray:
     """Return counts as int64 if sums of their squares are exact in it, otherwise as float64.
 
     ``counts`` is an array of any number type, (row, col), or (2, row, col) with ``halves``, for the two halves of a
@@ -38,15 +38,15 @@ def counts_as_integers(counts: np.ndarray, *, halves: bool = False) -> np.ndarra
     return given.astype(np.int64 if fits else np.float64, order="C")
 
 
-def counts_as_floats(counts: np.ndarray) -> np.ndarray:
+def as_floats(counts: np.ndarray) -> np.ndarray:
     """Return counts (row, col) as float64, for measures whose sums are not exact anyway.
 
-    Raises BadInput if counts_as_integers does.
+    Raises BadInput if as_integers does.
     """
-    return counts_as_integers(counts).astype(np.float64)
+    return as_integers(counts).astype(np.float64)
 
 
-def subtract_dark_counts(
+def subtract_dark(
     means: tuple[float, float], rate: float, *, frames: int
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """Split the mean counts of both halves of a window into light and dark, in counts per pixel.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 
 
 def sum_of_squares(numbers: np.ndarray) -> int | float:
@@ -10,7 +10,7 @@ def sum_of_squares(numbers: np.ndarray) -> int | float:
     return np.vdot(numbers, numbers).item()
 
 
-def mean_square_of_counts(numbers: np.ndarray) -> float:
+def mean_square(numbers: np.ndarray) -> float:
     """Return the mean of squared numbers of any shape, 0.0 for an empty array."""
     return sum_of_squares(numbers) / numbers.size if numbers.size else 0.0
 
@@ -18,7 +18,7 @@ def mean_square_of_counts(numbers: np.ndarray) -> float:
 def variance(numbers: np.ndarray) -> float:
     """Return the mean square of the deviations from the mean, 0.0 for an empty array.
 
-    ``numbers`` is a result of counts_as_integers, or whole-number sums of it. For whole numbers, N·Σc² − (Σc)² is
+    ``numbers`` is a result of as_integers, or whole-number sums of it. For whole numbers, N·Σc² − (Σc)² is
     computed in Python integers, as in squared_contrast.
     """
     if not numbers.size:
@@ -35,7 +35,7 @@ def squared_contrast(counts: np.ndarray, *, pixels: bool = False) -> float:
     Returns 0.0 for a mean of 0. For whole numbers, N·Σc² − (Σc)² is computed in Python integers, so that only the
     quotient is rounded. Deviations from a mean in floats would leave the score of a constant image slightly above 0.
     """
-    numbers = counts_as_integers(counts)
+    numbers = as_integers(counts)
     size, total = numbers.size, numbers.sum().item()
     if total == 0:
         return 0.0

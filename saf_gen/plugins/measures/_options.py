@@ -5,7 +5,7 @@ from math import isfinite
 from saf_gen.errors import BadInput
 
 
-def check_measure_whole_number(key: str, value: object, *, highest: int | None = None, unit: str = "number") -> None:
+def check_whole_number(key: str, value: object, *, highest: int | None = None, unit: str = "number") -> None:
     """Raise BadInput unless ``value`` is a whole number from 1 to ``highest``, or from 1 up if that is None."""
     whole = isinstance(value, int) and not isinstance(value, bool)
     if not (whole and 1 <= value <= (highest or value)):  # type: ignore[operator]
@@ -13,14 +13,14 @@ def check_measure_whole_number(key: str, value: object, *, highest: int | None =
         raise BadInput(f"{key} is {value!r}", allowed=f"a whole {unit}, {bounds}")
 
 
-def check_measure_range(key: str, value: object, *, lowest: float, highest: float, unit: str = "") -> None:
+def check_range(key: str, value: object, *, lowest: float, highest: float, unit: str = "") -> None:
     """Raise BadInput unless ``value`` is a number from ``lowest`` to ``highest``."""
     number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
     if not (number and lowest <= value <= highest):  # type: ignore[operator]
         raise BadInput(f"{key} is {value!r}", allowed=f"{lowest:g} to {highest:g}{unit}")
 
 
-def check_measure_dark_options(dark: float, dark_rms: float) -> None:
+def check_dark_options(dark: float, dark_rms: float) -> None:
     """Raise BadInput unless a camera can have this mean dark rate, with this rms over pixels relative to the mean."""
-    check_measure_range("dark", dark, lowest=0, highest=0.5, unit=" spikes per pixel and readout")
-    check_measure_range("dark_rms", dark_rms, lowest=0, highest=10, unit=" times the mean dark rate")
+    check_range("dark", dark, lowest=0, highest=0.5, unit=" spikes per pixel and readout")
+    check_range("dark_rms", dark_rms, lowest=0, highest=10, unit=" times the mean dark rate")

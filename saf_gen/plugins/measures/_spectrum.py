@@ -7,7 +7,7 @@ import numpy as np
 from scipy.fft import rfft2
 
 from saf_gen.errors import BadInput
-from saf_gen.plugins.measures._counts import counts_as_floats
+from saf_gen.plugins.measures._counts import as_floats
 
 FFT_COST = 2.5 * log2(400 * 250)
 """Operations per pixel of a real fast Fourier transform, 2.5 log2 N, at 400 x 250 pixels."""
@@ -34,7 +34,7 @@ def power_in_band(counts: np.ndarray, lowest: float, *, highest: float) -> tuple
     ``lowest`` <= radius <= ``highest`` is 0. Over all frequencies, the power sums to the variance. The array of radii
     is shared between calls and read-only.
     """
-    image = counts_as_floats(counts)
+    image = as_floats(counts)
     weight, radius = _band(image.shape, lowest, highest=highest)
     image -= image.sum() / image.size
     wave = rfft2(image)[:, : weight.shape[1]]

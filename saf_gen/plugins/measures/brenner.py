@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
-from saf_gen.plugins.measures._moments import mean_square_of_counts
+from saf_gen.plugins.measures._counts import as_integers
+from saf_gen.plugins.measures._moments import mean_square
 
 
 @dataclass(frozen=True)
@@ -31,5 +31,5 @@ class Brenner:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in squared counts."""
-        c = counts_as_integers(counts)
-        return mean_square_of_counts(c[:, 2:] - c[:, :-2])
+        c = as_integers(counts)
+        return mean_square(c[:, 2:] - c[:, :-2])

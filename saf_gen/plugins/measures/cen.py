@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_floats
+from saf_gen.plugins.measures._counts import as_floats
 from saf_gen.plugins.measures._spectrum import FFT_COST, check_band, power_in_band
 
 ROUNDING = 1e-20
@@ -44,7 +44,7 @@ class SpectralCentroid:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in cycles per pixel."""
-        image = counts_as_floats(counts)
+        image = as_floats(counts)
         power, radius = power_in_band(image, 0.0, highest=self.highest)
         total, noise = power.sum(), ROUNDING * np.abs(image).max() ** 2
         return float(np.vdot(radius, power) / total) if total > noise else 0.0

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,6 @@ class ChangeRate:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (2, row, col) of any number type."""
-        first, second = counts_as_integers(counts, halves=True)
+        first, second = as_integers(counts, halves=True)
         low, high = np.minimum(first, second), np.maximum(first, second)
         return float(np.mean((high >= low * exp(self.contrast)) & (high > 0)))

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_floats
-from saf_gen.plugins.measures._options import check_measure_whole_number
+from saf_gen.plugins.measures._counts import as_floats
+from saf_gen.plugins.measures._options import check_whole_number
 
 SIDE = 8
 MAX_ORDER = 2 * (SIDE - 1)
@@ -38,7 +38,7 @@ class DctEnergyRatio:
     score_range: ClassVar[str] = "0 ... 63; 0 for constant counts"
 
     def __post_init__(self) -> None:
-        check_measure_whole_number("highest_order", self.highest_order, highest=MAX_ORDER)
+        check_whole_number("highest_order", self.highest_order, highest=MAX_ORDER)
 
     @property
     def cost(self) -> float:
@@ -48,7 +48,7 @@ class DctEnergyRatio:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type."""
-        c = counts_as_floats(counts)
+        c = as_floats(counts)
         rows, cols = (n // SIDE * SIDE for n in c.shape)
         if not (rows and cols):
             return 0.0

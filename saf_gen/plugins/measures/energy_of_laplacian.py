@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
-from saf_gen.plugins.measures._moments import mean_square_of_counts
+from saf_gen.plugins.measures._counts import as_integers
+from saf_gen.plugins.measures._moments import mean_square
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class EnergyOfLaplacian:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in squared counts."""
-        c = counts_as_integers(counts)
+        c = as_integers(counts)
         if min(c.shape) < 3:
             return 0.0
         # L is 36 at the centre minus the outer product of (1 4 1) with itself.
         down = c[:-2] + 4 * c[1:-1] + c[2:]
-        return mean_square_of_counts(36 * c[1:-1, 1:-1] - (down[:, :-2] + 4 * down[:, 1:-1] + down[:, 2:]))
+        return mean_square(36 * c[1:-1, 1:-1] - (down[:, :-2] + 4 * down[:, 1:-1] + down[:, 2:]))

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 
 LARGEST_TABLE = 1 << 20
 """Number of levels above which counts are sorted instead of tabulated."""
@@ -35,7 +35,7 @@ class HistogramEntropy:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in bits."""
-        levels = np.rint(counts_as_integers(counts)).ravel()
+        levels = np.rint(as_integers(counts)).ravel()
         low, high = levels.min(), levels.max()
         if high - low < LARGEST_TABLE:
             pixels = np.bincount((levels - low).astype(np.int64))

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 from saf_gen.plugins.measures._moments import sum_of_squares
 
 
@@ -29,4 +29,4 @@ class EventRateSquares:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type."""
-        return float(sum_of_squares(counts_as_integers(counts)))
+        return float(sum_of_squares(as_integers(counts)))

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_floats
+from saf_gen.plugins.measures._counts import as_floats
 from saf_gen.plugins.measures._filters import correlate_separable
-from saf_gen.plugins.measures._moments import mean_square_of_counts
-from saf_gen.plugins.measures._options import check_measure_range
+from saf_gen.plugins.measures._moments import mean_square
+from saf_gen.plugins.measures._options import check_range
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class GaussianDerivative:
     score_range: ClassVar[str] = "from 0; 0 for constant counts"
 
     def __post_init__(self) -> None:
-        check_measure_range("sigma_px", self.sigma_px, lowest=0.3, highest=30, unit=" pixels")
+        check_range("sigma_px", self.sigma_px, lowest=0.3, highest=30, unit=" pixels")
 
     @property
     def cost(self) -> float:
@@ -45,10 +45,10 @@ class GaussianDerivative:
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in squared counts per squared pixel."""
         smooth, slope = _kernels(self.sigma_px)
-        c = counts_as_floats(counts)
+        c = as_floats(counts)
         if min(c.shape) < smooth.size:
             return 0.0
-        return mean_square_of_counts(correlate_separable(c, smooth, slope, 1)) + mean_square_of_counts(
+        return mean_square(correlate_separable(c, smooth, slope, 1)) + mean_square(
             correlate_separable(c, slope, smooth, 1)
         )
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class GradientMagnitude:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type."""
-        return _magnitudes(counts_as_integers(counts).astype(np.float64))
+        return _magnitudes(as_integers(counts).astype(np.float64))
 
 
 @njit(nogil=True, cache=True)

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 
 V = (1, 1, -1, -1)
 M = np.array([[V[i - j] if 0 <= i - j < 4 else 0 for j in range(4)] for i in range(7)])
@@ -35,12 +35,12 @@ class MidFrequencyDctTiles:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, 0.0 if no tile fits into the image."""
-        c = counts_as_integers(counts)
+        c = as_integers(counts)
         rows, cols = (n // 4 * 4 for n in c.shape)
         if not (rows and cols):
             return 0.0
         tiles = c[:rows, :cols].reshape(rows // 4, 4, cols // 4, 4).transpose(1, 3, 0, 2).reshape(16, -1)
         # One matrix product for all tiles, in float64 because integer products are slow. Products of whole
-        # numbers from counts_as_integers are exact in float64.
+        # numbers from as_integers are exact in float64.
         x = tiles.astype(np.float64)
         return float((ENERGY * (x @ x.T).astype(c.dtype)).sum())

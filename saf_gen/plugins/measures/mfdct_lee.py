@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class MidFrequencyDct:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type."""
-        c = counts_as_integers(counts)
+        c = as_integers(counts)
         if min(c.shape) < 4:
             return 0.0
         down = c[:-3] + c[1:-2] - c[2:-1] - c[3:]

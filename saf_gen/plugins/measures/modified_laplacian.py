@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
-from saf_gen.plugins.measures._options import check_measure_whole_number
+from saf_gen.plugins.measures._counts import as_integers
+from saf_gen.plugins.measures._options import check_whole_number
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class ModifiedLaplacian:
     score_range: ClassVar[str] = "from 0; 0 for constant counts and ramps"
 
     def __post_init__(self) -> None:
-        check_measure_whole_number("step", self.step, unit="number of pixels")
+        check_whole_number("step", self.step, unit="number of pixels")
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in counts."""
-        c, s = counts_as_integers(counts), self.step
+        c, s = as_integers(counts), self.step
         if min(c.shape) <= 2 * s:
             return 0.0
         rows, twice = c[s:-s], 2 * c[s:-s, s:-s]

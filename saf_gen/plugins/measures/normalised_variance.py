@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 from saf_gen.plugins.measures._moments import variance
 
 
@@ -30,6 +30,6 @@ class NormalisedVariance:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in counts."""
-        numbers = counts_as_integers(counts)
+        numbers = as_integers(counts)
         total = numbers.sum().item()
         return variance(numbers) * numbers.size / total if total else 0.0

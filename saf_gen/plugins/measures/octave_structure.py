@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
-from saf_gen.plugins.measures._options import check_measure_whole_number
+from saf_gen.plugins.measures._counts import as_integers
+from saf_gen.plugins.measures._options import check_whole_number
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class OctaveStructure:
         return 1.0 + 12.0 * self.longest.bit_length()
 
     def __post_init__(self) -> None:
-        check_measure_whole_number("longest", self.longest, highest=32, unit="number of pixels")
+        check_whole_number("longest", self.longest, highest=32, unit="number of pixels")
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type."""
-        image = counts_as_integers(counts).astype(np.float64)
+        image = as_integers(counts).astype(np.float64)
         mean = image.sum() / image.size
         if not mean:
             return 0.0

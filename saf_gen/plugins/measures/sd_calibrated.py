@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers, subtract_dark_counts
-from saf_gen.plugins.measures._options import check_measure_dark_options
+from saf_gen.plugins.measures._counts import as_integers, subtract_dark
+from saf_gen.plugins.measures._options import check_dark_options
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class SpikeDispersionCalibrated:
     score_range: ClassVar[str] = "0 expected for no contrast; about the squared contrast of the light"
 
     def __post_init__(self) -> None:
-        check_measure_dark_options(self.dark, self.dark_rms)
+        check_dark_options(self.dark, self.dark_rms)
 
     def __call__(self, counts: np.ndarray, frames: int | None = None) -> float:
         """Return the score of counts (2, row, col) of any number type; ``frames`` is the length of both halves."""
-        first, second = counts_as_integers(counts, halves=True)
+        first, second = as_integers(counts, halves=True)
         means = first.sum().item() / first.size, second.sum().item() / second.size
-        split = subtract_dark_counts(means, self.dark, frames=frames or 0)
+        split = subtract_dark(means, self.dark, frames=frames or 0)
         if split is None:
             return 0.0
         light, dark = split

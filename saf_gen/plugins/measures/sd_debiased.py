@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class SpikeDispersionDebiased:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (2, row, col) of any number type."""
-        first, second = counts_as_integers(counts, halves=True)
+        first, second = as_integers(counts, halves=True)
         size, sums = first.size, (first.sum().item(), second.sum().item())
         if 0 in sums:
             return 0.0

@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers, subtract_dark_counts
-from saf_gen.plugins.measures._options import check_measure_dark_options, check_measure_whole_number
+from saf_gen.plugins.measures._counts import as_integers, subtract_dark
+from saf_gen.plugins.measures._options import check_dark_options, check_whole_number
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,14 @@ class StructureCalibrated:
         return 2.0 + 8.0 * self.longest.bit_length()
 
     def __post_init__(self) -> None:
-        check_measure_whole_number("longest", self.longest, highest=64, unit="number of pixels")
-        check_measure_dark_options(self.dark, self.dark_rms)
+        check_whole_number("longest", self.longest, highest=64, unit="number of pixels")
+        check_dark_options(self.dark, self.dark_rms)
 
     def __call__(self, counts: np.ndarray, frames: int | None = None) -> float:
         """Return the score of counts (2, row, col) of any number type; ``frames`` is the length of both halves."""
-        halves = counts_as_integers(counts, halves=True).astype(np.float64)  # whole numbers stay exact
+        halves = as_integers(counts, halves=True).astype(np.float64)  # whole numbers stay exact
         means = float(halves[0].sum()) / halves[0].size, float(halves[1].sum()) / halves[1].size
-        split = subtract_dark_counts(means, self.dark, frames=frames or 0)
+        split = subtract_dark(means, self.dark, frames=frames or 0)
         if split is None:
             return 0.0
         light, dark = split

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 from saf_gen.plugins.measures._moments import variance
 
 
@@ -31,7 +31,7 @@ class VarianceOfLaplacian:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in squared counts."""
-        c = counts_as_integers(counts)
+        c = as_integers(counts)
         if min(c.shape) < 3:
             return 0.0
         around = c[:-2, 1:-1] + c[2:, 1:-1] + c[1:-1, :-2] + c[1:-1, 2:]

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,6 @@ class VollathF4:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in squared counts."""
-        c = counts_as_integers(counts)
+        c = as_integers(counts)
         near, far = c[:, 1:-1], c[:, 2:]
         return float(np.einsum("ij,ij->", c[:, :-2], near - far)) / far.size if c.shape[1] > 2 else 0.0

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_integers
+from saf_gen.plugins.measures._counts import as_integers
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class VollathF5:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in squared counts."""
-        c = counts_as_integers(counts)
+        c = as_integers(counts)
         pairs = c[:, 1:].size
         if not pairs:
             return 0.0

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.plugins.measures._counts import counts_as_floats
+from saf_gen.plugins.measures._counts import as_floats
 from saf_gen.plugins.measures._filters import correlate_separable
-from saf_gen.plugins.measures._moments import mean_square_of_counts
-from saf_gen.plugins.measures._options import check_measure_whole_number
+from saf_gen.plugins.measures._moments import mean_square
+from saf_gen.plugins.measures._options import check_whole_number
 
 A, B = sqrt(10), sqrt(5 + 2 * sqrt(10))
 LOW = np.array([1 + A + B, 5 + A + 3 * B, 10 - 2 * A + 2 * B, 10 - 2 * A - 2 * B, 5 + A - 3 * B, 1 + A - B])
@@ -42,7 +42,7 @@ class WaveletRatio:
     score_range: ClassVar[str] = "from 0; 0 for constant counts and ramps"
 
     def __post_init__(self) -> None:
-        check_measure_whole_number("levels", self.levels, highest=8)
+        check_whole_number("levels", self.levels, highest=8)
 
     @property
     def cost(self) -> float:
@@ -53,12 +53,12 @@ class WaveletRatio:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type."""
-        remainder, details = counts_as_floats(counts), 0.0
+        remainder, details = as_floats(counts), 0.0
         for level in range(1, self.levels + 1):
             if min(remainder.shape) < LOW.size:
                 return 0.0
             bands = ((LOW, HIGH), (HIGH, LOW), (HIGH, HIGH))
-            details += sum(mean_square_of_counts(correlate_separable(remainder, *band, 2)) for band in bands) / 4**level
+            details += sum(mean_square(correlate_separable(remainder, *band, 2)) for band in bands) / 4**level
             remainder = correlate_separable(remainder, LOW, LOW, 2)
-        energy = mean_square_of_counts(remainder) / 4**self.levels
+        energy = mean_square(remainder) / 4**self.levels
         return details / energy if energy else 0.0

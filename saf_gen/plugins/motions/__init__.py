@@ -12,7 +12,7 @@ from saf_gen.core.config import registry
 from saf_gen.errors import BadInput
 from saf_gen.parts import Motion
 
-__all__ = ["get_motion", "motion_positions_at_readouts"]
+__all__ = ["get_motion", "lens_positions"]
 
 BLOCK_FRAMES = 1 << 19  # positions computed at a time, so that long recordings need little memory
 POSITION_GRID = 2.0**-24
@@ -45,7 +45,7 @@ def get_motion(name: str, /, **options: Any) -> Motion:
     return motion
 
 
-def motion_positions_at_readouts(motion: Motion | Mapping[str, Any], frames: int, *, readout_hz: float) -> np.ndarray:
+def lens_positions(motion: Motion | Mapping[str, Any], frames: int, *, readout_hz: float) -> np.ndarray:
     """Return the position of the lens at the middle of each readout.
 
     Parameters
@@ -73,7 +73,7 @@ def motion_positions_at_readouts(motion: Motion | Mapping[str, Any], frames: int
     for begin in range(0, frames, BLOCK_FRAMES):
         block = slice(begin, min(begin + BLOCK_FRAMES, frames))
         seconds = (np.arange(block.start, block.stop) + 0.5) / readout_hz
-        position[block] = registry.sample_registered_function(
+        position[block] = registry.sample_function(
             motion, motion.positions, seconds=seconds, duration_s=frames / readout_hz
         )
     slack = POSITION_GRID / 2

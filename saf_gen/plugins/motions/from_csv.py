@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saf_gen.core.csv_table import parse_csv_table
+from saf_gen.core.csv_table import parse_csv
 from saf_gen.errors import BadInput
 
 SLACK_S = 1e-9  # times in a file and times computed from the readout rate may differ in their last digits
@@ -26,7 +26,7 @@ class FromCsv:
     which must reach from the middle of the first readout to the middle of the last."""
 
     def __post_init__(self) -> None:
-        times, positions = parse_csv_table(self.file, ("time_s", "position"))
+        times, positions = parse_csv(self.file, ("time_s", "position"))
         outside = np.flatnonzero((positions < 0) | (positions > 1))
         if outside.size:
             raise BadInput(
@@ -40,7 +40,7 @@ class FromCsv:
 
         Raises BadInput if a time is outside the table.
         """
-        times, positions = parse_csv_table(self.file, ("time_s", "position"))
+        times, positions = parse_csv(self.file, ("time_s", "position"))
         seconds = np.asarray(seconds, dtype=np.float64)
         outside = seconds[(seconds < times[0] - SLACK_S) | (seconds > times[-1] + SLACK_S)]
         if outside.size:

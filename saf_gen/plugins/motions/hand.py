@@ -8,7 +8,7 @@ from scipy.interpolate import make_interp_spline
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.plugins.motions._option_checks import check_motion_bounds, check_motion_endpoints
+from saf_gen.plugins.motions._option_checks import check_bounds, check_endpoints
 
 POINTS_PER_PERIOD = 32  # per period of ``bandwidth_hz``; the speed is interpolated linearly between points
 
@@ -49,9 +49,9 @@ class Hand:
     different one."""
 
     def __post_init__(self) -> None:
-        check_motion_endpoints(self.from_, self.to)
-        check_motion_bounds("irregularity", self.irregularity, low=0, high=1, unit="of the mean speed")
-        check_motion_bounds("bandwidth_hz", self.bandwidth_hz, low=0, high=1000, unit="Hz")
+        check_endpoints(self.from_, self.to)
+        check_bounds("irregularity", self.irregularity, low=0, high=1, unit="of the mean speed")
+        check_bounds("bandwidth_hz", self.bandwidth_hz, low=0, high=1000, unit="Hz")
         if not isinstance(self.reversals, bool):
             raise BadInput(f"reversals is {self.reversals!r}", allowed="true, false")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.plugins.motions._option_checks import check_motion_position
+from saf_gen.plugins.motions._option_checks import check_position
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class Hold:
     """Fraction of the travel, 0 to 1: the lens stays here."""
 
     def __post_init__(self) -> None:
-        check_motion_position("position", self.position)
+        check_position("position", self.position)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the position at each time, a fraction of the travel."""

@@ -6,7 +6,7 @@ from math import pi, sqrt
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.plugins.motions._option_checks import check_motion_bounds, check_motion_endpoints
+from saf_gen.plugins.motions._option_checks import check_bounds, check_endpoints
 
 MAX_STEPS = 100_000
 
@@ -46,16 +46,16 @@ class Steps:
     rests."""
 
     def __post_init__(self) -> None:
-        check_motion_endpoints(self.from_, self.to)
+        check_endpoints(self.from_, self.to)
         if isinstance(self.count, bool) or not (isinstance(self.count, int) and 1 <= self.count <= MAX_STEPS):
             raise BadInput(
                 f"count is {self.count!r}",
                 allowed=f"a whole number of steps, 1 to {MAX_STEPS}; to draw one, write {{choice: [4, 8]}}",
             )
-        check_motion_bounds("natural_hz", self.natural_hz, low=0, high=1e5, unit="Hz")
-        check_motion_bounds("damping", self.damping, low=0, high=10, unit="of the critical damping")
+        check_bounds("natural_hz", self.natural_hz, low=0, high=1e5, unit="Hz")
+        check_bounds("damping", self.damping, low=0, high=10, unit="of the critical damping")
         if self.dwell_s is not None:
-            check_motion_bounds("dwell_s", self.dwell_s, low=0, high=3600, unit="s")
+            check_bounds("dwell_s", self.dwell_s, low=0, high=3600, unit="s")
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the position at each time, a fraction of the travel.

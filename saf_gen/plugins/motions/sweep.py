@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.plugins.motions._option_checks import check_motion_endpoints
+from saf_gen.plugins.motions._option_checks import check_endpoints
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Sweep:
     travel."""
 
     def __post_init__(self) -> None:
-        check_motion_endpoints(self.from_, self.to)
+        check_endpoints(self.from_, self.to)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the position at each time, a fraction of the travel."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.plugins.motions._option_checks import check_motion_duration, check_motion_endpoints
+from saf_gen.plugins.motions._option_checks import check_duration, check_endpoints
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class SweepAndReturn:
     """Seconds, 0 or more, less than the recording: the time for which the lens rests at ``to``."""
 
     def __post_init__(self) -> None:
-        check_motion_endpoints(self.from_, self.to)
-        check_motion_duration("dwell_s", self.dwell_s)
+        check_endpoints(self.from_, self.to)
+        check_duration("dwell_s", self.dwell_s)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the position at each time, a fraction of the travel.

@@ -1,7 +1,7 @@
 """Golden search on a recording, with and without the conventions of the code that Su et al. released.
 
-``narrow_golden_interval_as_released`` follows the released code: frames count from 1, intervals include their last
-frame, and the ends of an interval may be fractional. ``narrow_golden_interval_to_centre`` is this project's version:
+``narrow_as_released`` follows the released code: frames count from 1, intervals include their last
+frame, and the ends of an interval may be fractional. ``narrow_to_centre`` is this project's version:
 frames are whole numbers from 0, windows are first <= t < stop, and results are centres.
 """
 
@@ -14,7 +14,7 @@ RATIO = 0.618
 THRESHOLD = 10.0
 
 
-def check_golden_search_options(threshold: float, ratio: float) -> None:
+def check_golden_options(threshold: float, ratio: float) -> None:
     """Raise BadInput if the threshold is below one frame, or if two windows of this ratio would leave a gap."""
     if not (math.isfinite(threshold) and threshold >= 1):
         raise BadInput(f"threshold is {threshold!r}", allowed="frames, a number of at least 1")
@@ -22,7 +22,7 @@ def check_golden_search_options(threshold: float, ratio: float) -> None:
         raise BadInput(f"ratio is {ratio!r}", allowed="0.5 up to but not 1, so that the two windows cover the interval")
 
 
-def check_search_recording_length(view: View, threshold: float, *, longest_refused: float) -> None:
+def check_length(view: View, threshold: float, *, longest_refused: float) -> None:
     """Raise BadInput if a recording is so short that no window would be scored and its middle would be the answer."""
     if view.frames <= longest_refused:
         raise BadInput(
@@ -32,7 +32,7 @@ def check_search_recording_length(view: View, threshold: float, *, longest_refus
         )
 
 
-def count_search_blocks(view: View, dt: int) -> tuple[int, int]:
+def count_blocks(view: View, dt: int) -> tuple[int, int]:
     """Return the block with which a golden fast search begins, counted from 1, and the number of blocks.
 
     Raises BadInput if the recording has no block of ``dt`` frames, or if its first quarter has too few frames to be
@@ -49,7 +49,7 @@ def count_search_blocks(view: View, dt: int) -> tuple[int, int]:
     return first, blocks
 
 
-def golden_search_feedback(view: View, end: int) -> float:
+def golden_feedback(view: View, end: int) -> float:
     """Return the score of the later half of the first ``end`` frames minus the score of the earlier half.
 
     The windows are those of the released code: frames h−1 to end and frames 1 to h−1, both inclusive and counted from
@@ -59,7 +59,7 @@ def golden_search_feedback(view: View, end: int) -> float:
     return view.score(half - 2, end) - view.score(0, half - 1)
 
 
-def narrow_golden_interval_as_released(
+def narrow_as_released(
     view: View, left: float, *, right: float, threshold: float = THRESHOLD, ratio: float = RATIO
 ) -> tuple[int, ...]:
     """Narrow the interval ``left`` ... ``right`` until it is no wider than ``threshold``.
@@ -80,7 +80,7 @@ def narrow_golden_interval_as_released(
     return tuple(trace)
 
 
-def narrow_golden_interval_to_centre(
+def narrow_to_centre(
     view: View, first: int, *, stop: int, threshold: float = THRESHOLD, ratio: float = RATIO
 ) -> tuple[float, ...]:
     """Narrow the frames ``first <= t < stop`` until no more than ``threshold`` are left.

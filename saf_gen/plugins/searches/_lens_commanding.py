@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._windows import check_search_frame_count
+from saf_gen.plugins.searches._windows import check_frame_count
 
 READING_S = 0.001
 """Seconds over which one reading of the lens position is averaged."""
@@ -179,8 +179,8 @@ class LensCommandingSearch:
     causal: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_search_frame_count("dt", self.dt)
-        check_search_fraction("still", self.still)
+        check_frame_count("dt", self.dt)
+        check_fraction("still", self.still)
         if self.lag_s is not None and not (_is_number(self.lag_s) and 0 <= self.lag_s <= 1):
             raise BadInput(f"lag_s is {self.lag_s!r}", allowed="seconds, 0 to 1")
         if not (_is_number(self.timeout_s) and 0 < self.timeout_s <= 60):
@@ -214,24 +214,24 @@ class BracketingSearch(LensCommandingSearch):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_search_fraction("tolerance", self.tolerance)
+        check_fraction("tolerance", self.tolerance)
 
 
-def check_search_fraction(key: str, value: float) -> None:
+def check_fraction(key: str, value: float) -> None:
     """Raise BadInput unless ``value`` is a fraction of the travel, above 0 and below 1."""
     if not (_is_number(value) and 0 < value < 1):
         raise BadInput(f"{key} is {value!r}", allowed="a fraction of the travel, above 0 and below 1")
 
 
-def check_search_steps(coarse: float, fine: float) -> None:
+def check_steps(coarse: float, fine: float) -> None:
     """Raise BadInput unless both steps are fractions of the travel and ``fine`` is at most ``coarse``."""
-    check_search_fraction("coarse", coarse)
-    check_search_fraction("fine", fine)
+    check_fraction("coarse", coarse)
+    check_fraction("fine", fine)
     if fine > coarse:
         raise BadInput(f"fine is {fine!r}", allowed=f"no more than coarse, {coarse!r}")
 
 
-def divide_search_interval(low: float, high: float, *, step: float) -> list[float]:
+def divide_interval(low: float, high: float, *, step: float) -> list[float]:
     """Return evenly spaced positions from ``low`` to ``high``, both included, at most ``step`` apart."""
     parts = math.ceil(round((high - low) / step, 6))
     return [low + (high - low) * k / parts for k in range(parts + 1)]

@@ -16,7 +16,7 @@ class LightWindow(NamedTuple):
     steps: int
 
 
-def follow_windows_of_equal_light(view: View, light: float, *, steps: int, longest: float) -> Iterator[LightWindow]:
+def equal_light_windows(view: View, light: float, *, steps: int, longest: float) -> Iterator[LightWindow]:
     """Yield a trailing window after each of ``steps`` equal steps of a recording, while it runs.
 
     The window is the shortest one with ``light`` spikes per pixel that ends there, but no longer than the fraction

@@ -7,7 +7,7 @@ from typing import Any
 from saf_gen.errors import BadInput
 
 
-def check_search_numbers(search: Any, most: Mapping[str, float]) -> None:
+def check_numbers(search: Any, most: Mapping[str, float]) -> None:
     """Raise BadInput unless each field named in ``most`` is a finite number from 0 to the value given there."""
     for key, highest in most.items():
         value = getattr(search, key)

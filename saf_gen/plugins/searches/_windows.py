@@ -6,13 +6,13 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import View
 
 
-def check_search_frame_count(key: str, value: object) -> None:
+def check_frame_count(key: str, value: object) -> None:
     """Raise BadInput unless ``value`` is a whole number of at least 1."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
         raise BadInput(f"{key} is {value!r}", allowed="a whole number of frames, at least 1")
 
 
-def check_search_windows_fit(view: View, key: str, *, frames: int) -> None:
+def check_windows_fit(view: View, key: str, *, frames: int) -> None:
     """Raise BadInput if a recording is shorter than ``frames``, the value of the option ``key``."""
     if view.frames < frames:
         raise BadInput(
@@ -22,7 +22,7 @@ def check_search_windows_fit(view: View, key: str, *, frames: int) -> None:
         )
 
 
-def score_search_windows(view: View, frames: int, *, step: int) -> tuple[range, list[float]]:
+def score_windows(view: View, frames: int, *, step: int) -> tuple[range, list[float]]:
     """Return the first frames of all complete windows of a recording, ``step`` apart, and their scores."""
     firsts = range(0, view.frames - frames + 1, step)
     return firsts, [view.score(first, first + frames) for first in firsts]

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput, closest
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit, score_search_windows
+from saf_gen.plugins.searches._windows import check_frame_count, check_windows_fit, score_windows
 
 REFINE = ("no", "parabola", "centroid")
 
@@ -42,7 +42,7 @@ class Argmax:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_search_frame_count("window", self.window)
+        check_frame_count("window", self.window)
         if self.refine not in REFINE:
             renamed = {"True": "parabola", "False": "no"}  # refine used to be a switch
             nearest = renamed.get(str(self.refine)) or closest(self.refine, REFINE)
@@ -53,8 +53,8 @@ class Argmax:
 
     def __call__(self, view: View) -> Answer:
         """Return the answer for a recording; raise BadInput if it is shorter than one block."""
-        check_search_windows_fit(view, "window", frames=self.window)
-        firsts, scores = score_search_windows(view, self.window, step=self.window)
+        check_windows_fit(view, "window", frames=self.window)
+        firsts, scores = score_windows(view, self.window, step=self.window)
         best = scores.index(max(scores))
         centre = firsts[best] + (self.window - 1) / 2
         return Answer(centre + self._offset(scores, best) * self.window, (centre,))

@@ -4,13 +4,8 @@ import math
 from dataclasses import dataclass
 
 from saf_gen.errors import BadInput
-from saf_gen.plugins.searches._lens_commanding import (
-    FocusSampler,
-    LensCommandingSearch,
-    check_search_steps,
-    divide_search_interval,
-)
-from saf_gen.plugins.searches._windows import check_search_frame_count
+from saf_gen.plugins.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_steps, divide_interval
+from saf_gen.plugins.searches._windows import check_frame_count
 
 
 @dataclass(frozen=True)
@@ -37,8 +32,8 @@ class CoarseToFine(LensCommandingSearch):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_search_steps(self.coarse, self.fine)
-        check_search_frame_count("far_dt", self.far_dt)
+        check_steps(self.coarse, self.fine)
+        check_frame_count("far_dt", self.far_dt)
         if not (isinstance(self.far, str) and self.far):
             raise BadInput(f"far is {self.far!r}", allowed="the name of a focus measure, or own")
 
@@ -56,7 +51,7 @@ class CoarseToFine(LensCommandingSearch):
         scores = [sample(position) for position in positions]
         best = positions[scores.index(max(scores))]
         sample.switch_measure(None, self.dt)
-        fine = divide_search_interval(max(best - 1 / parts, 0.0), min(best + 1 / parts, 1.0), step=self.fine)
+        fine = divide_interval(max(best - 1 / parts, 0.0), min(best + 1 / parts, 1.0), step=self.fine)
         for position in fine if positions[-1] == 0.0 else fine[::-1]:
             sample(position)
         return ""

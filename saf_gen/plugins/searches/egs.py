@@ -7,9 +7,9 @@ from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._golden_narrowing import (
     RATIO,
     THRESHOLD,
-    check_golden_search_options,
-    check_search_recording_length,
-    narrow_golden_interval_to_centre,
+    check_golden_options,
+    check_length,
+    narrow_to_centre,
 )
 
 
@@ -34,10 +34,10 @@ class GoldenSearch:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_golden_search_options(self.threshold, self.ratio)
+        check_golden_options(self.threshold, self.ratio)
 
     def __call__(self, view: View) -> Answer:
         """Return the answer for a recording; raise BadInput if it is no longer than the threshold."""
-        check_search_recording_length(view, self.threshold, longest_refused=self.threshold)
-        trace = narrow_golden_interval_to_centre(view, 0, stop=view.frames, threshold=self.threshold, ratio=self.ratio)
+        check_length(view, self.threshold, longest_refused=self.threshold)
+        trace = narrow_to_centre(view, 0, stop=view.frames, threshold=self.threshold, ratio=self.ratio)
         return Answer(trace[-1], trace)

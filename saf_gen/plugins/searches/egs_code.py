@@ -7,9 +7,9 @@ from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._golden_narrowing import (
     RATIO,
     THRESHOLD,
-    check_golden_search_options,
-    check_search_recording_length,
-    narrow_golden_interval_as_released,
+    check_golden_options,
+    check_length,
+    narrow_as_released,
 )
 
 
@@ -34,12 +34,10 @@ class GoldenSearchCode:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_golden_search_options(self.threshold, self.ratio)
+        check_golden_options(self.threshold, self.ratio)
 
     def __call__(self, view: View) -> Answer:
         """Return the answer for a recording; raise BadInput if it has at most ``threshold`` + 1 frames."""
-        check_search_recording_length(view, self.threshold, longest_refused=self.threshold + 1)
-        trace = narrow_golden_interval_as_released(
-            view, 1, right=view.frames, threshold=self.threshold, ratio=self.ratio
-        )
+        check_length(view, self.threshold, longest_refused=self.threshold + 1)
+        trace = narrow_as_released(view, 1, right=view.frames, threshold=self.threshold, ratio=self.ratio)
         return Answer(float(trace[-1] - 1), trace)

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from saf_gen.plugins.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_search_steps
-from saf_gen.plugins.searches._windows import check_search_frame_count
+from saf_gen.plugins.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_steps
+from saf_gen.plugins.searches._windows import check_frame_count
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class HillClimb(LensCommandingSearch):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_search_steps(self.coarse, self.fine)
-        check_search_frame_count("falls", self.falls)
+        check_steps(self.coarse, self.fine)
+        check_frame_count("falls", self.falls)
 
     def seek_focus(self, sample: FocusSampler) -> str:
         here = sample.read_start()

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit, score_search_windows
+from saf_gen.plugins.searches._windows import check_frame_count, check_windows_fit, score_windows
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,12 @@ class Naive:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_search_frame_count("dt", self.dt)
-        check_search_frame_count("step", self.step)
+        check_frame_count("dt", self.dt)
+        check_frame_count("step", self.step)
 
     def __call__(self, view: View) -> Answer:
         """Return the answer for a recording; raise BadInput if it is shorter than one window."""
-        check_search_windows_fit(view, "dt", frames=self.dt)
-        firsts, scores = score_search_windows(view, self.dt, step=self.step)
+        check_windows_fit(view, "dt", frames=self.dt)
+        firsts, scores = score_windows(view, self.dt, step=self.step)
         centre = firsts[scores.index(max(scores))] + (self.dt - 1) / 2
         return Answer(centre, (centre,))

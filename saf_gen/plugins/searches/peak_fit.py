@@ -8,10 +8,10 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._light_windows import follow_windows_of_equal_light
-from saf_gen.plugins.searches._numbers import check_search_numbers
+from saf_gen.plugins.searches._light_windows import equal_light_windows
+from saf_gen.plugins.searches._numbers import check_numbers
 from saf_gen.plugins.searches._score_curve import ScoreCurve
-from saf_gen.plugins.searches._windows import check_search_frame_count
+from saf_gen.plugins.searches._windows import check_frame_count
 
 BROAD, FINEST = "sd_calibrated", "vollath_f4_n"
 LEAST_SCORES = 8
@@ -98,9 +98,9 @@ class PeakFit:
     measures: ClassVar[tuple[str, ...]] = ("er_count", "er_count_n", BROAD, FINEST)
 
     def __post_init__(self) -> None:
-        check_search_frame_count("steps", self.steps)
+        check_frame_count("steps", self.steps)
         fractions = dict.fromkeys(("longest", "above", "low", "rough", "near"), 1.0)
-        check_search_numbers(self, {"counts": 1e6, "beyond": 10, "doubt": 1e3, "reach": 10, **fractions})
+        check_numbers(self, {"counts": 1e6, "beyond": 10, "doubt": 1e3, "reach": 10, **fractions})
         if not isinstance(self.dark, bool):
             raise BadInput(f"dark is {self.dark!r}", allowed="true, false")
 
@@ -113,20 +113,18 @@ class PeakFit:
         curve, broad = (ScoreCurve(SMOOTH * step, self.steps) for _ in range(2))
         trace: list[float] = []
         bell, passed, fallen = None, 0, 0
-        for first, stop, light, steps in follow_windows_of_equal_light(
-            view, self.counts, steps=self.steps, longest=self.longest
-        ):
+        for first, stop, light, steps in equal_light_windows(view, self.counts, steps=self.steps, longest=self.longest):
             while len(lens) < stop // step:
                 lens.append(_lens_position(view, len(lens) * step + step // 2))
             middle, score = (first + stop) / 2 - 0.5, view.score(first, stop)
             windows.append((first, stop))
-            contrast = contrast_of_blocks(view.counts(first, stop)) if self.dark else 0.0
+            contrast = block_contrast(view.counts(first, stop)) if self.dark else 0.0
             rows.append((float(np.mean(lens[first // step :])), score, light, contrast))
             curve.add(middle, score)
             broad.add(middle, view.score(first, stop, BROAD))
             x, y, spikes, contrasts = np.array(rows).T
             rate = spikes / np.array([b - a for a, b in windows])
-            undimmed = (1 - estimate_dark_rate(rate, contrasts) / rate) ** 2
+            undimmed = (1 - dark_rate_of(rate, contrasts) / rate) ** 2
             bell = fit_bell(x, y / undimmed, light=spikes, above=self.above)
             if bell and bell.misfit >= self.rough:
                 bell = None
@@ -182,14 +180,14 @@ class PeakFit:
         )
 
 
-def contrast_of_blocks(counts: np.ndarray) -> float:
+def block_contrast(counts: np.ndarray) -> float:
     """Return the rms deviation of the means of BLOCKS × BLOCKS parts of a picture, divided by the mean; 0 if dark."""
     rows, columns = (np.array_split(np.arange(size), min(BLOCKS, size)) for size in counts.shape)
     means = np.array([[counts[r[0] : r[-1] + 1, c[0] : c[-1] + 1].mean() for c in columns] for r in rows])
     return float(means.std() / means.mean()) if means.any() else 0.0
 
 
-def estimate_dark_rate(rate: np.ndarray, contrast: np.ndarray) -> float:
+def dark_rate_of(rate: np.ndarray, contrast: np.ndarray) -> float:
     """Return the rate of dark spikes in n windows, in spikes per pixel and frame.
 
     ``rate`` (n,) holds the spikes per pixel and frame of the windows, and ``contrast`` (n,) their contrast. Dark spikes

@@ -5,10 +5,10 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._light_windows import follow_windows_of_equal_light
-from saf_gen.plugins.searches._numbers import check_search_numbers
+from saf_gen.plugins.searches._light_windows import equal_light_windows
+from saf_gen.plugins.searches._numbers import check_numbers
 from saf_gen.plugins.searches._score_curve import ScoreCurve
-from saf_gen.plugins.searches._windows import check_search_frame_count
+from saf_gen.plugins.searches._windows import check_frame_count
 
 BROAD = "sd_calibrated"
 
@@ -51,9 +51,9 @@ class PhotonAware:
     measures: ClassVar[tuple[str, ...]] = ("er_count", "er_count_n", BROAD)
 
     def __post_init__(self) -> None:
-        check_search_frame_count("steps", self.steps)
+        check_frame_count("steps", self.steps)
         fractions = dict.fromkeys(("longest", "until", "least", "fall"), 1.0)
-        check_search_numbers(self, {**fractions, "smooth": 100, "counts": 1e6})
+        check_numbers(self, {**fractions, "smooth": 100, "counts": 1e6})
         if not isinstance(self.far, bool):
             raise BadInput(f"far is {self.far!r}", allowed="true, false")
 
@@ -64,9 +64,7 @@ class PhotonAware:
         curve = curves[0]
         falling = 0
         trace: list[float] = []
-        for first, stop, _, steps in follow_windows_of_equal_light(
-            view, 2 * self.counts, steps=self.steps, longest=self.longest
-        ):
+        for first, stop, _, steps in equal_light_windows(view, 2 * self.counts, steps=self.steps, longest=self.longest):
             for each, measure in zip(curves, (None, BROAD), strict=False):
                 each.add((first + stop) / 2 - 0.5, view.score(first, stop, measure))
             best = curve.best()

@@ -8,8 +8,8 @@ from saf_gen.errors import BadInput
 from saf_gen.plugins.searches._lens_commanding import (
     FocusSampler,
     LensCommandingSearch,
-    check_search_fraction,
-    divide_search_interval,
+    check_fraction,
+    divide_interval,
 )
 
 
@@ -44,7 +44,7 @@ class RuleBased(LensCommandingSearch):
     def __post_init__(self) -> None:
         super().__post_init__()
         for key in ("coarse", "middle", "fine", "drop"):
-            check_search_fraction(key, getattr(self, key))
+            check_fraction(key, getattr(self, key))
         if not self.fine <= self.middle <= self.coarse:
             raise BadInput(
                 f"steps are {self.coarse!r}, {self.middle!r}, {self.fine!r}", allowed="coarse >= middle >= fine"
@@ -83,7 +83,7 @@ class RuleBased(LensCommandingSearch):
         """Return the distances, in fine steps, that fill the gaps next to the best sample, the farthest first."""
         best = max(range(len(seen)), key=lambda i: seen[i][1])
         beside = [distance for distance, _ in seen[max(best - 1, 0) : best + 2]]
-        gaps = [divide_search_interval(near, far, step=self.fine)[1:-1] for near, far in pairwise(beside)]
+        gaps = [divide_interval(near, far, step=self.fine)[1:-1] for near, far in pairwise(beside)]
         return [distance for gap in gaps for distance in gap][::-1]
 
 

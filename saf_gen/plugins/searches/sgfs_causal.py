@@ -5,13 +5,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._golden_narrowing import (
-    RATIO,
-    count_search_blocks,
-    golden_search_feedback,
-    narrow_golden_interval_to_centre,
-)
-from saf_gen.plugins.searches._windows import check_search_frame_count
+from saf_gen.plugins.searches._golden_narrowing import RATIO, count_blocks, golden_feedback, narrow_to_centre
+from saf_gen.plugins.searches._windows import check_frame_count
 
 
 @dataclass(frozen=True)
@@ -37,22 +32,22 @@ class GoldenFastSearchCausal:
     causal: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_search_frame_count("dt", self.dt)
-        check_search_frame_count("falls", self.falls)
+        check_frame_count("dt", self.dt)
+        check_frame_count("falls", self.falls)
 
     def __call__(self, view: View) -> Answer:
         """Return the answer for a sweep; raise BadInput if it is too short for blocks of ``dt`` frames."""
         stop = self._find_stop(view)
         begin = math.floor((1 - RATIO) * stop)
-        trace = narrow_golden_interval_to_centre(view, begin, stop=stop)
+        trace = narrow_to_centre(view, begin, stop=stop)
         return Answer(trace[-1], trace, f"stopped after {stop} of {view.frames} frames")
 
     def _find_stop(self, view: View) -> int:
         """Return the number of frames after which s has fallen often enough or no blocks are left."""
-        first, blocks = count_search_blocks(view, self.dt)
+        first, blocks = count_blocks(view, self.dt)
         before, fallen = math.inf, -1  # the first s has no predecessor, so it is not a fall
         for k in range(first, blocks + 1):
-            now = golden_search_feedback(view, k * self.dt)
+            now = golden_feedback(view, k * self.dt)
             fallen = fallen + 1 if now < before else 0
             if fallen == self.falls:
                 return k * self.dt

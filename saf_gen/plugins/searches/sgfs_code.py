@@ -5,13 +5,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._golden_narrowing import (
-    RATIO,
-    count_search_blocks,
-    golden_search_feedback,
-    narrow_golden_interval_as_released,
-)
-from saf_gen.plugins.searches._windows import check_search_frame_count
+from saf_gen.plugins.searches._golden_narrowing import RATIO, count_blocks, golden_feedback, narrow_as_released
+from saf_gen.plugins.searches._windows import check_frame_count
 
 
 @dataclass(frozen=True)
@@ -35,16 +30,16 @@ class GoldenFastSearchCode:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_search_frame_count("dt", self.dt)
+        check_frame_count("dt", self.dt)
 
     def __call__(self, view: View) -> Answer:
         """Return the answer for a recording; raise BadInput if it is too short for blocks of ``dt`` frames."""
-        first, blocks = count_search_blocks(view, self.dt)
-        differences = [golden_search_feedback(view, k * self.dt) if k >= first else 0.0 for k in range(1, blocks + 1)]
+        first, blocks = count_blocks(view, self.dt)
+        differences = [golden_feedback(view, k * self.dt) if k >= first else 0.0 for k in range(1, blocks + 1)]
         earliest = max(blocks // 4, 1)
         # If blocks are not a multiple of four, the earliest stop has no s, only the initial 0 of the released code.
         stop = max(range(earliest, blocks + 1), key=lambda k: differences[k - 1])
         right = stop * self.dt
         left = math.floor(right - RATIO * (right - 1))
-        trace = narrow_golden_interval_as_released(view, left, right=right)
+        trace = narrow_as_released(view, left, right=right)
         return Answer(float(trace[-1] - 1), trace, f"stopped after {right} of {view.frames} frames")

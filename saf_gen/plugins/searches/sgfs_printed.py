@@ -5,13 +5,8 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._golden_narrowing import (
-    RATIO,
-    THRESHOLD,
-    check_golden_search_options,
-    narrow_golden_interval_to_centre,
-)
-from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit
+from saf_gen.plugins.searches._golden_narrowing import RATIO, THRESHOLD, check_golden_options, narrow_to_centre
+from saf_gen.plugins.searches._windows import check_frame_count, check_windows_fit
 
 
 @dataclass(frozen=True)
@@ -40,21 +35,19 @@ class GoldenFastSearchPrinted:
     causal: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_search_frame_count("control_period", self.control_period)
-        check_golden_search_options(self.threshold, self.ratio)
+        check_frame_count("control_period", self.control_period)
+        check_golden_options(self.threshold, self.ratio)
         if not isinstance(self.turned, bool):
             raise BadInput(f"turned is {self.turned!r}", allowed="true, false")
 
     def __call__(self, view: View) -> Answer:
         """Return the answer for a sweep; raise BadInput if it is shorter than a control period."""
-        check_search_windows_fit(view, "control_period", frames=self.control_period)
+        check_windows_fit(view, "control_period", frames=self.control_period)
         for so_far in range(self.control_period, view.frames + 1, self.control_period):
             window = max(round(self.ratio * so_far), 1)
             earlier, later = view.score(0, window), view.score(so_far - window, so_far)
             if (earlier > later) if self.turned else (earlier < later):
                 begin = so_far - max(round(self.ratio * so_far / 2), 1)
-                trace = narrow_golden_interval_to_centre(
-                    view, begin, stop=so_far, threshold=self.threshold, ratio=self.ratio
-                )
+                trace = narrow_to_centre(view, begin, stop=so_far, threshold=self.threshold, ratio=self.ratio)
                 return Answer(trace[-1], trace, f"stopped after {so_far} of {view.frames} frames")
         return Answer(None, (), "the sweep ended before the algorithm stopped")

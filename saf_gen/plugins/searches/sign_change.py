@@ -8,8 +8,8 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._numbers import check_search_numbers
-from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit
+from saf_gen.plugins.searches._numbers import check_numbers
+from saf_gen.plugins.searches._windows import check_frame_count, check_windows_fit
 
 FEWEST = 8
 """Growths that are needed before a change of sign, to estimate their scatter."""
@@ -50,15 +50,15 @@ class SignChange:
     causal: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_search_frame_count("window", self.window)
+        check_frame_count("window", self.window)
         if self.window < 2:
             raise BadInput(f"window is {self.window!r}", allowed="at least 2 frames, which have two halves")
-        check_search_frame_count("past", self.past)
-        check_search_numbers(self, {"near": 1, "above": 1e6})
+        check_frame_count("past", self.past)
+        check_numbers(self, {"near": 1, "above": 1e6})
 
     def __call__(self, view: View) -> Answer:
         """Return the answer for a sweep; raise BadInput if it is shorter than one block."""
-        check_search_windows_fit(view, "window", frames=self.window)
+        check_windows_fit(view, "window", frames=self.window)
         before: deque[float] = deque(maxlen=self.past)
         growths: list[float] = []
         last_above: tuple[float, float] | None = None

@@ -8,8 +8,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._numbers import check_search_numbers
-from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit, score_search_windows
+from saf_gen.plugins.searches._numbers import check_numbers
+from saf_gen.plugins.searches._windows import check_frame_count, check_windows_fit, score_windows
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class Valley:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_search_frame_count("window", self.window)
-        check_search_numbers(self, {"smooth": 1e3, "jump": 1e6, "weight": 1, "apart": 1, "stand_out": 1})
+        check_frame_count("window", self.window)
+        check_numbers(self, {"smooth": 1e3, "jump": 1e6, "weight": 1, "apart": 1, "stand_out": 1})
 
     def __call__(self, view: View) -> Answer:
         """Return the answer for a recording; raise BadInput if it is shorter than one block."""
-        check_search_windows_fit(view, "window", frames=self.window)
-        firsts, scores = score_search_windows(view, self.window, step=self.window)
+        check_windows_fit(view, "window", frames=self.window)
+        firsts, scores = score_windows(view, self.window, step=self.window)
         curve = self._regularise(np.array(scores))
         least = {"distance": max(1, self.apart * len(curve)), "prominence": self.stand_out * float(np.ptp(curve))}
         peaks, _ = find_peaks(curve, **least)

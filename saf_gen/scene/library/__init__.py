@@ -12,12 +12,12 @@ from pathlib import Path
 
 from saf_gen.errors import unknown
 
-__all__ = ["find_scene_library_module"]
+__all__ = ["library_module"]
 
 MODULES = {path.stem: path for path in Path(__file__).parent.glob("[!_]*.py")}
 
 
-def find_scene_library_module(name: str, *, where: str = "") -> Path:
+def library_module(name: str, *, where: str = "") -> Path:
     """Return the file of a library module; raise BadInput, located at ``where``, for an unknown name."""
     if name not in MODULES:
         raise unknown("library module", name, allowed=MODULES, where=where)

@@ -30,7 +30,7 @@ class Element:
         return f"{self.file}:{self.line}: <{self.tag}{f' {name}' if name else ''}>"
 
 
-def parse_scene_xml_file(path: Path) -> Element:
+def parse_xml(path: Path) -> Element:
     """Return the outermost element of a file, <scene>; raise BadInput if the file is not a scene."""
     parser = expat.ParserCreate()
     parser.buffer_text = True
@@ -74,14 +74,14 @@ def parse_scene_xml_file(path: Path) -> Element:
     return root[0]
 
 
-def require_scene_xml_attribute(element: Element, key: str) -> str:
+def require_attribute(element: Element, key: str) -> str:
     """Return an attribute of an element; raise BadInput if it is missing."""
     if key not in element.attributes:
         raise BadInput(f"{key} is missing", where=element.where)
     return element.attributes[key]
 
 
-def format_scene_xml(elements: list[Element], *, version: str, first: int, keep_lines: bool) -> str:
+def format_xml(elements: list[Element], *, version: str, first: int, keep_lines: bool) -> str:
     """Return a scene of these elements as text.
 
     With ``keep_lines``, each element stays on the line that it has in its file, and <scene> is on line ``first``.

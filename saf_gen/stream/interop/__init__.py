@@ -1,14 +1,14 @@
 """Import and export of the file layouts of other software."""
 
 from saf_gen.stream.interop.array_files import ENDINGS as ARRAY_ENDINGS
-from saf_gen.stream.interop.lens_log import import_lens_log, import_light_log, import_truth_from_text
+from saf_gen.stream.interop.lens_log import import_lens_log, import_light_log, truth_from_text
 from saf_gen.stream.interop.raw_frames import (
     RAW_LAYOUTS,
     READERS,
     count_raw_frames,
     export_raw_frames,
     import_raw_frames,
-    sniff_imported_layout,
+    sniff_layout,
 )
 from saf_gen.stream.interop.spike_arrays import SpikeArray
 
@@ -22,6 +22,6 @@ __all__ = [
     "import_lens_log",
     "import_light_log",
     "import_raw_frames",
-    "import_truth_from_text",
-    "sniff_imported_layout",
+    "sniff_layout",
+    "truth_from_text",
 ]

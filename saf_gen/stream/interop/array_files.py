@@ -19,7 +19,7 @@ import numpy as np
 
 from saf_gen.core.files import HDF5_SIGNATURE
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.interop.matlab_arrays import MatlabSlices, list_imported_arrays
+from saf_gen.stream.interop.matlab_arrays import MatlabSlices, list_arrays
 
 ENDINGS = (".npy", ".npz", ".mat")
 MAX_CHUNK_BYTES = 64 << 20
@@ -43,7 +43,7 @@ class SlicedArray(Protocol):
     def __getitem__(self, span: slice) -> np.ndarray: ...
 
 
-def open_imported_array(path: str | os.PathLike[str], *, key: str | None = None) -> SlicedArray:
+def open_array(path: str | os.PathLike[str], *, key: str | None = None) -> SlicedArray:
     """Return an array of a .npy, .npz or .mat file.
 
     The axes of a .mat file are permuted to put the last first, because MATLAB stores frames along the last axis.
@@ -183,7 +183,7 @@ class _OldMatlabArray:
     """An array of a MATLAB file of version 5 to 7.2, with its last axis first."""
 
     def __init__(self, path: Path, *, key: str | None) -> None:
-        listed = list_imported_arrays(path)
+        listed = list_arrays(path)
         name = _choose_array({n: array.dimensions for n, array in listed.items()}, key, where=str(path))
         self._path, self._slices = path, MatlabSlices(path, listed[name])
         self.shape, self.dtype = self._slices.shape, self._slices.dtype

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.camera import Encoder, Sensor, camera_exposure_scale
-from saf_gen.core.files import file_name_as_text
+from saf_gen.camera import Encoder, Sensor, exposure_scale
+from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.picture_frames import PictureFrames
-from saf_gen.stream.metadata import stream_metadata_from_options
+from saf_gen.stream.metadata import metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
 BLOCK_FRAMES, BLOCK_KNOTS, BLOCK_BYTES = 2_000, 64, 256 << 20
@@ -61,7 +61,7 @@ class PictureEncoding:
         return self.sensor.readout_hz / self.rate_hz
 
 
-def prepare_stream_of_pictures(
+def prepare_pictures(
     pictures: PictureFrames,
     sensor: Sensor,
     *,
@@ -88,7 +88,7 @@ def prepare_stream_of_pictures(
     Returns
     -------
     PictureEncoding
-        The plan that :func:`encode_pictures_as_stream` carries out.
+        The plan that :func:`encode_pictures` carries out.
 
     Raises
     ------
@@ -121,13 +121,11 @@ def prepare_stream_of_pictures(
     if not mean.max() > 0:
         raise BadInput("all pictures are black", where=where, allowed="pictures with light")
     everywhere = np.ones(pictures.shape, bool)
-    scale = camera_exposure_scale(mean, everywhere, sensor=sensor, mean_rate=mean_rate)
+    scale = exposure_scale(mean, everywhere, sensor=sensor, mean_rate=mean_rate)
     return PictureEncoding(pictures, sensor, count, rate, int(length or 1), scale, mean_rate)
 
 
-def encode_pictures_as_stream(
-    plan: PictureEncoding, out: str | os.PathLike[str], *, seed: int = 0, **optional: Any
-) -> str:
+def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed: int = 0, **optional: Any) -> str:
     """Write the spikes of pictures as the stream file ``out`` and return its ``content_sha256``.
 
     Picture k is the light at the time k/rate_hz. Between two pictures the light changes linearly, and each readout
@@ -137,11 +135,11 @@ def encode_pictures_as_stream(
     Raises BadInput if a picture differs in size from the first, has values that are not allowed, or is missing.
     """
     settings = {
-        "pictures": file_name_as_text(plan.pictures.path.name), "count": plan.count, "rate_hz": plan.rate_hz,
+        "pictures": name_as_text(plan.pictures.path.name), "count": plan.count, "rate_hz": plan.rate_hz,
         "values": "linear" if plan.pictures.linear else "sRGB, decoded", "between": "linear cross-fade",
         "sensor": plan.sensor.name, "mean_rate": plan.mean_rate, "scale": plan.scale, "seed": seed,
     }  # fmt: skip
-    metadata = stream_metadata_from_options({**optional, "provenance": {"encode": dumps(settings, ensure_ascii=False)}})
+    metadata = metadata_from_options({**optional, "provenance": {"encode": dumps(settings, ensure_ascii=False)}})
     encoder = Encoder(plan.sensor, plan.pictures.shape, seed=seed)
     shape, readout_hz = (plan.frames, *plan.pictures.shape), plan.sensor.readout_hz
     with StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer:

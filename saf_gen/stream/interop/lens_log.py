@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.core.config.document import read_text
-from saf_gen.core.csv_table import parse_csv_columns
+from saf_gen.core.csv_table import parse_columns
 from saf_gen.errors import BadInput
-from saf_gen.optics.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stream.metadata import Truth
 
 TIMES = ("frame", "seconds")
@@ -64,7 +64,7 @@ def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float)
             where=str(path),
             allowed=" or ".join(f"{time},{column or 'NAME,NAME…'}" for time in TIMES),
         )
-    when, *values = parse_csv_columns(text, heading, name=str(path))
+    when, *values = parse_columns(text, heading, name=str(path))
     at = when if heading[0] == "frame" else when * readout_hz - 0.5
     if at[-1] < -0.5 or at[0] > frames - 0.5:
         raise BadInput(
@@ -76,7 +76,7 @@ def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float)
     return {name: np.interp(readouts, at, value).astype(np.float32) for name, value in zip(kinds, values, strict=True)}
 
 
-def import_truth_from_text(
+def truth_from_text(
     text: str, *, focus_position: np.ndarray | None, depth_of_focus: tuple[float, float] | None = None
 ) -> Truth:
     """Return the true focus that a user states: a position such as "0.42", or a frame of the lens log, "frame:812".
@@ -103,7 +103,7 @@ def import_truth_from_text(
     if kind:
         frame, position = value, float(np.interp(value, np.arange(lens.size), lens))
     else:
-        passed = find_focus_crossings(lens, value)
+        passed = focus_crossings(lens, value)
         frame, position = (float(passed[0]) if passed.size else np.nan), value
     if depth_of_focus is None:
         return Truth(position, frame=frame)

@@ -50,7 +50,7 @@ class MatlabArray(NamedTuple):
     packed_at: int | None
 
 
-def list_imported_arrays(path: Path) -> dict[str, MatlabArray]:
+def list_arrays(path: Path) -> dict[str, MatlabArray]:
     """Return the arrays of real numbers in a file by name.
 
     Raises ValueError or zlib.error if the file is damaged or of another version.

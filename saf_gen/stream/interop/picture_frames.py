@@ -13,7 +13,7 @@ from PIL import Image, UnidentifiedImageError
 
 from saf_gen.core.extras import require_extra
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop.array_files import DAMAGE, ENDINGS, SlicedArray, open_imported_array
+from saf_gen.stream.interop.array_files import DAMAGE, ENDINGS, SlicedArray, open_array
 from saf_gen.stream.metadata import MAX_PIXELS
 
 IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm"})
@@ -21,7 +21,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Weights of linear red, green and blue (ITU-R BT.709), since a spike camera sees no colour."""
 
 
-def decode_imported_srgb(values: np.ndarray) -> np.ndarray:
+def decode_srgb(values: np.ndarray) -> np.ndarray:
     """Return the linear light, float32, of sRGB values from 0 to 1 (IEC 61966-2-1)."""
     v = np.asarray(values, np.float32)
     linear: np.ndarray = np.where(v <= 0.04045, v / 12.92, ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4)
@@ -77,7 +77,7 @@ class PictureFrames:
                 ("0 and above", "") if self.linear else ("0 to 1", "add --linear if the values are linear light")
             )
             raise BadInput(f"{name} has values {low:g} to {high:g}", where=str(self.path), allowed=allowed, hint=hint)
-        light = scaled if self.linear else decode_imported_srgb(scaled)
+        light = scaled if self.linear else decode_srgb(scaled)
         if light.ndim == 2:
             return light
         if light.ndim != 3 or light.shape[2] not in (1, 2, 3, 4):
@@ -126,7 +126,7 @@ def _open_image(path: Path) -> Image.Image:
 
 class _ArrayFrames(PictureFrames):
     def __init__(self, path: Path, *, linear: bool, key: str | None) -> None:
-        self._array: SlicedArray = open_imported_array(path, key=key)
+        self._array: SlicedArray = open_array(path, key=key)
         shape = self._array.shape
         if len(shape) not in (3, 4) or 0 in shape:
             axes = "(frames, rows, columns) or (frames, rows, columns, channels)"
@@ -168,9 +168,7 @@ class _VideoFrames(PictureFrames):
             yield f"frame {number}", np.frombuffer(data, np.uint8).reshape(*self.shape, 3)
 
 
-def open_imported_pictures(
-    path: str | os.PathLike[str], *, linear: bool = False, key: str | None = None
-) -> PictureFrames:
+def open_pictures(path: str | os.PathLike[str], *, linear: bool = False, key: str | None = None) -> PictureFrames:
     """Return the pictures in a folder of images or an array file; any other file is read as a video.
 
     ``linear`` states that the values are linear light already, and ``key`` names the array in a file with several.

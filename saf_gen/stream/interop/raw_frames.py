@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import file_name_as_text, write_atomically
+from saf_gen.core.files import atomic_file, name_as_text
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.metadata import stream_metadata_from_options
+from saf_gen.stream.metadata import metadata_from_options
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -67,7 +67,7 @@ READERS = {"saf": "416", "rsir": "416", "spikecv": "dense", "spike-zoo": "dense"
 _SNIFFED_FRAMES = 200  # frames that are examined to recognise a layout
 
 
-def sniff_imported_layout(source: str | os.PathLike[str]) -> str:
+def sniff_layout(source: str | os.PathLike[str]) -> str:
     """Return the layout of a file of raw frames, found from its size and from bytes that one layout leaves 0.
 
     Raises BadInput if the size fits no layout, or if two layouts fit and cannot be distinguished.
@@ -199,9 +199,9 @@ def import_raw_frames(
     _check_apart(path, out)
     flipped = kind.flip if flip is None else bool(flip)
     bit = kind.bit_indices(flipped)
-    settings = {"file": file_name_as_text(path.name), "layout": layout, "flip": flipped, "frames": total}
+    settings = {"file": name_as_text(path.name), "layout": layout, "flip": flipped, "frames": total}
     provenance = {"import": dumps(settings, ensure_ascii=False), **optional.pop("provenance", {})}
-    metadata = stream_metadata_from_options({**optional, "provenance": provenance})
+    metadata = metadata_from_options({**optional, "provenance": provenance})
     shape = (total, kind.rows, kind.columns)
     with path.open("rb") as file, StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer:
         for first in range(0, total, _FRAMES):
@@ -209,7 +209,7 @@ def import_raw_frames(
             raw = np.fromfile(file, np.uint8, count * kind.frame_bytes)
             if raw.size != count * kind.frame_bytes:
                 raise BadInput("was truncated while it was read", where=str(source), hint="import it again")
-            trains = bits.transpose_bits_to_trains(raw.reshape(count, kind.frame_bytes))
+            trains = bits.to_trains(raw.reshape(count, kind.frame_bytes))
             writer.write(trains[bit].reshape(kind.rows, kind.columns, -1))
     return writer.content_sha256
 
@@ -235,11 +235,11 @@ def export_raw_frames(
                 allowed=f"{kind.rows} x {kind.columns} for layout {layout}",
                 hint=f"layouts that fit: {', '.join(fitting)}" if fitting else "no known layout has this size",
             )
-        with write_atomically(out) as part, part.open("wb") as file:
+        with atomic_file(out) as part, part.open("wb") as file:
             for first in range(0, total, _FRAMES):
                 count = min(_FRAMES, total - first)
                 packed = stream.packed(first // 8, first // 8 + -(-count // 8))
                 trains = np.zeros((8 * kind.frame_bytes, packed.shape[2]), np.uint8)
                 trains[bit] = packed.reshape(-1, packed.shape[2])
-                file.write(bits.transpose_bits_to_frames(trains, count).data)
+                file.write(bits.to_frames(trains, count).data)
     return total * kind.frame_bytes

@@ -8,10 +8,10 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from saf_gen.core.files import file_name_as_text
+from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.raw_frames import count_raw_frames, import_raw_frames
-from saf_gen.stream.interop.spreadsheet import read_imported_sheet
+from saf_gen.stream.interop.spreadsheet import read_sheet
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import open_stream
 
@@ -45,7 +45,7 @@ class SafRecording:
     block: int | None
 
 
-def read_imported_saf_config(folder: str | Path) -> list[SafRecording]:
+def read_saf_config(folder: str | Path) -> list[SafRecording]:
     """Return the recordings that ``config.xlsx`` in a folder lists; its columns are COLUMNS, in this order.
 
     Paths are relative to the folder or to its parent, in which SAF's programs run. If the folder has another name than
@@ -62,7 +62,7 @@ def read_imported_saf_config(folder: str | Path) -> list[SafRecording]:
             where=str(folder),
             allowed="a file of raw frames, an array file, or SAF's folder of recordings",
         )
-    table = read_imported_sheet(root / CONFIG)
+    table = read_sheet(root / CONFIG)
     rows = [(number, row) for number, row in enumerate(table, start=1) if any(cell.strip() for cell in row)]
     if rows and not _is_whole_number(rows[0][1][2] if len(rows[0][1]) > 2 else ""):
         rows = rows[1:]  # the heading
@@ -120,7 +120,7 @@ def import_saf_folder(
     that answers can be judged; the true position follows from this, and the depth of focus is unknown. A stream that
     exists already and is newer than the list and its raw file is kept.
     """
-    for recording in read_imported_saf_config(folder):
+    for recording in read_saf_config(folder):
         lens = ((np.arange(recording.frames) + 0.5) / recording.frames).astype(np.float32)
         target = Path(out) / (f"blocks-{recording.block}" if by_block else "") / f"{recording.name}.h5"
         if not _is_imported(target, recording, newer_than=Path(folder) / CONFIG, readout_hz=readout_hz):
@@ -151,4 +151,4 @@ def _is_imported(target: Path, recording: SafRecording, *, newer_than: Path, rea
     if not isinstance(origin, dict):  # anybody may have written the stream
         return False
     is_same = made == (recording.frames, readout_hz, recording.focal_frame)
-    return is_same and origin.get("file") == file_name_as_text(recording.file.name)
+    return is_same and origin.get("file") == name_as_text(recording.file.name)

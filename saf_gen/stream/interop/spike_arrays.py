@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import file_name_as_text
+from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.interop.array_files import SlicedArray, open_imported_array
-from saf_gen.stream.metadata import MAX_PIXELS, stream_metadata_from_options
+from saf_gen.stream.interop.array_files import SlicedArray, open_array
+from saf_gen.stream.metadata import MAX_PIXELS, metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
 ARRAY_LAYOUTS = ("frames", "packed")
@@ -95,7 +95,7 @@ class SpikeArray:
     ) -> None:
         if layout not in (None, *ARRAY_LAYOUTS):
             raise unknown("layout of an array", layout, allowed=ARRAY_LAYOUTS)
-        array = open_imported_array(path, key=key)
+        array = open_array(path, key=key)
         if len(array.shape) != 3 or 0 in array.shape or array.dtype.kind not in "buif":
             raise BadInput(
                 f"the array is {array.dtype} {array.shape}", where=str(path), allowed="numbers (frames, rows, columns)",
@@ -132,13 +132,13 @@ class SpikeArray:
         Only a part is in memory at a time. ``optional`` are fields of :class:`Metadata` other than the provenance.
         """
         settings = {
-            "file": file_name_as_text(self.path.name),
+            "file": name_as_text(self.path.name),
             "layout": self.layout,
             "flip": self.flip,
             "frames": self.shape[0],
         }
         provenance = {"import": dumps(settings, ensure_ascii=False)}
-        metadata = stream_metadata_from_options({**optional, "provenance": provenance})
+        metadata = metadata_from_options({**optional, "provenance": provenance})
         step = max(min(BLOCK_BYTES // self._frame_bytes, 2_000) // 8 * 8, 8)
         with StreamWriter(out, shape=self.shape, readout_hz=readout_hz, metadata=metadata) as writer:
             for first in range(0, self.shape[0], step):

@@ -23,7 +23,7 @@ _DAMAGE = (
 _NAME = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 
 
-def read_imported_sheet(path: str | Path) -> list[list[str]]:
+def read_sheet(path: str | Path) -> list[list[str]]:
     """Return the rows of the first sheet, from its first column; an empty cell is "".
 
     Raises BadInput if the file is missing, too large, or not a spreadsheet.

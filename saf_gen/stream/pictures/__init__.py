@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from saf_gen.core.files import file_name_as_text, write_atomically
+from saf_gen.core.files import atomic_file, name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.measure_input import choose_stream_region
-from saf_gen.stream.pictures.window_pictures import KINDS, WindowPictures, choose_windows_of_stream
+from saf_gen.stream.measure_input import choose_region
+from saf_gen.stream.pictures.window_pictures import KINDS, WindowPictures, choose_windows
 from saf_gen.stream.readable import ReadableStream
 
 __all__ = ["FORMS", "KINDS", "ViewForm", "write_view"]
@@ -92,15 +92,15 @@ def write_view(
     if not 0 < fps <= 100:
         raise BadInput(f"{fps:g} pictures per second", allowed="above 0, at most 100")
     of = FORMS[form]
-    pictures = choose_windows_of_stream(
+    pictures = choose_windows(
         stream, kind=kind, window=window, first=first, stop=stop, every=every, count=of.count, max_count=of.max_count
     )
     # Imported late, because matplotlib takes a second and an error should not wait for it.
     from saf_gen.stream.pictures import movie, player, still
-    from saf_gen.stream.pictures.timeline import read_stream_timeline
+    from saf_gen.stream.pictures.timeline import read_timeline
 
-    box, _ = choose_stream_region(stream, region)
-    timeline = read_stream_timeline(
+    box, _ = choose_region(stream, region)
+    timeline = read_timeline(
         stream,
         first=first,
         stop=stream.shape[0] if stop is None else stop,
@@ -108,17 +108,17 @@ def write_view(
         measures=measures,
         region=box,
     )
-    with write_atomically(target) as part:
+    with atomic_file(target) as part:
         if form == "html":
-            player.write_stream_player(
-                pictures, timeline, region=box, path=part, title=file_name_as_text(stream.path.stem), fps=fps
+            player.write_player(
+                pictures, timeline, region=box, path=part, title=name_as_text(stream.path.stem), fps=fps
             )
         elif form in ("gif", "mp4"):
             canvas = movie.MovieCanvas(pictures, timeline, region=box)
             if form == "gif":
-                movie.write_gif_of_stream(canvas, part, fps=fps)
+                movie.write_gif(canvas, part, fps=fps)
             else:
-                movie.write_mp4_of_stream(canvas, part, size=canvas.size, fps=fps)
+                movie.write_mp4(canvas, part, size=canvas.size, fps=fps)
         else:
-            still.draw_still_of_stream(pictures, timeline, region=box, path=part, form=form)
+            still.draw_still(pictures, timeline, region=box, path=part, form=form)
     return pictures

@@ -40,7 +40,7 @@ class PictureSheet:
         return ImageStrip(buffer.getvalue(), f"image/{form.lower()}", across, rows, self.size, self.count)
 
 
-def lay_out_stream_pictures(pictures: Iterable[np.ndarray], *, count: int, two_tone: bool = False) -> PictureSheet:
+def lay_out_pictures(pictures: Iterable[np.ndarray], *, count: int, two_tone: bool = False) -> PictureSheet:
     """Return ``count`` grey pictures, uint8 (h, w), side by side; ``two_tone`` keeps one bit per pixel."""
     across, mode = min(ACROSS, count), "1" if two_tone else "L"
     sheet, size = Image.new(mode, (1, 1)), (1, 1)
@@ -53,7 +53,7 @@ def lay_out_stream_pictures(pictures: Iterable[np.ndarray], *, count: int, two_t
     return PictureSheet(sheet, size, count)
 
 
-def encode_stream_pictures_as_jpeg(sheet: PictureSheet, *, max_bytes: int) -> ImageStrip:
+def encode_jpegs(sheet: PictureSheet, *, max_bytes: int) -> ImageStrip:
     """Return pictures as a JPEG of the best quality that fits in ``max_bytes``, or of the lowest if none does."""
     for quality in JPEG_QUALITIES:
         strip = sheet.encode("JPEG", quality=quality, optimize=True)
@@ -62,7 +62,7 @@ def encode_stream_pictures_as_jpeg(sheet: PictureSheet, *, max_bytes: int) -> Im
     return strip
 
 
-def shrink_stream_picture(light: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def shrink_picture(light: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Return linear light (h, w) averaged to ``size`` (width, height), float32.
 
     Do not pass grey values: their mean is not the grey value of the mean light.

@@ -8,20 +8,21 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from saf_gen.core.extras import require_extra
-from saf_gen.core.figure_style import STYLE, use_plot_style
+from saf_gen.core.figure_style import COLOURS, STYLE, use_plot_style
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
-from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
-from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment_of_stream
+from saf_gen.stream.pictures.panels import draw_panels, list_panels, stream_legends_height
+from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment
 from saf_gen.stream.pictures.window_pictures import WindowPictures
 
 PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: plot width and height, line of text
 PICTURE, LARGEST = 400, 800  # pixels: approximate smallest width of a picture, and its largest width and height
 BOX, CURSOR, TEXT = (255, 216, 74), (0, 98, 163), (31, 35, 40)
 GREYS = 200  # among the 256 colours of a GIF; the others are for the plots
+TINT = 16  # difference between the channels of a pixel above which it is not grey
 
 
 class MovieCanvas:
@@ -36,15 +37,16 @@ class MovieCanvas:
         larger = min(-(-PICTURE // width), LARGEST // height)
         scale = larger if larger >= 1 and width < PICTURE else min(1.0, LARGEST / width, LARGEST / height)
         self._shown = max(round(width * scale), 1), max(round(height * scale), 1)
-        tall = max(self._shown[1] + LINE, PANEL * len(list_stream_panels(timeline)) + LINE)
-        self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
         style: dict[Any, Any] = {**STYLE, "figure.facecolor": "white"}
         with use_plot_style(style):
+            legends = round(DOTS_PER_INCH * stream_legends_height(timeline, width=PLOTS / DOTS_PER_INCH))
+            tall = max(self._shown[1] + LINE, PANEL * len(list_panels(timeline)) + legends + LINE)
+            self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
             inches = self.size[0] / DOTS_PER_INCH, self.size[1] / DOTS_PER_INCH
             figure = Figure(figsize=inches, dpi=DOTS_PER_INCH, layout="constrained")
             canvas = FigureCanvasAgg(figure)
             halves: Any = figure.subfigures(1, 2, width_ratios=[self._shown[0], self.size[0] - self._shown[0]])
-            axes = draw_stream_panels(halves[1], timeline)
+            axes = draw_panels(halves[1], timeline)
             canvas.draw()
             self._background = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
             boxes = [ax.get_window_extent() for ax in axes]
@@ -58,7 +60,7 @@ class MovieCanvas:
         stream, window = self._pictures.stream, self._pictures.window
         for number, grey in enumerate(self._pictures):
             first = int(self._pictures.starts[number])
-            yield self._draw(grey, number, words=describe_moment_of_stream(stream, first=first, window=window))
+            yield self._draw(grey, number, words=describe_moment(stream, first=first, window=window))
 
     def _draw(self, grey: np.ndarray, number: int, *, words: str) -> np.ndarray:
         out = self._background.copy()
@@ -88,14 +90,11 @@ class MovieCanvas:
         return SEPARATOR.join(parts)
 
 
-def write_gif_of_stream(canvas: MovieCanvas, path: Path, *, fps: float) -> None:
+def write_gif(canvas: MovieCanvas, path: Path, *, fps: float) -> None:
     """Write a canvas as a GIF that repeats for ever; all its pictures share one palette."""
     frames = iter(canvas)
     first = Image.fromarray(next(frames))
-    colours = np.asarray(first.quantize(256 - GREYS).getpalette(), np.uint8).reshape(-1, 3)[: 256 - GREYS]
-    greys = np.repeat(np.linspace(0, 255, GREYS).round().astype(np.uint8)[:, None], 3, axis=1)
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(np.concatenate([greys, colours]).tobytes())
+    palette = _choose_palette(np.asarray(first))
 
     def reduce(image: Image.Image) -> Image.Image:
         return image.quantize(palette=palette, dither=Image.Dither.NONE)
@@ -111,7 +110,21 @@ def write_gif_of_stream(canvas: MovieCanvas, path: Path, *, fps: float) -> None:
     )
 
 
-def write_mp4_of_stream(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
+def _choose_palette(screen: np.ndarray) -> Image.Image:
+    """Return greys for the picture, the colours of lines as they are, and mixtures that occur on the screen (h, w, 3).
+
+    The picture would take most colours if all pixels were counted, and lines of different colours would look alike.
+    """
+    greys = np.repeat(np.linspace(0, 255, GREYS).round().astype(np.uint8)[:, None], 3, axis=1)
+    lines = np.array([*(ImageColor.getrgb(colour) for colour in COLOURS), BOX, CURSOR, TEXT], np.uint8)
+    tinted = screen[np.ptp(screen, axis=2) > TINT]
+    mixtures = Image.fromarray(tinted[None]).quantize(256 - GREYS - len(lines)).getpalette()
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*greys.ravel().tolist(), *lines.ravel().tolist(), *(mixtures or ())])
+    return palette
+
+
+def write_mp4(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
     """Write frames, uint8 (height, width, 3), as H.264 video; only one frame is in memory at a time.
 
     Raises BadInput if imageio-ffmpeg, which contains an encoder, is missing or fails.

@@ -1,31 +1,29 @@
 """Plots of lens, light and scores over the frames of a view, one below the other; unknown quantities are left out."""
 
+import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from math import isfinite
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
-from matplotlib.figure import FigureBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from saf_gen.core.figure_style import (
-    BAND,
-    GREY,
-    INK,
-    MAX_MEASURES,
-    SOFT,
-    PlotStyle,
-    assign_plot_styles,
-    hide_plot_spines,
-)
+from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, assign_styles, hide_spines
 from saf_gen.errors import BadInput
 from saf_gen.stream.pictures.timeline import Extremes, Timeline
 
-TICKS = [1, 2, 5, 10]
+TICKS, DOTS_PER_INCH = [1, 2, 5, 10], 100
+LINES = 3  # of a legend, for which there is room above a plot
+LABEL = 40  # characters in a line of a legend; the names of lights that are alike are one label
+LEGEND = 0.8  # largest width of a legend in widths of the figure, which also holds the labels on the left
 Panel = Callable[[Axes, Timeline], None]
 
 
-def list_stream_panels(timeline: Timeline) -> list[Panel]:
+def list_panels(timeline: Timeline) -> list[Panel]:
     """Return the plots to draw; raise BadInput if there are more measures than colours can distinguish."""
     if len(timeline.scores) > MAX_MEASURES:
         raise BadInput(f"{len(timeline.scores)} measures", allowed=f"at most {MAX_MEASURES} in one picture")
@@ -36,9 +34,22 @@ def list_stream_panels(timeline: Timeline) -> list[Panel]:
     ]
 
 
-def draw_stream_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
+def stream_legends_height(timeline: Timeline, *, width: float) -> float:
+    """Return the height, inches, to add to plots that are ``width`` inches wide, because their legends have many lines.
+
+    It is 0 if no legend has more than LINES lines.
+    """
+    figure = Figure(figsize=(width, width), dpi=DOTS_PER_INCH)
+    FigureCanvasAgg(figure)
+    draw_panels(figure, timeline)
+    heights = [legend.get_window_extent().height / DOTS_PER_INCH for legend in figure.findobj(Legend)]
+    usual = LINES * 1.5 * rcParams["legend.fontsize"] / 72
+    return sum(max(height - usual, 0.0) for height in heights)
+
+
+def draw_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
     """Draw a plot of each known quantity over the same frames, and return their axes from the top."""
-    panels = list_stream_panels(timeline)
+    panels = list_panels(timeline)
     axes: list[Axes] = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0].tolist()
     for ax, draw in zip(axes, panels, strict=True):
         draw(ax, timeline)
@@ -63,7 +74,7 @@ def _draw_lens(axes: Axes, timeline: Timeline) -> None:
     axes.set_ylim(-0.03, 1.03)
     axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
     axes.set_ylabel("position")
-    hide_plot_spines(axes, "top", "right")
+    hide_spines(axes, "top", "right")
     _put_legend_above(axes)
 
 
@@ -75,7 +86,7 @@ def _draw_light(axes: Axes, timeline: Timeline) -> None:
     rate.fill_between(centres, shown, color=GREY, lw=0, step="mid", label="spikes per readout")
     rate.set_ylim(0, 1.1 * timeline.rate.max() or 1)
     rate.yaxis.set_major_locator(MaxNLocator(3, steps=TICKS))
-    hide_plot_spines(rate, "top", "right" if rate is axes else "left")
+    hide_spines(rate, "top", "right" if rate is axes else "left")
     if rate is axes:
         axes.set_ylabel("spikes")
     else:
@@ -83,7 +94,7 @@ def _draw_light(axes: Axes, timeline: Timeline) -> None:
         rate.spines["right"].set_visible(False)
         axes.set_zorder(rate.get_zorder() + 1)
         axes.patch.set_visible(False)
-        hide_plot_spines(axes, "top", "right")
+        hide_spines(axes, "top", "right")
         alike = _group_alike(timeline.gains)
         for names, style in zip(alike, _styles(alike, after=1), strict=True):
             _draw_extremes(axes, timeline.gains[names.split(", ")[0]], style=style, label=f"gain of {names}")
@@ -103,7 +114,7 @@ def _draw_scores(axes: Axes, timeline: Timeline) -> None:
     axes.set_ylim(-0.03, 1.03)
     axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
     axes.set_ylabel("score")
-    hide_plot_spines(axes, "top", "right")
+    hide_spines(axes, "top", "right")
     _put_legend_above(axes)
 
 
@@ -123,7 +134,7 @@ def _group_alike(gains: Mapping[str, Extremes]) -> list[str]:
 
 def _styles(names: Iterable[str], *, after: int = 0) -> list[PlotStyle]:
     all_names = [*map(str, range(after)), *names]
-    styles = assign_plot_styles(all_names)
+    styles = assign_styles(all_names)
     return [styles[name] for name in all_names[after:]]
 
 
@@ -132,9 +143,12 @@ def _put_legend_above(*axes: Axes) -> None:
     for one in axes:
         for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
             handles.append(handle)
-            labels.append(label)
-    legend = axes[0].legend(
-        handles, labels, loc="lower left", bbox_to_anchor=(0, 0.97), ncols=3, borderpad=0, borderaxespad=0.1,
-        handlelength=1.6, columnspacing=1.2, handletextpad=0.5,
-    )  # fmt: skip
+            labels.append(textwrap.fill(label, LABEL, break_on_hyphens=False))
+    for columns in (3, 2, 1):
+        legend = axes[0].legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(0, 0.97), ncols=columns, borderpad=0, borderaxespad=0.1,
+            handlelength=1.6, columnspacing=1.2, handletextpad=0.5,
+        )  # fmt: skip
+        if legend.get_window_extent().width <= LEGEND * axes[0].figure.bbox.width:
+            break
     legend.set_in_layout(True)

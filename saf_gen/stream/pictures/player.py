@@ -13,42 +13,36 @@ import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from saf_gen.core.display_tone import apply_display_gamma
+from saf_gen.core.display_tone import display_gamma
 from saf_gen.core.figure_style import WIDTH, inline_svg, plot_to_svg, use_plot_style
 from saf_gen.core.region import Region
-from saf_gen.stream.pictures.image_strip import (
-    encode_stream_pictures_as_jpeg,
-    lay_out_stream_pictures,
-    shrink_stream_picture,
-)
-from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
-from saf_gen.stream.pictures.timeline import Timeline, describe_moment_of_stream
+from saf_gen.stream.pictures.image_strip import encode_jpegs, lay_out_pictures, shrink_picture
+from saf_gen.stream.pictures.panels import draw_panels, list_panels, stream_legends_height
+from saf_gen.stream.pictures.timeline import Timeline, describe_moment
 from saf_gen.stream.pictures.window_pictures import KINDS, WindowPictures
 
 PANEL, AXIS = 0.95, 0.45  # inches
 WIDEST, MAX_BYTES = 400, 4_000_000
 
 
-def write_stream_player(
+def write_player(
     pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, title: str, fps: float
 ) -> None:
     """Write the page to ``path``; it needs no network, and scripts only for its motion."""
     stream, two_tone = pictures.stream, pictures.kind == "spikes"
-    sheet = lay_out_stream_pictures(_small_pictures(pictures), count=len(pictures.starts), two_tone=two_tone)
-    strip = (
-        sheet.encode("PNG", optimize=True) if two_tone else encode_stream_pictures_as_jpeg(sheet, max_bytes=MAX_BYTES)
-    )
+    sheet = lay_out_pictures(_small_pictures(pictures), count=len(pictures.starts), two_tone=two_tone)
+    strip = sheet.encode("PNG", optimize=True) if two_tone else encode_jpegs(sheet, max_bytes=MAX_BYTES)
     with use_plot_style():
-        panels = len(list_stream_panels(timeline))
-        figure = Figure(figsize=(WIDTH, PANEL * panels + AXIS), dpi=72, layout="constrained")
+        tall = PANEL * len(list_panels(timeline)) + AXIS + stream_legends_height(timeline, width=WIDTH)
+        figure = Figure(figsize=(WIDTH, tall), dpi=72, layout="constrained")
         FigureCanvasSVG(figure)
-        axes = draw_stream_panels(figure, timeline)
+        axes = draw_panels(figure, timeline)
         figure.draw_without_rendering()
         x = axes[0].transData.transform([(f, 0) for f in pictures.centres])[:, 0] / figure.bbox.width
         top, bottom = 1 - axes[0].get_position().y1, 1 - axes[-1].get_position().y0
         svg = inline_svg(plot_to_svg(figure, name="view"), label="Lens, light and scores over the frames")
     frames, rows, columns = stream.shape
-    words = [describe_moment_of_stream(stream, first=int(a), window=pictures.window) for a in pictures.starts]
+    words = [describe_moment(stream, first=int(a), window=pictures.window) for a in pictures.starts]
     size = f"{columns} × {rows} pixels, {frames:,} readouts at {stream.readout_hz:,.0f} per second"
     rest = "." if pictures.kind == "spikes" else f"; {pictures.window} readouts per window."
     play = {"across": strip.columns, "down": strip.rows, "x": [round(f, 5) for f in x.tolist()], "words": words}
@@ -79,7 +73,7 @@ def _small_pictures(pictures: WindowPictures) -> Iterator[np.ndarray]:
         return
     size = WIDEST, max(round(rows * WIDEST / columns), 1)
     for number in range(len(pictures.starts)):
-        grey = apply_display_gamma(shrink_stream_picture(pictures.linear(number), size), pictures.white)
+        grey = display_gamma(shrink_picture(pictures.linear(number), size), pictures.white)
         yield (255 * grey).round().astype(np.uint8)
 
 

@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 
 from saf_gen.core.figure_style import COLUMN, COLUMN_STYLE, SOFT, use_plot_style
 from saf_gen.core.region import Region
-from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
+from saf_gen.stream.pictures.panels import draw_panels, list_panels, stream_legends_height
 from saf_gen.stream.pictures.timeline import Timeline
 from saf_gen.stream.pictures.window_pictures import WindowPictures
 
@@ -19,9 +19,7 @@ DOTS_PER_INCH = 300
 BOX = "#ffd84a"
 
 
-def draw_still_of_stream(
-    pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, form: str
-) -> None:
+def draw_still(pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, form: str) -> None:
     """Write pictures and plots to ``path`` as png, pdf or svg (``form``), 3.5 inches wide.
 
     The same input gives the same bytes.
@@ -31,8 +29,9 @@ def draw_still_of_stream(
     down = -(-count // across)
     _, height, width = pictures.stream.shape
     each = min(COLUMN / across * height / width, TALLEST) + CAPTION
-    above, below = down * each, PANEL * len(list_stream_panels(timeline)) + AXIS
+    above, below = down * each, PANEL * len(list_panels(timeline)) + AXIS
     with use_plot_style(COLUMN_STYLE):
+        below += stream_legends_height(timeline, width=COLUMN)
         figure = Figure(figsize=(COLUMN, above + below), dpi=DOTS_PER_INCH, layout="constrained")
         FigureCanvasAgg(figure)
         layout: Any = figure.get_layout_engine()
@@ -46,7 +45,7 @@ def draw_still_of_stream(
             cell.set_title(_caption(pictures, centre), pad=2)
             if region is not None:
                 cell.add_patch(_outline(region))
-        axes = draw_stream_panels(halves[1], timeline)
+        axes = draw_panels(halves[1], timeline)
         for ax in axes:
             for centre in pictures.centres:
                 ax.axvline(centre, color=SOFT, lw=0.5, ls=":")

@@ -7,10 +7,11 @@ from math import isfinite
 import numpy as np
 
 from saf_gen.core.region import Region
+from saf_gen.core.user_code import named_user_code
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.interval_texture import texture_of_stream_window
-from saf_gen.stream.measure_input import stream_input_for_measure
+from saf_gen.stream.interval_texture import window_texture
+from saf_gen.stream.measure_input import measure_input
 from saf_gen.stream.readable import ReadableStream
 
 SCORED = 200
@@ -78,10 +79,10 @@ class _Windows:
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self.stream.packed(first_byte, stop_byte, region=self.region)
 
-        return texture_of_stream_window(read, self.window, first=first, stop=stop)
+        return window_texture(read, self.window, first=first, stop=stop)
 
 
-def read_stream_timeline(
+def read_timeline(
     stream: ReadableStream,
     *,
     first: int,
@@ -102,8 +103,9 @@ def read_stream_timeline(
     scores: dict[str, list[float]] = {name: [] for name in scorers}
     for a in starts:
         for name, scorer in scorers.items():
-            seen = stream_input_for_measure(source, scorer, first=a, stop=a + window)
-            scores[name].append(scorer(seen, **({"frames": window} if wants_frames(scorer) else {})))
+            seen = measure_input(source, scorer, first=a, stop=a + window)
+            with named_user_code(name, "focus measure"):
+                scores[name].append(scorer(seen, **({"frames": window} if wants_frames(scorer) else {})))
     truth, lens, gain = stream.truth, stream.focus_position, stream.gain
     track = np.full(stream.shape[0], truth.position) if truth.track is None else truth.track
     lines = [] if gain is None else list(gain.T)
@@ -131,7 +133,7 @@ def _find_extremes(values: np.ndarray, *, first: int, stop: int) -> Extremes:
     return Extremes((edges[:-1] + edges[1:] - 1) / 2, low, high)
 
 
-def describe_moment_of_stream(stream: ReadableStream, *, first: int, window: int) -> str:
+def describe_moment(stream: ReadableStream, *, first: int, window: int) -> str:
     """Return one line about a window: frames, lens position, distance from focus in depths of focus, and start time."""
     stop = first + window
     parts = [f"frames {first:,}–{stop - 1:,}" if window > 1 else f"frame {first:,}"]

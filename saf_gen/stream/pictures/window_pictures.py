@@ -6,10 +6,10 @@ from operator import index
 
 import numpy as np
 
-from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
+from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.region import validate_window
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.interval_texture import texture_of_stream_window
+from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.readable import ReadableStream
 
 KINDS = {
@@ -60,11 +60,11 @@ class WindowPictures:
     def __iter__(self) -> Iterator[np.ndarray]:
         """Yield the pictures as grey values for a screen, uint8 (H, W)."""
         for number in range(len(self.starts)):
-            grey = apply_display_gamma(self.linear(number), self.white)
+            grey = display_gamma(self.linear(number), self.white)
             yield (255 * grey).round().astype(np.uint8)
 
 
-def choose_windows_of_stream(
+def choose_windows(
     stream: ReadableStream,
     *,
     kind: str = "tfp",
@@ -106,7 +106,7 @@ def choose_windows_of_stream(
         )
     shown = starts[np.unique(np.linspace(0, len(starts) - 1, WHITE_WINDOWS).astype(int))]
     samples = (_read_picture(stream, kind, first=int(a), window=length) for a in shown)
-    white = 1.0 if kind == "spikes" else max(find_display_white_level(s, quantile=WHITE_QUANTILE) for s in samples)
+    white = 1.0 if kind == "spikes" else max(white_level(s, quantile=WHITE_QUANTILE) for s in samples)
     return WindowPictures(stream, kind, length, starts, white)
 
 
@@ -116,7 +116,7 @@ def _read_picture(stream: ReadableStream, kind: str, *, first: int, window: int)
         middle = (first + stop - 1) // 2
         return stream.frames(middle, middle + 1)[0]
     if kind == "tfi":
-        return texture_of_stream_window(stream.packed, stream.counts, first=first, stop=stop)
+        return window_texture(stream.packed, stream.counts, first=first, stop=stop)
     return stream.counts(first, stop)
 
 

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from saf_gen.core.files import sha256_of_file, write_text_atomically
+from saf_gen.core.files import file_sha256, write_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry
 
@@ -103,7 +103,7 @@ class DatasetFacts:
     responsible: Mapping[str, str] = field(default_factory=dict)
 
 
-def describe_dataset_as_croissant(manifest: Manifest, facts: DatasetFacts, *, digest: str) -> dict[str, Any]:
+def croissant_of(manifest: Manifest, facts: DatasetFacts, *, digest: str) -> dict[str, Any]:
     """Return the Croissant description of a dataset folder, as JSON-LD; ``digest`` is the SHA-256 of its manifest file.
 
     Raises BadInput if a licence is not an SPDX name.
@@ -118,7 +118,7 @@ def describe_dataset_as_croissant(manifest: Manifest, facts: DatasetFacts, *, di
         "conformsTo": list(SPECIFICATIONS),
         "name": name,
         "description": facts.description,
-        **({"license": licence_urls_for_croissant(facts.licences)} if facts.licences else {}),
+        **({"license": licence_urls(facts.licences)} if facts.licences else {}),
         **({"url": facts.url} if facts.url else {}),
         **({"creator": {"@type": "sc:Organization", "name": facts.creator}} if facts.creator else {}),
         "datePublished": facts.published or datetime.now(UTC).date().isoformat(),
@@ -135,7 +135,7 @@ def describe_dataset_as_croissant(manifest: Manifest, facts: DatasetFacts, *, di
     }
 
 
-def point_croissant_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -> dict[str, Any]:
+def point_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -> dict[str, Any]:
     """Return a description whose files are in tar shards; ``shards`` maps the names of the shards to their SHA-256."""
     files = [one for one in card["distribution"] if one["@type"] == "cr:FileObject" and one["@id"] == MANIFEST_NAME]
     files += [_file(name, "application/x-tar", digest=digest) for name, digest in shards.items()]
@@ -148,15 +148,15 @@ def point_croissant_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -
 def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) -> None:
     """Write ``croissant.json`` into a dataset folder next to its manifest; the date of an earlier card is kept."""
     path = folder / CARD_NAME
-    digest = sha256_of_file(folder / MANIFEST_NAME)
-    card = describe_dataset_as_croissant(manifest, facts, digest=digest)
+    digest = file_sha256(folder / MANIFEST_NAME)
+    card = croissant_of(manifest, facts, digest=digest)
     if path.is_file():
         found = re.search(r'"datePublished": "(\d{4}-\d\d-\d\d)"', path.read_text(encoding="utf-8", errors="replace"))
         card["datePublished"] = found[1] if found else card["datePublished"]
-    write_text_atomically(path, json.dumps(card, indent=1, ensure_ascii=False) + "\n")
+    write_text(path, json.dumps(card, indent=1, ensure_ascii=False) + "\n")
 
 
-def front_matter_for_sharing(manifest: Manifest, licences: Sequence[str], *, pattern: str) -> str:
+def front_matter(manifest: Manifest, licences: Sequence[str], *, pattern: str) -> str:
     """Return the first lines of README.md, which the Hugging Face Hub reads, with a configuration of all splits.
 
     ``pattern`` is the path of the files of a split, containing {split}.
@@ -178,7 +178,7 @@ def front_matter_for_sharing(manifest: Manifest, licences: Sequence[str], *, pat
     return f"---\n{''.join(lines)}---\n"
 
 
-def read_licences_for_croissant(expressions: Iterable[str]) -> list[str]:
+def read_licences(expressions: Iterable[str]) -> list[str]:
     """Return the names in SPDX expressions such as "MIT AND CC-BY-4.0"; an empty list if one is empty or prose."""
     found: set[str] = set()
     for expression in expressions:
@@ -192,7 +192,7 @@ def read_licences_for_croissant(expressions: Iterable[str]) -> list[str]:
     return sorted(found)
 
 
-def licence_urls_for_croissant(licences: Iterable[str]) -> list[str]:
+def licence_urls(licences: Iterable[str]) -> list[str]:
     """Return the addresses of SPDX licences; raise BadInput if a name cannot be an SPDX name."""
     for name in licences:
         if not LICENCE.fullmatch(name):

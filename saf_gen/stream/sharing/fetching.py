@@ -1,17 +1,24 @@
 """Fetching of a packed dataset; only files with the size and SHA-256 in its index are accepted."""
 
+import http.client
 import shutil
+import ssl
 import tarfile
+import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import IO
+from typing import IO, Protocol
+from urllib.error import HTTPError, URLError
+from urllib.parse import quote, urlsplit, urlunsplit
+from urllib.request import Request, urlopen
 
-from saf_gen.core.files import check_folder_writable, free_disk_bytes, sha256_of_file, unwritable_file_error
+from saf_gen.core.config.document import check_plain_file
+from saf_gen.core.files import check_writable, file_sha256, free_disk_bytes, unwritable
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME
-from saf_gen.stream.sharing.origin import BLOCK, Origin, Report, find_origin_of_shards
 from saf_gen.stream.sharing.shard_index import (
     INDEX_NAME,
     MAX_INDEX_BYTES,
@@ -20,6 +27,132 @@ from saf_gen.stream.sharing.shard_index import (
     ShardIndex,
     parse_shard_index,
 )
+
+ATTEMPTS, TIMEOUT_S, WAIT_S = 5, 60.0, 1.0
+BLOCK = 1 << 20
+Report = Callable[[int], None]
+BROKEN = (URLError, http.client.HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
+"""Exceptions of a connection that fails or breaks off."""
+
+
+class Origin(Protocol):
+    """A packed dataset in a folder or on a server."""
+
+    def name(self, file: str) -> str:
+        """Return the address or path of a file for messages."""
+
+    def read(self, file: str, *, limit: int) -> bytes:
+        """Return the content of a small file; raise BadInput if it is missing or larger than ``limit`` bytes."""
+
+    def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
+        """Return the path of a file with the size in the index, which is downloaded to ``parts`` if necessary.
+
+        ``report`` is called with the number of bytes present so far. Raises BadInput if the file cannot be fetched or
+        has another size.
+        """
+
+
+def find_origin(source: str) -> Origin:
+    """Return the origin for the address or path of a folder, or of the index in it."""
+    if "://" not in source:
+        folder = Path(source)
+        return _Folder(folder.parent if folder.name == INDEX_NAME else folder)
+    scheme, host, path, query, _ = urlsplit(source)
+    if query:  # each shard would need a signature of its own
+        raise BadInput(f"{source} has a query", allowed="an address without '?', below which all files are found")
+    if scheme not in ("http", "https") or not host:
+        raise BadInput(f"{source} cannot be fetched", allowed="an http or https address, or a folder")
+    return _Server(urlunsplit((scheme, host, path.removesuffix(INDEX_NAME).rstrip("/"), "", "")))
+
+
+@dataclass(frozen=True)
+class _Folder:
+    folder: Path
+
+    def name(self, file: str) -> str:
+        return str(self.folder / file)
+
+    def read(self, file: str, *, limit: int) -> bytes:
+        path = self.folder / file
+        try:
+            check_plain_file(path, max_bytes=limit)
+            return path.read_bytes()
+        except OSError as error:
+            raise BadInput(
+                f"{self.folder} holds no packed dataset: {file} cannot be read", hint="make one with saf-gen pack"
+            ) from error
+
+    def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
+        path = self.folder / one.file
+        found = path.stat().st_size if path.is_file() else 0
+        if found != one.bytes:
+            raise BadInput(f"has {found:,} bytes", where=str(path), allowed=f"{one.bytes:,}, as the index states")
+        return path
+
+
+@dataclass(frozen=True)
+class _Server:
+    address: str
+
+    def name(self, file: str) -> str:
+        return f"{self.address}/{quote(file)}"
+
+    def read(self, file: str, *, limit: int) -> bytes:
+        where = self.name(file)
+        try:
+            with urlopen(where, timeout=TIMEOUT_S) as answer:
+                text: bytes = answer.read(limit + 1)
+        except BROKEN as error:
+            raise _unreachable(where, error) from error
+        if len(text) > limit:
+            raise BadInput(f"has more than {limit:,} bytes", where=where)
+        return text
+
+    def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
+        """Download a file and return its path; a partial file that an earlier run left is continued."""
+        part = parts / f"{one.file}.{one.sha256[:16]}.part"
+        for attempt in range(ATTEMPTS):
+            have = part.stat().st_size if part.exists() else 0
+            if have == one.bytes and part.exists():
+                return part
+            if attempt:
+                time.sleep(WAIT_S * 2 ** (attempt - 1))
+            try:
+                self._download(one, part, have=have if have < one.bytes else 0, report=report)
+            except HTTPError as error:
+                if error.code < 500:
+                    raise _unreachable(self.name(one.file), error) from error
+                broken: Exception = error
+            except BROKEN as error:
+                broken = error
+            else:
+                broken = ConnectionError("the connection broke off")
+        if part.exists() and part.stat().st_size == one.bytes:
+            return part
+        raise _unreachable(self.name(one.file), broken)
+
+    def _download(self, one: PackedFile | Shard, part: Path, *, have: int, report: Report) -> None:
+        request = Request(self.name(one.file), headers={"Range": f"bytes={have}-"} if have else {})
+        with urlopen(request, timeout=TIMEOUT_S) as answer:
+            goes_on = answer.status == 206 and answer.headers.get("Content-Range", "").startswith(f"bytes {have}-")
+            have = have if goes_on else 0
+            with part.open("ab" if goes_on else "wb") as file:
+                while block := answer.read(BLOCK):
+                    have += len(block)
+                    if have > one.bytes:
+                        raise BadInput(
+                            f"has more than the {one.bytes:,} bytes that the index states", where=self.name(one.file)
+                        )
+                    file.write(block)
+                    report(have)
+
+
+def _unreachable(where: str, error: Exception) -> BadInput:
+    reason = getattr(error, "reason", None) or str(error) or type(error).__name__
+    refused = isinstance(error, HTTPError) and error.code < 500
+    hint = "check the address" if refused else "run the same command again to continue where it stopped"
+    return BadInput(f"cannot be fetched: {reason}", where=where, hint=hint)
+
 
 PARTS = ".fetch"
 """Folder for incomplete files, inside the dataset folder; it is removed at the end."""
@@ -62,7 +195,7 @@ def fetch_dataset(
         If there is no index, if a digest differs from the one required or listed, if the disk is too full, if the
         folder contains another dataset or other files, or if the server does not answer.
     """
-    origin = find_origin_of_shards(source)
+    origin = find_origin(source)
     text = origin.read(INDEX_NAME, limit=MAX_INDEX_BYTES)
     digest, where = sha256(text).hexdigest(), origin.name(INDEX_NAME)
     if index_sha256 and digest != index_sha256.strip().lower():
@@ -73,7 +206,7 @@ def fetch_dataset(
     try:
         _fetch_into(folder, index, origin=origin, report=report)
     except OSError as error:
-        raise unwritable_file_error(folder, error) from error
+        raise unwritable(folder, error) from error
     finally:
         if [one.name for one in folder.glob("*")] == [PARTS]:  # nothing was fetched: leave nothing behind
             with suppress(OSError):
@@ -83,7 +216,7 @@ def fetch_dataset(
 
 
 def _check_folder(folder: Path, index: ShardIndex) -> None:
-    check_folder_writable(folder)
+    check_writable(folder)
     manifest = next(one for one in index.files if one.file == MANIFEST_NAME)
     if (folder / MANIFEST_NAME).exists() and not _is_complete(folder, manifest):
         raise BadInput(f"{folder} holds another dataset", hint="give another folder with --out")
@@ -131,7 +264,7 @@ def _fetch_into(folder: Path, index: ShardIndex, *, origin: Origin, report: Call
 def _fetch_checked(one: PackedFile | Shard, origin: Origin, *, parts: Path, report: Report) -> Path:
     """Return the path of a file that has the digest in the index; a download with another digest is deleted."""
     path = origin.fetch(one, parts=parts, report=report)
-    if (found := sha256_of_file(path)) != one.sha256:
+    if (found := file_sha256(path)) != one.sha256:
         if path.parent == parts:
             path.unlink()
         raise BadInput(
@@ -185,4 +318,4 @@ def _write_checked(content: IO[bytes], one: PackedFile, *, folder: Path, where: 
 
 def _is_complete(folder: Path, one: PackedFile) -> bool:
     path = folder / one.file
-    return path.is_file() and path.stat().st_size == one.bytes and sha256_of_file(path) == one.sha256
+    return path.is_file() and path.stat().st_size == one.bytes and file_sha256(path) == one.sha256

@@ -10,29 +10,23 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.core.config.json_document import read_json
-from saf_gen.core.files import (
-    check_folder_writable,
-    sha256_of_file,
-    write_atomically,
-    write_folder_atomically,
-    write_text_atomically,
-)
+from saf_gen.core.files import atomic_file, check_writable, file_sha256, write_folder, write_text
 from saf_gen.errors import BadInput
-from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, verify_manifest_entry
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, verify_entry
 from saf_gen.stream.sharing.croissant import (
     CARD_NAME,
     DatasetFacts,
-    describe_dataset_as_croissant,
-    front_matter_for_sharing,
-    licence_urls_for_croissant,
-    point_croissant_to_shards,
+    croissant_of,
+    front_matter,
+    licence_urls,
+    point_to_shards,
 )
 from saf_gen.stream.sharing.shard_index import (
     INDEX_NAME,
     PackedFile,
     Shard,
     ShardIndex,
-    is_plain_path_in_shard,
+    is_plain_path,
     parse_shard_index,
     write_shard_index,
 )
@@ -103,16 +97,16 @@ def pack_dataset(
         holds = "already holds this dataset, completely packed" if _is_packed(source, target) else "is not empty"
         raise BadInput(f"{target} {holds}", hint="give another folder with --out, or remove it")
     card = _read_card(source, manifest, licences=licences, url=url, creator=creator)
-    check_folder_writable(target)
+    check_writable(target)
     groups = _group_files(source, manifest, stacks=stacks)
     for entry in manifest.sequences:
-        verify_manifest_entry(source, entry)
-    with write_folder_atomically(target.absolute()) as part:
+        verify_entry(source, entry)
+    with write_folder(target.absolute()) as part:
         index = _write_all(
             source, part, groups=groups, manifest=manifest, card=card, report=report, shard_bytes=shard_bytes
         )
     missing = tuple(key for key in ("url", "creator") if key not in card)
-    return PackedDataset(index, sha256_of_file(target / INDEX_NAME), missing)
+    return PackedDataset(index, file_sha256(target / INDEX_NAME), missing)
 
 
 def _is_packed(source: Path, target: Path) -> bool:
@@ -120,7 +114,7 @@ def _is_packed(source: Path, target: Path) -> bool:
     try:
         index = parse_shard_index((target / INDEX_NAME).read_text(encoding="utf-8"), INDEX_NAME)
         listed = [file.sha256 for file in index.files if file.file == MANIFEST_NAME]
-        return listed == [sha256_of_file(source / MANIFEST_NAME)]
+        return listed == [file_sha256(source / MANIFEST_NAME)]
     except (OSError, ValueError, BadInput):
         return False
 
@@ -129,11 +123,11 @@ def _group_files(source: Path, manifest: Manifest, *, stacks: bool) -> dict[str,
     """Return the files to pack by group: one group for each split and, if requested, one for the focal stacks."""
     groups = {split: [e.file for e in manifest.sequences if e.split == split] for split in manifest.splits}
     for split in groups:
-        if "/" in split or not is_plain_path_in_shard(split):
+        if "/" in split or not is_plain_path(split):
             raise BadInput(f"split {split!r} cannot begin the name of a file", where=str(source / MANIFEST_NAME))
     if stacks:
         found = (p.relative_to(source).as_posix() for p in sorted((source / STACKS).rglob("*")) if p.is_file())
-        kept = [name for name in found if is_plain_path_in_shard(name)]  # no temporary files
+        kept = [name for name in found if is_plain_path(name)]  # no temporary files
         if not kept:
             raise BadInput(f"{source / STACKS} holds no focal stack", hint="leave --stacks out")
         groups[STACKS] = groups.get(STACKS, []) + kept
@@ -159,15 +153,15 @@ def _write_all(
             shards.append(_write_shard(target / f"{group}-{number:05d}.tar", source, names=batch))
             done += sum(member.bytes for member in shards[-1].members)
             report(done, total)
-    described = point_croissant_to_shards(card, {shard.file: shard.sha256 for shard in shards})
+    described = point_to_shards(card, {shard.file: shard.sha256 for shard in shards})
     texts = {
         MANIFEST_NAME: (source / MANIFEST_NAME).read_text(encoding="utf-8"),
         CARD_NAME: json.dumps(described, indent=1, ensure_ascii=False) + "\n",
         README: _readme(source, manifest, licences=_licence_names(card)),
     }
     for name, text in texts.items():
-        write_text_atomically(target / name, text)
-    files = tuple(PackedFile(name, (target / name).stat().st_size, sha256_of_file(target / name)) for name in texts)
+        write_text(target / name, text)
+    files = tuple(PackedFile(name, (target / name).stat().st_size, file_sha256(target / name)) for name in texts)
     write_shard_index(target, ShardIndex(manifest.name, tuple(shards), files))
     return parse_shard_index((target / INDEX_NAME).read_text(encoding="utf-8"), INDEX_NAME)
 
@@ -175,25 +169,23 @@ def _write_all(
 def _read_card(source: Path, manifest: Manifest, *, licences: Sequence[str], url: str, creator: str) -> dict[str, Any]:
     """Return the Croissant description of a dataset, made from the manifest if the dataset has none."""
     path = source / CARD_NAME
-    digest = sha256_of_file(source / MANIFEST_NAME)
+    digest = file_sha256(source / MANIFEST_NAME)
     if path.is_file():
         card = read_json(path, hint="write it again with saf-gen generate").data
         if not isinstance(card, dict) or "distribution" not in card:
             raise BadInput(
                 "is not a description of a dataset", where=str(path), hint="write it again with saf-gen generate"
             )
-        card["distribution"] = describe_dataset_as_croissant(manifest, DatasetFacts("", ()), digest=digest)[
-            "distribution"
-        ]
+        card["distribution"] = croissant_of(manifest, DatasetFacts("", ()), digest=digest)["distribution"]
     else:
         described = f"Spike-camera recordings with lens positions: {len(manifest.sequences)} sequences."
-        card = describe_dataset_as_croissant(manifest, DatasetFacts(described, licences), digest=digest)
+        card = croissant_of(manifest, DatasetFacts(described, licences), digest=digest)
     if not licences and not card.get("license"):
         raise BadInput(
             f"the licence of {source} is not stated", hint="state one with --licence NAME, such as CC-BY-4.0"
         )
     if licences:
-        card["license"] = licence_urls_for_croissant(licences)
+        card["license"] = licence_urls(licences)
     if url:
         card["url"] = url
     if creator:
@@ -211,7 +203,7 @@ def _readme(source: Path, manifest: Manifest, *, licences: Sequence[str]) -> str
     path = source / README
     text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else f"# {manifest.name}\n"
     body = re.sub(r"\A---\n.*?^---\n", "", text, flags=re.DOTALL | re.MULTILINE)
-    return front_matter_for_sharing(manifest, licences, pattern="{split}-*.tar") + body
+    return front_matter(manifest, licences, pattern="{split}-*.tar") + body
 
 
 def _batches(source: Path, names: Sequence[str], *, shard_bytes: int) -> Iterator[list[str]]:
@@ -230,7 +222,7 @@ def _batches(source: Path, names: Sequence[str], *, shard_bytes: int) -> Iterato
 def _write_shard(path: Path, source: Path, *, names: Sequence[str]) -> Shard:
     """Write one tar file, without times, owners and permissions of this machine."""
     members = []
-    with write_atomically(path) as part, tarfile.open(part, "w", format=tarfile.PAX_FORMAT) as tar:
+    with atomic_file(path) as part, tarfile.open(part, "w", format=tarfile.PAX_FORMAT) as tar:
         for name in names:
             with (source / name).open("rb") as file:
                 digest = file_digest(file, "sha256").hexdigest()
@@ -239,4 +231,4 @@ def _write_shard(path: Path, source: Path, *, names: Sequence[str]) -> Shard:
                 file.seek(0)
                 tar.addfile(info, file)
             members.append(PackedFile(name, info.size, digest))
-    return Shard(path.name, path.stat().st_size, sha256_of_file(path), tuple(members))
+    return Shard(path.name, path.stat().st_size, file_sha256(path), tuple(members))

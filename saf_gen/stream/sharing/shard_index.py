@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field
 
 from saf_gen.core.config.document import STRICT, Document, validate_document
 from saf_gen.core.config.json_document import parse_json
-from saf_gen.core.files import write_text_atomically
+from saf_gen.core.files import write_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME
 
@@ -67,7 +67,7 @@ class ShardIndex:
 def write_shard_index(folder: Path, index: ShardIndex) -> None:
     """Write the index of a packed dataset into its folder."""
     document = {"format": FORMAT, "layout": LAYOUT, **asdict(index)}
-    write_text_atomically(folder / INDEX_NAME, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    write_text(folder / INDEX_NAME, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
 
 
 def parse_shard_index(text: str, where: str) -> ShardIndex:
@@ -95,12 +95,12 @@ def _check_names(index: ShardIndex, document: Document) -> None:
     outer_names = [*(one.file for one in index.shards), *(one.file for one in index.files)]
     member_names = [member.file for shard in index.shards for member in shard.members]
     for name in outer_names:
-        if not is_plain_path_in_shard(name) or "/" in name or name == INDEX_NAME:
+        if not is_plain_path(name) or "/" in name or name == INDEX_NAME:
             raise BadInput(
                 f"has the file {name!r}", where=where, allowed="the name of a file in the folder of the index"
             )
     for name in member_names:
-        if not is_plain_path_in_shard(name):
+        if not is_plain_path(name):
             raise BadInput(f"has the member {name!r}", where=where, allowed="a relative path with '/', without ..")
     unpacked = Counter(name.casefold() for name in (*member_names, *(one.file for one in index.files)))
     for name, count in (unpacked + Counter(one.file.casefold() for one in index.shards)).items():
@@ -110,7 +110,7 @@ def _check_names(index: ShardIndex, document: Document) -> None:
         raise BadInput(f"has no {MANIFEST_NAME}", where=where, hint="pack the dataset again")
 
 
-def is_plain_path_in_shard(name: str) -> bool:
+def is_plain_path(name: str) -> bool:
     """Return whether a name is a relative path, without hidden parts, that means the same on every system."""
     parts = PurePosixPath(name).parts
     plain = all(re.fullmatch(r"[^\x00-\x1f\\:*?\"<>|/]{1,255}", part) and not part.startswith(".") for part in parts)

@@ -437,7 +437,7 @@ def test_a_figure_that_cannot_be_measured_is_replaced_by_a_remark(monkeypatch):
 
 
 def test_without_llvm_the_stack_bench_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(backend, "probe_render_backends", lambda: backend.BackendProbe(None, False))
+    monkeypatch.setattr(backend, "probe_backends", lambda: backend.BackendProbe(None, False))
     with pytest.raises(BadInput, match="install LLVM"):
         bench_stack.set_up_benched_scene(SMALL.sensor)
 

@@ -1,11 +1,12 @@
-"""Turns any folder of streams into a dataset by writing the manifest that lists them."""
+"""Datasets of existing streams: the manifest that lists them, and the check of every file against it."""
 
 import re
 from pathlib import Path
 
-from saf_gen.core.files import file_name_as_text
+from saf_gen.core.files import name_as_text
+from saf_gen.core.object_store import StorePath
 from saf_gen.errors import BadInput
-from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, verify_entry, write_manifest
 from saf_gen.stream.stream_file import open_stream
 
 SEQUENCE_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[a-z0-9_]+)-(?P<repeat>\d+)")
@@ -15,7 +16,7 @@ Any other name is taken as the name of the scene, and its light is called ``reco
 """
 
 
-def index_streams_of_folder(folder: str | Path, *, split: str = "test") -> Manifest:
+def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
     """Write ``manifest.json`` for all streams (.h5) in a folder and below it, and return the manifest.
 
     The id of a sequence is its path, joined with "-". Streams in a subfolder belong to the split that has the name of
@@ -39,7 +40,7 @@ def index_streams_of_folder(folder: str | Path, *, split: str = "test") -> Manif
             hint="make one with saf-gen import",
         )
     manifest = Manifest(
-        file_name_as_text(root.resolve().name), "", "recorded", tuple(_entry(root, file, split=split) for file in files)
+        name_as_text(root.resolve().name), "", "recorded", tuple(_entry(root, file, split=split) for file in files)
     )
     write_manifest(root, manifest)
     return manifest
@@ -47,7 +48,7 @@ def index_streams_of_folder(folder: str | Path, *, split: str = "test") -> Manif
 
 def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:
     inside = file.relative_to(root)
-    if file_name_as_text(str(inside)) != str(inside):
+    if name_as_text(str(inside)) != str(inside):
         raise BadInput(f"the name of {file} is not UTF-8", allowed="names that a manifest can hold", hint="rename it")
     with open_stream(file) as stream:
         frames, content = stream.shape[0], stream.content_sha256
@@ -67,3 +68,19 @@ def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:
         fingerprint=content,
         content_sha256=content,
     )
+
+
+def verify_dataset(folder: str | Path | StorePath) -> tuple[int, dict[str, str]]:
+    """Read every sequence of a dataset and compare it with the manifest.
+
+    Returns the number of sequences, and the problems of faulty sequences by id. Raises BadInput if the manifest is
+    missing or cannot be used.
+    """
+    manifest = read_manifest(folder)
+    problems = {}
+    for entry in manifest.sequences:
+        try:
+            verify_entry(folder, entry)
+        except BadInput as error:
+            problems[entry.id] = str(error)
+    return len(manifest.sequences), problems

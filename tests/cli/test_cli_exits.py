@@ -1,0 +1,285 @@
+"""Users' code that calls exit fails like code that raises: it is named, and the rest goes on.
+
+Only Ctrl-C stops everything, and only a pipe that its reader has closed is a quiet end.
+"""
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from planted_sweeps import write_three_sweeps
+from small_dataset import SCENES, SMALL_RECIPE
+
+from saf_gen.authoring.template import scene_from_template
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.records import read_records, write_records
+from saf_gen.render import backend
+
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+EXITS = {
+    "sys.exit()": "exit()",
+    "sys.exit(0)": "exit(0)",
+    "sys.exit('no licence')": "exit('no licence')",
+    "raise SystemExit(7)": "exit(7)",
+    "argparse.ArgumentParser().parse_args(['--nothing'])": "exit(2)",
+    "argparse.ArgumentParser().parse_args(['--help'])": "exit(0)",
+}
+"""Statements of users' code, and the call of exit that errors state."""
+PARTS = """\
+import argparse, sys
+
+AT_LOAD
+
+def score(counts):
+    IN_USE
+
+def look(view):
+    IN_USE
+
+class Built:
+    def __init__(self):
+        IN_USE
+
+    def __call__(self, counts):
+        return 1.0
+
+class Asked:
+    @property
+    def commands(self):
+        IN_USE
+
+    def __call__(self, view):
+        return None
+"""
+
+
+@pytest.fixture(scope="module")
+def sweeps(tmp_path_factory):
+    return write_three_sweeps(tmp_path_factory.mktemp("data"))
+
+
+@pytest.fixture
+def write_parts(tmp_path):
+    """A function that writes plug-ins that run these statements when they are loaded, or used; returns the file."""
+
+    def write(*, at_load="", in_use="return 1.0"):
+        path = tmp_path / "mine.py"
+        path.write_text(PARTS.replace("AT_LOAD", at_load).replace("IN_USE", in_use))
+        return path
+
+    return write
+
+
+def only_error(err):
+    """Return the only line that saf_gen printed on stderr; argparse may have printed others."""
+    assert "Traceback" not in err
+    (line,) = [line for line in err.splitlines() if line.startswith("saf-gen: ")]
+    return line
+
+
+def assert_good_rows_stand(records, calls):
+    """Assert that three records of ``sd+argmax`` have answers, and that all others have failed, with this note."""
+    assert [record.status for record in records if record.method == "sd+argmax"] == ["answered"] * 3
+    bad = {(record.status, record.note) for record in records if record.method != "sd+argmax"}
+    assert bad == {("failed", f"CodeStopped: its code called {calls}")}
+
+
+# Methods
+
+
+@pytest.mark.parametrize(("statement", "calls"), EXITS.items())
+def test_a_measure_or_search_that_exits_fails_and_the_others_answer(sweeps, write_parts, statement, calls):
+    mine = write_parts(in_use=statement)
+    result = evaluate(sweeps, methods=[f"{mine}:score+argmax", "sd+argmax", f"sd+{mine}:look"], draw=False)
+    assert (len(result.records), result.failures) == (9, ())
+    assert_good_rows_stand(result.records, calls)
+
+
+@pytest.mark.parametrize(("statement", "calls"), EXITS.items())
+def test_a_file_that_exits_when_it_is_loaded_is_refused(call, sweeps, tmp_path, write_parts, statement, calls):
+    mine = write_parts(at_load=statement)
+    code, _, err = call("evaluate", sweeps, "--method", f"{mine}:score+argmax", "--out", tmp_path / "out")
+    assert code == 2
+    assert f"mine.py:score' cannot be loaded: CodeStopped: its code called {calls}" in only_error(err)
+
+
+LOADING = {
+    "score": "score {stream} --window 100 --measure {mine}:score",
+    "view": "view {stream} --out {out}/a.png --measure {mine}:score",
+    "check": "methods check {mine}:score",
+    "check a form": "methods check {mine}:score_n",
+    "check a method": "methods check sd+{mine}:look",
+    "show": "methods show {mine}:score",
+    "tune": "tune {data} --method {mine}:score+argmax --try search.window=20,50 --out {out}/t.json",
+    "verify": "leaderboard verify {out} --on {data} --method {mine}:score+argmax",
+}
+
+
+@pytest.mark.parametrize("command", LOADING.values(), ids=LOADING)
+def test_every_command_refuses_a_file_that_exits_when_it_is_loaded(call, sweeps, tmp_path, write_parts, command):
+    mine = write_parts(at_load="argparse.ArgumentParser().parse_args(['--nothing'])")
+    write_records(tmp_path / "records.jsonl", evaluate(sweeps, methods=["sd+argmax"], draw=False).records)
+    places = {"stream": sweeps / "train/one.h5", "data": sweeps, "out": tmp_path, "mine": mine}
+    code, _, err = call(*command.format(**places).split())
+    assert code == 2
+    assert "mine.py:" in only_error(err)
+    assert "cannot be loaded: CodeStopped: its code called exit(2)" in only_error(err)
+
+
+@pytest.mark.parametrize("command", [LOADING["score"], LOADING["view"]], ids=["score", "view"])
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [("sys.exit(3)", "CodeStopped: its code called exit(3)"), ("1 / 0", "ZeroDivisionError: division by zero")],
+)
+def test_a_measure_that_fails_on_a_stream_is_named(call, sweeps, tmp_path, write_parts, command, statement, message):
+    mine = write_parts(in_use=statement)
+    code, out, err = call(*command.format(stream=sweeps / "train/one.h5", out=tmp_path, mine=mine).split())
+    assert (code, out) == (2, "")
+    assert f"mine.py:score' fails: {message}; repair it" in only_error(err)
+
+
+def test_a_measure_that_exits_when_it_is_built_is_refused(call, sweeps, tmp_path, write_parts):
+    mine = write_parts(in_use="sys.exit(0)")
+    code, _, err = call("evaluate", sweeps, "--method", f"{mine}:Built+argmax", "--out", tmp_path / "out")
+    assert code == 2
+    assert "mine.py:Built' with no options: CodeStopped: its code called exit(0)" in only_error(err)
+
+
+@pytest.mark.parametrize("name", ["score", "score+argmax"])
+def test_a_check_of_a_measure_that_exits_reports_it(call, monkeypatch, write_parts, name):
+    monkeypatch.setenv("COLUMNS", "400")
+    code, out, err = call("methods", "check", f"{write_parts(in_use='sys.exit(0)')}:{name}")
+    assert (code, err) == (1, "")
+    assert "CodeStopped: its code called exit(0) (mine.py, line 6), for random counts" in out
+
+
+def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts):
+    mine = write_parts(in_use="raise KeyboardInterrupt")
+    code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
+    assert code == 130
+    assert only_error(err).startswith("saf-gen: stopped; finished work is kept")
+
+
+# What reaches main()
+
+
+def test_an_exit_at_any_other_place_is_one_line_with_the_place(call, sweeps, tmp_path, write_parts):
+    mine = write_parts(in_use="sys.exit(0)")
+    code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:Asked", "--out", tmp_path / "out")
+    assert code == 1
+    assert only_error(err) == f"saf-gen: {mine}, line 21, called exit(0)"
+
+
+def test_a_broken_pipe_that_is_not_the_output_is_no_success(call, monkeypatch):
+    """Such as the pipe to a worker that dies while it starts."""
+
+    def break_pipe():
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    monkeypatch.setattr("saf_gen.scene.scene_folder.scene_names", break_pipe)
+    code, _, err = call("scenes", "list")
+    assert code == 1
+    assert "test_cli_exits.py, line " in only_error(err)
+    assert "failed: [Errno 32] Broken pipe" in only_error(err)
+
+
+@pytest.mark.parametrize(
+    ("shell", "code", "printed"),
+    [("complete_bash", 0, "score\n"), ("source_bash", 0, "_saf_gen_completion"), ("complete_nonsense", 1, "")],
+)
+def test_completion_for_a_shell_ends_as_typer_ends_it(call, monkeypatch, shell, code, printed):
+    for name, value in {"_SAF_GEN_COMPLETE": shell, "COMP_WORDS": "saf-gen sco", "COMP_CWORD": "1"}.items():
+        monkeypatch.setenv(name, value)
+    found, out, err = call()
+    assert (found, "saf-gen: " in err) == (code, False)
+    assert printed in out
+
+
+# Scenes
+
+
+@pytest.fixture
+def write_scene(own_folder):
+    """A function that writes the scene ``mine``, whose script runs a statement when it is loaded, built, or moved."""
+
+    def write(statement, at):
+        scene_from_template("mine", own_folder / "scenes")
+        script = own_folder / "scenes/mine/scene.py"
+        text = script.read_text()
+        added = {
+            "load": f"import argparse, sys\n{statement}\n{text}",
+            "build": f"{text}\n\ndef build(params):\n    import argparse, sys\n    {statement}\n",
+            "motion": f"{text}\n\ndef motion(params):\n    import argparse, sys\n    {statement}\n",
+        }
+        script.write_text(added[at])
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("at", "statement", "calls"),
+    [
+        *(("load", statement, calls) for statement, calls in EXITS.items()),
+        ("build", "sys.exit(0)", "exit(0)"),
+        ("motion", "sys.exit()", "exit()"),
+    ],
+)
+def test_a_scene_that_exits_fails_its_check_and_is_not_drawn(call, write_scene, at, statement, calls):
+    write_scene(statement, at)
+    code, out, err = call("scenes", "check", "mine", "--variant", "scalar")
+    assert (code, "saf-gen: " in err) == (1, False)
+    assert "mine error geometry: " in out
+    assert f"scenes/mine/scene.py failed: CodeStopped: its code called {calls}\n" in out
+    code, _, err = call("scenes", "preview", "mine", "--variant", "scalar")
+    assert code == 2
+    assert f"scenes/mine/scene.py failed: CodeStopped: its code called {calls}" in only_error(err)
+
+
+def test_a_scene_that_exits_is_left_out_of_the_gallery(call, write_scene, tmp_path):
+    write_scene("sys.exit(0)", "build")
+    code, _, err = call("scenes", "gallery", "mine", "--out", tmp_path / "docs", "--variant", "scalar")
+    assert code == 1
+    assert "mine could not be drawn: " in only_error(err)
+
+
+# The real command line
+
+
+def command_line(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "saf_gen", *map(str, arguments)], capture_output=True, text=True, check=False, **options
+    )
+
+
+@pytest.mark.slow
+def test_a_process_that_checks_a_file_with_argparse_ends_with_2(write_parts):
+    run = command_line("methods", "check", f"{write_parts(at_load='argparse.ArgumentParser().parse_args()')}:score")
+    assert run.returncode == 2
+    assert "cannot be loaded: CodeStopped: its code called exit(2)" in only_error(run.stderr)
+
+
+@pytest.mark.slow
+def test_a_process_that_evaluates_a_method_that_exits_keeps_the_others(sweeps, tmp_path, write_parts):
+    """It ends with 0, as if the method had raised an exception: the failure is a result of the method."""
+    mine = write_parts(in_use="sys.exit(0)")
+    methods = [f"--method={name}" for name in (f"{mine}:score+argmax", "sd+argmax", f"sd+{mine}:look")]
+    run = command_line("evaluate", sweeps, *methods, "--out", tmp_path / "out")
+    assert (run.returncode, run.stderr) == (0, "")
+    assert "mine.py:score+argmax" in run.stdout
+    assert_good_rows_stand(read_records(tmp_path / "out/records.jsonl"), "exit(0)")
+
+
+@pytest.mark.slow
+def test_a_scene_that_exits_in_a_worker_process_fails_its_render(tmp_path):
+    shutil.copytree(SCENES / "plane", tmp_path / "scenes/plane")
+    script = tmp_path / "scenes/plane/scene.py"
+    script.write_text(script.read_text().replace("return {", "raise SystemExit\n    return {"))
+    (tmp_path / "small.yaml").write_text(SMALL_RECIPE)
+    environment = os.environ | {"SAF_GEN_SCENES": str(tmp_path / "scenes")}
+    run = command_line("generate", "small.yaml", "--out", "made", "--variant", VARIANT, cwd=tmp_path, env=environment)
+    assert run.returncode == 2
+    assert "render plane failed: " in only_error(run.stderr)
+    assert "scene.py failed: CodeStopped: its code called exit()" in only_error(run.stderr)
