@@ -227,7 +227,7 @@ QUESTIONS = {
     "GPU": "how-to/machines.md",
     "SpikeCV": "how-to/import.md",
     "PyTorch": "how-to/train.md",
-    "video": "how-to/encode.md",
+    "video": "how-to/import.md",
     "log of the lens": "tutorials/your-camera.md",
     "cite": "../CITATION.cff",
 }
