@@ -19,7 +19,7 @@ from urllib.parse import unquote, urlparse
 from public_names import commands_page, python_page
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("*.md", "docs/**/*.md", "benchmarks/**/*.md", "scenes/*/SOURCE.md", "datasets/README.md")
+PAGES = ("*.md", "docs/**/*.md", "studies/**/*.md", "scenes/*/SOURCE.md", "datasets/README.md")
 MADE = {"docs/reference/commands.md": commands_page, "docs/reference/python.md": python_page}
 """Pages that are only on the site, and the functions that make them."""
 LINK = re.compile(r"\]\(([^)\s#]+)")
