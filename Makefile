@@ -11,12 +11,14 @@ DOCS := $(VENV)/.docs
 # The tests start many commands. Without bytecode, each of them would compile the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo test test-fast test-long lint compiled-tests checked docs clean
+.PHONY: help install demo test test-fast test-long lint compiled-tests checked validate bench docs clean
 help:
 	@echo "make demo       go from recipe to leaderboard: render, encode, evaluate (a minute, after a minute of set-up)"
 	@echo "make test       run linters, type checks and all tests but the long ones (five to seven minutes on two cores)"
 	@echo "make test-fast  run linters, type checks and the short tests (two to three minutes)"
 	@echo "make test-long  run the long tests: a tenth of the paper's grid at full size, planted faults, checks (half an hour)"
+	@echo "make validate   check every law at full size, and write docs/validation.md (eleven minutes; the same command resumes)"
+	@echo "make bench      measure speed, file size and memory against their targets (about twenty minutes)"
 	@echo "make docs       build the documentation site: build/site/index.html (half a minute)"
 	@echo "make install    set up .venv, and nothing else"
 	@echo "make clean      remove what the other commands made, except .venv"
@@ -68,6 +70,12 @@ test-fast: checked
 
 test-long: install
 	$(BIN)/pytest -m long
+
+validate: install
+	$(BIN)/python -m studies.laws --out docs
+
+bench: install
+	$(BIN)/python -m studies.speed
 
 $(DOCS): $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'

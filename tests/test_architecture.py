@@ -31,14 +31,13 @@ IMPORTERS = {
         "calibration.fit_files",
         "authoring.preview",
         "leaderboard.figures",
-        "acceptance.validation.plots",
     ],
-    "PIL": ["stream.pictures", "stream.interop.picture_frames", "leaderboard.figures", "acceptance.validation.plots"],
+    "PIL": ["stream.pictures", "stream.interop.picture_frames", "leaderboard.figures"],
     "jinja2": ["leaderboard.report"],
     "distributed": ["core.execution.dask_cluster"],
     "multiprocessing": ["core.execution.executor", "core.execution.worker_pool"],
     "trimesh": ["authoring.mesh_files"],
-    "emva1288": ["acceptance.validation.emva_referee"],
+    "emva1288": [],
     "gymnasium": ["benchmark.gym"],
     "torch": ["torch"],
     "onnxruntime": ["core.onnx_network"],
@@ -97,6 +96,11 @@ def test_a_heavy_dependency_is_imported_only_in_its_place(dependency, graph):
     allowed = tuple(f"saf_gen.{importer}" for importer in IMPORTERS[dependency])
     others = {m for m in importers if not any(m == importer or m.startswith(f"{importer}.") for importer in allowed)}
     assert not others
+
+
+def test_the_package_imports_nothing_of_the_checkout(graph):
+    """What we run on ourselves, tests and tools are not in the wheel."""
+    assert not {"studies", "tests", "tools"} & {module.partition(".")[0] for module in graph.modules}
 
 
 def test_random_streams_come_from_seeds_alone():

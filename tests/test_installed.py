@@ -104,7 +104,7 @@ def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp
     stream, empty = tmp_path / "a.h5", tmp_path / "empty"
     empty.mkdir()
     saf_gen.write_stream(stream, np.random.default_rng(0).random((400, 16, 24)) < 0.3)
-    refused = ["generate quickstart", "scenes check usaf_target", "scenes preview usaf_target", "validate --quick"]
+    refused = ["generate quickstart", "scenes check usaf_target", "scenes preview usaf_target"]
     works = ["recipes check quickstart", "scenes list", "scenes new mine", "doctor"]
     works.append(f"evaluate {stream} --method sd+argmax --out {tmp_path / 'out'}")
     without = f"import sys\nsys.modules['mitsuba'] = sys.modules['drjit'] = None\n{RUN_EACH}"

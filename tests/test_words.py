@@ -31,7 +31,6 @@ GIVEN_UP = {
 }
 """Words and phrases, and what to write instead."""
 KEPT = {
-    "referee": ("acceptance/validation/",),  # external software that judges the package
     "film": ("render/", "scene/xml/"),  # Mitsuba's word for the pixels of a camera
     "rig": ("benchmark/", "leaderboard/"),  # a key of records
     "anew": ("scene/library/",),  # frozen files

@@ -1,1 +1,1 @@
-"""Tools for authors of scenes: a template to start from, checks, a preview and the gallery."""
+"""Tools for authors of scenes: a template to start from, checks and a preview."""

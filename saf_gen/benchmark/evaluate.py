@@ -28,7 +28,7 @@ from saf_gen.benchmark.sequence_evaluation import (
 from saf_gen.benchmark.thumbnails import select_to_show
 from saf_gen.benchmark.tracks.predictions import PredictionSet, read_predictions
 from saf_gen.benchmark.tracks.recorded_track import check_leaves_lens
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequences
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, select_sequences_to_evaluate
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.object_store import StorePath, find_path
@@ -75,7 +75,8 @@ def evaluate(
         Names of methods. The default is no method if there are predictions, DEFAULT_CLOSED_LOOP_METHODS if there is a
         protocol, and DEFAULT_RECORDED_METHODS otherwise.
     split : str, optional
-        Evaluate only the sequences of this split.
+        Evaluate the sequences of this split, or of ``all`` splits together. The default is ``test``, or the only split
+        of the dataset.
     scene_motion : str, optional
         Evaluate only the sequences with this scene motion, ``static`` or ``dynamic``.
     region : str, default 'target'
@@ -110,7 +111,8 @@ def evaluate(
     Raises
     ------
     BadInput
-        If a split, scene motion, region or method is unknown; if a method commands the lens and there is no protocol;
+        If a split, scene motion, region or method is unknown; if no split is given for a dataset with several splits,
+        none of them called ``test``; if a method commands the lens and there is no protocol;
         if predictions do not fit the sequences, which is checked before anything runs, or come with a protocol; if a
         dataset in an object store is evaluated with a protocol or a cluster; if a single stream cannot be read; if the
         protocol suits no sequence; or if a worker cannot be used.
@@ -132,7 +134,8 @@ def evaluate(
         check_leaves_lens(list(chosen.values()))
     groups = by_region(chosen, region)
     count = sum(len(group) for group in groups.values())
-    tasks = list_sequences(path, split=split, scene_motion=scene_motion)
+    selection = select_sequences_to_evaluate(path, split=split, scene_motion=scene_motion)
+    tasks = selection.tasks
     prediction_set = None
     if predictions is not None:
         if protocol is not None:
@@ -144,7 +147,9 @@ def evaluate(
             with open_stream(path) as stream:
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
         prediction_set.check_complete(
-            tasks, running_methods=[method.name for group in groups.values() for method in group]
+            tasks,
+            left_out=selection.left_out,
+            running_methods=[method.name for group in groups.values() for method in group],
         )
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
     drawn: dict[int, Drawn] = {}

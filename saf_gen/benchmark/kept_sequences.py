@@ -7,7 +7,8 @@ that results that came with other people's data are never mistaken for this user
 import hashlib
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
@@ -125,6 +126,11 @@ class KeptSequences:
             self._new[self._key(task, draw)] = result
             if monotonic() - self._written >= WRITE_INTERVAL_S:
                 self.write()
+
+    def count_left_over(self, splits: Collection[str | None]) -> Counter[str]:
+        """Return the number of results of each split that were not taken over, except for those of ``splits``."""
+        of = (result.records[0].split for result in self._found.values() if result.records)
+        return Counter(split for split in of if split is not None and split not in splits)
 
     def write(self) -> None:
         """Write the results that are not on disk yet; raise BadInput if the file cannot be written."""

@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import traceback
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -27,7 +28,6 @@ from saf_gen.cli import (
     leaderboard_commands,
     machine_commands,
     method_commands,
-    plan_command,
     recipe_commands,
     scene_commands,
     sensor_commands,
@@ -35,14 +35,13 @@ from saf_gen.cli import (
     stream_commands,
     submit_commands,
     tune_commands,
-    validate_commands,
     view_command,
 )
 from saf_gen.cli._examples import help_ending
 from saf_gen.cli._terminal import out, print_error
 from saf_gen.core.cores import check_address_space
 from saf_gen.core.user_code import describe_exit
-from saf_gen.errors import SafGenError
+from saf_gen.errors import BadInput, SafGenError
 
 __all__ = ["app", "main", "root_command"]
 
@@ -58,13 +57,10 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "export": stream_commands.export_command,
     "inspect": stream_commands.inspect_command,
     "view": view_command.view_command,
-    "plan": plan_command.plan_command,
     "verify": dataset_commands.verify_command,
     "pack": sharing_commands.pack_command,
     "fetch": sharing_commands.fetch_command,
-    "validate": validate_commands.validate_command,
     "init": machine_commands.init_command,
-    "bench": machine_commands.bench_command,
     "doctor": machine_commands.doctor_command,
 }
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
@@ -75,8 +71,6 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "new": scene_commands.new_scene_command,
             "check": scene_commands.check_scenes_command,
             "preview": scene_commands.preview_command,
-            "gallery": scene_commands.gallery_command,
-            "schema": scene_commands.scene_schema_command,
         },
     ),
     "dataset": ("Make a dataset from existing streams.", {"index": stream_commands.index_command}),
@@ -85,7 +79,6 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {
             "list": recipe_commands.list_recipes_command,
             "check": recipe_commands.check_recipe_command,
-            "schema": recipe_commands.recipe_schema_command,
             "seal": recipe_commands.seal_command,
             "unseal": recipe_commands.unseal_command,
         },
@@ -101,21 +94,16 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "leaderboard": (
-        "Merge evaluations into one ranking, rank methods on SAF's recordings, compare rankings, and verify rows.",
+        "Merge evaluations into one ranking, rank methods on SAF's recordings, and verify rows.",
         {
             "merge": leaderboard_commands.merge_command,
-            "compare": leaderboard_commands.compare_rankings_command,
             "saf": leaderboard_commands.rank_on_saf_folder_command,
             "verify": leaderboard_commands.verify_evaluation_command,
         },
     ),
     "submit": (
-        "Submit a method: create a submission, check it, or write a page of all submissions.",
-        {
-            "new": submit_commands.new_submission_command,
-            "check": submit_commands.check_submission_command,
-            "page": submit_commands.submissions_page_command,
-        },
+        "Submit a method: create a submission, or check it.",
+        {"new": submit_commands.new_submission_command, "check": submit_commands.check_submission_command},
     ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",
@@ -129,7 +117,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "validate", "fetch", "evaluate", "tune", "leaderboard saf"),
+        ("generate", "fetch", "evaluate", "tune", "leaderboard saf"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN),
@@ -146,6 +134,10 @@ class _Command(TyperCommand):
     def get_params(self, ctx: Any) -> list[Any]:
         return _hide_type_of_flags(super().get_params(ctx))
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        _refuse_repeated_options(self.make_parser(ctx).parse_args(args=list(args))[2])
+        return super().parse_args(ctx, args)
+
 
 class _Group(TyperGroup):
     def get_params(self, ctx: Any) -> list[Any]:
@@ -157,6 +149,13 @@ class _GroupThatTakesArguments(_Group):
         command = GROUPS_THAT_TAKE_ARGUMENTS[str(self.name)]
         named = args and (args[0] in self.commands or args[0] in ("-h", "--help"))
         return super().parse_args(ctx, args if named or not args else [command, *args])
+
+
+def _refuse_repeated_options(given: list[Any]) -> None:
+    """Raise BadInput if an option that has one value is given more than once; the parser would keep the last value."""
+    for param, count in Counter(given).items():
+        if count > 1 and param.param_type_name == "option" and not (param.multiple or param.is_flag):
+            raise BadInput(f"{param.opts[0]} is given {count} times", allowed="once")
 
 
 def _hide_type_of_flags(params: list[Any]) -> list[Any]:

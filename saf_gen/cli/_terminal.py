@@ -37,7 +37,6 @@ ClusterAddress = Annotated[
     str | None, typer.Option("--cluster", help="Address of a Dask scheduler to run on, such as tcp://host:8786.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-OutFile = Annotated[Path | None, typer.Option("--out", help="File to write (default: print).")]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]
 
 

@@ -32,9 +32,16 @@ def generate_command(
     keep_slices: Annotated[
         str, typer.Option(help="Time slices of moving scenes to keep at the end: all, closed-loop or none.")
     ] = "all",
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print what would be made, and make nothing.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print what would be made, with its time and disk, and make nothing.")
+    ] = False,
+    machines: Annotated[
+        int, typer.Option(min=1, max=10_000, help="With --dry-run: machines that share the work, as with --cluster.")
+    ] = 1,
 ) -> None:
     """Generate a dataset from a recipe, or resume one that was stopped."""
+    if machines > 1 and not dry_run:
+        raise BadInput(f"--machines is {machines}", allowed="with --dry-run alone", hint="start machines: --cluster")
     with defer_interrupts():
         from saf_gen.generate.benchmark_digest import benchmark_name
         from saf_gen.generate.coarse_sampling import coarse_sampling
@@ -44,7 +51,7 @@ def generate_command(
         from saf_gen.generate.to_store import generate_to_store, plan_for_store
 
     validate_keep_slices(keep_slices)
-    work = resolve_recipe(recipe, part=parse_shard(shard), split=split)
+    work = resolve_recipe(recipe, part=_parse_shard(shard), split=split)
     benchmark_name(work)
     target = find_path(folder or Path("datasets") / work.recipe.name)
     store_plan = plan_for_store(work, target) if isinstance(target, StorePath) else None
@@ -59,7 +66,7 @@ def generate_command(
             f"scratch: at most about {_gigabytes(size)} in {store_plan.scratch}, deleted once the store has everything"
         )
     if dry_run:
-        _print_plan(work, target, keep_slices=keep_slices, store_plan=store_plan)
+        _print_plan(work, target, keep_slices=keep_slices, store_plan=store_plan, workers=workers, machines=machines)
         return
     with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
@@ -92,7 +99,7 @@ def generate_command(
     )
     if result.freed_bytes:
         out.print(f"{result.freed_bytes / 1e6:,.0f} MB of time slices deleted (--keep-slices {keep_slices})")
-    out.print(f"dataset: {target}   (next: saf-gen evaluate {target})")
+    out.print(f"dataset: {target}   (next: {result.manifest.next_command(target)})", soft_wrap=True)
     if result.without_diffraction:
         out.print("rendered without diffraction: only the variants llvm and cuda support it")
     for name, problem in result.failed.items():
@@ -117,7 +124,7 @@ def _warn_if_slow_renderer(variant: str, *, dry_run: bool) -> None:
         err.print(f"scenes are rendered by variant scalar here, slowly and without diffraction; {backend.ADVICE}")
 
 
-def parse_shard(text: str) -> tuple[int, int]:
+def _parse_shard(text: str) -> tuple[int, int]:
     """Return (I, N) of the text "I/N"; raise BadInput if the text has another form."""
     index, _, count = text.partition("/")
     if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
@@ -130,7 +137,13 @@ def _gigabytes(size: float) -> str:
 
 
 def _print_plan(
-    work: "ResolvedRecipe", target: AnyPath, *, keep_slices: str, store_plan: "StorePlan | None" = None
+    work: "ResolvedRecipe",
+    target: AnyPath,
+    *,
+    keep_slices: str,
+    store_plan: "StorePlan | None" = None,
+    workers: int,
+    machines: int,
 ) -> None:
     from saf_gen.generate.job_order import KEEP_SLICES
 
@@ -152,7 +165,8 @@ def _print_plan(
     else:
         missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(here, keep_slices).items()]
     out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all exist'}")
-    seconds, needed = work.estimate_seconds(here, keep_slices), work.estimate_bytes(here, keep_slices)
+    left = work.estimate_work(here, keep_slices, workers=workers, machines=machines)
+    needed = work.estimate_bytes(here, keep_slices)
     sizes = {choice: work.kept_slice_bytes(choice) for choice in KEEP_SLICES}
     if sizes["all"]:
         listed = ", ".join(f"{choice} {_gigabytes(size)}" for choice, size in sizes.items())
@@ -160,7 +174,18 @@ def _print_plan(
     if store_plan:
         out.print(f"to upload to {target}: about {_gigabytes(store_plan.upload_bytes)}")
         needed = store_plan.scratch_bytes
-    out.print(f"disk still needed: about {_gigabytes(needed)}; time: about {seconds:.0f} s on two cores with LLVM")
+    out.print(
+        f"jobs: {left.stacks:,} to render, about {_time(left.render_s)} on one machine; "
+        f"{left.recordings:,} to record, about {_time(left.record_s)}"
+    )
+    who = "two cores with LLVM" if machines == 1 else f"{machines} machines of two cores with LLVM"
+    out.print(f"disk still needed: about {_gigabytes(needed)}; time: about {_time(left.seconds)} on {who}")
+
+
+def _time(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:,.1f} h"
 
 
 def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder, or s3://BUCKET/FOLDER.")]) -> None:

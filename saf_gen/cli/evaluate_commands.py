@@ -1,5 +1,8 @@
 """The commands ``evaluate`` and ``score``."""
 
+from collections import Counter
+from collections.abc import Collection
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -7,11 +10,12 @@ import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
 from saf_gen.cli._terminal import ClusterAddress, OutFolder, err, out, print_error, progress_bars, terminal_reporter
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, escape_controls, unknown
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+    from saf_gen.benchmark.tracks.sequence_tasks import SequenceSelection
 
 TRACKS = ("recorded", "closed_loop")
 Track = Annotated[
@@ -29,7 +33,9 @@ SweepMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds p
 def evaluate_command(
     source: Annotated[Path, typer.Argument(help="Dataset folder or stream file, here or at s3://BUCKET/NAME.")],
     *,
-    split: Annotated[str | None, typer.Option(help="Evaluate only this split.")] = None,
+    split: Annotated[
+        str | None, typer.Option(help="Split to rank, or all of them together (default: test, or the only split).")
+    ] = None,
     scene_motion: Annotated[str | None, typer.Option(help="Evaluate only static or only dynamic sequences.")] = None,
     method: Annotated[
         list[str] | None,
@@ -59,6 +65,7 @@ def evaluate_command(
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.method_spec import parse_method, read_methods
+    from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_writable
     from saf_gen.core.object_store import StorePath, find_path
     from saf_gen.leaderboard import rank_methods
@@ -75,6 +82,7 @@ def evaluate_command(
     else:
         target = folder or (data / name if data.is_dir() else data.with_name(f"{data.stem}-{name}"))
     check_writable(target)
+    _print_selection(select_sequences_to_evaluate(data, split=split, scene_motion=scene_motion), scene_motion)
     kept = KeptSequences(target / ".evaluation.unfinished")
     with progress_bars() as bars:
         result = run(
@@ -90,7 +98,7 @@ def evaluate_command(
             cluster=cluster,
             tell=err.print,
         )
-    print_kept(kept)
+    print_kept(kept, splits={record.split for record in result.records})
     rows = rank_methods(result.records)
     sequences = len({record.sequence for record in result.records})
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
@@ -109,12 +117,39 @@ def evaluate_command(
         raise typer.Exit(1)
 
 
-def print_kept(kept: "KeptSequences") -> None:
-    """Print on stderr how many sequences an earlier run had evaluated before it was stopped."""
+def _print_selection(selection: "SequenceSelection", scene_motion: str | None) -> None:
+    """Print which splits are ranked, and how many sequences of others are left out; nothing for a single stream."""
+    from saf_gen.leaderboard.table_formats import format_leaderboard_count
+
+    tasks = selection.tasks
+    splits = dict.fromkeys(task.split for task in tasks if task.split is not None)
+    if not splits:
+        return
+    line = ", ".join(filter(None, (name_splits(splits), scene_motion)))
+    line += f": {format_leaderboard_count(len(tasks), 'sequence')}"
+    line += f" of {format_leaderboard_count(len({task.scene for task in tasks}), 'scene')}"
+    if others := Counter(selection.left_out.values()):
+        line += f"; left out: {', '.join(f'{count} of {split}' for split, count in others.items())}"
+        line += "" if "all" in {*splits, *others} else " (--split all ranks all)"
+    with suppress(SystemExit):  # a pipe that is closed already must not end the evaluation
+        out.print(escape_controls(line), soft_wrap=True)
+
+
+def name_splits(splits: Collection[str]) -> str:
+    """Return the names of splits after the word split or splits."""
+    return escape_controls(f"split{'' if len(splits) == 1 else 's'} {' and '.join(splits)}")
+
+
+def print_kept(kept: "KeptSequences", *, splits: Collection[str | None]) -> None:
+    """Print on stderr how many sequences a run that was stopped had evaluated, of these ``splits`` and of others."""
+    from saf_gen.leaderboard.table_formats import format_leaderboard_count
+
+    stopped = "had been evaluated by a run that was stopped"
     if kept.reused:
-        err.print(
-            f"{kept.reused} sequence{'' if kept.reused == 1 else 's'} had been evaluated by a run that was stopped"
-        )
+        err.print(f"{format_leaderboard_count(kept.reused, 'sequence')} {stopped}")
+    for split, count in kept.count_left_over(splits).items():
+        of = f"{format_leaderboard_count(count, 'sequence')} of {name_splits([split])}"
+        err.print(f"{of} {stopped}; not ranked now")
 
 
 def protocol_from_options(

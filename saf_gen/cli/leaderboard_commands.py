@@ -1,4 +1,4 @@
-"""The commands of the group ``leaderboard``, which merge, compare and verify evaluations."""
+"""The commands of the group ``leaderboard``, which merge and verify evaluations."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
-from saf_gen.cli._tables import TableColumn, print_json, print_table
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars, terminal_reporter
-from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, protocol_from_options
+from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, name_splits, protocol_from_options
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -40,40 +40,11 @@ def merge_command(
     if folder is not None:
         evaluation = Evaluation(records=board.records, sweeps=(), failures=(), plugins=describe_recorded(board.records))
         written = write_evaluation_report(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
-    print_leaderboard(board, records=board.records, title=f"{board.size}, {len(runs)} evaluations")
+    splits = dict.fromkeys(record.split for record in board.records if record.split is not None)
+    title = f"{board.size}, {len(runs)} evaluations{f', {name_splits(splits)}' if splits else ''}"
+    print_leaderboard(board, records=board.records, title=title)
     if written is not None:
         print_written_paths(written)
-
-
-def compare_rankings_command(
-    runs: Annotated[list[Path], typer.Argument(help="Evaluation folders, or their records.jsonl.")],
-    *,
-    by: Annotated[
-        str | None, typer.Option(help="One condition, such as sensor, region or grain (default: all).")
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Show how much the ranking of methods depends on a condition: Kendall's tau between bins, with intervals.
-
-    Several evaluations may differ in the sensor of their datasets and in the region where methods look.
-    """
-    from dataclasses import asdict
-
-    from saf_gen.leaderboard import AGREEMENT_MEANINGS, read_rank_agreement
-    from saf_gen.leaderboard.table_formats import AGREEMENT_NOTE
-
-    found = read_rank_agreement(*runs, by=by)
-    if as_json:
-        print_json({"meanings": AGREEMENT_MEANINGS, "pairs": [asdict(one) for one in found]})
-        return
-    if not found:
-        out.print(
-            f"Nothing to compare: {f'the condition {by!r}' if by else 'each condition'} has one bin, "
-            "or fewer than three methods have answers under two bins."
-        )
-        return
-    _print_agreement(found, title="Rankings by success within 1 DoF under two conditions")
-    out.print(AGREEMENT_NOTE)
 
 
 def _print_agreement(found: "Sequence[RankAgreement]", *, title: str) -> None:

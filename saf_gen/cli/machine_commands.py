@@ -1,17 +1,14 @@
-"""The commands ``init``, ``bench`` and ``doctor``."""
+"""The commands ``init`` and ``doctor``."""
 
-from dataclasses import asdict
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import TaskID
 
 import saf_gen
-from saf_gen.cli._bench_table import print_figures, print_scene_grain
-from saf_gen.cli._tables import TableColumn, finite_value, print_json, print_table
-from saf_gen.cli._terminal import AsJson, err, out, print_error, progress_bars
-from saf_gen.errors import BadInput
+from saf_gen.cli._tables import TableColumn, print_json, print_table
+from saf_gen.cli._terminal import AsJson, out
 
 
 def init_command(
@@ -22,9 +19,12 @@ def init_command(
     """Register a folder to work in: its scenes are found by name there, and their code is trusted.
 
     A scene of the folder then replaces one of the same name that comes with saf_gen. Until the folder is registered,
-    no script in its scenes/ runs, so read scripts that others sent you first.
+    no script in its scenes/ runs, so read scripts that others sent you first. The folder also gets the JSON Schemas of
+    recipes and scene cards, with which editors complete keys and mark mistakes.
     """
     from saf_gen.core.files import unwritable
+    from saf_gen.generate.recipe_schema import recipe_schema
+    from saf_gen.scene.card_schema import card_schema
     from saf_gen.scene.scene_folder import CARD_FILE
     from saf_gen.scene.trusted_folders import forget_folder, register_folder
 
@@ -41,83 +41,34 @@ def init_command(
     except OSError as error:
         raise unwritable(scenes, error) from error
     is_new = register_folder(scenes)
+    if os.access(folder, os.W_OK):  # others may share a folder that only its owner changes
+        print_json(recipe_schema(), folder / "recipe.schema.json")
+        print_json(card_schema(), folder / "scene.schema.json")
     out.print(f"{shown} {'is' if is_new else 'was'} registered{'' if is_new else ' already'}", soft_wrap=True)
     if scene_names := sorted(card.parent.name for card in scenes.glob(f"*/{CARD_FILE}")):
         out.print(f"scenes found by name in {folder.resolve()}: {', '.join(scene_names)}", soft_wrap=True)
     out.print("next: saf-gen scenes new my_scene; saf-gen generate quickstart")
 
 
-def bench_command(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(help="Benches: stack, grain, encode, stream, windows, score, rates, job (default: all)."),
-    ] = None,
-    *,
-    scenes: Annotated[
-        list[str] | None, typer.Option("--scene", help="Scene for the bench grain; repeatable (default: all).")
-    ] = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option("--out", help="Folder that keeps the grain of each scene, so that the same command can resume."),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Measure speed, file size and memory at full size, and compare them with their targets (about twenty minutes)."""
-    if names and "grain" not in names and (scenes or folder):
-        option = "--scene" if scenes else "--out"
-        raise BadInput(f"{option} is for the bench grain, which is not among {', '.join(names)}", hint="leave it out")
-    from saf_gen.acceptance.speed import BenchFigure, BenchSize, SceneResult, run_benches
-    from saf_gen.scene.scene_folder import find_scene
-
-    for scene in scenes or ():
-        find_scene(scene)
-    with progress_bars() as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def report(stage: str, done: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=1.0)
-                if not err.is_terminal:
-                    err.print(stage)
-            bars.update(tasks[stage], completed=done)
-
-        shown: list[BenchFigure] = []
-
-        def show(scene: SceneResult) -> None:
-            figures = [f for f in scene.found if isinstance(f, BenchFigure)]
-            if figures and not as_json:
-                shown.extend(figures)
-                print_scene_grain(scene.scene, figures)
-            seconds = scene.seconds_left
-            left = f", about {seconds / 60:.0f} min left" if seconds else ""
-            err.print(f"grain: {scene.scene} is done, {scene.number} of {scene.count}{left}")
-
-        size = BenchSize(scenes=tuple(scenes or ()))
-        results = run_benches(names or [], size, folder=folder, report=report, show=show)
-    if as_json:
-        values = [{**asdict(figure), "met": figure.met} for figure in results.figures]
-        finite = [{k: finite_value(v) if isinstance(v, float) else v for k, v in one.items()} for one in values]
-        print_json(finite)
-    elif results.figures:
-        print_figures(f for f in results.figures if f not in shown)
-    for remark in results.remarks:
-        err.print(remark)
-    for name, problem in results.failed.items():
-        print_error(f"bench {name} failed: {problem}", problem.exit_code)
-    if results.failed:
-        raise typer.Exit(1 if results.figures else max(e.exit_code for e in results.failed.values()))
-
-
 def doctor_command(*, as_json: AsJson = False) -> None:
-    """Show the renderer, hardware and versions of this machine, and what would make it faster."""
-    from saf_gen.acceptance.speed.machine_check import describe_machine_to_bench
+    """Show the renderer, hardware and versions of this machine, and check in some seconds that it computes correctly.
 
-    described, advice = describe_machine_to_bench()
-    print_table(
-        [TableColumn(""), TableColumn("", folds=True)],
-        described.items(),
-        title=f"saf-gen {saf_gen.__version__}",
-        as_json=as_json,
-    )
-    for line in () if as_json else advice:
-        out.print(line)
+    The blur of an edge and the intervals of spikes are compared with their laws, and spikes with those of other
+    machines. The exit code is 1 if one of them differs.
+    """
+    from saf_gen.cli.doctor import describe_machine, self_check
+
+    described, advice = describe_machine()
+    if not as_json:
+        columns = [TableColumn(""), TableColumn("", folds=True)]
+        print_table(columns, described.items(), title=f"saf-gen {saf_gen.__version__}")
+        for line in advice:
+            out.print(line)
+    checked = {name: f"{'ok' if passed else 'failed'}: {said}" for name, (passed, said) in self_check().items()}
+    if as_json:
+        print_json(described | checked)
+    else:
+        for name, text in checked.items():
+            out.print(f"{text.partition(': ')[0]}: {name}: {text.partition(': ')[2]}", soft_wrap=True)
+    if any(text.startswith("failed") for text in checked.values()):
+        raise typer.Exit(1)

@@ -1,12 +1,12 @@
-"""The commands ``recipes list``, ``check``, ``schema``, ``seal`` and ``unseal``."""
+"""The commands ``recipes list``, ``check``, ``seal`` and ``unseal``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import AsJson, OutFile, RecipeName, out
+from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._terminal import AsJson, RecipeName, out
 
 if TYPE_CHECKING:
     from saf_gen.generate.recipe import Recipe
@@ -42,13 +42,6 @@ def check_recipe_command(recipe: RecipeName) -> None:
     is_frozen = benchmark_name(work) != ""
     digest = f"{recipe_digest(work):.12}{', a frozen benchmark' if is_frozen else ''}"
     out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}; digest {digest}")
-
-
-def recipe_schema_command(*, path: OutFile = None) -> None:
-    """Print the JSON Schema of recipes, with which an editor completes keys and marks mistakes."""
-    from saf_gen.generate.recipe_schema import recipe_schema
-
-    print_json(recipe_schema(), path)
 
 
 def seal_command(

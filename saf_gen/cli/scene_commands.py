@@ -1,4 +1,4 @@
-"""The commands ``scenes list``, ``new``, ``check``, ``preview``, ``gallery`` and ``schema``."""
+"""The commands ``scenes list``, ``new``, ``check`` and ``preview``."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -11,7 +11,7 @@ from rich.progress import TaskID
 from rich.text import Text
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, OutFile, err, out, print_error, progress_bars
+from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, err, out, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
@@ -181,46 +181,9 @@ def preview_command(
     out.print(str(path), soft_wrap=True)
 
 
-def gallery_command(
-    names: Annotated[list[str] | None, typer.Argument(help="Names of scenes (default: all).")] = None,
-    *,
-    folder: Annotated[Path, typer.Option("--out", help="Folder for scenes.md and its pictures.")] = Path("docs"),
-    sensor: SensorName = SENSOR,
-    variant: Variant = "auto",
-) -> None:
-    """Write scenes.md, a page with a picture and the numbers of each scene."""
-    with defer_interrupts():
-        from saf_gen.authoring.gallery import write_scene_gallery
-        from saf_gen.camera import get_sensor
-    from saf_gen.scene.scene_folder import scene_names
-
-    scenes = [_scene(name) for name in names or scene_names()]
-    with progress_bars() as bars:
-        task = bars.add_task("gallery", total=len(scenes))
-        page, failed = write_scene_gallery(
-            scenes,
-            get_sensor(sensor),
-            folder=folder,
-            backend=variant,
-            progress=lambda name: bars.update(task, advance=1, description=f"gallery {name}"),
-        )
-    out.print(str(page), soft_wrap=True)
-    for name, problem in failed.items():
-        print_error(f"{name} could not be drawn: {problem}", problem.exit_code)
-    if failed:
-        raise typer.Exit(1)
-
-
 def _scene(name: str) -> "Scene":
     """Return a scene by its name, or by its folder if ``name`` is a path."""
     from saf_gen.scene.scene_folder import find_scene, load_scene
 
     folder = Path(name)
     return load_scene(folder) if folder.name != name and folder.is_dir() else find_scene(name)
-
-
-def scene_schema_command(*, path: OutFile = None) -> None:
-    """Print the JSON Schema of scene cards, with which an editor completes keys and marks mistakes."""
-    from saf_gen.scene.card_schema import card_schema
-
-    print_json(card_schema(), path)

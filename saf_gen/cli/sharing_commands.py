@@ -53,6 +53,7 @@ def fetch_command(
     sha256: Annotated[str, typer.Option(help="SHA-256 of the index, as stated by its publisher.")] = "",
 ) -> None:
     """Fetch a packed dataset, check every file and unpack it, or resume a fetch that was stopped."""
+    from saf_gen.stream.manifest import read_manifest
     from saf_gen.stream.sharing import fetch_dataset
 
     with progress_bars() as bars:
@@ -65,4 +66,4 @@ def fetch_command(
         )
     count = sum(len(shard.members) for shard in index.shards)
     out.print(f"{count} files, {index.total_bytes / 1e6:,.1f} MB, every digest correct")
-    out.print(f"dataset: {target}   (next: saf-gen evaluate {target})", soft_wrap=True)
+    out.print(f"dataset: {target}   (next: {read_manifest(target).next_command(target)})", soft_wrap=True)

@@ -209,8 +209,9 @@ def index_command(
     from saf_gen.stream.dataset import index_folder
 
     manifest = index_folder(folder, split=split)
+    splits = ", ".join(manifest.splits)
     out.print(
-        f"{len(manifest.sequences)} sequences in splits {', '.join(manifest.splits)}; next: saf-gen evaluate {folder}"
+        f"{len(manifest.sequences)} sequences in splits {splits}; next: {manifest.next_command(folder)}", soft_wrap=True
     )
 
 

@@ -1,4 +1,4 @@
-"""The commands ``submit new``, ``submit check`` and ``submit page``."""
+"""The commands ``submit new`` and ``submit check``."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 from rich.text import Text
 
 from saf_gen.cli._tables import print_json
-from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, OutFolder, out, print_error
+from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, out
 
 
 def new_submission_command(
@@ -42,29 +42,4 @@ def check_submission_command(
     if not as_json:
         out.print("complete" if not errors else f"{errors} to do", soft_wrap=True)
     if errors:
-        raise typer.Exit(1)
-
-
-def submissions_page_command(
-    folder: Annotated[Path, typer.Argument(help="Folder that has a folder for each submission.")],
-    target: OutFolder = None,
-) -> None:
-    """Write a page that ranks all submissions, with dates and verified rows, without running their code.
-
-    The command writes index.html and submissions.md into the folder, unless --out names another one.
-    """
-    from saf_gen.core.files import check_writable
-    from saf_gen.leaderboard.report.submissions_page import write_submissions_page
-    from saf_gen.leaderboard.submission import list_submissions
-
-    target = target or folder
-    listed = list_submissions(folder)
-    check_writable(target)
-    for path in write_submissions_page(target, listed, source=folder):
-        out.print(str(path), soft_wrap=True)
-    for submission in listed.submissions:
-        out.print(f"{submission.name}: {submission.state}, {submission.card.date or 'no date'}", soft_wrap=True)
-    for name, problem in listed.problems:
-        print_error(f"{name} is not shown: {problem}", 1)
-    if listed.problems:
         raise typer.Exit(1)

@@ -32,6 +32,7 @@ def tune_command(
     from saf_gen.benchmark.tuned_method import format_tuned
     from saf_gen.core.files import atomic_file, check_writable
     from saf_gen.leaderboard.tuning import tune_method as run
+    from saf_gen.stream.manifest import read_manifest
 
     values: dict[str, list[str]] = {}
     for text in try_:
@@ -54,10 +55,10 @@ def tune_command(
             cluster=cluster,
             notify=err.print,
         )
-    print_kept(kept)
+    print_kept(kept, splits={split})
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
     with atomic_file(file) as part:
         part.write_text(format_tuned(tuned), encoding="utf-8")
     kept.remove()
     out.print(f"best: {tuned.method}", soft_wrap=True)
-    out.print(f"{file}   (next: saf-gen evaluate {dataset} --method @{file})", soft_wrap=True)
+    out.print(f"{file}   (next: {read_manifest(dataset).next_command(dataset)} --method @{file})", soft_wrap=True)

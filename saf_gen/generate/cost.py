@@ -1,11 +1,9 @@
-"""The cost of stacks and recordings: seconds on a machine with known rates, and bytes on disk."""
+"""The cost of stacks and recordings: seconds on machines with known rates, and bytes on disk."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
-from pathlib import Path
+import heapq
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
-from saf_gen.core.config.json_document import read_json
-from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import StackSpec
 
 SLICE_BYTES_PER_VALUE = {"filtered": 1.3, "plain": 1.5}
@@ -19,7 +17,6 @@ FILTERED_TIME = 3.1
 
 By scene it is 1.3 (fabric), 1.6 to 2 (two_depths, gears), 2.7 to 3.5 (cardiac_muscle, crossroad, rain_window), and 11
 for a target that is seen through a glass bottle."""
-HINT = "make one with saf-gen bench rates --json > FILE"
 
 
 @dataclass(frozen=True)
@@ -70,26 +67,58 @@ class MachineRates:
         return len(spec.groups) * (self.load_s + pixels * (spec.samples * sample + planes))
 
 
-def read_rates_for_plan(path: str | Path) -> MachineRates:
-    """Return the rates in the output of ``saf-gen bench rates --json``; rates that are not in it have their defaults.
+@dataclass(frozen=True)
+class WorkEstimate:
+    """The jobs of a run, and the seconds that they take.
 
-    Raises BadInput if the file holds no rates, or a rate that is not a number above 0.
+    Attributes
+    ----------
+    stacks, recordings : int
+        Numbers of stacks to render and of sequences to record; each is a job.
+    render_s, record_s : float
+        Seconds of all rendering and of all recording on one machine.
+    seconds : float
+        Seconds from start to end on all machines, including the scheduler; 0 without a job.
     """
-    found = read_json(path, hint=HINT).data
-    names = {field.name for field in fields(MachineRates)}
-    rates = {}
-    for figure in found if isinstance(found, list) else ():
-        if isinstance(figure, dict) and figure.get("bench") == "rates" and figure.get("what") in names:
-            value = figure.get("value")
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e18:
-                raise BadInput(
-                    f"{figure['what']} is {value!r:.40}", where=str(path), allowed="a number above 0", hint=HINT
-                )
-            rates[figure["what"]] = float(value)
-    if not rates:
-        allowed = f"figures of the bench rates: {', '.join(sorted(names))}"
-        raise BadInput("the file holds no machine rates", where=str(path), allowed=allowed, hint=HINT)
-    return MachineRates(**rates)
+
+    stacks: int
+    recordings: int
+    render_s: float
+    record_s: float
+    seconds: float
+
+
+def simulate_machines(
+    works: Sequence[tuple[float, int]], *, record_s: float, machines: int, rates: MachineRates
+) -> float:
+    """Return the seconds from start to end if ``machines`` machines get jobs from one scheduler, in order.
+
+    Stacks come first, and the recordings from a stack wait until it is rendered. The scheduler hands out one job after
+    the other, each in ``rates.job_s`` seconds.
+
+    Parameters
+    ----------
+    works : sequence of (float, int)
+        Seconds to render each stack, 0 if it exists, and the number of recordings to make from it.
+    record_s : float
+        Seconds of one recording.
+    machines : int
+        Number of machines.
+    rates : MachineRates
+        Rates of each machine.
+    """
+    free, scheduler, rendered = [0.0] * machines, 0.0, []
+    for render_s, recordings in works:
+        if render_s:
+            scheduler = max(scheduler, free[0]) + rates.job_s
+            heapq.heapreplace(free, scheduler + render_s)
+        rendered.append((scheduler + render_s if render_s else 0.0, recordings))
+    for ready, recordings in sorted(rendered):
+        for _ in range(recordings):
+            scheduler = max(scheduler, free[0], ready) + rates.job_s
+            heapq.heapreplace(free, scheduler + record_s)
+    sequences = sum(recordings for _, recordings in works)
+    return rates.start_s + max(free) + sequences * rates.sequence_s if max(free) else 0.0
 
 
 def bytes_of_stacks(specs: Iterable[StackSpec]) -> int:

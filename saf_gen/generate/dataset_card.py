@@ -46,7 +46,7 @@ with saf_gen.open_stream("$example") as stream:   # from this folder
     image = stream.counts(0, 200)
 ```
 
-To evaluate focus methods on it, from this folder: `saf-gen evaluate .`; to publish it: `saf-gen pack . --out FOLDER`.
+To evaluate focus methods on it, from this folder: `$next_command`; to publish it: `saf-gen pack . --out FOLDER`.
 """)
 
 
@@ -87,6 +87,7 @@ def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scen
         lights=escape_markdown(", ".join(recipe.lights)),
         fingerprint=manifest.recipe_fingerprint,
         scenes="\n".join(map(_describe_scene, cards)),
+        next_command=manifest.next_command("."),
         example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
     matter = front_matter(manifest, licences, pattern="{split}/*.h5")

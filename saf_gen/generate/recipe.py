@@ -216,15 +216,6 @@ class Recipe(FrozenModel):
     scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Values or ranges of a scene's parameters, which replace those on its card."""
 
-    def with_fewer_repeats(self, max_repeats: int) -> "Recipe":
-        """Return the recipe with at most ``max_repeats`` repeats, and at most as many family members, in each split."""
-
-        def cut(split: SplitSettings) -> SplitSettings:
-            repeats = min(split.repeats, max_repeats)
-            return split.model_copy(update={"repeats": repeats, "variants": min(split.variants, repeats)})
-
-        return self.model_copy(update={"splits": {name: cut(split) for name, split in self.splits.items()}})
-
 
 def read_recipe(path: str | Path) -> Recipe:
     """Read and check a recipe, and the files that its lights and its lens motion name.

@@ -13,7 +13,7 @@ from typing import Any
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput, located, unknown
-from saf_gen.generate.cost import MachineRates, bytes_of_stacks, bytes_of_streams
+from saf_gen.generate.cost import MachineRates, WorkEstimate, bytes_of_stacks, bytes_of_streams, simulate_machines
 from saf_gen.generate.finished_recordings import has_recording
 from saf_gen.generate.plan import PlannedSequence, SceneFamily, plan_sequences
 from saf_gen.generate.recipe import Recipe, read_recipe
@@ -26,7 +26,8 @@ from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_
 
 MODEL = 4
 """Version of the models, raised whenever the same stack, recipe and seed would give different spikes; files of an older
-version are made again."""
+version are made again. If a change reaches only some recordings, see
+:func:`saf_gen.generate.finished_recordings.fingerprint_generated_recording`."""
 
 
 @dataclass(frozen=True)
@@ -179,12 +180,30 @@ class ResolvedRecipe:
         missing = self._missing_stacks(folder, keep_slices)
         return bytes_of_stacks(missing) + bytes_of_streams(self._missing_pixel_frames(folder))
 
-    def estimate_seconds(self, folder: Path, keep_slices: str = "all") -> float:
-        """Return the approximate time of the remaining work on two cores with LLVM, in seconds."""
-        rates = MachineRates()
-        rendering = sum(map(rates.render_seconds, self._missing_stacks(folder, keep_slices)))
-        working = rendering + self._missing_pixel_frames(folder) / rates.recorded_per_s(1)
-        return rates.start_s + working if working else 0.0
+    def estimate_work(
+        self, folder: Path, keep_slices: str = "all", *, workers: int = 1, machines: int = 1
+    ) -> WorkEstimate:
+        """Return the remaining jobs and their time, with ``workers`` workers on each of ``machines`` machines.
+
+        The machines have two cores with LLVM, and get their jobs from one scheduler.
+        """
+        rates, stacks, counted = MachineRates(), folder / "stacks", set[StackSpec]()
+        record_s = self.sensor.rows * self.sensor.columns * self.recipe.camera.frames / rates.recorded_per_s(workers)
+        by_stack, works = self.sequences_by_stack(), list[tuple[float, int]]()
+        to_render = self.stacks_to_render(folder, keep_slices)
+        for stack in to_render | by_stack:
+            missing = set(stack.find_missing(stacks)) - counted if stack in to_render else set()
+            counted |= missing  # several stacks may have slices in common
+            recordings = sum(not (folder / s.planned.file).exists() for s in by_stack.get(stack, ()))
+            works.append((sum(map(rates.render_seconds, missing)), recordings))
+        recordings = sum(count for _, count in works)
+        return WorkEstimate(
+            stacks=len(to_render),
+            recordings=recordings,
+            render_s=sum(render_s for render_s, _ in works),
+            record_s=recordings * record_s,
+            seconds=simulate_machines(works, record_s=record_s, machines=machines, rates=rates),
+        )
 
     def _missing_stacks(self, folder: Path, keep_slices: str) -> set[StackSpec]:
         stacks = folder / "stacks"
@@ -196,11 +215,7 @@ class ResolvedRecipe:
 
 
 def resolve_recipe(
-    recipe_path: str | Path,
-    *,
-    part: tuple[int, int] = (1, 1),
-    split: str | None = None,
-    most_repeats: int | None = None,
+    recipe_path: str | Path, *, part: tuple[int, int] = (1, 1), split: str | None = None
 ) -> ResolvedRecipe:
     """Read a recipe, find its scenes and sensor, draw its sequences, and check that they fit together.
 
@@ -214,8 +229,6 @@ def resolve_recipe(
         Shard (I, N), with I from 1: the I-th sequence and every N-th one after it.
     split : str, optional
         Use only the sequences of this split.
-    most_repeats : int, optional
-        Largest number of repeats to use from each split, for plans of large recipes.
 
     Returns
     -------
@@ -230,8 +243,6 @@ def resolve_recipe(
     """
     recipe_path = find_recipe(recipe_path)
     recipe, where = read_recipe(recipe_path), str(recipe_path)
-    if most_repeats is not None:
-        recipe = recipe.with_fewer_repeats(most_repeats)
     sensor = _read_sensor(recipe, Path(recipe_path).parent)
     scenes = {}
     for name in (name for settings in recipe.splits.values() for name in settings.scenes):

@@ -19,6 +19,7 @@ from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.benchmark_digest import benchmark_name
 from saf_gen.generate.dataset_card import write_dataset_card
+from saf_gen.generate.finished_recordings import has_generated_fingerprint
 from saf_gen.generate.job_order import JobOrder, stacks_to_generate, validate_keep_slices
 from saf_gen.generate.jobs import ChooseBackendJob, RecordJob, RenderJob
 from saf_gen.generate.plan import recipe_fingerprint
@@ -311,12 +312,11 @@ def find_entry(sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str
     try:
         with open_stream(folder / planned.file) as stream:
             provenance, content = stream.metadata.provenance, stream.content_sha256
+            if stack_digest is None:
+                stack_digest = provenance.get("stack_digest", "")
+            if not has_generated_fingerprint(stream, sequence.fingerprint(stack_digest)):
+                return None
     except BadInput:
-        return None
-    if stack_digest is None:
-        stack_digest = provenance.get("stack_digest", "")
-    fingerprint = sequence.fingerprint(stack_digest)
-    if provenance.get("fingerprint") != fingerprint:
         return None
     return SequenceEntry(
         id=planned.id,
@@ -330,6 +330,6 @@ def find_entry(sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str
         seed=planned.seed,
         file=planned.file,
         frames=sequence.frames,
-        fingerprint=fingerprint,
+        fingerprint=provenance["fingerprint"],
         content_sha256=content,
     )

@@ -20,8 +20,8 @@ from saf_gen.leaderboard.curve_tables import rank_measures_by_curves, write_lead
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
 from saf_gen.leaderboard.merging import merge_leaderboard_records
 from saf_gen.leaderboard.method_comparison import MethodComparison, NeighbourComparison, Profile, compare_ranked_methods
-from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS, CONDITIONS, RankAgreement, compare_rankings
-from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard, read_rank_agreement
+from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS, RankAgreement, compare_rankings
+from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.table_formats import (
     compose_leaderboard_notes,
@@ -32,7 +32,6 @@ from saf_gen.leaderboard.table_formats import (
 __all__ = [
     "AGREEMENT_MEANINGS",
     "AXES",
-    "CONDITIONS",
     "Axis",
     "AxisTable",
     "Column",
@@ -56,7 +55,6 @@ __all__ = [
     "rank_measures_by_curves",
     "rank_methods",
     "read_leaderboard",
-    "read_rank_agreement",
     "tabulate_leaderboard_by_axis",
     "write_leaderboard",
     "write_leaderboard_curves",

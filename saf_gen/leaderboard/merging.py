@@ -51,10 +51,12 @@ def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Reco
     Raises
     ------
     BadInput
-        If two runs or methods differ in track, evaluator version, protocol, data, region or code, or in properties
-        of a sequence; if a method lacks a sequence; if two runs give different answers for the same method and
-        sequence; or if a run holds two records of one method on one sequence. The message names both sides.
+        If two runs differ in the splits that they ranked; if two runs or methods differ in track, evaluator version,
+        protocol, data, region or code, or in properties of a sequence; if a method lacks a sequence; if two runs give
+        different answers for the same method and sequence; or if a run holds two records of one method on one sequence.
+        The message names both sides.
     """
+    _check_same_splits(runs)
     runs = append_sensor_to_ranked_sequences(runs)
     first_records: dict[tuple[str, str], tuple[str, Record]] = {}
     first_claims: dict[tuple[str, str], tuple[str, str]] = {}
@@ -83,6 +85,22 @@ def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Reco
     return [first_records[s, m][1] for s in sequences for m in methods]
 
 
+def _check_same_splits(runs: Mapping[str, Sequence[Record]]) -> None:
+    """Raise BadInput if two runs ranked different splits; streams that were evaluated one by one belong to none."""
+    ranked = {
+        run: tuple(dict.fromkeys(r.split for r in records if r.split is not None)) for run, records in runs.items()
+    }
+    named = [(run, splits) for run, splits in ranked.items() if splits]
+    for run, splits in named[1:]:
+        if set(splits) != set(named[0][1]):
+            sides = (f"{' and '.join(some):.60} in {one}" for one, some in (named[0], (run, splits)))
+            raise BadInput(
+                f"the splits differ: {', '.join(sides)}",
+                allowed="the same splits in all evaluations",
+                hint=f"{_HINT}, with --split",
+            )
+
+
 def append_sensor_to_ranked_sequences(runs: Mapping[str, Sequence[Record]]) -> Mapping[str, Sequence[Record]]:
     """Return the runs with ``@SENSOR`` appended to the names of sequences if two sensors recorded the same sequence.
 
@@ -106,15 +124,6 @@ def append_sensor_to_ranked_sequences(runs: Mapping[str, Sequence[Record]]) -> M
         return record if same else replace(record, sequence=name, sensor=sensor)
 
     return {run: [name_sensor(record) for record in group] for run, group in runs.items()}
-
-
-def describe_ranked_data(records: Sequence[Record]) -> frozenset[tuple[str, str, str]]:
-    """Return the statements of records that must agree within a table, as (property, subject, value).
-
-    Code digests are left out, because they belong to one method. See `_claims` for the properties.
-    """
-    claims = (claim for record in records for claim in _claims(record, "", is_only_run=False))
-    return frozenset((what, subject, value) for what, subject, value, _ in claims if what != "code digest")
 
 
 def _claims(record: Record, run: str, *, is_only_run: bool) -> Iterator[tuple[str, str, str, str]]:

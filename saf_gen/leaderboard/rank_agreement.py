@@ -14,7 +14,6 @@ import numpy as np
 from saf_gen.benchmark.records import Record
 from saf_gen.core.region import REGIONS
 from saf_gen.core.seeds import make_generator
-from saf_gen.errors import unknown
 from saf_gen.leaderboard.axes import AXES, Axis, group_by_leaderboard_bin
 from saf_gen.leaderboard.outcomes import Outcomes, collect_outcomes_to_rank
 from saf_gen.leaderboard.scene_intervals import CONFIDENCE, MIN_SCENES
@@ -72,7 +71,7 @@ class RankAgreement:
     most_moved: tuple[str, int, int]
 
 
-def compare_rankings(records: Iterable[Record], *, by: str | None = None) -> list[RankAgreement]:
+def compare_rankings(records: Iterable[Record]) -> list[RankAgreement]:
     """Return the agreement of the rankings under each pair of bins of a condition.
 
     Conditions with a single bin, and pairs of bins with fewer than MIN_METHODS methods in common, are left out.
@@ -81,22 +80,12 @@ def compare_rankings(records: Iterable[Record], *, by: str | None = None) -> lis
     ----------
     records : iterable of Record
         Records as merge_leaderboard_records returns them.
-    by : str, optional
-        Name of the only condition to compare; by default all of CONDITIONS.
 
     Returns
     -------
     list of RankAgreement
-        One for each pair of bins; empty if the methods have no sequence of known success in common.
-
-    Raises
-    ------
-    BadInput
-        If ``by`` is not the name of a condition.
+        One for each pair of bins of each of CONDITIONS; empty if methods have no sequence of known success in common.
     """
-    names = [axis.name for axis in CONDITIONS]
-    if by is not None and by not in names:
-        raise unknown("condition", by, allowed=names)
     by_method: dict[str, list[Record]] = {}
     for record in records:
         by_method.setdefault(record.method, []).append(record)
@@ -106,22 +95,10 @@ def compare_rankings(records: Iterable[Record], *, by: str | None = None) -> lis
     regions = {method: group[0].region for method, group in by_method.items()}
     found = []
     for axis in CONDITIONS:
-        if by in (None, axis.name):
-            for (first, one), (second, other) in combinations(_split(outcomes, axis, regions=regions), 2):
-                if len(set(one.methods) & set(other.methods)) >= MIN_METHODS:
-                    found.append(_compare(one, other, condition=axis.name, first=first, second=second))
+        for (first, one), (second, other) in combinations(_split(outcomes, axis, regions=regions), 2):
+            if len(set(one.methods) & set(other.methods)) >= MIN_METHODS:
+                found.append(_compare(one, other, condition=axis.name, first=first, second=second))
     return found
-
-
-def append_region_to_ranked_methods(records: Sequence[Record]) -> list[Record]:
-    """Return the records with ``@REGION`` appended to each method name without a region, if regions differ.
-
-    Evaluations of one dataset with different ``--region`` can then be compared in one table.
-    """
-    named = tuple(f"@{region}" for region in REGIONS)
-    if len({r.region for r in records if not r.method.endswith(named)}) < 2:
-        return list(records)
-    return [r if r.method.endswith(named) else replace(r, method=f"{r.method}@{r.region}") for r in records]
 
 
 AGREEMENT_MEANINGS = {

@@ -10,7 +10,6 @@ from saf_gen.benchmark.records import Record, read_records
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.columns import ALL, list_leaderboard_columns, list_shown_leaderboard_columns
 from saf_gen.leaderboard.merging import merge_leaderboard_records
-from saf_gen.leaderboard.rank_agreement import RankAgreement, append_region_to_ranked_methods, compare_rankings
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.table_formats import format_leaderboard_count
 from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_leaderboard_row_states
@@ -74,34 +73,6 @@ class Leaderboard(Sequence[LeaderboardRow]):
         )
         caption = f"<caption>{self.size}</caption>"
         return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def read_rank_agreement(*evaluations: str | Path, by: str | None = None) -> list[RankAgreement]:
-    """Return the agreement of the rankings of one or several evaluations under different conditions.
-
-    Evaluations may differ in the region where methods look and in the sensor of their datasets. No file is written.
-
-    Parameters
-    ----------
-    *evaluations : str or Path
-        Folders that ``saf-gen evaluate`` wrote, or their ``records.jsonl``.
-    by : str, optional
-        A condition, such as ``sensor``, ``region`` or ``grain``; by default all conditions.
-
-    Returns
-    -------
-    list of RankAgreement
-        One for each pair of bins of a condition.
-
-    Raises
-    ------
-    BadInput
-        If there is no such condition, if an evaluation cannot be read, or if evaluations differ in data, code or track.
-    """
-    runs = {str(one): read_records(Path(one)) for one in evaluations}
-    named = iter(append_region_to_ranked_methods([record for group in runs.values() for record in group]))
-    runs = {run: [next(named) for _ in group] for run, group in runs.items()}
-    return compare_rankings(merge_leaderboard_records(runs), by=by)
 
 
 def read_leaderboard(*evaluations: str | Path) -> Leaderboard:

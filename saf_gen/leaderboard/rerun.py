@@ -15,6 +15,7 @@ from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard.verification import COST_AND_MACHINE, RowVerdict, Verification, digest_leaderboard_answers
+from saf_gen.stream.manifest import ALL_SPLITS
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -81,7 +82,7 @@ def verify_leaderboard_rows(
         result = evaluate(
             source,
             methods=[method.name for method in runs.values()],
-            split=_only(record.split for record in every),
+            split=_only(record.split for record in every) or ALL_SPLITS,
             scene_motion=_only(record.scene_motion for record in every),
             region="frame" if regions == {"frame"} else "target",
             protocol=protocol,

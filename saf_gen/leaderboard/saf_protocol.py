@@ -20,13 +20,13 @@ from saf_gen.benchmark.records import Record, read_records
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.benchmark.tracks.recorded_track import check_leaves_lens
 from saf_gen.core.config.registry import refuse_code
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.rank_agreement import RankAgreement
 from saf_gen.leaderboard.saf_ranking import SafAnswer, SafRow, compare_saf_rankings, rank_saf_answers
 from saf_gen.leaderboard.table_formats import format_leaderboard_count
 from saf_gen.stream.dataset import index_folder
 from saf_gen.stream.interop.saf_folder import CONFIG, SafRecording, import_saf_folder, read_saf_config
-from saf_gen.stream.manifest import MANIFEST_NAME
+from saf_gen.stream.manifest import ALL_SPLITS, MANIFEST_NAME
 
 STREAMS = "recordings"
 BLOCK_OPTIONS = ("window", "dt")
@@ -117,12 +117,17 @@ def rank_methods_on_saf_folder(
             raise BadInput(f"{run} is an evaluation of the closed loop", allowed="evaluations of recordings")
     if len(runs) < len(beside):
         raise BadInput("two evaluations have the same name", allowed="different names", hint="rename a folder")
+    for run, judged in runs.items():
+        if len(splits := dict.fromkeys(record.split or "no split" for record in judged)) > 1:
+            notify(escape_controls(f"{run} ranks several splits together: {', '.join(splits)}"))
     chosen, left_out = _choose_methods(methods, runs)
     check_leaves_lens(chosen)
     streams = _import_recordings(folder, listed, streams=out / STREAMS, readout_hz=readout_hz)
     recordings = {f"blocks-{recording.block}-{recording.name}": recording for recording in listed}
     stores = [KeptSequences(out / ".ours.unfinished")]
-    own = evaluate(streams, methods=[method.name for method in chosen], progress=progress, keep=stores[0])
+    own = evaluate(
+        streams, methods=[method.name for method in chosen], split=ALL_SPLITS, progress=progress, keep=stores[0]
+    )
     stores[0].write()
     failures, records = list(own.failures), {(r.method, r.sequence): r for r in own.records}
     theirs: dict[tuple[str, str], tuple[float | None, int | None]] = {}

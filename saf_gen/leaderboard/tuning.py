@@ -19,7 +19,7 @@ from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.leaderboard import LeaderboardRow, rank_methods
-from saf_gen.stream.manifest import read_manifest
+from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -103,7 +103,7 @@ def tune_method(
     values : mapping of str to sequence of str
         Values to try, as for expand_tuning_grid.
     split : str, default "train"
-        Any split except ``test``.
+        Any split except ``test``; ``all`` splits together cannot be chosen, because that would include it.
     region : str, default "target"
         Where measures look: ``target`` or ``frame``.
     protocol : ClosedLoopProtocol, optional
@@ -131,7 +131,7 @@ def tune_method(
     SafGenError
         If a sequence cannot be read.
     """
-    if split == "test":
+    if split == TEST_SPLIT:
         raise BadInput(
             "constants cannot be tuned on the split 'test'",
             allowed="train or validation",
@@ -140,7 +140,11 @@ def tune_method(
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
     specs = expand_tuning_grid(method, values)
-    splits = {entry.split for entry in read_manifest(dataset).sequences}
+    splits = {entry.split for entry in read_manifest(dataset).sequences} - {TEST_SPLIT}
+    if not splits:
+        raise BadInput(
+            f"{dataset} has no split to tune on", allowed="a dataset with another split than test, such as train"
+        )
     if split not in splits:
         raise unknown("split", split, allowed=splits, where=str(dataset))
     result = evaluate(

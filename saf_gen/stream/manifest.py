@@ -5,6 +5,7 @@ or not at all, and read strictly; a folder without a readable manifest is not a 
 """
 
 import os
+import shlex
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
@@ -16,13 +17,16 @@ from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.files import write_text
 from saf_gen.core.object_store import StorePath, find_path
-from saf_gen.errors import BadInput, closest
+from saf_gen.errors import BadInput, closest, escape_controls
 from saf_gen.stream.stream_file import open_stream
 
 MANIFEST_NAME = "manifest.json"
 FORMAT = "saf-gen dataset"
 LAYOUT = 1
 HINT = "remove it and run saf-gen generate again"
+TEST_SPLIT = "test"
+ALL_SPLITS = "all"
+"""The word that selects all splits together where the name of a split is expected."""
 
 StrictInteger = Annotated[int, Field(strict=True)]
 
@@ -79,6 +83,19 @@ class Manifest:
     def splits(self) -> tuple[str, ...]:
         """The names of the splits, in the order of the sequences."""
         return tuple(dict.fromkeys(s.split for s in self.sequences))
+
+    @property
+    def default_split(self) -> str | None:
+        """The split that is ranked if none is named: ``test``, or the only one; otherwise None."""
+        if TEST_SPLIT in self.splits:
+            return TEST_SPLIT
+        return self.splits[0] if len(self.splits) == 1 else None
+
+    def next_command(self, folder: str | os.PathLike[str] | StorePath) -> str:
+        """Return the command that ranks methods on this dataset; it names a split if there is no default."""
+        named = [split for split in self.splits if split != ALL_SPLITS]
+        option = f" --split {shlex.quote(named[-1])}" if named and self.default_split is None else ""
+        return f"saf-gen evaluate {folder}{escape_controls(option)}"
 
 
 def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:

@@ -1,4 +1,4 @@
-"""Contact sheets of a stack and of a scene, the gallery, and images side by side."""
+"""Contact sheets of a stack and of a scene, and images side by side."""
 
 import re
 from dataclasses import replace
@@ -286,7 +286,6 @@ def test_new_then_preview(call, call_scenes, tmp_path, monkeypatch):
         (("new", "mine", "--xml", "--from", "x.xml"), "--xml and --from are both given; leave --xml out"),
         (("new", "mine", "--from", "x.xml"), "x.xml cannot be read: No such file or directory"),
         (("preview", "mein"), "unknown scene 'mein'"),
-        (("gallery", "mein"), "unknown scene 'mein'"),
     ],
 )
 def test_bad_input_is_one_line(call, tmp_path, monkeypatch, args, message):
@@ -296,40 +295,3 @@ def test_bad_input_is_one_line(call, tmp_path, monkeypatch, args, message):
     assert len(err.strip().splitlines()) == 1
     assert message in err
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_a_gallery_has_a_section_and_a_picture_a_scene(call_scenes, mine, tmp_path, test_scenes):
-    scene = mine()
-    code, _, err = call_scenes("gallery", "mine", "workbench", "--out", "docs")
-    assert (code, err) == (0, "")
-    page = (tmp_path / "docs/scenes.md").read_text()
-    assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == ["mine", "workbench"]
-    for name in re.findall(r"\]\((pictures/\S+)\)", page):
-        assert 1000 < (tmp_path / "docs" / name).stat().st_size < 150_000
-    links = re.findall(r"\[SOURCE.md\]\((\S+)\)", page)
-    assert [(tmp_path / "docs" / link).resolve() for link in links] == [
-        scene.folder / "SOURCE.md",
-        test_scenes / "workbench/SOURCE.md",
-    ]
-    assert "| family | `tilt_deg` -20 to 20; `square_mm` 1, 2, 3 |" in page
-
-
-@pytest.mark.slow
-def test_a_gallery_tells_how_a_scene_moves(call_scenes, mine, tmp_path):
-    moves = "motion: {card: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.01, 0, 0]}]}}\n"
-    mine("target:", f"{moves}slices_per_s: 100\ninterpolation_error: 0.025\ntarget:")
-    assert call_scenes("gallery", "mine", "--out", "docs")[0] == 0
-    page = (tmp_path / "docs/scenes.md").read_text()
-    assert "| motion | 100 time slices per second, interpolated with an error of at most 2.5 % |" in page
-    _, (width, height) = grey(tmp_path / "docs/pictures/scenes/mine.jpg")
-    assert (width, height) == (6 * 32 + 5 * 4, 40 + 4 + 20)  # six small pictures below three
-
-
-@pytest.mark.slow
-def test_a_gallery_goes_on_where_a_scene_fails(call_scenes, mine, tmp_path, test_scenes):
-    mine("target: [card]", "target: [cart]")
-    code, _, err = call_scenes("gallery", "mine", "workbench", "--out", "docs")
-    assert code == 1
-    assert "mine could not be drawn: " in err
-    assert "## workbench" in (tmp_path / "docs/scenes.md").read_text()

@@ -246,7 +246,9 @@ def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monke
 
     monkeypatch.setattr(sequence_evaluation, "evaluate_recorded", breaks)
     steps = []
-    found = evaluate(dataset, methods=["sd+argmax"], region="both", progress=lambda *step: steps.append(step))
+    found = evaluate(
+        dataset, methods=["sd+argmax"], split="all", region="both", progress=lambda *step: steps.append(step)
+    )
     assert [failure.problem for failure in found.failures] == ["the disk is gone"]
     assert {r.light for r in found.records} == {sweep.light for sweep in found.sweeps} == {"constant"}
     assert steps[-1][:2] == (6, 6)
@@ -426,7 +428,8 @@ def test_two_windows_too_long_for_a_recording_fail_by_name(tmp_path):
 
 def test_every_method_meets_every_sequence_in_order(dataset):
     steps = []
-    out = evaluate(dataset, methods=["sd+argmax", "er_count+argmax"], progress=lambda *step: steps.append(step))
+    methods = ["sd+argmax", "er_count+argmax"]
+    out = evaluate(dataset, methods=methods, split="all", progress=lambda *step: steps.append(step))
     assert [(r.sequence, r.method) for r in out.records] == [
         (sequence, method)
         for sequence in ("board-constant-0", "board2-constant-0", "board2-ramp-0")
@@ -448,7 +451,7 @@ def test_brightness_fools_the_count_of_spikes_and_not_their_dispersion(dataset):
 def test_a_split_picks_its_sequences_and_an_unknown_one_is_named(dataset):
     assert {r.split for r in evaluate(dataset, methods=["sd+argmax"], split="train").records} == {"train"}
     error = refusal(evaluate, dataset, split="tset")
-    assert (error.allowed, error.nearest) == ("test, train", "test")
+    assert (error.allowed, error.nearest) == ("all, test, train", "test")
 
 
 def test_the_curves_are_what_argmax_looked_at(dataset):
@@ -466,7 +469,7 @@ def test_a_sequence_that_cannot_be_read_is_named_and_the_others_go_on(dataset, t
     broken = shutil.copytree(dataset, tmp_path / "copy")
     file = broken / "test/board2-constant-0.h5"
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    out = evaluate(broken, methods=["sd+argmax"])
+    out = evaluate(broken, methods=["sd+argmax"], split="all")
     assert [r.sequence for r in out.records] == ["board-constant-0", "board2-ramp-0"]
     (failure,) = out.failures
     assert failure.sequence == "board2-constant-0"
@@ -476,7 +479,7 @@ def test_a_sequence_that_cannot_be_read_is_named_and_the_others_go_on(dataset, t
 def test_a_sequence_that_is_not_the_manifests_is_a_failure(dataset, tmp_path):
     swapped = shutil.copytree(dataset, tmp_path / "copy")
     write_sweep(swapped / "train" / "board-constant-0.h5", 500.0)
-    (failure,) = evaluate(swapped, methods=["sd+argmax"]).failures
+    (failure,) = evaluate(swapped, methods=["sd+argmax"], split="all").failures
     assert failure.sequence == "board-constant-0"
     assert "not the stream that the manifest names" in failure.problem
 
@@ -495,7 +498,7 @@ def test_an_unknown_region_is_refused(stream_file):
 
 
 def test_a_scene_motion_picks_its_sequences_and_another_is_named(dataset, stream_file):
-    assert len(evaluate(dataset, methods=["sd+argmax"], scene_motion="static").records) == 3
+    assert len(evaluate(dataset, methods=["sd+argmax"], split="all", scene_motion="static").records) == 3
     error = refusal(evaluate, dataset, methods=["sd+argmax"], scene_motion="dynamic")
     assert ("'dynamic'" in error.problem, error.allowed) == (True, "static")
 

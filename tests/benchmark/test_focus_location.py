@@ -12,7 +12,7 @@ from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.focus_location import judge_crossing, judge_location, truncate_truth
-from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, list_sequences
+from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, select_sequences_to_evaluate
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import tabulate_leaderboard_by_axis
 from saf_gen.optics.focus_crossings import focus_crossings
@@ -169,7 +169,7 @@ def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
 def test_records_of_both_tracks_state_the_focus_position(tmp_path):
     known = truth(0.52, lens=PART)
     write_stream(tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=PART, truth=known)
-    (task,) = list_sequences(tmp_path / "a.h5")
+    (task,) = select_sequences_to_evaluate(tmp_path / "a.h5").tasks
     with open_stream(task.path) as stream:
         recorded, closed_loop = (
             describe_sequence(task, stream, rate=(np.zeros(1), np.ones(1)), track=t)
@@ -188,7 +188,7 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
         tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=UP, truth=known,
         gain=ramp[:, None], light_names=("lamp",),
     )  # fmt: skip
-    (task,) = list_sequences(tmp_path / "a.h5")
+    (task,) = select_sequences_to_evaluate(tmp_path / "a.h5").tasks
     light = np.arange(FRAMES) + 0.5, ramp / 10
     with open_stream(task.path) as stream:
         every, first = (describe_sequence(task, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200))

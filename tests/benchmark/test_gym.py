@@ -16,6 +16,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from refusals import refusal
 from typer.testing import CliRunner
+from windowed_dataset import make_windowed_dataset
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
@@ -93,6 +94,20 @@ def with_truth(env, **changes):
 def test_gymnasiums_checker_finds_nothing(dataset):
     """Warnings are errors in tests, so the checker's recommendations count too."""
     check_env(gymnasium.make(ENVIRONMENT_ID, dataset=dataset, protocol=PROTOCOL, render_mode="rgb_array").unwrapped)
+
+
+def test_a_policy_learns_on_no_split_that_was_not_chosen(tmp_path):
+    several = make_windowed_dataset(tmp_path / "several", splits=("train", "train", "test"))
+    error = refusal(make_env, several)
+    assert (error.problem, error.allowed) == ("no split is given", "train, test, or all")
+    assert refusal(make_env, several, split="trian").nearest == "train"
+    for options, ids in (
+        ({"split": "train"}, ["s0", "s1"]),
+        ({"split": "all"}, ["s0", "s1", "s2"]),
+        ({"sequences": ["s2"]}, ["s2"]),
+    ):
+        assert [task.id for task in make_env(several, **options).tasks] == ids
+    assert len(make_env(make_windowed_dataset(tmp_path / "one", splits=("train",))).tasks) == 1
 
 
 def test_a_seed_names_an_episode_bit_for_bit(dataset):

@@ -12,7 +12,7 @@ from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
-from saf_gen.benchmark.tracks.sequence_tasks import list_sequences
+from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
 
 
 @pytest.fixture(scope="module")
@@ -165,9 +165,10 @@ def test_no_more_can_be_seen_than_was_recorded(dataset, tmp_path):
 
 def test_where_the_manifest_says_another_length_that_prediction_alone_fails(dataset, tmp_path, monkeypatch):
     def longer(*args, **options):
-        return [replace(task, frames=900) for task in list_sequences(*args, **options)]
+        selection = select_sequences_to_evaluate(*args, **options)
+        return replace(selection, tasks=[replace(task, frames=900) for task in selection.tasks])
 
-    monkeypatch.setattr(evaluate_module, "list_sequences", longer)
+    monkeypatch.setattr(evaluate_module, "select_sequences_to_evaluate", longer)
     path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=850), line("two", 500, frames_seen=800))
     ran, one, other, two = evaluate(dataset, methods=["sd+argmax"], predictions=path).records
     assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")

@@ -226,7 +226,7 @@ def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp
 
 def test_the_method_lists_of_the_benchmark_are_valid():
     for name in ("recorded", "closed_loop"):
-        assert len(read_methods(HERE.parent / f"benchmarks/method_lists/{name}.txt")) > 10
+        assert len(read_methods(HERE.parent / f"studies/results/method_lists/{name}.txt")) > 10
 
 
 def test_a_single_stream_is_evaluated_into_a_folder_next_to_it(call, dataset, tmp_path):
@@ -380,7 +380,7 @@ def test_help_is_short_too_and_names_no_type_of_a_flag(call, words):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("scenes chek", "No such command 'chek'. Did you mean 'check', 'schema'?; see: saf-gen scenes --help"),
+        ("scenes chek", "No such command 'chek'. Did you mean 'check'?; see: saf-gen scenes --help"),
         ("generate", "Missing argument 'recipe'; see: saf-gen generate --help"),
         (
             "evaluate x --splt y",

@@ -69,6 +69,14 @@ def ranked(saf, tmp_path_factory):
     return out, rank_methods_on_saf_folder(saf, out / "mine", methods=METHODS, beside=[out / "bench/evaluation"])
 
 
+def test_an_evaluation_of_several_splits_is_reported(saf, tmp_path):
+    records = [record("far+argmax", name, 0.1, split=name) for name in ("train", "test")]
+    write_records(tmp_path / "mixed" / "records.jsonl", records)
+    lines = []
+    refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", beside=[tmp_path / "mixed"], notify=lines.append)
+    assert lines == ["mixed ranks several splits together: train, test"]
+
+
 def best_block(peak, block):
     """The last frame, counted from 1, of the block with the largest spike dispersion, computed directly."""
     blocks = spikes_of(peak)[: FRAMES // block * block].reshape(-1, block, 25, 40).sum(axis=1, dtype=float)

@@ -9,8 +9,8 @@ from pathlib import Path
 from planting import Change
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/planted-faults.md"
-EACH_CHECK = "planted_faults/test_each_check.py::test_a_check_passes_at_its_small_size"
-RENDERED = ("render/", "optics/test_microscope", EACH_CHECK)
+EACH_LAW = "studies/test_laws.py::test_a_law_holds_at_its_small_size"
+RENDERED = ("render/", "optics/test_microscope", EACH_LAW)
 """Tests that render, which takes long and needs LLVM."""
 COMPILED = ("camera.encoder_kernel",)
 """Modules that take long to compile."""
@@ -65,7 +65,7 @@ FAULTS = {
         (
             "camera/test_exposure.py::test_irradiance_falls_with_the_fourth_power_of_the_cosine",
             "camera/test_exposure.py::test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows",
-            f"{EACH_CHECK}[radiometry_field_angle]",
+            f"{EACH_LAW}[radiometry_field_angle]",
         ),
     ),
     "no bellows": Fault(
@@ -75,7 +75,7 @@ FAULTS = {
             "camera/test_exposure.py::test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows",
             "generate/test_recorder.py::test_the_rate_over_the_sweep_follows_bellows_and_the_fourth_power_of_the_cosine",
             "generate/test_recorder.py::test_absolute_exposure_counts_the_scenes_own_electrons",
-            f"{EACH_CHECK}[radiometry_bellows]",
+            f"{EACH_LAW}[radiometry_bellows]",
         ),
     ),
     "near and far swapped": Fault(
@@ -88,7 +88,7 @@ FAULTS = {
             "optics/test_focus_drives.py::test_the_ends_of_the_travel_focus_where_the_card_says",
             "stack/test_time_resolved.py::test_the_truth_follows_a_target_that_comes_nearer",
             "generate/test_recorded_spikes.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
-            f"{EACH_CHECK}[truth_depths]",
+            f"{EACH_LAW}[truth_depths]",
         ),
     ),
     "stage reversed": Fault(
@@ -106,7 +106,7 @@ FAULTS = {
             "optics/test_focus_drives.py::test_a_stage_keeps_the_lens_and_is_linear_in_z",
             "optics/test_focus_drives.py::test_a_point_that_the_lens_has_reached_has_no_finite_blur",
             "render/test_render.py::test_a_stage_that_runs_into_the_lens_is_refused",
-            f"{EACH_CHECK}[optics_breathing]",
+            f"{EACH_LAW}[optics_breathing]",
         ),
     ),
     "shot noise halved": Fault(
@@ -116,7 +116,7 @@ FAULTS = {
             "camera/test_encoder.py::test_shot_noise_makes_the_variance_of_an_interval_the_threshold",
             "camera/test_encoder.py::test_the_contrast_of_counts_is_light_plus_shot_noise_plus_phase",
             "camera/test_counting_law.py::test_intervals_obey_the_exact_law[0.29]",
-            f"{EACH_CHECK}[noise_photon_transfer]",
+            f"{EACH_LAW}[noise_photon_transfer]",
         ),
     ),
     "threshold noise per readout": Fault(
@@ -126,7 +126,7 @@ FAULTS = {
             "camera/test_encoder.py::test_threshold_noise_alone_has_its_own_variance",
             "camera/test_encoder.py::test_intervals_are_independent_in_time_and_between_pixels",
             "camera/test_counting_law.py::test_counts_obey_the_exact_law[3.3]",
-            f"{EACH_CHECK}[noise_intervals]",
+            f"{EACH_LAW}[noise_intervals]",
         ),
     ),
     "response on dark": Fault(
@@ -150,7 +150,7 @@ FAULTS = {
             "render/test_camera_rays.py::test_a_ray_meets_its_own_pixel_at_the_middle_of_the_travel",
             "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
             "optics/test_microscope.py::test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms",
-            f"{EACH_CHECK}[optics_breathing]",
+            f"{EACH_LAW}[optics_breathing]",
         ),
     ),
     "firefly clip": Fault(
@@ -167,7 +167,7 @@ FAULTS = {
             "render/test_camera_rays.py::test_a_small_lamp_keeps_its_light_in_focus_and_out_of_it",
             "render/test_render.py::test_light_groups_alone_add_up_to_all_together",
             "render/test_render.py::test_the_scalar_variant_renders_the_same_scene",
-            f"{EACH_CHECK}[optics_occlusion]",
+            f"{EACH_LAW}[optics_occlusion]",
         ),
     ),
     "angle doubled": Fault(
@@ -176,7 +176,7 @@ FAULTS = {
         (
             "render/test_diffraction.py::test_bent_paths_have_the_transfer_of_the_lens",
             "render/test_diffraction.py::test_angles_spread_by_heisenbergs_relation",
-            f"{EACH_CHECK}[optics_transfer]",
+            f"{EACH_LAW}[optics_transfer]",
         ),
     ),
     "dark twice": Fault(
@@ -224,7 +224,7 @@ FAULTS = {
             "plugins/test_lights.py::test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp",
             "generate/test_recorder.py::test_the_mean_rate_is_the_one_asked_for_at_best_focus",
             "stack/test_time_resolved.py::test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track",
-            f"{EACH_CHECK}[light_additivity]",
+            f"{EACH_LAW}[light_additivity]",
         ),
     ),
     "residue halved": Fault(
@@ -234,7 +234,7 @@ FAULTS = {
             "camera/test_encoder.py::test_adjacent_half_windows_share_the_residue",
             "camera/test_encoder.py::test_charge_between_knots_is_a_straight_line",
             "camera/test_sensor.py::test_ideal_counts_charge_to_the_last_spike",
-            f"{EACH_CHECK}[noise_independence]",
+            f"{EACH_LAW}[noise_independence]",
         ),
     ),
     "import flipped": Fault(
@@ -259,7 +259,7 @@ FAULTS = {
             "render/test_camera_rays.py::test_the_rays_of_a_position_fill_its_aperture_evenly",
             "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
             "render/test_render.py::test_an_edge_is_blurred_and_placed_by_the_closed_forms[image_distance]",
-            f"{EACH_CHECK}[optics_blur]",
+            f"{EACH_LAW}[optics_blur]",
         ),
     ),
     "Gaussian pupil": Fault(
@@ -274,7 +274,7 @@ FAULTS = {
         (
             "render/test_camera_rays.py::test_the_rays_of_a_position_fill_its_aperture_evenly",
             "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
-            f"{EACH_CHECK}[optics_transfer]",
+            f"{EACH_LAW}[optics_transfer]",
         ),
     ),
     "noise repeating by block": Fault(
@@ -283,7 +283,7 @@ FAULTS = {
         (
             "camera/test_independent_noise.py::test_pixels_that_fire_together_draw_independent_thresholds",
             "camera/test_counting_law.py::test_counts_obey_the_exact_law[3.3]",
-            f"{EACH_CHECK}[noise_independence]",
+            f"{EACH_LAW}[noise_independence]",
         ),
     ),
     "charge +1 %": Fault(
@@ -293,7 +293,7 @@ FAULTS = {
             "camera/test_exposure.py::test_electrons_are_photons_times_quantum_efficiency_and_fill_factor",
             "camera/test_sensor.py::test_the_fill_factor_gives_rate_one_half_at_1700_lux",
             "generate/test_recorder.py::test_absolute_exposure_counts_the_scenes_own_electrons",
-            f"{EACH_CHECK}[radiometry_f_number]",
+            f"{EACH_LAW}[radiometry_f_number]",
         ),
     ),
     "slices of another seed": Fault(
@@ -316,7 +316,7 @@ FAULTS = {
         (
             "stack/test_time_resolved.py::test_what_the_encoder_gets_is_the_picture_of_every_readout",
             "generate/test_recorded_spikes.py::test_light_that_grows_evenly_from_slice_to_slice_grows_evenly_in_spikes",
-            f"{EACH_CHECK}[crossfade_dip]",
+            f"{EACH_LAW}[crossfade_dip]",
         ),
     ),
     "truth from the frame's centre": Fault(
@@ -331,7 +331,7 @@ FAULTS = {
         (
             "stack/test_true_focus.py::test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths",
             "generate/test_recorded_spikes.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
-            f"{EACH_CHECK}[truth_depths]",
+            f"{EACH_LAW}[truth_depths]",
         ),
     ),
     "moving truth from all depths": Fault(
@@ -356,13 +356,21 @@ FAULTS = {
             "generate/test_recorded_spikes.py::test_a_target_is_blurred_alike_by_a_pixel_at_both_ends_of_its_depth_of_focus",
         ),
     ),
+    "exposed at another moment": Fault(
+        "A moving target that is never in focus is exposed in the middle frame, under a mask of another moment.",
+        (Change("stack.true_focus", "else nearest - 0.5", "else position.size / 2"),),
+        (
+            "generate/test_exposure_of_moving_scenes.py::test_the_target_fires_as_asked_at_the_moment_of_its_mask",
+            "generate/test_exposure_of_moving_scenes.py::test_a_target_that_was_in_sight_only_once_is_exposed_there",
+        ),
+    ),
 }
 
 
 def name_catcher(test: str) -> str:
-    """Return a test as the page names it: its file and name, or the command of a check of `saf-gen validate`."""
-    if test.startswith(EACH_CHECK):
-        return f"`saf-gen validate --only {test[len(EACH_CHECK) + 1 : -1]}`"
+    """Return a test as the page names it: its file and name, or the command that checks a law of studies/laws."""
+    if test.startswith(EACH_LAW):
+        return f"`python -m studies.laws --only {test[len(EACH_LAW) + 1 : -1]}`"
     file, _, name = test.partition("::")
     return f"`tests/{file}`: `{name}`"
 

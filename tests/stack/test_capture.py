@@ -12,7 +12,7 @@ from refusals import refusal
 import saf_gen
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import list_sequences
+from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_view
 from saf_gen.camera import Encoder
@@ -188,7 +188,7 @@ def test_slices_of_its_own_are_captured_from_the_beginning(without_whole_slices,
         error = refusal(too_long.count_frames, capture)
         assert "30 ms" in error.problem
         assert error.allowed.startswith("0.8 to 20 ms")
-        (task,) = list_sequences(folder)
+        (task,) = select_sequences_to_evaluate(folder).tasks
         setting = ClosedLoopSequence.from_stream(task, stream, region="target")
         assert setting.data != stream.content_sha256
         note = next((folder / "stacks" / capture.plane_source.time_stack.specs[0].key).glob("lamp.json"))

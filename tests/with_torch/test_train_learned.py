@@ -8,7 +8,7 @@ import pytest
 from small_dataset import HERE
 from windowed_dataset import make_windowed_dataset
 
-LEARNED = HERE.parent / "benchmarks" / "learned"
+LEARNED = HERE.parent / "studies" / "learned"
 
 
 def training_script(name):

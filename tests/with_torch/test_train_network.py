@@ -5,7 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-from small_dataset import HERE
 from windowed_dataset import FRAMES, TRUTH, make_windowed_dataset
 
 import saf_gen
@@ -15,8 +14,7 @@ from saf_gen.benchmark.evaluate import evaluate
 @pytest.fixture(scope="module")
 def script():
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(HERE.parent / "benchmarks")
-        import train_network
+        from studies.learned import train_network
 
         patch.setattr(train_network, "BOX", 8)
         yield train_network

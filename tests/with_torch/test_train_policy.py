@@ -16,7 +16,7 @@ from saf_gen.optics.actuators import get_actuator
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.manifest import read_manifest, write_manifest
 
-LEARNED = HERE.parent / "benchmarks" / "learned"
+LEARNED = HERE.parent / "studies" / "learned"
 PROTOCOL = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.04, sweep_s=0.02)
 PLANE, LAMP = "plane-constant-00", "plane-lamp_only-00"
 ACTIONS = 7, 4, 5, 1, 0  # forward, backward, forward, to the peak, answer

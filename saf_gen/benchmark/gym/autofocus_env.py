@@ -14,11 +14,12 @@ from saf_gen.benchmark.gym.episode import Episode
 from saf_gen.benchmark.gym.observation_images import draw_observation
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequences
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, select_sequences_to_evaluate
 from saf_gen.core import seeds
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.optics.actuators import get_actuator
+from saf_gen.stream.manifest import ALL_SPLITS
 from saf_gen.stream.stream_file import open_stream
 
 ENVIRONMENT_ID = "saf_gen/Autofocus-v0"
@@ -33,7 +34,8 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     dataset : str or Path
         Dataset folder, or one of its streams; its focal stacks must hold every lens position.
     split : str, optional
-        Split of the sequences to use; by default all splits.
+        Split of the sequences to use, or ``all``. A dataset with several splits needs it, unless ``sequences`` are
+        given, so that a policy does not learn on the test split by mistake.
     sequences : sequence of str, optional
         Ids of the sequences to use; by default all.
     protocol : ClosedLoopProtocol, optional
@@ -54,8 +56,9 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     Raises
     ------
     BadInput
-        If the dataset, the split or a sequence does not exist, or if another parameter is not allowed. ``reset`` raises
-        it if the protocol does not suit the recording.
+        If the dataset, the split or a sequence does not exist, if the dataset has several splits and neither a split
+        nor sequences are given, or if another parameter is not allowed. ``reset`` raises it if the protocol does not
+        suit the recording.
 
     Notes
     -----
@@ -110,7 +113,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         _check_integer("keep", keep)
         if threads is not None:
             _check_integer("threads", threads)
-        self.tasks = _select_tasks(list_sequences(Path(dataset), split=split), sequences)
+        self.tasks = _select_tasks(_list_tasks(Path(dataset), split, are_named=sequences is not None), sequences)
         self.protocol = ClosedLoopProtocol(get_actuator("voice_coil")) if protocol is None else protocol
         self.region, self.control_s, self.pixels = region, control_s, pixels
         self.render_mode = render_mode
@@ -214,6 +217,20 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         episode = self.episode
         info: dict[str, Any] = {"sequence": self._task.id if self._task else "", "seconds": episode.seconds}
         return info if episode.run is None else info | episode.judge()
+
+
+def _list_tasks(dataset: Path, split: str | None, *, are_named: bool) -> list[SequenceTask]:
+    """Return the sequences of a split, or of all splits if there is one only or ``are_named``."""
+    tasks = select_sequences_to_evaluate(dataset, split=ALL_SPLITS if split is None else split).tasks
+    splits = dict.fromkeys(task.split for task in tasks)
+    if split is None and not are_named and len(splits) > 1:
+        raise BadInput(
+            "no split is given",
+            where=str(dataset),
+            allowed=f"{', '.join(map(str, splits))}, or {ALL_SPLITS}",
+            hint='train with split="train", or with another one except test',
+        )
+    return tasks
 
 
 def _select_tasks(tasks: Sequence[SequenceTask], sequences: Sequence[str] | None) -> list[SequenceTask]:

@@ -10,7 +10,7 @@ of an answer is stated by its author; impossible numbers, such as more frames th
 
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +21,7 @@ from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
 from saf_gen.core.config.document import Document, FrozenModel, read_text, validate_document
 from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput, unknown
+from saf_gen.stream.manifest import ALL_SPLITS
 
 EXAMPLE = '{"method": "my_net", "sequence": "ID", "frame": 8213.5} in each line'
 FRAMES_HINT = "set frames_seen to the number of frames seen, at least up to the answer, or leave frames_seen out"
@@ -90,13 +91,21 @@ class PredictionSet:
         """Return the answer of each method on a sequence, in the order of the file."""
         return [answers[sequence] for answers in self._found.values()]
 
-    def check_complete(self, tasks: Sequence[SequenceTask], *, running_methods: Iterable[str] = ()) -> None:
+    def check_complete(
+        self,
+        tasks: Sequence[SequenceTask],
+        *,
+        left_out: Mapping[str, str] | None = None,
+        running_methods: Iterable[str] = (),
+    ) -> None:
         """Check that every method answers each of these sequences and no other.
 
         Parameters
         ----------
         tasks : sequence of SequenceTask
             The sequences. If a task states the digest or the length of its stream, the answers are checked against it.
+        left_out : mapping of str to str, optional
+            The split of each sequence of the dataset that is not evaluated, for error messages.
         running_methods : iterable of str, optional
             Names of the methods that run here, which predictions must not use.
 
@@ -117,6 +126,13 @@ class PredictionSet:
         for method, answers in self._found.items():
             where = f"{self.path}, method {method}"
             for sequence, prediction in answers.items():
+                if split := (left_out or {}).get(sequence):
+                    raise BadInput(
+                        f"there is an answer on {sequence}, but its split {split!r} is not evaluated",
+                        where=where,
+                        allowed=f"answers on {', '.join(sorted({task.split for task in tasks if task.split}))}",
+                        hint=f"choose a split with --split, or --split {ALL_SPLITS}",
+                    )
                 if sequence not in sequences:
                     raise unknown("sequence", sequence, allowed=sequences, where=where)
                 _check_stream(prediction, sequences[sequence], where=where)

@@ -9,7 +9,7 @@ killed, the next run moves the rest. A page lists the figures of its evaluation,
 import json
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.cores import defer_termination
 from saf_gen.core.files import atomic_file, rename_durably, sync_folder, temporary_folder, unwritable, write_text
 from saf_gen.core.plain_text import escape_all_text
+from saf_gen.errors import escape_controls
 from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
 from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_to_figure, figure_to_pdf
 from saf_gen.leaderboard.leaderboard_tables import LeaderboardTables, compute_leaderboard_tables
@@ -76,7 +77,7 @@ def write_evaluation_report(
         If the disk is full or the folder cannot be written.
     """
     final = Path(folder)
-    earlier = _describe_earlier(final)
+    earlier = _describe_earlier(final, splits={record.split for record in evaluation.records})
     tables = compute_leaderboard_tables(rows, evaluation.records)
     try:
         with temporary_folder(final / STAGING) as part:
@@ -153,17 +154,22 @@ def write_report(
     return [out / PAGE, *([out / FIGURES] if report_figures else [])]
 
 
-def _describe_earlier(folder: Path) -> str:
-    """Return a phrase that describes the evaluation in the folder; '' if there is no evaluation."""
+def _describe_earlier(folder: Path, *, splits: Set[str | None]) -> str:
+    """Return a phrase that describes the evaluation in the folder, and its splits unless they are the same ``splits``.
+
+    It is '' if there is no evaluation.
+    """
     try:
         moving = folder / READY / RECORDS_FILE
         with (moving if moving.is_file() else folder / RECORDS_FILE).open("rb") as lines:
-            methods = {json.loads(line)["method"] for line in lines}
+            found = {(record["method"], record.get("split")) for record in map(json.loads, lines)}
     except (FileNotFoundError, NotADirectoryError):
         return ""
-    except (OSError, ValueError, LookupError, TypeError):  # from another version, or damaged
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):  # from another version, or damaged
         return "an earlier evaluation that cannot be read"
-    return f"the earlier evaluation of {format_leaderboard_count(len(methods), 'method')}"
+    earlier = {split for _, split in found}
+    of = f"the earlier evaluation of {format_leaderboard_count(len({method for method, _ in found}), 'method')}"
+    return of if earlier == splits else escape_controls(f"{of} on {' and '.join(sorted(map(str, earlier))):.200}")
 
 
 def _publish(part: Path, final: Path) -> None:

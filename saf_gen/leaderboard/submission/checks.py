@@ -11,17 +11,16 @@ from typing import Literal
 from saf_gen.benchmark.method_spec import split_options, split_region
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
-from saf_gen.benchmark.tracks.sequence_tasks import list_sequences
+from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
 from saf_gen.benchmark.tuned_method import read_tuned
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.config.registry import names
 from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard.submission.card import SubmissionCard, read_submission
 from saf_gen.leaderboard.verification import DIFFERS, RERUN_HERE, read_leaderboard_row_states
-from saf_gen.stream.manifest import read_manifest
+from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
 
 EVALUATION = "evaluation"
-JUDGED_SPLIT = "test"
 MAX_METHOD_BYTES = 1 << 22
 
 
@@ -157,7 +156,7 @@ def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[SubmissionF
     except BadInput as error:
         yield SubmissionFinding("constants", "error", str(error))
         return
-    if tuned.split == JUDGED_SPLIT:
+    if tuned.split == TEST_SPLIT:
         yield SubmissionFinding("constants", "error", f"tuned on the split {tuned.split}: tune on train or validation")
     else:
         tried = f"{len(tuned.trials)} trials on the split {tuned.split} of {tuned.dataset}"
@@ -166,8 +165,8 @@ def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[SubmissionF
 
 def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) -> Iterator[SubmissionFinding]:
     data = dataset or "DATASET"
-    again = f"run saf-gen evaluate {data} --split {JUDGED_SPLIT} --out {folder / EVALUATION} with your method"
-    tasks = None if dataset is None else {t.id for t in list_sequences(dataset, split=JUDGED_SPLIT)}
+    again = f"run saf-gen evaluate {data} --split {TEST_SPLIT} --out {folder / EVALUATION} with your method"
+    tasks = None if dataset is None else {t.id for t in select_sequences_to_evaluate(dataset, split=TEST_SPLIT).tasks}
     if not (folder / EVALUATION / RECORDS_FILE).is_file():
         yield SubmissionFinding("answers", "error", f"there is no {EVALUATION}/{RECORDS_FILE}: {again}")
         return

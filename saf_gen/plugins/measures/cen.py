@@ -17,7 +17,7 @@ class SpectralCentroid:
     """Mean spatial frequency Σ r·P / Σ P for r up to ``highest``, with P = |FFT(c − ū)|² and r in cycles per pixel.
 
     Shot noise is white and moves the centroid outwards; the bound ``highest`` excludes most of it. The default, 0.15,
-    is the best of five values on the benchmark's train split (``benchmarks/tuned/cen.json``, 644e04f8e620). As
+    is the best of five values on the benchmark's train split (``studies/results/tuned/cen.json``, 644e04f8e620). As
     published, the border is not tapered, so the jump there contributes. The published method then takes the centroid of
     the focus curve near its maximum, as ``cen+argmax:refine=centroid`` does. It also chooses the bound for each
     recording, from the shapes of the curves for all bounds; this is not done here, because a search uses a single

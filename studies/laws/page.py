@@ -1,0 +1,173 @@
+"""The page of laws, Markdown with pictures: what was checked, how and against what, and the results."""
+
+import math
+from collections.abc import Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+import saf_gen
+from saf_gen.core.files import atomic_file, write_text
+from studies.laws.law import FALSE_ALARM, Comparison, Finding, Law, Plot
+
+PAGE, PICTURES = "validation.md", "pictures"
+LISTED_FIGURES = 8
+"""Number of figures listed per law, those that use most of their tolerance; figures that fail are all listed."""
+COLOURS = ("#1f5fa8", "#c0392b", "#2a8a4a", "#8a5a00", "#6b3fa0", "#007c8a", "#a83279", "#555555")
+SIZE_INCHES, DOTS_PER_INCH = (6.4, 2.7), 100
+
+
+def write_page(laws: Sequence[Law], findings: Mapping[str, Finding], *, folder: Path, quick: bool) -> Path:
+    """Write ``validation.md`` and its pictures to ``folder``, and return the path of the page.
+
+    ``findings`` has the finding of each law by its name. Raises BadInput if a file cannot be written.
+    """
+    shown = [(law, findings[law.name]) for law in laws]
+    for law, found in shown:
+        if found.plot is not None:
+            draw_plot(found.plot, folder / PICTURES / _picture(law))
+    write_text(folder / PAGE, "\n".join(_lines(shown, quick=quick)) + "\n")
+    return folder / PAGE
+
+
+def _picture(law: Law) -> str:
+    return f"validation-{law.name.replace('_', '-')}.png"
+
+
+def _lines(shown: list[tuple[Law, Finding]], *, quick: bool) -> list[str]:
+    outcomes = [found.outcome for _, found in shown]
+    counted = {outcome: outcomes.count(outcome) for outcome in dict.fromkeys(outcomes)}
+    size = "the small sizes of `--quick`" if quick else "full size"
+    lines = [
+        "# Validation",
+        "",
+        f"Made by `make validate` of saf_gen {saf_gen.__version__}, at {size}. "
+        f"{'; '.join(f'{count} of {len(shown)} checks {outcome}' for outcome, count in counted.items())}.",
+        "",
+        "A check writes scenes, a sensor and a recipe to a folder, lets `generate` make the streams, reads them back "
+        "and compares them",
+        "with a law, with other code or with published figures. Tolerances follow from the statistics of the "
+        "workload: all figures of a",
+        f"check together fail correct code by chance once in {1 / FALSE_ALARM:,.0f} runs, and seeds are fixed. Known "
+        "errors of a law are added to the",
+        "tolerance, and stated. *Used* is the largest fraction of its tolerance that a figure uses; above 1 the check "
+        "fails.",
+        "",
+        "| check | outcome | figures | used |",
+        "|---|---|---|---|",
+    ]
+    for law, found in shown:
+        number = f"{sum(c.passed for c in found.comparisons)} of {len(found.comparisons)}" if found.comparisons else ""
+        used = f"{found.tolerance_used:.2f}" if found.comparisons else ""
+        lines.append(f"| [{law.name}](#{law.name}) | {_outcome(found)} | {number} | {used} |")
+    subject = ""
+    for law, found in shown:
+        if law.subject != subject:
+            subject = law.subject
+            lines += ["", f"## {subject.replace('-', ' ').capitalize()}"]
+        lines += ["", *_section(law, found)]
+    return lines
+
+
+def _outcome(found: Finding) -> str:
+    return found.outcome if found.outcome == "passed" else f"**{found.outcome}**"
+
+
+def _section(law: Law, found: Finding) -> list[str]:
+    lines = [
+        f"### {law.name}",
+        "",
+        f"{law.law} **{found.outcome.capitalize()}.**",
+        "",
+        f"    {law.formula}",
+        "",
+        f"- Source: {law.source}.",
+        f"- Workload: {law.workload}",
+        f"- Tolerance: {law.tolerance}",
+        *(f"- {remark}" for remark in found.remarks),
+    ]
+    if found.reason:
+        lines += ["", f"Not completed: {found.reason}"]
+    if found.plot is not None:
+        lines += ["", f"![{law.name}]({PICTURES}/{_picture(law)})"]
+    if found.comparisons:
+        lines += ["", *_figures(found.comparisons)]
+    return lines
+
+
+def _figures(comparisons: tuple[Comparison, ...]) -> list[str]:
+    """Return the table of figures, failing ones first, then by the tolerance used, and a note on those left out."""
+    ordered = sorted(comparisons, key=lambda one: (one.passed, -one.tolerance_used))
+    shown = ordered[: max(LISTED_FIGURES, sum(not one.passed for one in ordered))]
+    lines = ["| figure | measured (95 %) | law | allowed | |", "|---|---|---|---|---|"]
+    for one in shown:
+        step = (one.at_most - one.at_least) / 20
+        low, high, measured, law = (format_number(x, step) for x in (one.low, one.high, one.measured, one.expected))
+        interval = f" ({low} to {high})" if math.isfinite(one.low) else ""
+        unit, passed = f" {one.unit}" if one.unit else "", "" if one.passed else "**fails**"
+        law = law if math.isfinite(one.expected) else "–"
+        lines.append(f"| {one.what} | {measured}{unit}{interval} | {law} | {_allowed(one, step)} | {passed} |")
+    if len(shown) < len(ordered):
+        lines += ["", f"The other {len(ordered) - len(shown)} figures use less of their tolerance."]
+    return lines
+
+
+def _allowed(one: Comparison, step: float) -> str:
+    low, high = format_number(one.at_least, step), format_number(one.at_most, step)
+    if math.isfinite(one.at_least) and math.isfinite(one.at_most):
+        return f"{low} to {high}"
+    return f"≤ {high}" if math.isfinite(one.at_most) else f"≥ {low}"
+
+
+def format_number(value: float, step: float = math.inf) -> str:
+    """Return a number as text for a table.
+
+    It has digits down to ``step``, the smallest difference that matters, or about four digits if ``step`` is infinite.
+    """
+    if value == 0 or not math.isfinite(value):
+        return "0" if value == 0 else str(value)
+    if 0 < step < math.inf:
+        digits = max(0, math.ceil(-math.log10(step)))
+        if digits <= 7 or abs(value) >= 0.1:
+            return f"{value:,.{digits}f}"
+        return f"{value:.2e}"
+    if abs(value) >= 1000:
+        return f"{value:,.0f}"
+    return f"{value:.2e}" if abs(value) < 1e-3 else f"{value:.4g}"
+
+
+def draw_plot(plot: Plot, path: Path) -> None:
+    """Write a plot as PNG with 48 colours, about seven kilobytes; a law and its points share a colour."""
+    figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for n, curve in enumerate(plot.curves):
+        colour = COLOURS[n // 2 % len(COLOURS)]
+        if curve.kind == "line":
+            axes.plot(curve.x, curve.y, color=colour, linewidth=1, label=curve.label)
+        else:
+            axes.errorbar(
+                curve.x,
+                curve.y,
+                curve.error or None,
+                color=colour,
+                fmt="o",
+                markersize=2.5,
+                elinewidth=0.8,
+                label=curve.label,
+            )
+    axes.set_xscale("log" if plot.log_x else "linear")
+    axes.set_yscale("log" if plot.log_y else "linear")
+    axes.set_xlabel(plot.x_label, fontsize=8)
+    axes.set_ylabel(plot.y_label, fontsize=8)
+    axes.tick_params(labelsize=7)
+    axes.spines[["top", "right"]].set_visible(False)
+    if len(plot.curves) > 1:
+        axes.legend(fontsize=6.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    drawn = BytesIO()
+    figure.savefig(drawn, format="png")
+    with atomic_file(path) as part, Image.open(drawn) as picture:
+        picture.convert("RGB").quantize(48).save(part, format="png", optimize=True)

@@ -1,0 +1,201 @@
+"""Write the tables of results.md and claims.md from the evaluations of both tracks.
+
+    python -m studies.ranking.result_tables RECORDED [CLOSED_LOOP]
+
+RECORDED and CLOSED_LOOP are folders that ``saf-gen evaluate`` wrote; without the second, the tables of the closed loop
+are not changed. A table is placed between ``<!-- table: TRACK KIND -->`` and ``<!-- end -->``; KIND is a key of
+``TABLES``. Everything else on a page is written by hand.
+"""
+
+import argparse
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from saf_gen.leaderboard.columns import format_leaderboard_percent
+from saf_gen.leaderboard.method_comparison import NeighbourComparison
+from saf_gen.leaderboard.rank_agreement import RankAgreement
+from saf_gen.leaderboard.table_formats import (
+    format_rank_agreement_markdown,
+    format_ranked_neighbours_markdown,
+    format_ranking_grid,
+)
+
+RESULTS = Path(__file__).resolve().parents[1] / "results"
+PAGES = RESULTS / "results.md", RESULTS / "claims.md"
+TABLE = re.compile(r"(<!-- table: (recorded|closed_loop) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+NEIGHBOURS = 12
+"""Number of pairs of neighbours in rank on a page, from the best on."""
+SHOWN = {
+    "recorded": (
+        *("octave_structure+peak_fit", "structure_calibrated+peak_fit:dark=false", "structure_calibrated+photon_aware"),
+        *("gradient_code_n+egs_code", "gradient_code_n+argmax", "cen+argmax", "sd_code+argmax", "sd_code+egs_code"),
+        *("sd_code+sgfs_code", "er_sumsq+argmax"),
+    ),
+    "closed_loop": (
+        *("octave_structure+peak_fit", "structure_calibrated+peak_fit:dark=false", "structure_calibrated+photon_aware"),
+        *("sd_code+sgfs_code", "sd+sgfs_causal", "gradient_code_n+golden_section", "gradient_code_n+hill_climb"),
+    ),
+}
+"""Methods with a column in the tables by condition, by track."""
+CLAIMS_SHOWN = (
+    *("sd_code+argmax", "sd_code+egs_code", "sd_code+sgfs_code", "gradient_code+argmax", "gradient_code_n+argmax"),
+    *("gradient_code_n+egs_code", "mfdct_code+argmax", "mfdct_code_n+argmax", "mfdct_lee+argmax"),
+    *("mfdct_lee_n+argmax", "er_sumsq+argmax", "cen+argmax", "sd_calibrated+photon_aware"),
+    *("structure_calibrated+photon_aware", "octave_structure+peak_fit"),
+)
+AXES = "light", "light_ratio", "scene_motion", "lens_motion", "photon_budget", "focus_position", "grain"
+Evaluation = dict[str, Any]
+"""Content of leaderboard.json."""
+
+
+def format_percent(fraction: float | None) -> str:
+    """Return a fraction as integer per cent, or a dash if it is not known."""
+    return "–" if fraction is None else format_leaderboard_percent(fraction).replace("%", " %")
+
+
+def format_number(value: float | None, digits: int) -> str:
+    """Return a number with ``digits`` decimal places, or a dash if it is not known."""
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def format_interval(low: float | None, high: float | None, digits: int) -> str:
+    """Return the ends of an interval with ``digits`` decimal places, or a dash if it is not known."""
+    return "–" if low is None or high is None else f"{low:.{digits}f}–{high:.{digits}f}"
+
+
+def _format_grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return format_ranking_grid(header, list(rows), is_left=[True] * len(header))
+
+
+def tabulate_results(evaluation: Evaluation) -> str:
+    """Return a table of all methods, best first, with the time to focus in the closed loop, else the frames seen."""
+    in_closed_loop = evaluation["track"] == ["closed_loop"]
+    costs = ("to focus, s", "95 %", "turns", "hunts") if in_closed_loop else ("frames seen",)
+    header = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF", *costs
+    rows = []
+    for row in evaluation["rows"]:
+        rank = f"{row['rank']}{'=' if row['tied'] else ''}{'~' if row['level_with_best'] and row['rank'] > 1 else ''}"
+        cells = [rank, f"{row['rank_best']}–{row['rank_worst']}", f"`{row['method']}`"]
+        cells += [format_percent(row["success_half_dof"]), *_success_cells(row)]
+        if in_closed_loop:
+            cells += [
+                format_number(row["time_to_focus_s"], 3),
+                format_interval(row["time_to_focus_low_s"], row["time_to_focus_high_s"], 3),
+                format_number(row["reversals"], 1),
+                format_percent(row["hunting"]),
+            ]
+        else:
+            cells.append(format_percent(row["frames_seen"]))
+        rows.append(cells)
+    return _format_grid(header, rows)
+
+
+def _success_cells(row: Evaluation) -> list[str]:
+    ends = (None if row[key] is None else 100 * row[key] for key in ("success_1dof_low", "success_1dof_high"))
+    return [format_percent(row["success_1dof"]), format_interval(*ends, 0), format_number(row["median_error_dof"], 2)]
+
+
+def tabulate_conditions(evaluation: Evaluation) -> str:
+    """Return a table of success under each condition, for the methods of ``SHOWN``."""
+    return _tabulate_axes(evaluation, AXES)
+
+
+def tabulate_scenes(evaluation: Evaluation) -> str:
+    """Return a table of success on each scene, for the methods of ``SHOWN``."""
+    return _tabulate_axes(evaluation, ["scene"])
+
+
+def _tabulate_axes(evaluation: Evaluation, names: Iterable[str]) -> str:
+    methods, tables = SHOWN[evaluation["track"][0]], {table["axis"]: table for table in evaluation["axes"]}
+    rows = []
+    for name in (name for name in names if name in tables):
+        for place, one in enumerate(tables[name]["bins"]):
+            cells = (format_percent(tables[name]["methods"][method][place]["success_1dof"]) for method in methods)
+            rows.append([f"{name.replace('_', ' ')}: {one['bin']}", str(one["scenes"]), str(one["sequences"]), *cells])
+    return _format_grid(["condition", "scenes", "sequences", *(f"`{method}`" for method in methods)], rows)
+
+
+def tabulate_division(evaluation: Evaluation) -> str:
+    """Return a table of the success of each measure with and without division by brightness, with ``argmax``."""
+    success = {row["method"]: row["success_1dof"] for row in evaluation["rows"]}
+    pairs = ((name, f"{name.removesuffix('_n+argmax')}+argmax") for name in success if name.endswith("_n+argmax"))
+    gains = {plain: success[divided] - success[plain] for divided, plain in pairs if plain in success}
+    rows = (
+        [
+            f"`{plain.removesuffix('+argmax')}`",
+            format_percent(success[plain]),
+            format_percent(success[plain] + gain),
+            f"{100 * gain:+.0f}",
+        ]
+        for plain, gain in sorted(gains.items(), key=lambda item: (-item[1], item[0]))
+    )
+    return _format_grid(["measure", "as it is", "divided by brightness", "gain, points"], rows)
+
+
+def tabulate_neighbours(evaluation: Evaluation) -> str:
+    """Return a table that compares each of the best methods with the next in rank."""
+    pairs = [NeighbourComparison(**pair) for pair in evaluation["neighbours"][:NEIGHBOURS]]
+    return format_ranked_neighbours_markdown(pairs)
+
+
+def tabulate_agreement(evaluation: Evaluation) -> str:
+    """Return a table of how much the ranking depends on each condition."""
+    return format_rank_agreement_markdown([RankAgreement(**one) for one in evaluation["rank_agreement"]])
+
+
+def tabulate_claims(evaluation: Evaluation) -> str:
+    """Return a table of success by light for the methods that the claims of the paper concern."""
+    key = "success_1dof_light_"
+    lights = [name.removeprefix(key) for name in evaluation["columns"] if name.startswith(key)]
+    rows = {row["method"]: row for row in evaluation["rows"]}
+    lines = (
+        [
+            f"`{method}`",
+            *(format_percent(rows[method][f"{key}{light}"]) for light in lights),
+            *_success_cells(rows[method]),
+        ]
+        for method in CLAIMS_SHOWN
+    )
+    return _format_grid(["method", *lights, "all", "95 %", "error"], lines)
+
+
+TABLES: dict[str, Callable[[Evaluation], str]] = {
+    "results": tabulate_results,
+    "neighbours": tabulate_neighbours,
+    "division": tabulate_division,
+    "conditions": tabulate_conditions,
+    "scenes": tabulate_scenes,
+    "agreement": tabulate_agreement,
+    "claims": tabulate_claims,
+}
+
+
+def rewrite(page: str, evaluations: Mapping[str, Evaluation]) -> str:
+    """Return the text of a page with the tables of these tracks replaced."""
+
+    def make(found: re.Match[str]) -> str:
+        begin, track, kind, end = found.groups()
+        return f"{begin}\n{TABLES[kind](evaluations[track])}\n{end}" if track in evaluations else found[0]
+
+    return TABLE.sub(make, page)
+
+
+def main() -> None:
+    """Write both pages."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("recorded", type=Path)
+    parser.add_argument("closed_loop", type=Path, nargs="?")
+    evaluations = {
+        track: json.loads((folder / "leaderboard.json").read_text(encoding="utf-8"))
+        for track, folder in vars(parser.parse_args()).items()
+        if folder is not None
+    }
+    for page in PAGES:
+        page.write_text(rewrite(page.read_text(encoding="utf-8"), evaluations), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
