@@ -287,7 +287,7 @@ LAWS = (
         "At the samples per pixel of our recipes, grain is below the noise of the sensor; `evaluate` warns of a "
         "dataset with far too few samples.",
         "grain rms ≤ √(fixed pattern² + (1/6 + F·m)/m²), m = rate × 100 frames",
-        "Grain: docs/explanation/grain.md; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
+        "Grain: docs/explanation/renderer.md#grain; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
         "Scenes at rest with 64 samples per pixel, whose grain is read from each recording, and again with one "
         "sample; the warnings of `evaluate`.",
         "The noise of the sensor in a block of 100 frames at a rate of 0.2.",

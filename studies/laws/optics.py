@@ -179,7 +179,7 @@ def _check_breathing(maker: DatasetMaker, quick: bool) -> Finding:
 
 MODEL_OF_WAVES = 0.039
 """Largest error of the transfer computed by ray bending, below Nyquist, at R/v = 0.024 and 0 to 1.5 waves of defocus
-(docs/explanation/waves.md)."""
+(docs/explanation/renderer.md#waves)."""
 WAVE_LENS = {"focal_length_mm": 50.0, "f_number": 15.63, "focus_range_m": [0.2313, 0.1777]}
 ANGLE_DEG = 5.0
 

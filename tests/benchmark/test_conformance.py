@@ -26,7 +26,7 @@ from saf_gen.plugins.measures import measure_names
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.plugins.searches import search_names
 
-PAGES = [Path(__file__).parents[2] / "docs/how-to" / name for name in ("add-a-method.md", "add-a-search.md")]
+PAGE = Path(__file__).parents[2] / "docs/how-to/add-a-plugin.md"
 WARNINGS = {
     "sgfs_printed": ["finds a bell"],  # the algorithm as the paper prints it stops at once
     "sign_change": ["finds a bell"],  # it cannot separate growth from noise if the bell begins in its first blocks
@@ -118,17 +118,16 @@ def test_the_paper_s_measures_and_searches_are_registered():
     assert {name for name in registry._builtin_names("searches") if commands(get_search(name))} == commanding
 
 
-# The code on docs/how-to/add-a-method.md and add-a-search.md, unchanged.
+# The code on docs/how-to/add-a-plugin.md, unchanged.
 
 
 def code_blocks(language):
-    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
-    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture
 def package_of_the_page(tmp_path, monkeypatch):
-    """Install the package that the pages describe, as pip would, and unload it afterwards."""
+    """Install the package that the page describes, as pip would, and unload it afterwards."""
     modules = []
     for text in code_blocks("python"):
         name = re.match(r"# (\w+)\.py\n", text)[1]
