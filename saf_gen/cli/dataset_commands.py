@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import TaskID
 
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import ClusterAddress, RecipeName, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.object_store import AnyPath, StorePath, find_path
+from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -147,17 +148,21 @@ def _print_plan(
 ) -> None:
     from saf_gen.generate.job_order import KEEP_SLICES
 
-    def is_made(sequence: "PlannedSequence") -> bool:
-        return sequence.id in store_plan.in_store if store_plan else (target / sequence.file).exists()
+    def exists(sequence: "PlannedSequence") -> str:
+        made = sequence.id in store_plan.in_store if store_plan else (target / sequence.file).exists()
+        return "yes" if made else "no"
 
-    planned, frames = [sequence.planned for sequence in work.sequences], f"{work.recipe.camera.frames:,}"
-    columns = TableColumn("sequence"), TableColumn("split"), TableColumn("frames", drop_order=1)
-    print_table(
-        [*columns, TableColumn("seed", drop_order=2), TableColumn("exists")],
-        [(s.id, s.split, frames, str(s.seed), "yes" if is_made(s) else "no") for s in planned],
-        title=f"{work.recipe.name}: {len(planned)} sequences in {target}",
-        where_to_find="a wider terminal or a pipe shows them",
-    )
+    frames = work.recipe.camera.frames
+    columns = [
+        Column("sequence", "id"),
+        Column("split", "split"),
+        Column("frames", lambda _: frames, ",", detail=1),
+        Column("seed", "seed", detail=2),
+        Column("exists", exists),
+    ]
+    planned = [sequence.planned for sequence in work.sequences]
+    title = f"{work.recipe.name}: {len(planned)} sequences in {target}"
+    print_table(Table(columns, planned, title), where_to_find="a wider terminal or a pipe shows them")
     here = Path(str(target))
     if store_plan:
         work, here = store_plan.missing, store_plan.scratch

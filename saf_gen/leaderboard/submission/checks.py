@@ -17,7 +17,7 @@ from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.config.registry import names
 from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard.submission.card import SubmissionCard, read_submission
-from saf_gen.leaderboard.verification import DIFFERS, RERUN_HERE, read_leaderboard_row_states
+from saf_gen.leaderboard.verification import DIFFERS, RERUN_HERE, read_row_states
 from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
 
 EVALUATION = "evaluation"
@@ -175,13 +175,13 @@ def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) 
     except BadInput as error:
         yield SubmissionFinding("answers", "error", str(error))
         return
-    group = select_records_of_submission(every, card)
+    group = records_of(every, card)
     if not group:
         rows = ", ".join(sorted({record.method for record in every}))
         yield SubmissionFinding("answers", "error", f"there is no row of {card.method or card.name}, only of {rows}")
         return
     yield from _check_records(group, card, tasks=tasks)
-    state = read_leaderboard_row_states(folder / EVALUATION, every).get(group[0].method)
+    state = read_row_states(folder / EVALUATION, every).get(group[0].method)
     if state == DIFFERS:
         yield SubmissionFinding("verified", "error", f"answers differ when the method is run again: {again}")
     elif state == RERUN_HERE or card.predictions:
@@ -209,7 +209,7 @@ def _check_records(group: list[Record], card: SubmissionCard, *, tasks: set[str]
         )
 
 
-def select_records_of_submission(records: Iterable[Record], card: SubmissionCard) -> list[Record]:
+def records_of(records: Iterable[Record], card: SubmissionCard) -> list[Record]:
     """Return the records of the submission's method.
 
     If its name begins with the path of a file, the records may have a longer path than the card.
