@@ -34,8 +34,7 @@ from saf_gen.core.config import registry
 from saf_gen.core.config.field_docs import field_docs
 from saf_gen.generate.recipe import Recipe, recipe_schema
 from saf_gen.leaderboard.axes import AXES
-from saf_gen.leaderboard.columns import list_leaderboard_columns
-from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS
+from saf_gen.leaderboard.tables import AGREEMENT_MEANINGS, ranking
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.plugins.lights import COMMON_KEYS
 from saf_gen.scene.card_schema import card_schema
@@ -229,11 +228,11 @@ def actuator_table() -> str:
 def leaderboard_columns() -> str:
     """Return the table of the leaderboard's columns; columns with the same meaning share a row."""
     rows: list[list[str]] = []
-    for column in list_leaderboard_columns([SimpleNamespace(success_by_light=[("LIGHT", None)])]):  # type: ignore[list-item]
+    for column in ranking([SimpleNamespace(success_by_light=[("LIGHT", None)])]).columns:  # type: ignore[list-item]
         if rows and rows[-1][2] == column.meaning:
-            rows[-1][1] += f", `{column.key}`"
+            rows[-1][1] += f", `{column.name}`"
         else:
-            rows.append(["each light" if column.light else column.header, f"`{column.key}`", column.meaning])
+            rows.append(["each light" if column.together else column.header, f"`{column.name}`", column.meaning])
     return table("column", "name in the files", "meaning", rows=rows)
 
 

@@ -3,14 +3,16 @@
 import sys
 from collections import Counter
 from contextlib import redirect_stdout
+from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
+from rich.table import Table as Grid
 from rich.text import Text
 
-from saf_gen.cli._tables import TableColumn, print_json, print_table, to_objects
+from saf_gen.cli._tables import print_json, print_table, to_objects
 from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, err, out
+from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -35,13 +37,13 @@ def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> 
     from saf_gen.core.config import registry
 
     listed = {}
-    for plugin_kind, columns in (("measures", ("degree", "cost", "forms")), ("searches", ("kind",))):
-        rows: list[tuple[str | Text, ...]] = []
+    for plugin_kind, heads in (("measures", ("degree", "cost", "forms")), ("searches", ("kind",))):
+        rows: list[tuple[str, ...]] = []
         for name in registry.names(plugin_kind):
             try:
                 plug_in = build_or_class(plugin_kind, name)
             except BadInput as problem:  # a plug-in that cannot be loaded does not hide the others
-                rows.append((name, "?", *([""] * (len(columns) - 1)), Text(str(problem), "bold red")))
+                rows.append((name, "?", *([""] * (len(heads) - 1)), str(problem)))
                 continue
             if plugin_kind == "measures":
                 forms = " ".join(form for form in measure_suffixes(plug_in) if form != "_n_tfi")
@@ -49,10 +51,12 @@ def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> 
             else:
                 cells = [search_kind(plug_in)]
             rows.append((name, *cells, summarise_plugin(plug_in).replace("``", "")))
-        shown = [*map(TableColumn, ("name", *columns)), TableColumn("what it is", folds=True)]
-        listed[plugin_kind] = to_objects(shown, rows)
+        columns = [Column(head, itemgetter(n)) for n, head in enumerate(("name", *heads))]
+        columns.append(Column("what it is", itemgetter(-1), folds=True, style=lambda r: "bold red" * (r[1] == "?")))
+        table = Table(columns, rows, plugin_kind)
+        listed[plugin_kind] = to_objects(table)
         if not as_json:
-            print_table(shown, rows, title=plugin_kind)
+            print_table(table)
     if as_json:
         print_json(listed)
         return
@@ -75,7 +79,7 @@ def show_method_command(
     else:
         pages = [("".join(name.split()), *found)]
     for title, kind, plug_in in pages:
-        table = Table(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
+        table = Grid(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
         table.add_column(style="bold", no_wrap=True)
         table.add_column()
         for key, text in describe_plugin(title, kind, plug_in=plug_in).facts:
@@ -105,12 +109,14 @@ def check_method_command(
 
 
 def _print_results(name: str, results: "list[Finding]") -> None:
-    columns = TableColumn("part"), TableColumn("check", folds=True), TableColumn("")
-    print_table(
-        [*columns, TableColumn("what was seen", folds=True), TableColumn("what to do", folds=True)],
-        [(r.part, r.check, Text(WORDS[r.level], LEVEL_STYLES[r.level]), r.text, r.to_do) for r in results],
-        title=name,
-    )
+    columns = [
+        Column("part", "part"),
+        Column("check", "check", folds=True),
+        Column("", lambda result: WORDS[result.level], style=lambda result: LEVEL_STYLES[result.level]),
+        Column("what was seen", "text", folds=True),
+        Column("what to do", "to_do", folds=True),
+    ]
+    print_table(Table(columns, results, name))
     levels: Counter[str] = Counter(result.level for result in results)
     out.print(f"{len(results)} checks: " + ", ".join(f"{levels[level]} {word}" for level, word in WORDS.items()))
 

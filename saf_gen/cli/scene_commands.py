@@ -9,9 +9,10 @@ import typer
 from rich.progress import TaskID
 from rich.text import Text
 
-from saf_gen.cli._tables import TableColumn, print_json, print_table
+from saf_gen.cli._tables import print_json, print_table
 from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, err, out, progress_bars
 from saf_gen.core.cores import defer_interrupts
+from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -28,15 +29,15 @@ def list_scenes_command(*, as_json: AsJson = False) -> None:
     """List the scenes that are found by name."""
     from saf_gen.scene.scene_folder import find_scene, scene_names
 
-    columns = [TableColumn("scene")]
-    columns += [TableColumn(header, folds=True) for header in ("title", "light groups", "lens")]
+    columns = [
+        Column("scene", "id"),
+        Column("title", "title", folds=True),
+        Column("light groups", "lights", ", ".join, folds=True),
+        Column("lens", "lens.summary", folds=True),
+        Column("licence", "licence", detail=1),
+    ]
     cards = [find_scene(name).card for name in scene_names()]
-    print_table(
-        [*columns, TableColumn("licence", drop_order=1)],
-        [(card.id, card.title, ", ".join(card.lights), card.lens.summary, card.licence) for card in cards],
-        where_to_find="scenes/NAME/scene.yaml has them",
-        as_json=as_json,
-    )
+    print_table(Table(columns, cards), where_to_find="scenes/NAME/scene.yaml has them", as_json=as_json)
 
 
 def new_scene_command(

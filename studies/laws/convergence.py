@@ -12,7 +12,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.camera.counting_law import noise_per_spike
 from saf_gen.generate.resolve import coarse_sampling
-from saf_gen.leaderboard.grain_tables import compose_leaderboard_grain_notes
+from saf_gen.leaderboard.notes import grain_warning
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stream.recorded_grain import grain_of_stream
 from saf_gen.stream.stream_file import SpikeStream
@@ -52,10 +52,10 @@ def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
         rms = float("nan") if grain is None else grain.rms_in_focus
         comparisons.append(Comparison(f"{scene}: relative grain in focus", rms, at_least=0.0, at_most=noise))
         shown.append(rms)
-    enough = compose_leaderboard_grain_notes(evaluate(dataset.folder, methods=["sd+argmax"]).records)
+    enough = grain_warning(evaluate(dataset.folder, methods=["sd+argmax"]).records)
     comparisons.append(Comparison("warnings of evaluate at the default", float(len(enough)), 0.0, 0.0, 0.0))
     few = maker.make(make(1))
-    warned = compose_leaderboard_grain_notes(evaluate(few.folder, methods=["energy_of_laplacian+argmax"]).records)
+    warned = grain_warning(evaluate(few.folder, methods=["energy_of_laplacian+argmax"]).records)
     comparisons.append(
         Comparison("warnings of evaluate at one sample, by the Laplacian", float(len(warned)), at_least=1.0)
     )

@@ -14,7 +14,7 @@ from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.core.execution import SchedulerLost
 from saf_gen.core.finding import Finding
 from saf_gen.errors import SafGenError
-from saf_gen.leaderboard.tuning import tune_method
+from saf_gen.leaderboard.tuning import tune
 
 MINE = "import numpy as np\n\ndef spread(counts: np.ndarray) -> float:\n    return float(np.ptp(counts))\n"
 
@@ -78,7 +78,7 @@ def test_what_was_evaluated_before_the_scheduler_was_lost_is_kept(dataset, clust
 
 def test_tuning_on_a_cluster_finds_the_same(dataset, cluster_address):
     how = {"values": {"search.window": ["20", "50"]}, "split": "train"}
-    (tuned, _), (here, _) = (tune_method(dataset, "sd+argmax", cluster=at, **how) for at in (cluster_address, None))
+    (tuned, _), (here, _) = (tune(dataset, "sd+argmax", cluster=at, **how) for at in (cluster_address, None))
     assert tuned == here
 
 

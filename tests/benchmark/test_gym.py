@@ -27,7 +27,7 @@ from saf_gen.benchmark.tracks.closed_loop import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.cli import app
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard import merge_leaderboard_records
+from saf_gen.leaderboard.merging import merge_records
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
 from saf_gen.stack.charge_source import ChargeSource
@@ -439,7 +439,7 @@ def test_a_policy_run_is_the_same_again_but_for_the_seconds(dataset, folders):
 def test_other_protocols_do_not_merge(dataset, folders):
     shorter = make_env(dataset, protocol=replace(PROTOCOL, budget_s=0.03))
     records = evaluate_policy(shorter, climber, method="climber")
-    error = refusal(merge_leaderboard_records, {"searches": read_records(folders[0]), "policy": records})
+    error = refusal(merge_records, {"searches": read_records(folders[0]), "policy": records})
     assert PLANE in error.problem
 
 

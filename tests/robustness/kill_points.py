@@ -86,7 +86,7 @@ class Writer:
 
 def remember_figures(folder: Path) -> None:
     """Draw the figures of an evaluation once and then read them from a folder, as drawing does not change the disk."""
-    draw = evaluation_folder.plot_report_figures
+    draw = evaluation_folder.plot_figures
 
     def remembered(evaluation: Any, rows: Any, **options: Any) -> Any:
         path = folder / f"{'-'.join(row.method for row in rows)}-{len(evaluation.sweeps)}"
@@ -96,7 +96,7 @@ def remember_figures(folder: Path) -> None:
             )
         return pickle.loads(path.read_bytes())
 
-    evaluation_folder.plot_report_figures = remembered
+    evaluation_folder.plot_figures = remembered
 
 
 def state_of_stream(path: Path) -> Any:

@@ -1,22 +1,92 @@
-"""Checks of a submission for missing or inconsistent parts. No code in the folder is run."""
+"""Submissions: the card ``submission.yaml`` with the statements of the authors, and checks for missing parts.
+
+No code in the folder of a submission is run.
+"""
 
 import ast
 import re
 from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
+from typing import Literal
 
 from saf_gen.benchmark.method_spec import read_tuned, split_options, split_region
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
-from saf_gen.core.config.document import check_plain_file
+from saf_gen.core.config.document import FrozenModel, check_plain_file, validate_document
 from saf_gen.core.config.registry import names
+from saf_gen.core.config.yaml_document import read_yaml
+from saf_gen.core.files import write_text
 from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput, unknown
-from saf_gen.leaderboard.submission.card import SubmissionCard, read_submission
-from saf_gen.leaderboard.verification import DIFFERS, RERUN_HERE, read_leaderboard_row_states
+from saf_gen.leaderboard.verification import DIFFERS, RERUN_HERE, read_row_states
 from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
+
+CARD_FILE = "submission.yaml"
+_TEMPLATE = Path(__file__).with_name("submission.yaml.in")
+
+
+class Statements(FrozenModel):
+    """Statements that the authors confirm, because the folder alone cannot prove them."""
+
+    no_test_data_in_training: bool
+    """Neither training nor tuning has seen the split ``test``."""
+    test_was_run_once: bool
+    """Nothing was chosen by results on the split ``test``."""
+    answers_use_no_truth: bool
+    """The method read neither the truth nor the provenance of a stream."""
+
+
+class SubmissionCard(FrozenModel):
+    """The card of a submission; a text left empty counts as missing, which the checks report."""
+
+    name: str
+    """Name of the method in the table."""
+    title: str
+    """Description of the method, in one line."""
+    authors: tuple[str, ...]
+    """Names of persons or groups."""
+    licence: str
+    """SPDX name of the licence of the files in the folder."""
+    date: str
+    """Date of the submission, YYYY-MM-DD."""
+    url: str = ""
+    """Address of a paper or a repository."""
+    dataset: str
+    """Recipe of the dataset whose split ``test`` was evaluated."""
+    track: Literal["recorded", "closed_loop"]
+    """``recorded`` if the method answered on recordings, ``closed_loop`` if it moved the lens."""
+    method: str = ""
+    """Method as MEASURE+SEARCH, each a registered name or ``file.py:Class`` of a file in the folder; or empty."""
+    predictions: str = ""
+    """File of answers that another program computed; or empty."""
+    constants: str = ""
+    """File that ``saf-gen tune`` wrote; or empty."""
+    statements: Statements
+
+
+def create_submission(folder: Path) -> Path:
+    """Write a card for a new submission, with one line per key and the name of its folder, and return its path.
+
+    Raises BadInput if the folder already has a card, or if its name cannot be the name of a submission.
+    """
+    name = folder.resolve().name
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}", name):
+        raise BadInput(f"a submission cannot be called {name!r}", allowed="letters, digits, _ . -, at most 80")
+    path = folder / CARD_FILE
+    if path.exists():
+        raise BadInput(f"{path} exists already", hint="edit it, or choose another folder")
+    write_text(path, _TEMPLATE.read_text(encoding="utf-8").replace("NAME", name, 1))
+    return path
+
+
+def read_submission(folder: Path) -> SubmissionCard:
+    """Return the card of a submission; raise BadInput, with the line, if it is missing or not valid."""
+    if not (folder / CARD_FILE).is_file():
+        raise BadInput(f"there is no {CARD_FILE} in {folder}", hint=f"write one: saf-gen submit new {folder}")
+    return validate_document(SubmissionCard, read_yaml(folder / CARD_FILE))
+
 
 EVALUATION = "evaluation"
 MAX_METHOD_BYTES = 1 << 22
@@ -164,13 +234,13 @@ def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) 
     except BadInput as error:
         yield Finding("answers", "error", str(error))
         return
-    group = select_records_of_submission(every, card)
+    group = records_of(every, card)
     if not group:
         rows = ", ".join(sorted({record.method for record in every}))
         yield Finding("answers", "error", f"there is no row of {card.method or card.name}, only of {rows}")
         return
     yield from _check_records(group, card, tasks=tasks)
-    state = read_leaderboard_row_states(folder / EVALUATION, every).get(group[0].method)
+    state = read_row_states(folder / EVALUATION, every).get(group[0].method)
     if state == DIFFERS:
         yield Finding("verified", "error", f"answers differ when the method is run again: {again}")
     elif state == RERUN_HERE or card.predictions:
@@ -196,7 +266,7 @@ def _check_records(group: list[Record], card: SubmissionCard, *, tasks: set[str]
         yield Finding("answers", "ok", f"{len(sequences)} sequences ({complete}), {right} within 1 depth of focus")
 
 
-def select_records_of_submission(records: Iterable[Record], card: SubmissionCard) -> list[Record]:
+def records_of(records: Iterable[Record], card: SubmissionCard) -> list[Record]:
     """Return the records of the submission's method.
 
     If its name begins with the path of a file, the records may have a longer path than the card.

@@ -7,9 +7,10 @@ import pytest
 from handmade_evaluations import make_evaluation
 from handmade_records import record
 
-from saf_gen.leaderboard import compose_leaderboard_notes, rank_methods, write_leaderboard
-from saf_gen.leaderboard.grain_tables import compose_leaderboard_grain_notes, tabulate_leaderboard_grain
-from saf_gen.leaderboard.report import build_report_page
+from saf_gen.benchmark.results import Evaluation
+from saf_gen.leaderboard import rank_methods, write_leaderboard
+from saf_gen.leaderboard.notes import grain_by_scene, grain_warning, notes_on
+from saf_gen.leaderboard.report.page import build_page
 
 
 def grainy(method, sequence, of_curve, *, rms=0.02, **more):
@@ -30,28 +31,28 @@ RECORDS = [
 
 
 def test_the_warning_counts_sequences_and_names_the_worst():
-    (warning,) = compose_leaderboard_grain_notes(RECORDS)
+    (warning,) = grain_warning(RECORDS)
     assert "exceeds 10% of the range of a focus curve on 1 of 2 sequences" in warning
     assert "(brenner; at worst 3.1 times the range, brenner on b)" in warning
-    assert warning in compose_leaderboard_notes(rank_methods(RECORDS), RECORDS)
+    assert warning in notes_on(rank_methods(RECORDS), RECORDS)
 
 
 def test_many_measures_are_counted():
     many = [grainy(f"m{n}+argmax", "a", 0.2 + n) for n in range(7)]
-    assert "(m6, m5, m4, m3 and 3 more; at worst 6.2 times" in compose_leaderboard_grain_notes(many)[0]
+    assert "(m6, m5, m4, m3 and 3 more; at worst 6.2 times" in grain_warning(many)[0]
 
 
 @pytest.mark.parametrize("records", [RECORDS[:3], RECORDS[6:]], ids=["little grain", "unknown"])
 def test_without_a_cause_there_is_no_warning(records):
-    assert compose_leaderboard_grain_notes(records) == []
+    assert grain_warning(records) == []
 
 
 def test_a_scene_at_rest_and_moving_have_a_line_each():
-    still, moving, unknown = tabulate_leaderboard_grain(RECORDS)
+    still, moving, unknown = grain_by_scene(RECORDS)
     assert (still.scene, still.scene_motion, still.sequences, still.rms) == ("camel", "static", (1, 1), (0.02, 0.02))
     assert moving.of_curve == {"sd": 0.1, "brenner": 3.1}
     assert (unknown.scene, unknown.sequences, unknown.rms, unknown.of_curve) == ("fan", (1, 0), None, {})
-    assert tabulate_leaderboard_grain(RECORDS[6:]) == []
+    assert grain_by_scene(RECORDS[6:]) == []
 
 
 def test_the_json_holds_the_grain_of_each_scene(tmp_path):
@@ -63,10 +64,10 @@ def test_the_json_holds_the_grain_of_each_scene(tmp_path):
 
 
 def test_the_page_shows_grain_where_it_is_known():
-    page = build_report_page(rank_methods(RECORDS), title="t", records=RECORDS)
+    page = build_page(Evaluation(tuple(RECORDS), (), ()), rank_methods(RECORDS), title="t")
     assert 'id="grain"' in page
     assert "12.00%" in page
     assert "3.1" in page.split('id="grain"')[1]
     assert "Warning: noise of the renderer" in page
     made = make_evaluation()
-    assert 'id="grain"' not in build_report_page(rank_methods(made.records), title="t", records=made.records)
+    assert 'id="grain"' not in build_page(made, rank_methods(made.records), title="t")

@@ -6,8 +6,8 @@ from handmade_evaluations import CENTRES, LENS, make_sweep
 
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.sequence_evaluation import assess_curves
-from saf_gen.leaderboard import rank_measures_by_curves, write_leaderboard_curves
-from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
+from saf_gen.leaderboard.files import write_curves
+from saf_gen.leaderboard.tables import QUALITY_MEANINGS, rank_measures
 
 BLOCK = 50 / 799  # of the travel
 
@@ -47,25 +47,25 @@ def test_a_lens_that_comes_back_or_is_not_recorded_gives_no_quality_and_is_count
     )
     assert [r.quality is None for r in rows if r.measure == "sd"] == [False, True, True]
     assert rows[-1].quality is None
-    by_name = {row.measure: row for row in rank_measures_by_curves(rows)}
-    assert (by_name["sd"].curves, by_name["sd"].without_quality) == (3, 2)
-    assert (by_name["m"].curves, by_name["m"].without_quality, by_name["m"].medians["range"]) == (1, 1, None)
+    by_name = {row.measure: row for row in rank_measures(rows)}
+    assert (by_name["sd"].curves, by_name["sd"].without) == (3, 2)
+    assert (by_name["m"].curves, by_name["m"].without, by_name["m"].medians["range"]) == (1, 1, None)
 
 
 def test_measures_stand_by_their_accuracy_and_have_medians():
     nan = float("nan")
     blind = make_sweep(truth=nan, truth_frame=nan, depth_of_focus=(nan, nan), measures=("sd",))
-    rows = rank_measures_by_curves(assess_curves([make_sweep(), make_sweep("ramp")]))
+    rows = rank_measures(assess_curves([make_sweep(), make_sweep("ramp")]))
     assert [row.measure for row in rows] == ["sd", "sd_code", "er_count"]
     assert rows[2].medians["accuracy"] == pytest.approx(CENTRES[-1] / 799 - 0.375)
     assert rows[2].medians["width_50"] is None
-    (unknown,) = rank_measures_by_curves(assess_curves([blind]))
+    (unknown,) = rank_measures(assess_curves([blind]))
     assert (unknown.medians["accuracy"], unknown.medians["accuracy_dof"]) == (None, None)
     assert unknown.medians["range"] is not None
 
 
 def test_the_files_contain_curves_and_measures(tmp_path):
-    paths = write_leaderboard_curves(tmp_path, assess_curves([make_sweep(), make_sweep("ramp", lens=None)]))
+    paths = write_curves(tmp_path, assess_curves([make_sweep(), make_sweep("ramp", lens=None)]))
     assert [p.name for p in paths] == ["curves.csv", "measures.csv"]
     curves, measures = map(lines_of, paths)
     assert len(curves) == 6
@@ -79,7 +79,7 @@ def test_the_files_contain_curves_and_measures(tmp_path):
 
 
 def test_without_a_curve_nothing_is_written(tmp_path):
-    assert write_leaderboard_curves(tmp_path, assess_curves([make_sweep(measures=())])) == []
+    assert write_curves(tmp_path, assess_curves([make_sweep(measures=())])) == []
     assert list(tmp_path.iterdir()) == []
 
 

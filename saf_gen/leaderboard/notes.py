@@ -1,14 +1,60 @@
-"""Grain, the noise that the renderer left in the pictures, by scene, and a warning if it may decide an answer."""
+"""Notes on how to interpret a leaderboard, and the grain of its scenes, the noise that the renderer left."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
 from saf_gen.benchmark.records import Record
+from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
+from saf_gen.leaderboard.intervals import MIN_SCENES
+from saf_gen.leaderboard.outcomes import group_by
+from saf_gen.leaderboard.rows import LeaderboardRow
 
 MAX_GRAIN_OF_CURVE = 0.1
 """Fraction of the range of a focus curve above which grain may shift its peak."""
 NAMED_MEASURES = 4
+
+
+def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
+    """Return the notes that a reader needs to interpret the numbers, one or two sentences each."""
+    found = _name_benchmark(records)
+    found += ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
+    reason = next((row.missing_reason for row in rows if row.missing_reason), "")
+    scenes = len({r.scene for r in records if r.success_1dof is not None})
+    if reason:
+        found.append(f"There are no intervals: only {reason} have a known truth.")
+    elif scenes:
+        found.append(
+            f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once"
+            + ("; with so few scenes, almost no methods can be told apart." if scenes < 2 * MIN_SCENES else ".")
+        )
+    found += grain_warning(records)
+    machines = sorted({r.machine for r in records if r.machine})
+    if len(machines) > 1:
+        found.append(f"Seconds cannot be compared: they come from {len(machines)} machines: {'; '.join(machines)}.")
+    return found
+
+
+def _name_benchmark(records: Sequence[Record]) -> list[str]:
+    """Return a sentence, in a list, that names the benchmark and the number of its sequences that the records cover.
+
+    The list is empty if the records do not all belong to the same frozen benchmark.
+    """
+    named = {r.benchmark for r in records}
+    label = named.pop() if len(named) == 1 else None
+    if label is None:
+        return []
+    frozen = read_frozen_digests().get(label.partition(" ")[0])
+    frozen_sequences = frozen.sequences if frozen is not None else {}
+    judged: dict[str, set[str]] = {}
+    for record in records:
+        judged.setdefault(record.split or "", set()).add(record.sequence)
+    covered = [
+        f"{len(names)}{f' of {frozen_sequences[split]}' if split in frozen_sequences else ''} sequences of "
+        f"{split or 'no split'}"
+        for split, names in sorted(judged.items())
+    ]
+    return [f"The benchmark is {label}: {', '.join(covered)}."]
 
 
 @dataclass(frozen=True)
@@ -36,13 +82,10 @@ class SceneGrain:
     of_curve: dict[str, float]
 
 
-def tabulate_leaderboard_grain(records: Iterable[Record]) -> list[SceneGrain]:
+def grain_by_scene(records: Iterable[Record]) -> list[SceneGrain]:
     """Return the grain of each scene and scene motion, in order of appearance; [] if no grain is known."""
-    groups: dict[tuple[str, str | None], list[Record]] = {}
-    for record in records:
-        groups.setdefault((record.scene, record.scene_motion), []).append(record)
-    tables = []
-    for (scene, motion), group in groups.items():
+    found = []
+    for (scene, motion), group in group_by(records, "scene", "scene_motion").items():
         rms = {r.sequence: r.grain_rms for r in group if r.grain_rms is not None}
         of_curve: dict[str, float] = {}
         for record in group:
@@ -51,11 +94,11 @@ def tabulate_leaderboard_grain(records: Iterable[Record]) -> list[SceneGrain]:
                 of_curve[measure] = max(of_curve.get(measure, 0.0), record.grain_of_curve)
         counts = len({r.sequence for r in group}), len(rms)
         figures = (median(rms.values()), max(rms.values())) if rms else None
-        tables.append(SceneGrain(scene, motion, counts, figures, of_curve))
-    return tables if any(table.rms for table in tables) else []
+        found.append(SceneGrain(scene, motion, counts, figures, of_curve))
+    return found if any(one.rms for one in found) else []
 
 
-def compose_leaderboard_grain_notes(records: Sequence[Record]) -> list[str]:
+def grain_warning(records: Iterable[Record]) -> list[str]:
     """Return a warning if grain exceeds MAX_GRAIN_OF_CURVE on the focus curves of some measures, else []."""
     known = sorted(
         ((r.grain_of_curve, _measure(r), r.sequence) for r in records if r.grain_of_curve is not None), reverse=True
