@@ -296,24 +296,29 @@ def make_plan(resolved: ResolvedRecipe, target: AnyPath, *, keep_slices: str = "
     by_stack: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
     for sequence in sequences:
         by_stack.setdefault(sequence.time_stack, []).append(sequence)
-    stacks = folder / "stacks"
+    to_render = _stacks_to_render(by_stack, folder, keep_slices=keep_slices, objects=objects)
+    for stack, users in by_stack.items() if not objects else ():  # the grain that a store holds is not read
+        unmade = any(s.planned.id not in made for s in users)
+        if stack not in to_render and unmade and not stack.has_grain(folder / "stacks"):  # as after a stopped run
+            to_render[stack] = ()
+    return Plan(resolved, target, folder, keep_slices, manifest, made, sequences, by_stack, to_render)
+
+
+def _stacks_to_render(
+    by_stack: dict[TimeResolvedStack, list[ResolvedSequence]], folder: Path, *, keep_slices: str, objects: set[str]
+) -> dict[TimeResolvedStack, tuple[StackSpec, ...]]:
+    """Return the stacks that are incomplete in a folder and in the objects of a store, with their missing parts."""
 
     def missing(stack: TimeResolvedStack) -> tuple[StackSpec, ...]:
-        return tuple(spec for spec in stack.find_missing(stacks) if not picture_names(spec) <= objects)
+        return tuple(spec for spec in stack.find_missing(folder / "stacks") if not picture_names(spec) <= objects)
 
-    to_render = {
+    found = {
         stack: specs
         for stack, users in by_stack.items()
         if (specs := missing(stack)) and not _is_recorded(stack, users, folder)
     }
-    for slices in dict.fromkeys(s.closed_loop_slices for s in sequences if keep_slices != "none"):
-        if slices and slices not in to_render and (specs := missing(slices)):
-            to_render[slices] = specs
-    for stack, users in by_stack.items() if not objects else ():  # the grain that a store holds is not read
-        unmade = any(s.planned.id not in made for s in users)
-        if stack not in to_render and unmade and not stack.has_grain(stacks):  # as after a stopped run
-            to_render[stack] = ()
-    return Plan(resolved, target, folder, keep_slices, manifest, made, sequences, by_stack, to_render)
+    slices = {s.closed_loop_slices: None for users in by_stack.values() for s in users if keep_slices != "none"}
+    return found | {stack: specs for stack in slices if stack and stack not in found and (specs := missing(stack))}
 
 
 def _is_recorded(stack: TimeResolvedStack, users: list[ResolvedSequence], folder: Path) -> bool:

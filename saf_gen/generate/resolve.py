@@ -6,6 +6,7 @@ Everything is decided and checked here; :mod:`saf_gen.generate.plan` then finds 
 import hashlib
 import json
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from itertools import product
@@ -114,10 +115,10 @@ def draw_sequences(recipe: Recipe, families: Mapping[str, SceneFamily] | None = 
     Raises BadInput if the recipe sets a parameter that a scene does not have, or a value that its card does not allow,
     if a split asks for motion but nothing moves, or if two sequences would have the same id.
     """
-    families = families or {}
+    families = defaultdict(SceneFamily, families or {})
     sequences = []
     for split_name, split in recipe.splits.items():
-        moving = [s for s in split.scenes if s not in split.at_rest and families.get(s, SceneFamily()).moves]
+        moving = [s for s in split.scenes if s not in split.at_rest and families[s].moves]
         if "dynamic" in split.scene_motion and not moving:
             raise BadInput(
                 f"split {split_name!r} asks for dynamic, but nothing moves in {', '.join(split.scenes)}",
@@ -127,10 +128,15 @@ def draw_sequences(recipe: Recipe, families: Mapping[str, SceneFamily] | None = 
         for scene in split.scenes:
             motions = [m for m in split.scene_motion if m == "static" or scene in moving]
             for motion, light, repeat in product(motions, split.lights, range(split.repeats)):
-                family = families.get(scene, SceneFamily())
                 sequences.append(
                     _draw_sequence(
-                        recipe, split_name, scene=scene, family=family, scene_motion=motion, light=light, repeat=repeat
+                        recipe,
+                        split_name,
+                        scene=scene,
+                        family=families[scene],
+                        scene_motion=motion,
+                        light=light,
+                        repeat=repeat,
                     )
                 )
     _check_ids(sequences)
