@@ -97,6 +97,11 @@ class Method:
         """Measure and search with every option, in the form that records store."""
         return f"{self.measure!r} + {self.search!r}"
 
+    @property
+    def record_fields(self) -> dict[str, str]:
+        """Fields of a record that say which method it is of."""
+        return {"method": self.name, "code": self.code, "parameters": self.parameters, "tuning": self.tuning}
+
 
 def parse_method(spec: str) -> Method:
     """Return the method with the given name.

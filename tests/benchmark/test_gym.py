@@ -205,7 +205,7 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
         expected = (average_observation(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     info = rows[-1][2]
-    record = sequence.make_record(run, PROTOCOL, method="m", code="", parameters="", common={})
+    record = sequence.make_record(run, PROTOCOL, known={"method": "m", "code": "", "parameters": ""})
     assert (info["error"], info["success_1dof"]) == (record.error, record.success_1dof)
 
 

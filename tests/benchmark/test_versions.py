@@ -137,7 +137,8 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
             run = run_closed_loop(sequence.make_captured_frames(), method, protocol=protocol)
-            records.append(sequence.make_record(run, protocol, method=method.name, code="", parameters="", common={}))
+            known = {"method": method.name, "code": "", "parameters": ""}
+            records.append(sequence.make_record(run, protocol, known=known))
     assert digest(numbers(records)) == CLOSED_LOOP
 
 

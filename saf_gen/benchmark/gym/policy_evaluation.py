@@ -79,11 +79,8 @@ def evaluate_policy(
             budget = inner.protocol.count_frames(sequence.capture)[0]
             common = describe_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
         run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)
-        records.append(
-            sequence.make_record(
-                run, inner.protocol, method=method, code=code, parameters=inner.parameters, common=common
-            )
-        )
+        known = {"method": method, "code": code, "parameters": inner.parameters, **common}
+        records.append(sequence.make_record(run, inner.protocol, known=known))
     if out is not None:
         write_records(Path(out) / RECORDS_FILE, records)
     return records

@@ -1,4 +1,4 @@
-"""A run of a method in the closed loop, where it moves the lens of a running camera within a budget of time.
+"""The closed-loop track, in which every method moves the lens of a running camera within a budget of time.
 
 On each sequence, the lens starts at the same position for all methods, drawn with the seed of the sequence. A search
 that commands the lens then moves it itself. A search that estimates on a recording is given a sweep: the lens goes to
@@ -43,6 +43,12 @@ from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 SETTLE_TOLERANCE = 1e-4
 """Distance from its last position, as a fraction of the travel, within which the lens counts as settled."""
+ARRIVAL_TOLERANCE_DOF = 0.25
+"""Distance from its last position, in depths of focus, within which the lens counts as arrived."""
+DEFAULT_DEPTH_OF_FOCUS = 0.01
+"""Depth of focus, as a fraction of the travel, that is assumed for ARRIVAL_TOLERANCE_DOF if it is unknown."""
+PATH_POINTS = 400
+"""Maximum number of points of a lens path that are kept for figures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,12 +179,6 @@ def _clip_to_travel(position: float | None) -> float | None:
     return None if position is None else min(max(float(position), 0.0), 1.0)
 
 
-ARRIVAL_TOLERANCE_DOF = 0.25
-"""Distance from its last position, in depths of focus, within which the lens counts as arrived."""
-DEFAULT_DEPTH_OF_FOCUS = 0.01
-"""Depth of focus, as a fraction of the travel, that is assumed for ARRIVAL_TOLERANCE_DOF if it is unknown."""
-
-
 def judge_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float) -> dict[str, Any]:
     """Return the fields of a record that depend on the lens; None means unknown.
 
@@ -279,41 +279,11 @@ class ClosedLoopSequence:
         """Return an empty store for captured frames of the box; ``threads`` encode them, by default one per core."""
         return CapturedFrames(self.capture, self.charge_source, region=self.box, threads=threads)
 
-    def make_record(
-        self,
-        run: ClosedLoopRun,
-        protocol: ClosedLoopProtocol,
-        *,
-        method: str,
-        code: str,
-        parameters: str,
-        common: Mapping[str, Any],
-        tuning: str = "",
-    ) -> Record:
-        """Return the record of a method's run.
-
-        Parameters
-        ----------
-        run : ClosedLoopRun
-            The run.
-        protocol : ClosedLoopProtocol
-            Protocol of the closed loop.
-        method, code, parameters : str
-            Name of the method, digest of its code, and all its options.
-        common : mapping of str to any
-            Fields from describe_sequence.
-        tuning : str, optional
-            Digest of the tuned file that named the method.
-
-        Returns
-        -------
-        Record
-            The record.
-        """
+    def make_record(self, run: ClosedLoopRun, protocol: ClosedLoopProtocol, *, known: Mapping[str, Any]) -> Record:
+        """Return the record of a run; ``known`` has the fields of the method and those of describe_sequence."""
         judged = judge_run(run, self.capture.truth, readout_hz=self.capture.sensor.readout_hz)
         unknown = dict.fromkeys(("position", "error", "error_dof", "blur_px", "time_to_focus_s"))
         return Record(
-            method=method,
             sequence=self.task.id,
             split=self.task.split,
             scene=self.task.scene,
@@ -329,17 +299,10 @@ class ClosedLoopSequence:
             note=run.problem or run.answer.note,
             region=self.region,
             data=self.data,
-            code=code,
             terms=protocol.describe(self.capture),
-            parameters=parameters,
-            tuning=tuning,
             **{**unknown, **judged},
-            **common,
+            **known,
         )
-
-
-PATH_POINTS = 400
-"""Maximum number of points of a lens path that are kept for figures."""
 
 
 def evaluate_closed_loop(
@@ -388,17 +351,7 @@ def evaluate_closed_loop(
     captured = {commanding: sequence.make_captured_frames() for commanding in (False, True)}  # sweeps share frames
     for done, method in enumerate(methods, start=1):
         run = run_closed_loop(captured[commands(method.search)], method, protocol=protocol)
-        records.append(
-            sequence.make_record(
-                run,
-                protocol,
-                method=method.name,
-                code=method.code,
-                parameters=method.parameters,
-                tuning=method.tuning,
-                common=common,
-            )
-        )
+        records.append(sequence.make_record(run, protocol, known={**method.record_fields, **common}))
         paths.append(_sample_path(sequence, run, method=method.name))
         step(done, method.name)
     return records, paths

@@ -144,10 +144,7 @@ def _run_method(method: Method, view: RecordingView, *, stream_path: str) -> _At
     if fault := _find_range_fault(answer, view.frames):
         answer, problem = Answer(None, answer.trace), fault
     fields = {
-        "method": method.name,
-        "code": method.code,
-        "parameters": method.parameters,
-        "tuning": method.tuning,
+        **method.record_fields,
         "frames_seen": view.now,
         "windows": view.scorer.windows,
         "seconds": view.scorer.seconds,
