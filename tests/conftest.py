@@ -66,7 +66,7 @@ def draw_contact_sheets():
 
     def write_empty(plan):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("saf_gen.authoring.preview.write_preview", _write_empty_sheet)
+            patch.setattr("saf_gen.authoring.contact_sheet.write_preview", _write_empty_sheet)
             real(plan)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -213,16 +213,16 @@ def drawing_figures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     if evaluation_folder is None:
         yield nullcontext
         return
-    real = evaluation_folder.plot_report_figures
+    real = evaluation_folder.plot_figures
 
     @contextmanager
     def draw() -> Iterator[None]:
         with pytest.MonkeyPatch.context() as inside:
-            inside.setattr(evaluation_folder, "plot_report_figures", real)
+            inside.setattr(evaluation_folder, "plot_figures", real)
             yield
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluation_folder, "plot_report_figures", lambda *_, **__: [])
+        patch.setattr(evaluation_folder, "plot_figures", lambda *_, **__: [])
         yield draw
 
 

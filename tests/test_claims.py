@@ -12,10 +12,8 @@ from scipy.special import j1
 
 from saf_gen import encode, get_measure, get_search, get_sensor
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.tracks.closed_loop_run import finish_run
-from saf_gen.benchmark.view.captured_frames import CapturedFrames
-from saf_gen.benchmark.view.running_camera import RunningCamera
-from saf_gen.benchmark.view.sweep_view import SweepView
+from saf_gen.benchmark.tracks.closed_loop import finish_run
+from saf_gen.benchmark.view.running_camera import CapturedFrames, RunningCamera, SweepView
 from saf_gen.cli import main
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.optics.actuators import get_actuator

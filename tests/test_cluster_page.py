@@ -1,4 +1,4 @@
-"""The manual steps of docs/how-to/cluster.md, with certificates, are run on this machine as written."""
+"""The manual steps of docs/how-to/machines.md, with certificates, are run on this machine as written."""
 
 import os
 import re
@@ -12,7 +12,7 @@ import pytest
 from dask_processes import end_session
 from planted_sweeps import list_streams, write_sweep
 
-PAGE = (Path(__file__).resolve().parent.parent / "docs/how-to/cluster.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parent.parent / "docs/how-to/machines.md").read_text(encoding="utf-8")
 
 
 def block_with(words: str) -> str:

@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pytest
 from PIL import Image
 from small_dataset import HERE
@@ -74,3 +75,16 @@ def test_a_gallery_goes_on_where_a_scene_fails(write, mine, tmp_path, test_scene
     assert write("mine", "workbench") == 1
     assert "mine could not be drawn: " in capsys.readouterr().err
     assert "## workbench" in (tmp_path / "docs/scenes.md").read_text()
+
+
+def test_a_grid_is_as_small_as_asked_for(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(HERE.parent / "tools")
+    from write_gallery import save_grid
+
+    noise = 0.3 + 0.4 * np.random.default_rng(0).random((250, 400))
+    save_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", max_bytes=150_000)
+    assert (tmp_path / "it.jpg").stat().st_size < 150_000
+    with Image.open(tmp_path / "it.jpg") as image:
+        picture = np.asarray(image.convert("L"))
+    assert picture.shape == (2 * 250 + 4, 3 * 400 + 8)
+    assert picture[260:, 500:].min() > 240

@@ -1,4 +1,4 @@
-"""The steps of docs/how-to/object-store.md are run on this machine as written."""
+"""The steps of docs/how-to/machines.md with an object store are run on this machine as written."""
 
 import os
 import re
@@ -14,7 +14,8 @@ import pytest
 from dask_processes import end_session
 from small_dataset import SCENES, SMALL_RECIPE
 
-PAGE = (Path(__file__).resolve().parent.parent / "docs/how-to/object-store.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parent.parent / "docs/how-to/machines.md").read_text(encoding="utf-8")
+STEPS = PAGE.split("## Keep datasets in an object store")[1]
 
 ONE_LIGHT = SMALL_RECIPE.replace("[constant, continuous, lamp_only]", "[constant]")
 RECIPE = ONE_LIGHT.replace("name: small", "name: quickstart")
@@ -36,7 +37,7 @@ def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_s
         re.sub(r"generate quickstart", "generate ./quickstart.yaml", text)
         .replace("5000", str(port))
         .replace("usaf_target-constant-00", "plane-constant-00")
-        for text in re.findall(r"^```\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+        for text in re.findall(r"^```\n(.*?)^```$", STEPS, re.DOTALL | re.MULTILINE)
     ]
     install, variables, server, generate, evaluate, python = blocks
     assert install == "pip install 'saf-gen[s3]'\n"

@@ -1,7 +1,8 @@
 """Build the site of the documentation: ``python tools/build_site.py --out build/site``, or ``make docs``.
 
 The pages of the repository are copied to a folder with the same layout, so that their links remain valid, and Sphinx
-builds a site from them with a search that needs no server. Then every link, anchor and resource in the built pages is
+builds a site from them with a search that needs no server. Two pages are only on the site: every command with its
+options, and every public name with its docstring. Then every link, anchor and resource in the built pages is
 checked: all links must have a target, and nothing may be loaded from another host. A warning is an error.
 """
 
@@ -15,8 +16,12 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
+from public_names import commands_page, python_page
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("*.md", "docs/**/*.md", "studies/**/*.md", "scenes/*/SOURCE.md", "datasets/README.md")
+MADE = {"docs/reference/commands.md": commands_page, "docs/reference/python.md": python_page}
+"""Pages that are only on the site, and the functions that make them."""
 LINK = re.compile(r"\]\(([^)\s#]+)")
 LOADING = {"img": "src", "script": "src", "iframe": "src", "source": "src", "video": "src"}
 """Attributes from which elements load resources, by tag."""
@@ -39,6 +44,8 @@ def stage(target: Path) -> None:
                 beside = target / linked.relative_to(ROOT)
                 beside.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(linked, beside)
+    for name, make in MADE.items():
+        (target / name).write_text(make(), encoding="utf-8")
     shutil.copytree(ROOT / "tools/site", target, dirs_exist_ok=True)
 
 
@@ -46,15 +53,17 @@ def toctrees(pages: list[Path]) -> str:
     """Return the menu: the sections of docs/README.md with the pages to which they link, and then all other pages."""
     index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
     menu: dict[str, list[str]] = {}
-    listed = {"README.md", "docs/README.md", "docs/faq.md"}
+    listed = {"README.md", "docs/README.md"}
     for section in index.split("\n## ")[1:]:
         links = [(ROOT / "docs" / link).resolve() for link in LINK.findall(section)]
         title = section.split("\n")[0].split(":")[0]
         named = dict.fromkeys(one.relative_to(ROOT).as_posix() for one in links if one.suffix == ".md")
         menu[title] = [one for one in named if one not in listed]
         listed.update(named)
+        if title == "Reference":
+            menu[title] += MADE
     others = [page.relative_to(ROOT).as_posix() for page in pages]
-    menu = {"Start": ["docs/README.md", "docs/faq.md"], **menu, "More": [one for one in others if one not in listed]}
+    menu = {"Start": ["docs/README.md"], **menu, "More": [one for one in others if one not in listed]}
     trees = [
         f"\n```{{toctree}}\n:hidden:\n:maxdepth: 1\n:titlesonly:\n:caption: {title}\n\n" + "\n".join(group) + "\n```\n"
         for title, group in menu.items()

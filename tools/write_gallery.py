@@ -12,19 +12,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.image import imsave
 
-from saf_gen.authoring.preview import save_image_grid
-from saf_gen.authoring.preview.scene_sheet import render_images
+from saf_gen.authoring.scene_sheet import render_images
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.config.ranges import is_range, range_extremes
 from saf_gen.core.display_tone import display_gamma, white_level
-from saf_gen.core.files import write_text
+from saf_gen.core.files import atomic_file, write_text
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene, SceneCard, find_scene, scene_names
 
+GAP = 4  # pixels between two images
 MAX_BYTES = 100_000  # per image file, because these are part of the repository
 SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 16, 4, 8  # per pixel; SMALL_SAMPLES is for the small images
 SMALL_IMAGES = 3  # number of members, and of moments
@@ -56,7 +57,7 @@ def write_gallery(scenes: Sequence[Scene], sensor: Sensor, *, folder: Path, back
             failed[scene.id] = problem
             continue
         picture = folder / "pictures" / "scenes" / f"{scene.id}.jpg"
-        save_image_grid(view.rows, picture, max_bytes=MAX_BYTES)
+        save_grid(view.rows, picture, max_bytes=MAX_BYTES)
         sections.append(section(scene, view, picture=picture, folder=folder))
     write_text(folder / "scenes.md", "\n".join(sections))
     return failed
@@ -133,6 +134,25 @@ def source_link(scene: Scene, folder: Path) -> str:
     if not (scene.folder / source).is_file():
         return source
     return f"[{source}]({Path(os.path.relpath(scene.folder / source, folder)).as_posix()})"
+
+
+def save_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, max_bytes: int) -> None:
+    """Write rows of grey images (0 to 1, of equal height in a row) as JPEG, with at most ``max_bytes`` if possible."""
+    height = sum(row[0].shape[0] + GAP for row in rows) - GAP
+    sheet = np.ones((height, max(sum(image.shape[1] + GAP for image in row) - GAP for row in rows)))
+    y = 0
+    for row in rows:
+        x = 0
+        for image in row:
+            sheet[y : y + image.shape[0], x : x + image.shape[1]] = image
+            x += image.shape[1] + GAP
+        y += row[0].shape[0] + GAP
+    with atomic_file(path) as temporary:
+        for quality in (90, 85, 80, 70, 60, 45, 30):
+            options = {"quality": quality, "optimize": True}
+            imsave(temporary, sheet, cmap="gray", vmin=0, vmax=1, format="jpg", pil_kwargs=options)
+            if temporary.stat().st_size <= max_bytes:
+                break
 
 
 def main(argv: Sequence[str] | None = None) -> int:

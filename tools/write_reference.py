@@ -1,4 +1,4 @@
-"""Write the parts of docs/ that come from the code: commands, keys, options, records, Python interface, JSON Schemas.
+"""Write the parts of docs/ that come from the code: public names, keys, options, records, JSON Schemas.
 
     python tools/write_reference.py
 
@@ -6,31 +6,20 @@ A part of a page is placed between ``<!-- from the code: NAME -->`` and ``<!-- e
 Everything else on a page is written by hand. ``tests/test_reference.py`` compares the pages with the code.
 """
 
-import ast
-import inspect
 import json
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType, SimpleNamespace, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-import typer
+from public_names import public_commands, public_python, table, tick
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-import saf_gen.benchmark.evaluate
-import saf_gen.benchmark.records
-import saf_gen.camera
-import saf_gen.generate.resolve
-import saf_gen.generate.run
-import saf_gen.optics.actuators
-import saf_gen.parts
-import saf_gen.stream.metadata
-import saf_gen.stream.stream_file
 from saf_gen.benchmark.curve_quality import CurveQuality
 from saf_gen.benchmark.plugin_description import (
     build_or_class,
@@ -41,14 +30,11 @@ from saf_gen.benchmark.plugin_description import (
 )
 from saf_gen.benchmark.records import Record
 from saf_gen.camera import get_sensor, sensor_names
-from saf_gen.cli import app
 from saf_gen.core.config import registry
 from saf_gen.core.config.field_docs import field_docs
-from saf_gen.errors import BadInput
 from saf_gen.generate.recipe import Recipe, recipe_schema
 from saf_gen.leaderboard.axes import AXES
-from saf_gen.leaderboard.columns import list_leaderboard_columns
-from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS
+from saf_gen.leaderboard.tables import AGREEMENT_MEANINGS, ranking
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.plugins.lights import COMMON_KEYS
 from saf_gen.scene.card_schema import card_schema
@@ -57,73 +43,6 @@ from saf_gen.scene.scene_folder import SceneCard
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PART = re.compile(r"(<!-- from the code: ([a-z_]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 REQUIRED = "must be given"
-
-
-def table(*header: str, rows: Iterable[Iterable[str]]) -> str:
-    """Return a Markdown table, with each | in a cell escaped."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
-
-
-def tick(text: str) -> str:
-    """Return text of a docstring with its reStructuredText code marks replaced by those of Markdown."""
-    text = re.sub(r":\w+:`~?\.?([^`]+)`", r"`\1`", text)
-    return text.replace("``", "`")
-
-
-# --- commands ------------------------------------------------------------------------------------------
-
-
-def commands() -> str:
-    """Return every command with its arguments and options."""
-    return "\n".join(_command(name, command) for name, command in _walk(typer.main.get_command(app), "saf-gen"))
-
-
-def _walk(command: Any, name: str) -> Iterator[tuple[str, Any]]:
-    if not hasattr(command, "commands"):
-        yield name, command
-        return
-    if command.invoke_without_command and name != "saf-gen":
-        yield name, command
-    for key, inner in command.commands.items():
-        yield from _walk(inner, f"{name} {key}")
-
-
-def _command(name: str, command: Any) -> str:
-    shown = [p for p in command.params if not p.hidden and "--help" not in p.opts]
-    arguments = [p for p in shown if p.param_type_name == "argument"]
-    words = [_option(p) if p.required else f"[{_option(p)}]" for p in arguments]
-    words += [f"{p.opts[0]} {_value(p)}".strip() for p in shown if p not in arguments and p.required]
-    usage = " ".join([name, *words, *(["[OPTIONS]"] if len(shown) > len(words) else [])])
-    text = f"## {name}\n\n```\n{usage}\n```\n\n{_help(command.help)}\n"
-    rows = [[f"`{_option(p)}`", tick(p.help or ""), _default(p)] for p in shown]
-    return text + ("\n" + table("argument, option", "what it is", "default", rows=rows) if rows else "")
-
-
-def _help(text: str | None) -> str:
-    """Return the help of a command as Markdown; blocks of example commands become code blocks."""
-    blocks = tick(inspect.cleandoc((text or "").replace("\b", ""))).split("\n\n")
-    return "\n\n".join(f"```\n{b}\n```" if b.startswith("saf-gen ") else " ".join(b.split()) for b in blocks)
-
-
-def _option(parameter: Any) -> str:
-    if parameter.param_type_name == "argument":
-        return parameter.name.upper() + ("..." if parameter.nargs == -1 else "")
-    return f"{', '.join([*parameter.opts, *parameter.secondary_opts])} {_value(parameter)}".strip()
-
-
-def _value(parameter: Any) -> str:
-    if parameter.is_flag:
-        return ""
-    return " ".join([parameter.name.upper().strip("_")] * max(parameter.nargs, 1))
-
-
-def _default(parameter: Any) -> str:
-    if parameter.required:
-        return REQUIRED
-    if parameter.default in (None, False, (), []) or getattr(parameter, "is_flag", False):
-        return ""
-    return f"`{parameter.default}`"
 
 
 # --- keys of recipes and cards -------------------------------------------------------------------------
@@ -303,17 +222,17 @@ def actuator_table() -> str:
     return table("actuator", "latency, ms", "resonance, Hz", "damping", "backlash, %", "sensor reads", rows=rows)
 
 
-# --- leaderboard, records, Python ----------------------------------------------------------------------
+# --- leaderboard and records ----------------------------------------------------------------------------
 
 
 def leaderboard_columns() -> str:
     """Return the table of the leaderboard's columns; columns with the same meaning share a row."""
     rows: list[list[str]] = []
-    for column in list_leaderboard_columns([SimpleNamespace(success_by_light=[("LIGHT", None)])]):  # type: ignore[list-item]
+    for column in ranking([SimpleNamespace(success_by_light=[("LIGHT", None)])]).columns:  # type: ignore[list-item]
         if rows and rows[-1][2] == column.meaning:
-            rows[-1][1] += f", `{column.key}`"
+            rows[-1][1] += f", `{column.name}`"
         else:
-            rows.append(["each light" if column.light else column.header, f"`{column.key}`", column.meaning])
+            rows.append(["each light" if column.together else column.header, f"`{column.name}`", column.meaning])
     return table("column", "name in the files", "meaning", rows=rows)
 
 
@@ -339,119 +258,11 @@ def record_keys() -> str:
     return table("key", "meaning", rows=([f"`{field.name}`", tick(said[field.name])] for field in fields(Record)))
 
 
-PUBLIC: dict[str, list[Any]] = {
-    "saf_gen": [getattr(saf_gen, name) for name in saf_gen.__all__ if not name.startswith("__")],
-    "saf_gen.stream": [
-        saf_gen.stream.stream_file.SpikeStream,
-        saf_gen.stream.metadata.Metadata,
-        saf_gen.stream.metadata.Truth,
-    ],
-    "saf_gen.parts": [getattr(saf_gen.parts, n) for n in ("Light", "Motion", "Measure", "Search", "View", "Answer")],
-    "saf_gen.generate": [saf_gen.generate.resolve.resolve_recipe, saf_gen.generate.run.generate],
-    "saf_gen.benchmark": [saf_gen.benchmark.evaluate.evaluate, saf_gen.benchmark.records.read_records],
-    "saf_gen.camera": [saf_gen.camera.Encoder],
-    "saf_gen.optics.actuators": [get_actuator, saf_gen.optics.actuators.ActuatedLens],
-    "saf_gen.errors": [BadInput],
-}
-"""Functions and classes on which scripts and plug-ins of users may rely, by the module from which to import them."""
-
-
-def python_interface() -> str:
-    """Return the reference of the public functions and classes, from their docstrings."""
-    parts = []
-    for module, members in PUBLIC.items():
-        parts.append(f"## {module}\n")
-        parts += [_member(one, f"{one.__module__}.{one.__name__}" if module != "saf_gen" else "") for one in members]
-    return "\n".join(parts)
-
-
-def _member(one: Any, home: str) -> str:
-    text = f"### {one.__name__}\n\n```\n{one.__name__}{_signature(one)}\n```\n\n"
-    text += f"`from {home.rpartition('.')[0]} import {one.__name__}`\n\n" if home else ""
-    text += _docstring(one)
-    if isinstance(one, type):
-        rows = [[f"`{name}{_signature(inner)}`", _summary(inner)] for name, inner in _members_of(one)]
-        text += "\n" + table("member", "what it is", rows=rows) if rows else ""
-    return text
-
-
-def _members_of(cls: type) -> Iterator[tuple[str, Any]]:
-    for name, inner in vars(cls).items():
-        special = name.startswith("_") and name != "__call__"
-        if not special and (callable(inner) or isinstance(inner, property)) and inner.__doc__:
-            yield name, inner
-
-
-def _signature(one: Any) -> str:
-    if isinstance(one, property):
-        return ""
-    given = inspect.signature(one).parameters.values()
-    if [p.name for p in given] == ["args", "kwargs"]:
-        return ""  # a protocol, which nobody calls
-    shown = [p.replace(annotation=inspect.Parameter.empty) for p in given if p.name != "self"]
-    return re.sub(r"<factory>|<.*? at 0x\w+>", "...", str(inspect.Signature(shown)))
-
-
-def _summary(one: Any) -> str:
-    return tick(" ".join(inspect.getdoc(one).split("\n\n")[0].split()))  # type: ignore[union-attr]
-
-
-def _docstring(one: Any) -> str:
-    """Return a numpydoc docstring as Markdown: section titles in bold, the entries of a section as a list."""
-    text, *sections = re.split(r"\n([A-Z]\w+)\n-{3,}\n", tick(inspect.getdoc(one) or ""))
-    text = f"{text.rstrip()}\n"
-    for title, body in zip(sections[::2], sections[1::2], strict=True):
-        text += f"\n**{title}**\n\n{_entries(title, body)}\n"
-    return text
-
-
-def _entries(title: str, body: str) -> str:
-    """Return the entries of a section, each of which has its description indented below it, as a list."""
-    lines: list[str] = []
-    for line in body.rstrip("\n").split("\n"):
-        if line.startswith("    ") and lines and lines[-1].startswith("- ") and lines[-1].endswith(":"):
-            lines[-1] += f" {line.strip()}"
-        elif line.startswith("    "):
-            lines.append(f"  {line.strip()}")
-        elif title in ("Notes", "References", "Examples") or not line:
-            lines.append(line)
-        else:
-            names, _, kind = line.partition(" : ")
-            names = names if title in ("Returns", "Yields") else f"`{names}`"
-            lines.append(f"- {names} ({kind}):" if kind else f"- {names}:")
-    return "\n".join(lines)
-
-
-NAMES = """
-PlannedSequence ResolvedRecipe SceneFamily Plan SceneCard RenderSetup SensorGrid FocalStack StackSpec
-StackStore TimeResolvedStack Grain StackGrain RecordedGrain PlaneSource ChargeSource Sensor Encoder
-FixedPattern Recording StreamRecording EncodedRecording SpikeStatistics PatternStatistics
-DarkStatistics SensorFit Estimate ResponseFit PatternFit DarkFit LightVariation Recorder SpikeStream
-StreamWriter Truth KeptCounts NetworkPolicy
-Manifest SequenceEntry Capture Actuator ActuatedLens Light Motion Measure Search
-View Answer BrightnessNormalised IntervalTexture ReadableStream WindowPictures Timeline WindowCounts
-RecordingView SweepView RunningCamera CapturedFrames ClosedLoopProtocol ClosedLoopRun SequenceTask
-Judgement Record AutofocusEnv LeaderboardRow AxisTable BadInput
-"""
-"""Classes that the glossary lists, in the order of the chain from recipe to leaderboard."""
-
-
-def names_in_the_code() -> str:
-    """Return the table of the classes in ``NAMES`` with the first sentence of their docstrings; none is imported."""
-    said = {}
-    for path in sorted((DOCS.parent / "saf_gen").rglob("*.py")):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ClassDef) and (text := ast.get_docstring(node)):
-                module = path.relative_to(DOCS.parent).with_suffix("").as_posix()
-                said[node.name] = f"`{module}.py`", re.split(r"(?<=[.;])\s", " ".join(text.split()))[0].rstrip(";.")
-    rows = ([f"**{name}**", tick(said[name][1]), said[name][0]] for name in NAMES.split())
-    return table("name", "stands for", "in", rows=rows)
-
-
 PARTS: dict[str, Callable[[], str]] = {
     part.__name__: part
     for part in (
-        commands,
+        public_commands,
+        public_python,
         recipe_keys,
         card_keys,
         drive_keys,
@@ -467,8 +278,6 @@ PARTS: dict[str, Callable[[], str]] = {
         curve_criteria,
         rank_agreement,
         record_keys,
-        python_interface,
-        names_in_the_code,
     )
 }
 """Functions that make the parts of pages, by the name of the part."""

@@ -27,8 +27,8 @@ from saf_gen.benchmark.sequence_evaluation import (
 )
 from saf_gen.benchmark.thumbnails import select_to_show
 from saf_gen.benchmark.tracks.predictions import PredictionSet, read_predictions
-from saf_gen.benchmark.tracks.recorded_track import check_leaves_lens
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, select_sequences_to_evaluate
+from saf_gen.benchmark.tracks.recorded import check_leaves_lens
+from saf_gen.benchmark.tracks.tasks import SequenceTask, select_sequences_to_evaluate
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.object_store import StorePath, find_path

@@ -24,7 +24,7 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.benchmark.tracks.predictions import PredictionSet
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
+from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.core.files import atomic_file
 from saf_gen.core.object_store import AnyPath

@@ -1,25 +1,30 @@
-"""Parser of method names, which combine a focus measure and a search with their options.
+"""Names of methods, which combine a focus measure and a search with their options, and files of tuned methods.
 
 ``sd_code+sgfs_code:dt=50`` is the measure ``sd_code`` with the search ``sgfs_code``, whose option ``dt`` is 50.
 ``sd+argmax@frame`` looks at the whole frame, whatever region the other methods look at.
+``@FILE`` is the method of a tuned file, which states the constants that were tried, the data, and the best constants.
 """
 
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from saf_gen.benchmark.tuned_method import read_tuned
-from saf_gen.core.config.document import read_text
-from saf_gen.core.config.registry import refuse_code
+from pydantic import ConfigDict
+
+from saf_gen.benchmark.records import Count, Number, pop_format
+from saf_gen.core.config.document import STRICT, read_text, validate_document
+from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
+from saf_gen.core.config.registry import names, plugin_class, refuse_code
 from saf_gen.core.config.source_digest import class_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import Measure, Search, wants_measures
-from saf_gen.plugins.measures import get_measure
-from saf_gen.plugins.searches import get_search
+from saf_gen.plugins.measures import get_measure, measure_names
+from saf_gen.plugins.searches import get_search, search_names
 
 DEFAULT_RECORDED_METHODS = (
     *(
@@ -59,6 +64,9 @@ DEFAULT_CLOSED_LOOP_METHODS = (
 """Methods that ``saf-gen evaluate --track closed_loop`` runs by default."""
 
 MAX_LIST_BYTES = 1 << 22
+FORM_SUFFIXES = ("_n", "_tfi")
+TUNING_FORMAT = "saf-gen tuning 1"
+TUNE_HINT = "make it with saf-gen tune"
 
 
 @dataclass(frozen=True)
@@ -88,6 +96,11 @@ class Method:
     def parameters(self) -> str:
         """Measure and search with every option, in the form that records store."""
         return f"{self.measure!r} + {self.search!r}"
+
+    @property
+    def record_fields(self) -> dict[str, str]:
+        """Fields of a record that say which method it is of."""
+        return {"method": self.name, "code": self.code, "parameters": self.parameters, "tuning": self.tuning}
 
 
 def parse_method(spec: str) -> Method:
@@ -249,3 +262,110 @@ def read_methods(path: Path) -> list[str]:
     if not names:
         raise BadInput(f"{path} names no method", allowed="one method per line, such as sd+argmax")
     return names
+
+
+def resolve_name(spec: str) -> Method | tuple[str, Any]:
+    """Return the method of a given name, or the kind (``measures`` or ``searches``) and the plug-in of that name.
+
+    Raises BadInput if nothing has this name, or if the plug-in refuses its options.
+    """
+    if spec.startswith("@") or "+" in spec:
+        return parse_method(spec)
+    name, options = parse_options("".join(spec.split()), spec)
+    if _find_kind(name) == "searches":
+        return "searches", get_search(name, **options)
+    return "measures", get_measure(name, **options)
+
+
+def _find_kind(name: str) -> str:
+    if name in names("searches"):
+        return "searches"
+    bare = name
+    while bare.endswith(FORM_SUFFIXES) and bare not in names("measures"):
+        bare = next(bare.removesuffix(suffix) for suffix in FORM_SUFFIXES if bare.endswith(suffix))
+    if bare in names("measures"):
+        return "measures"
+    if ":" not in name:
+        raise unknown("measure or search", name, allowed=[*measure_names(), *search_names()])
+    cls = _load_class(name, bare)
+    plain = getattr(cls, "plain", None)
+    if plain is not None and not any(hasattr(plain, member) for member in ("degree", "score_range", "halves")):
+        return "searches" if _has_view_parameter(plain) else "measures"
+    if bare != name or any(hasattr(cls, member) for member in ("degree", "score_range", "halves")):
+        return "measures"
+    if any(hasattr(cls, member) for member in ("causal", "commands")):
+        return "searches"
+    raise BadInput(
+        f"{name!r} is neither a measure nor a search",
+        allowed="a class that states degree (a measure) or causal (a search)",
+        hint=f"state one of them, or check a complete method: {name}+argmax",
+    )
+
+
+def _has_view_parameter(plain: Any) -> bool:
+    """Return whether one of the first two parameters of a plain function, or of a plain class's calls, is ``view``."""
+    called = plain.__call__ if isinstance(plain, type) else plain
+    return "view" in list(signature(called).parameters)[:2]
+
+
+def _load_class(name: str, bare: str) -> type:
+    """Return the class called ``name`` or, if it does not exist, the class called ``bare``.
+
+    ``bare`` is ``name`` without the suffixes ``_n`` and ``_tfi``. The full name is tried first, because the name of a
+    class may end like this.
+    """
+    try:
+        return plugin_class("measures", name)
+    except BadInput:
+        if bare == name:
+            raise
+        return plugin_class("measures", bare)
+
+
+@dataclass(frozen=True)
+class TuningTrial:
+    """One choice of constants, with its success rate within one depth of focus and its median error."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    method: str
+    success_1dof: Number | None
+    median_error_dof: Number | None
+
+
+@dataclass(frozen=True)
+class TunedMethod:
+    """The best of the tuning trials, and how it was found.
+
+    ``data`` is the first 12 digits of a SHA-256 over the content_sha256 of the sequences, in their order.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    method: str
+    dataset: str
+    split: str
+    track: str
+    terms: str
+    region: str
+    sequences: Count
+    data: str
+    version: str
+    trials: tuple[TuningTrial, ...]
+
+
+def format_tuned(tuned: TunedMethod) -> str:
+    """Return the text of the file of a tuned method."""
+    return format_checked_json({"format": TUNING_FORMAT, **asdict(tuned)}, indent=1) + "\n"
+
+
+def read_tuned(path: str | Path) -> tuple[TunedMethod, str]:
+    """Read a tuned file, and return its contents and the first 12 digits of its SHA-256.
+
+    Raises BadInput if the file cannot be read, or was not made by ``saf-gen tune`` of this version.
+    """
+    path = Path(path)
+    document = parse_checked_json(read_text(path, hint=TUNE_HINT), path, hint=TUNE_HINT)
+    pop_format(document, TUNING_FORMAT, what="tuned method", hint=TUNE_HINT)
+    tuned = validate_document(TunedMethod, document, hint=TUNE_HINT)
+    return tuned, hashlib.sha256(path.read_bytes()).hexdigest()[:12]

@@ -26,13 +26,10 @@ RECORDS_FILE = "records.jsonl"
 READY = ".evaluation.ready"
 """Folder, in the folder of an evaluation, that holds a complete new evaluation until its files have been moved."""
 RECORD_FORMAT = "saf-gen record 7"
-KEYS_SINCE = {
-    "saf-gen record 6": ("benchmark",),
-    "saf-gen record 5": ("benchmark", "sensor"),
-    "saf-gen record 4": ("benchmark", "sensor", "grain_rms", "grain_of_curve"),
-}
-"""Keys that records of earlier formats lack; their values are then unknown."""
 HINT = "run saf-gen evaluate again"
+FAIR_FAILURES = ("BadInput", "the budget of ", "answered frame ", "frames_seen is ")
+"""Beginnings of the notes of failures that are results: an input that a method refuses, a budget that it spends, and an
+answer outside the recording."""
 
 MAX_COUNT = 2**53
 """Largest whole number up to which a float represents every whole number."""
@@ -169,6 +166,11 @@ class Record:
     benchmark: str | None = None
     """Name and digest of the frozen benchmark that the sequence belongs to; None if it belongs to no benchmark."""
 
+    @property
+    def broke(self) -> bool:
+        """Whether the method's own code broke: it raised an error that is not BadInput, or its answer is malformed."""
+        return self.status == "failed" and not self.note.startswith(FAIR_FAILURES)
+
 
 def record_to_json(record: Record) -> dict[str, Any]:
     """Return the record in plain JSON types: numbers that are not finite become null, and tuples become lists."""
@@ -246,8 +248,6 @@ def pop_format(document: Document, expected: str, *, what: str, hint: str) -> No
 
 
 def _parse_record(document: Document) -> Record:
-    if isinstance(document.data, dict) and (keys := KEYS_SINCE.get(str(document.data.get("format")))):
-        document.data |= {"format": RECORD_FORMAT, **{key: document.data.get(key) for key in keys}}
     pop_format(document, RECORD_FORMAT, what="record", hint=HINT)
     # Most strings occur in many records; interning keeps each in memory once.
     document.data = {key: sys.intern(value) if type(value) is str else value for key, value in document.data.items()}

@@ -1,18 +1,22 @@
 """Run all methods on one sequence, in this process or as a job on another machine."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import chdir
 from dataclasses import dataclass, replace
+from math import isfinite, nan
 from typing import TYPE_CHECKING, Self
 
-from saf_gen.benchmark.assessed_curves import assess_curves
+import numpy as np
+
+from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality, assess_curve
+from saf_gen.benchmark.judgement import judged_dof, lens_position
 from saf_gen.benchmark.method_spec import Method, parse_method
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Drawn, Evaluation, LensPath, SweepSummary
+from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LensPath, SweepSummary
 from saf_gen.benchmark.tracks.predictions import PredictionSet
-from saf_gen.benchmark.tracks.recorded_track import evaluate_recorded
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
+from saf_gen.benchmark.tracks.recorded import evaluate_recorded
+from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.core.execution import ReportProgress
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
@@ -124,7 +128,7 @@ def evaluate_sequence(
             continue
         else:
             # Imported late because this loads the reader of OpenEXR files.
-            from saf_gen.benchmark.tracks.closed_loop_track import evaluate_closed_loop
+            from saf_gen.benchmark.tracks.closed_loop import evaluate_closed_loop
 
             group_records, group_paths = evaluate_closed_loop(
                 task, group, region=region, rate_region=usual, protocol=protocol, step=group_step
@@ -204,3 +208,38 @@ class EvaluateJob:
             step=lambda done, what: None,
             draw=self.draw,
         )
+
+
+def assess_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurve]:
+    """Return the quality of every focus curve, in the order of the sweeps."""
+    return [
+        AssessedCurve(
+            curve.measure,
+            sweep.sequence,
+            sweep.split,
+            sweep.scene,
+            sweep.light,
+            sweep.truth if isfinite(sweep.truth) else None,
+            judged_dof(sweep.depth_of_focus),
+            _assess(sweep, curve=curve),
+        )
+        for sweep in sweeps
+        for curve in sweep.curves
+    ]
+
+
+def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
+    lens = sweep.focus_position
+    if lens is None or not np.isfinite(lens).all():
+        return None
+    truth = sweep.truth
+    if sweep.track is not None and curve.scores.size:  # if the target moves, the truth at the peak counts
+        is_known = isfinite(truth) and np.isfinite(sweep.track).all()
+        peak_frame = float(curve.frames[curve.scores.argmax()])
+        truth = lens_position(peak_frame, sweep.track) if is_known else nan
+    return assess_curve(
+        np.interp(curve.frames, np.arange(len(lens)), lens),
+        curve.scores,
+        truth=truth if isfinite(truth) else None,
+        depth=judged_dof(sweep.depth_of_focus),
+    )

@@ -11,10 +11,16 @@ import numpy as np
 
 from saf_gen.calibration.dark_rates import DarkFit, fit_dark
 from saf_gen.calibration.estimates import Estimate, binomial_interval, root_estimate
-from saf_gen.calibration.fit_pattern import DEGREE, PatternFit, fit_pattern
+from saf_gen.calibration.fit_response import (
+    DEGREE,
+    PatternFit,
+    ResponseFit,
+    fit_pattern,
+    fit_response,
+    infer_saturation,
+)
 from saf_gen.calibration.flat_checks import LightVariation, check_camera, check_flat, check_levels, light_variation
 from saf_gen.calibration.interval_noise import START_NOISE, NoiseOfLevels, combine_noise, fit_interval_noise
-from saf_gen.calibration.linearity import ResponseFit, fit_response, infer_saturation
 from saf_gen.calibration.recordings import Recording
 from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spikes
 from saf_gen.camera import Sensor

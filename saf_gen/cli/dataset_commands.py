@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import TaskID
 
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import ClusterAddress, RecipeName, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.object_store import find_path
+from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -123,14 +124,16 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
     from saf_gen.generate.plan import KEEP_SLICES
 
     recipe, planned = plan.resolved.recipe, [sequence.planned for sequence in plan.resolved.sequences]
-    columns = TableColumn("sequence"), TableColumn("split"), TableColumn("frames", drop_order=1)
-    frames = f"{recipe.camera.frames:,}"
-    print_table(
-        [*columns, TableColumn("seed", drop_order=2), TableColumn("exists")],
-        [(s.id, s.split, frames, str(s.seed), "yes" if s.id in plan.made else "no") for s in planned],
-        title=f"{recipe.name}: {len(planned)} sequences in {plan.target}",
-        where_to_find="a wider terminal or a pipe shows them",
-    )
+    frames = recipe.camera.frames
+    columns = [
+        Column("sequence", "id"),
+        Column("split", "split"),
+        Column("frames", lambda _: frames, ",", detail=1),
+        Column("seed", "seed", detail=2),
+        Column("exists", lambda sequence: "yes" if sequence.id in plan.made else "no"),
+    ]
+    title = f"{recipe.name}: {len(planned)} sequences in {plan.target}"
+    print_table(Table(columns, planned, title), where_to_find="a wider terminal or a pipe shows them")
     out.print(f"focal stacks to render: {'; '.join(plan.labels) or 'none, all exist'}")
     if plan.kept_bytes("all"):
         listed = ", ".join(f"{choice} {_gigabytes(plan.kept_bytes(choice))}" for choice in KEEP_SLICES)

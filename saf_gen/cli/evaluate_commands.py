@@ -1,21 +1,24 @@
 """The commands ``evaluate`` and ``score``."""
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
+from saf_gen.cli._tables import print_leaderboard
 from saf_gen.cli._terminal import ClusterAddress, OutFolder, err, out, print_error, progress_bars, terminal_reporter
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls, unknown
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.kept_sequences import KeptSequences
+    from saf_gen.benchmark.records import Record
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-    from saf_gen.benchmark.tracks.sequence_tasks import SequenceSelection
+    from saf_gen.benchmark.tracks.tasks import SequenceSelection
+    from saf_gen.leaderboard.report import WrittenEvaluation
 
 TRACKS = ("recorded", "closed_loop")
 Track = Annotated[
@@ -65,11 +68,11 @@ def evaluate_command(
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.method_spec import parse_method, read_methods
-    from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
+    from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_writable
     from saf_gen.core.object_store import StorePath, find_path
     from saf_gen.leaderboard import rank_methods
-    from saf_gen.leaderboard.report import write_evaluation_report
+    from saf_gen.leaderboard.report import write_evaluation
 
     for one in method or ():
         parse_method(one)  # lists and tuned files may name only code that --method names as well
@@ -103,31 +106,39 @@ def evaluate_command(
     sequences = len({record.sequence for record in result.records})
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
     title = data.resolve().name
-    written = write_evaluation_report(target, rows=rows, evaluation=result, title=title, pdf=pdf)
+    written = write_evaluation(target, rows=rows, evaluation=result, title=title, pdf=pdf)
     kept.remove()
     print_leaderboard(  # after writing files, because a pipe that closes early, as with `| head`, ends the program
         rows,
         records=result.records,
         title=f"{data}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
     )
-    print_written_paths(written)
+    print_written(written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
-    if result.failures:
+    broken = _print_broken(result.records)
+    if result.failures or broken:
         raise typer.Exit(1)
+
+
+def _print_broken(records: "Sequence[Record]") -> bool:
+    """Print a line on stderr for each method whose code broke, and return whether there is one."""
+    runs = Counter(record.method for record in records)
+    broke = [record for record in records if record.broke]
+    for method, count in Counter(record.method for record in broke).items():
+        why = next(record.note for record in broke if record.method == method)
+        print_error(f"{method} failed on {count} of {plural(runs[method], 'sequence')}: {why}", 1)
+    return bool(broke)
 
 
 def _print_selection(selection: "SequenceSelection", scene_motion: str | None) -> None:
     """Print which splits are ranked, and how many sequences of others are left out; nothing for a single stream."""
-    from saf_gen.leaderboard.table_formats import format_leaderboard_count
-
     tasks = selection.tasks
     splits = dict.fromkeys(task.split for task in tasks if task.split is not None)
     if not splits:
         return
     line = ", ".join(filter(None, (name_splits(splits), scene_motion)))
-    line += f": {format_leaderboard_count(len(tasks), 'sequence')}"
-    line += f" of {format_leaderboard_count(len({task.scene for task in tasks}), 'scene')}"
+    line += f": {plural(len(tasks), 'sequence')} of {plural(len({task.scene for task in tasks}), 'scene')}"
     if others := Counter(selection.left_out.values()):
         line += f"; left out: {', '.join(f'{count} of {split}' for split, count in others.items())}"
         line += "" if "all" in {*splits, *others} else " (--split all ranks all)"
@@ -140,16 +151,19 @@ def name_splits(splits: Collection[str]) -> str:
     return escape_controls(f"split{'' if len(splits) == 1 else 's'} {' and '.join(splits)}")
 
 
+def print_written(written: "WrittenEvaluation") -> None:
+    """Print the paths of an evaluation's files, and the evaluation that they replaced, if any."""
+    for line in (*map(str, written.paths), *([written.replaced] if written.replaced else [])):
+        out.print(line, soft_wrap=True)
+
+
 def print_kept(kept: "KeptSequences", *, splits: Collection[str | None]) -> None:
     """Print on stderr how many sequences a run that was stopped had evaluated, of these ``splits`` and of others."""
-    from saf_gen.leaderboard.table_formats import format_leaderboard_count
-
     stopped = "had been evaluated by a run that was stopped"
     if kept.reused:
-        err.print(f"{format_leaderboard_count(kept.reused, 'sequence')} {stopped}")
+        err.print(f"{plural(kept.reused, 'sequence')} {stopped}")
     for split, count in kept.count_left_over(splits).items():
-        of = f"{format_leaderboard_count(count, 'sequence')} of {name_splits([split])}"
-        err.print(f"{of} {stopped}; not ranked now")
+        err.print(f"{plural(count, 'sequence')} of {name_splits([split])} {stopped}; not ranked now")
 
 
 def protocol_from_options(

@@ -1,19 +1,22 @@
 """The commands of the group ``leaderboard``, which merge and verify evaluations."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import print_leaderboard, print_table
 from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars, terminal_reporter
-from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, name_splits, protocol_from_options
+from saf_gen.cli.evaluate_commands import (
+    ActuatorName,
+    BudgetMs,
+    SweepMs,
+    name_splits,
+    print_written,
+    protocol_from_options,
+)
+from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
-
-if TYPE_CHECKING:
-    from saf_gen.leaderboard import RankAgreement
 
 
 def merge_command(
@@ -25,7 +28,7 @@ def merge_command(
     from saf_gen.benchmark.results import Evaluation
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard import read_leaderboard
-    from saf_gen.leaderboard.report import write_evaluation_report
+    from saf_gen.leaderboard.report import write_evaluation
 
     if folder is not None:
         for run in runs:
@@ -39,23 +42,12 @@ def merge_command(
     written = None
     if folder is not None:
         evaluation = Evaluation(records=board.records, sweeps=(), failures=(), plugins=describe_recorded(board.records))
-        written = write_evaluation_report(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
+        written = write_evaluation(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
     splits = dict.fromkeys(record.split for record in board.records if record.split is not None)
     title = f"{board.size}, {len(runs)} evaluations{f', {name_splits(splits)}' if splits else ''}"
     print_leaderboard(board, records=board.records, title=title)
     if written is not None:
-        print_written_paths(written)
-
-
-def _print_agreement(found: "Sequence[RankAgreement]", *, title: str) -> None:
-    from saf_gen.leaderboard.table_formats import AGREEMENT_HEADERS, format_rank_agreement
-
-    print_table(
-        [TableColumn(name, justify="left" if n in (0, 1, 2, 9) else "right", drop_order=int(n in (3, 4)), folds=n == 9)
-         for n, name in enumerate(AGREEMENT_HEADERS)],
-        map(format_rank_agreement, found),
-        title=title,
-    )  # fmt: skip
+        print_written(written)
 
 
 def rank_on_saf_folder_command(
@@ -78,23 +70,17 @@ def rank_on_saf_folder_command(
     """
     from saf_gen.benchmark.method_spec import parse_method, read_methods
     from saf_gen.core.files import check_writable
-    from saf_gen.leaderboard import rank_methods
-    from saf_gen.leaderboard.report import write_evaluation_report
-    from saf_gen.leaderboard.saf_output import (
-        PROTOCOL_NOTES,
-        describe_saf_ranking,
-        format_saf_ranking_row,
-        list_saf_ranking_headers,
-        write_saf_ranking,
-    )
-    from saf_gen.leaderboard.saf_protocol import rank_methods_on_saf_folder, remove_kept_results_of_ranking
+    from saf_gen.leaderboard.report import write_evaluation
+    from saf_gen.leaderboard.rows import rank_methods
+    from saf_gen.leaderboard.saf import PROTOCOL_NOTES, rank_on_saf, remove_kept, saf_table, write_saf
+    from saf_gen.leaderboard.tables import agreement
 
     for one in method or ():
         parse_method(one)  # a list may name only code that --method names as well
     named = [*(method or ()), *(read_methods(methods) if methods else ())]
     check_writable(target)
     with progress_bars() as bars:
-        ranking = rank_methods_on_saf_folder(
+        ranking = rank_on_saf(
             folder,
             target,
             methods=named or None,
@@ -104,26 +90,16 @@ def rank_on_saf_folder_command(
             notify=err.print,
         )
     rows = rank_methods(ranking.own.records)
-    written = write_evaluation_report(target / "ours", rows=rows, evaluation=ranking.own, title=folder.resolve().name)
-    paths = [*write_saf_ranking(target, ranking), written.paths[0].parent]
-    remove_kept_results_of_ranking(target)
-    headers = list_saf_ranking_headers(ranking)
-    print_table(
-        [
-            TableColumn(name, justify="left" if n == 1 else "right", drop_order=int(n > 3))
-            for n, name in enumerate(headers)
-        ],
-        map(format_saf_ranking_row, ranking.rows),
-        title=describe_saf_ranking(ranking),
-        where_to_find=f"{target / 'ranking.md'} shows them",
-        as_json=as_json,
-    )
+    written = write_evaluation(target / "ours", rows=rows, evaluation=ranking.own, title=folder.resolve().name)
+    paths = [*write_saf(target, ranking), written.paths[0].parent]
+    remove_kept(target)
+    print_table(saf_table(ranking), where_to_find=f"{target / 'ranking.md'} shows them", as_json=as_json)
     if as_json:
         return
     for note in PROTOCOL_NOTES:
         out.print(note)
     if ranking.agreement:
-        _print_agreement(ranking.agreement, title="Agreement of ranks")
+        print_table(agreement(ranking.agreement, title="Agreement of ranks"))
     for name, reason in ranking.left_out.items():
         out.print(f"not run: {name}: {reason}")
     for path in paths:
@@ -153,27 +129,24 @@ def verify_evaluation_command(
     """
     from saf_gen.benchmark.records import read_records
     from saf_gen.core.files import check_writable
-    from saf_gen.leaderboard.rerun import verify_leaderboard_rows
-    from saf_gen.leaderboard.verification import DIFFERS, write_leaderboard_verification
+    from saf_gen.leaderboard.rerun import verify
+    from saf_gen.leaderboard.verification import DIFFERS, write_verification
 
     track = read_records(folder)[0].track
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
     folder = folder if folder.is_dir() else folder.parent
     check_writable(folder)
     with progress_bars() as bars:
-        found = verify_leaderboard_rows(
+        found = verify(
             folder,
             source or folder.resolve().parent,
             methods=method or (),
             protocol=protocol,
             progress=terminal_reporter("verify", bars),
         )
-    path = write_leaderboard_verification(folder, found)
-    print_table(
-        [TableColumn("method"), TableColumn("row"), TableColumn("why", folds=True)],
-        [(verdict.method, verdict.state, verdict.reason) for verdict in found.verdicts],
-        as_json=as_json,
-    )
+    path = write_verification(folder, found)
+    columns = Column("method", "method"), Column("row", "state"), Column("why", "reason", folds=True)
+    print_table(Table(columns, found.verdicts), as_json=as_json)
     if not as_json:
         out.print(str(path), soft_wrap=True)
     if any(verdict.state == DIFFERS for verdict in found.verdicts):

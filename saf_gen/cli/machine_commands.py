@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 import saf_gen
-from saf_gen.cli._tables import TableColumn, print_json, print_table
+from saf_gen.cli._tables import print_facts, print_json
 from saf_gen.cli._terminal import AsJson, out
 
 
@@ -60,8 +60,7 @@ def doctor_command(*, as_json: AsJson = False) -> None:
 
     described, advice = describe_machine()
     if not as_json:
-        columns = [TableColumn(""), TableColumn("", folds=True)]
-        print_table(columns, described.items(), title=f"saf-gen {saf_gen.__version__}")
+        print_facts(described, title=f"saf-gen {saf_gen.__version__}")
         for line in advice:
             out.print(line)
     checked = {name: f"{'ok' if passed else 'failed'}: {said}" for name, (passed, said) in self_check().items()}

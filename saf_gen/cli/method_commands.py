@@ -3,22 +3,24 @@
 import sys
 from collections import Counter
 from contextlib import redirect_stdout
-from dataclasses import asdict
+from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
+from rich.table import Table as Grid
 from rich.text import Text
 
-from saf_gen.cli._tables import TableColumn, print_json, print_table, to_objects
-from saf_gen.cli._terminal import AsJson, err, out
+from saf_gen.cli._tables import print_json, print_table, to_objects
+from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, err, out
+from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
-    from saf_gen.benchmark.conformance import CheckResult
+    from saf_gen.core.finding import Finding
 
 COST_MEANING = "additions, multiplications and roots per pixel, for 400 x 250 pixels if it depends on their number"
-STYLES = {"pass": "green", "warn": "yellow", "fail": "bold red"}
+WORDS = {"ok": "pass", "warning": "warn", "error": "fail"}
+"""Word for each level of a finding about a method."""
 
 
 def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> None:
@@ -35,13 +37,13 @@ def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> 
     from saf_gen.core.config import registry
 
     listed = {}
-    for plugin_kind, columns in (("measures", ("degree", "cost", "forms")), ("searches", ("kind",))):
-        rows: list[tuple[str | Text, ...]] = []
+    for plugin_kind, heads in (("measures", ("degree", "cost", "forms")), ("searches", ("kind",))):
+        rows: list[tuple[str, ...]] = []
         for name in registry.names(plugin_kind):
             try:
                 plug_in = build_or_class(plugin_kind, name)
             except BadInput as problem:  # a plug-in that cannot be loaded does not hide the others
-                rows.append((name, "?", *([""] * (len(columns) - 1)), Text(str(problem), "bold red")))
+                rows.append((name, "?", *([""] * (len(heads) - 1)), str(problem)))
                 continue
             if plugin_kind == "measures":
                 forms = " ".join(form for form in measure_suffixes(plug_in) if form != "_n_tfi")
@@ -49,10 +51,12 @@ def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> 
             else:
                 cells = [search_kind(plug_in)]
             rows.append((name, *cells, summarise_plugin(plug_in).replace("``", "")))
-        shown = [*map(TableColumn, ("name", *columns)), TableColumn("what it is", folds=True)]
-        listed[plugin_kind] = to_objects(shown, rows)
+        columns = [Column(head, itemgetter(n)) for n, head in enumerate(("name", *heads))]
+        columns.append(Column("what it is", itemgetter(-1), folds=True, style=lambda r: "bold red" * (r[1] == "?")))
+        table = Table(columns, rows, plugin_kind)
+        listed[plugin_kind] = to_objects(table)
         if not as_json:
-            print_table(shown, rows, title=plugin_kind)
+            print_table(table)
     if as_json:
         print_json(listed)
         return
@@ -65,8 +69,7 @@ def show_method_command(
     name: Annotated[str, typer.Argument(help="Measure, search or MEASURE+SEARCH, with its form and options.")],
 ) -> None:
     """Show a measure or a search in full: formula, options, range, degree, cost and source."""
-    from saf_gen.benchmark.conformance.name_resolution import resolve_name
-    from saf_gen.benchmark.method_spec import Method, split_region
+    from saf_gen.benchmark.method_spec import Method, resolve_name, split_region
     from saf_gen.benchmark.plugin_description import describe_plugin
 
     found = resolve_name(name)
@@ -76,7 +79,7 @@ def show_method_command(
     else:
         pages = [("".join(name.split()), *found)]
     for title, kind, plug_in in pages:
-        table = Table(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
+        table = Grid(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
         table.add_column(style="bold", no_wrap=True)
         table.add_column()
         for key, text in describe_plugin(title, kind, plug_in=plug_in).facts:
@@ -98,20 +101,26 @@ def check_method_command(
             results.append(result)
             status.update(Text(f"check {name}: {result.part}, {result.check}"))
     if as_json:
-        lines = [{"name": name, **asdict(result)} for result in results]
-        print_json(lines)
+        print_json([_to_object(name, result) for result in results])
     else:
         _print_results(name, results)
-    if any(result.level == "fail" for result in results):
+    if any(result.level == "error" for result in results):
         raise typer.Exit(1)
 
 
-def _print_results(name: str, results: "list[CheckResult]") -> None:
-    columns = TableColumn("part"), TableColumn("check", folds=True), TableColumn("")
-    print_table(
-        [*columns, TableColumn("what was seen", folds=True), TableColumn("what to do", folds=True)],
-        [(r.part, r.check, Text(r.level, STYLES[r.level]), r.seen, r.to_do) for r in results],
-        title=name,
-    )
+def _print_results(name: str, results: "list[Finding]") -> None:
+    columns = [
+        Column("part", "part"),
+        Column("check", "check", folds=True),
+        Column("", lambda result: WORDS[result.level], style=lambda result: LEVEL_STYLES[result.level]),
+        Column("what was seen", "text", folds=True),
+        Column("what to do", "to_do", folds=True),
+    ]
+    print_table(Table(columns, results, name))
     levels: Counter[str] = Counter(result.level for result in results)
-    out.print(f"{len(results)} checks: " + ", ".join(f"{levels[level]} {level}" for level in STYLES))
+    out.print(f"{len(results)} checks: " + ", ".join(f"{levels[level]} {word}" for level, word in WORDS.items()))
+
+
+def _to_object(name: str, result: "Finding") -> dict[str, str]:
+    seen = {"level": WORDS[result.level], "seen": result.text, "to_do": result.to_do}
+    return {"name": name, "part": result.part, "check": result.check, **seen}

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import AsJson, RecipeName, out
+from saf_gen.core.table import Column, Table
 
 if TYPE_CHECKING:
     from saf_gen.generate.recipe import Recipe
@@ -16,13 +17,13 @@ def list_recipes_command(*, as_json: AsJson = False) -> None:
     """List the recipes that come with saf_gen; ``saf-gen generate NAME`` makes the dataset of one."""
     from saf_gen.generate.recipe import find_recipe, read_recipe, recipe_names
 
-    recipes = [read_recipe(find_recipe(name)) for name in recipe_names()]
-    columns = TableColumn("recipe"), TableColumn("frames", justify="right")
-    print_table(
-        [*columns, TableColumn("scenes by split", folds=True), TableColumn("lights", folds=True)],
-        [(r.name, f"{r.camera.frames:,}", _format_splits(r), ", ".join(r.lights)) for r in recipes],
-        as_json=as_json,
-    )
+    columns = [
+        Column("recipe", "name"),
+        Column("frames", "camera.frames", ",", kind="number"),
+        Column("scenes by split", _format_splits, folds=True),
+        Column("lights", "lights", ", ".join, folds=True),
+    ]
+    print_table(Table(columns, [read_recipe(find_recipe(name)) for name in recipe_names()]), as_json=as_json)
 
 
 def _format_splits(recipe: "Recipe") -> str:

@@ -1,7 +1,6 @@
 """The commands ``scenes list``, ``new``, ``check`` and ``preview``."""
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,14 +9,15 @@ import typer
 from rich.progress import TaskID
 from rich.text import Text
 
-from saf_gen.cli._tables import TableColumn, print_json, print_table
+from saf_gen.cli._tables import print_json, print_table
 from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, err, out, progress_bars
 from saf_gen.core.cores import defer_interrupts
+from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
-    from saf_gen.authoring.checks import SceneFinding
     from saf_gen.camera import Sensor
+    from saf_gen.core.finding import Finding
     from saf_gen.scene.scene_folder import Scene
 
 SENSOR = "vidar_400x250"
@@ -29,15 +29,15 @@ def list_scenes_command(*, as_json: AsJson = False) -> None:
     """List the scenes that are found by name."""
     from saf_gen.scene.scene_folder import find_scene, scene_names
 
-    columns = [TableColumn("scene")]
-    columns += [TableColumn(header, folds=True) for header in ("title", "light groups", "lens")]
+    columns = [
+        Column("scene", "id"),
+        Column("title", "title", folds=True),
+        Column("light groups", "lights", ", ".join, folds=True),
+        Column("lens", "lens.summary", folds=True),
+        Column("licence", "licence", detail=1),
+    ]
     cards = [find_scene(name).card for name in scene_names()]
-    print_table(
-        [*columns, TableColumn("licence", drop_order=1)],
-        [(card.id, card.title, ", ".join(card.lights), card.lens.summary, card.licence) for card in cards],
-        where_to_find="scenes/NAME/scene.yaml has them",
-        as_json=as_json,
-    )
+    print_table(Table(columns, cards), where_to_find="scenes/NAME/scene.yaml has them", as_json=as_json)
 
 
 def new_scene_command(
@@ -112,14 +112,14 @@ def check_scenes_command(
             add(name, {"check": "card", "level": "error", "text": str(problem)})
     findings = _check_here if cluster is None else partial(_check_on_cluster, address=cluster)
     for scene, finding in findings(scenes, camera, variant=variant):
-        add(scene.id, asdict(finding))
+        add(scene.id, {"check": finding.check, "level": finding.level, "text": finding.text})
     if as_json:
         print_json(found)
     if any(finding["level"] == "error" for finding in found):
         raise typer.Exit(1)
 
 
-def _check_here(scenes: "list[Scene]", camera: "Sensor", *, variant: str) -> "Iterator[tuple[Scene, SceneFinding]]":
+def _check_here(scenes: "list[Scene]", camera: "Sensor", *, variant: str) -> "Iterator[tuple[Scene, Finding]]":
     from saf_gen.authoring.checks import check_scene
 
     for scene in scenes:
@@ -135,11 +135,11 @@ def _check_here(scenes: "list[Scene]", camera: "Sensor", *, variant: str) -> "It
 
 def _check_on_cluster(
     scenes: "list[Scene]", camera: "Sensor", *, variant: str, address: str
-) -> "Iterator[tuple[Scene, SceneFinding]]":
+) -> "Iterator[tuple[Scene, Finding]]":
     """Yield the findings of each scene as workers return them; workers need access to the folders of the scenes."""
-    from saf_gen.authoring.checks import SceneFinding
-    from saf_gen.authoring.checks.check_job import CheckSceneJob
+    from saf_gen.authoring.checks import CheckSceneJob
     from saf_gen.core.execution import Cluster, run_jobs
+    from saf_gen.core.finding import Finding
 
     if not scenes:
         return
@@ -150,7 +150,7 @@ def _check_on_cluster(
         for job, result, error in run_jobs(
             jobs, workers=1, report=lambda name, done: bars.update(task, advance=1), cluster=machines, notify=err.print
         ):
-            for finding in (SceneFinding("cluster", "error", str(error)),) if error else result:
+            for finding in (Finding("cluster", "error", str(error)),) if error else result:
                 yield job.scene, finding
 
 
@@ -172,7 +172,7 @@ def preview_command(
 ) -> None:
     """Draw a contact sheet of a scene: images, depth, light groups, histogram, focus curves, family."""
     with defer_interrupts():
-        from saf_gen.authoring.preview.scene_sheet import preview_scene
+        from saf_gen.authoring.scene_sheet import preview_scene
         from saf_gen.camera import get_sensor
 
     scene, camera = _scene(name), get_sensor(sensor)

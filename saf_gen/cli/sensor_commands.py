@@ -2,21 +2,24 @@
 
 import re
 from contextlib import ExitStack
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import Progress, TaskID
 
-from saf_gen.cli._tables import TableColumn, finite_value, print_json, print_table
+from saf_gen.cli._tables import finite_value, print_json, print_table
 from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars
 from saf_gen.core.config.presets import is_preset_file
+from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput, escape_controls
 
 if TYPE_CHECKING:
     from saf_gen.calibration.comparison import Figures, Report
     from saf_gen.calibration.estimates import Estimate
     from saf_gen.calibration.recordings import Recording
+    from saf_gen.camera import Sensor
 
 Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense, sps1000, or auto.")]
 Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not contain it.")]
@@ -27,13 +30,16 @@ def list_sensors_command(*, as_json: AsJson = False) -> None:
     from saf_gen.camera import get_sensor, sensor_names
     from saf_gen.camera.sensor_files import nominal_keys, sensor_text
 
-    columns = TableColumn("sensor"), TableColumn("pixels"), TableColumn("readouts per second", folds=True)
-    rows = []
-    for name in sensor_names():
-        sensor = get_sensor(name)
-        nominal = ", ".join(nominal_keys(sensor_text(name))) or "nothing"
-        rows.append((name, f"{sensor.columns}×{sensor.rows}", f"{sensor.readout_hz:,.0f}", nominal))
-    print_table([*columns, TableColumn("assumed or derived", folds=True)], rows, as_json=as_json)
+    def nominal(sensor: "Sensor") -> str:
+        return ", ".join(nominal_keys(sensor_text(sensor.name))) or "nothing"
+
+    columns = [
+        Column("sensor", "name"),
+        Column("pixels", lambda sensor: f"{sensor.columns}×{sensor.rows}"),
+        Column("readouts per second", "readout_hz", ",.0f", folds=True),
+        Column("assumed or derived", nominal, folds=True),
+    ]
+    print_table(Table(columns, [get_sensor(name) for name in sensor_names()]), as_json=as_json)
 
 
 def show_sensor_command(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML file.")]) -> None:
@@ -106,9 +112,16 @@ def compare_command(
         document = {**named, "sources": sources, "statistics": values}
         print_json(document)
         return
+    first, second = heads
     print_table(
-        [TableColumn("statistic", folds=True), *(TableColumn(head, justify="right") for head in heads)],
-        [(row.label, *(row.format_value(value) for value in row.values)) for row in rows],
+        Table(
+            [
+                Column("statistic", "label", folds=True),
+                Column(first, lambda row: row.format_value(row.values[0]), kind="number"),
+                Column(second, lambda row: row.format_value(row.values[1]), kind="number"),
+            ],
+            rows,
+        )
     )
     for part, source in sources.items():
         out.print(f"published, {part}: {source}", soft_wrap=True)
@@ -193,17 +206,17 @@ def _print_estimates(estimates: "dict[str, Estimate]", title: str) -> None:
     """Print numbers with their intervals as a table."""
     from saf_gen.calibration.fit_files import fitted_interval, fitted_number
 
-    rows = [
-        [
-            key,
-            fitted_number(found.value, found.high - found.low) if found.measured else "–",
-            fitted_interval(found),
-            found.how,
-        ]
-        for key, found in estimates.items()
+    def number(item: "tuple[str, Estimate]") -> str | None:
+        found = item[1]
+        return fitted_number(found.value, found.high - found.low) if found.measured else None
+
+    columns = [
+        Column("key", itemgetter(0)),
+        Column("value", number, kind="number"),
+        Column("95 %", lambda item: fitted_interval(item[1])),
+        Column("from", lambda item: item[1].how, folds=True, detail=1),
     ]
-    heads = TableColumn("key"), TableColumn("value", justify="right"), TableColumn("95 %")
-    print_table([*heads, TableColumn("from", folds=True, drop_order=1)], rows, title=title)
+    print_table(Table(columns, list(estimates.items()), title))
 
 
 def _compared_statistics(

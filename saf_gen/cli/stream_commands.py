@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import print_facts, print_json
 from saf_gen.cli._terminal import AsJson, err, out
 from saf_gen.errors import BadInput, unknown
 
@@ -224,10 +224,9 @@ def inspect_command(
 
     with open_stream(stream) as opened:
         content, provenance = describe_content(opened), describe_provenance(opened)
-    columns = TableColumn(""), TableColumn("", folds=True)
     if as_json:
-        print_table(columns, [*content.items(), *provenance.items()], as_json=True)
+        print_json(content | provenance)
         return
-    print_table(columns, content.items(), title=str(opened.path))
+    print_facts(content, title=str(opened.path))
     out.print()
-    print_table(columns, provenance.items(), title="how it was made")
+    print_facts(provenance, title="how it was made")

@@ -1,6 +1,5 @@
 """The commands ``submit new`` and ``submit check``."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +33,7 @@ def check_submission_command(
 
     found = list(check_submission(folder, dataset=dataset))
     if as_json:
-        print_json([asdict(finding) for finding in found])
+        print_json([{"check": one.check, "level": one.level, "text": one.text} for one in found])
     for finding in () if as_json else found:
         parts = ((finding.level, LEVEL_STYLES[finding.level]), f" {finding.check}: {finding.text}")
         out.print(Text.assemble(*parts), soft_wrap=True)

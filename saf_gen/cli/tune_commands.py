@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from saf_gen.cli._leaderboard_table import print_leaderboard
+from saf_gen.cli._tables import print_leaderboard
 from saf_gen.cli._terminal import ClusterAddress, err, out, progress_bars, terminal_reporter
 from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, Track, print_kept, protocol_from_options
 from saf_gen.errors import BadInput
@@ -29,9 +29,9 @@ def tune_command(
 ) -> None:
     """Evaluate every combination of values on a split, and write the best one; `@FILE` then names this method."""
     from saf_gen.benchmark.kept_sequences import KeptSequences
-    from saf_gen.benchmark.tuned_method import format_tuned
+    from saf_gen.benchmark.method_spec import format_tuned
     from saf_gen.core.files import atomic_file, check_writable
-    from saf_gen.leaderboard.tuning import tune_method as run
+    from saf_gen.leaderboard.tuning import tune as run
     from saf_gen.stream.manifest import read_manifest
 
     values: dict[str, list[str]] = {}

@@ -61,7 +61,7 @@ class RenderJob:
 
     def run(self, report: ReportProgress) -> list[str]:
         from saf_gen.render import render_missing  # so that only a process that renders loads Mitsuba
-        from saf_gen.render.second_render import measure_by_repeat
+        from saf_gen.render.grain import measure_by_repeat
 
         reported: set[str] = set()
 

@@ -16,8 +16,7 @@ from saf_gen.generate.resolve import PlannedSequence
 from saf_gen.plugins.lights import group_gains
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.stack.charge_source import ChargeSource
-from saf_gen.stack.recording_grain import grain_along
-from saf_gen.stack.time_resolved import PlaneSource
+from saf_gen.stack.time_resolved import PlaneSource, grain_along
 from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.recorded_grain import PROVENANCE_KEY

@@ -255,7 +255,7 @@ def _check_folder(plan: Plan) -> None:
 
 def _write_previews(plan: Plan) -> None:
     """Write the missing contact sheets of still scenes whose focal stacks are complete."""
-    from saf_gen.authoring.preview import write_preview  # loads matplotlib, which a dry run does not need
+    from saf_gen.authoring.contact_sheet import write_preview  # loads matplotlib, which a dry run does not need
 
     for stack in plan.by_stack:
         spec = stack.specs[0]

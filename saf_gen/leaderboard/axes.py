@@ -6,11 +6,10 @@ The bin of a sequence depends only on the sequence, so all methods have the same
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard.averages import mean_over_scenes_for_ranking, median_magnitude_for_ranking
+from saf_gen.leaderboard.outcomes import group_by, mean_over_scenes, median_magnitude
 
 MAX_SHOWN_BINS = 40
 """Largest number of bins of an axis, such as scenes, in tables for readers."""
@@ -41,50 +40,49 @@ class BinSummary:
 
 
 @dataclass(frozen=True)
-class AxisTable:
-    """Results along one axis: the numbers of scenes and sequences in each bin, and one cell per method and bin."""
+class Bin:
+    """A bin: its name, its numbers of scenes and sequences, and the result of each method."""
+
+    name: str
+    scenes: int
+    sequences: int
+    results: Mapping[str, BinSummary]
+
+
+@dataclass(frozen=True)
+class AxisResults:
+    """Results in the bins of an axis."""
 
     axis: Axis
-    bins: tuple[str, ...]
-    scenes: tuple[int, ...]
-    sequences: tuple[int, ...]
-    cells: Mapping[str, tuple[BinSummary, ...]]
+    bins: tuple[Bin, ...]
 
 
-def tabulate_leaderboard_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
-    """Return one table per axis for which the bin of at least one sequence is known; methods keep their order."""
-    return tuple(table for table in (_tabulate(axis, records, methods=methods) for axis in AXES) if table.bins)
+def by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisResults, ...]:
+    """Return the results along each axis for which the bin of at least one sequence is known; methods keep order."""
+    found = []
+    for axis in AXES:
+        bins = (_summarise(name, members, methods=methods) for name, members in group_by_bin(records, axis).items())
+        found.append(AxisResults(axis, tuple(bins)))
+    return tuple(one for one in found if one.bins)
 
 
-def list_leaderboard_bins(sequences: Mapping[str, int]) -> list[str]:
-    """Return the MAX_SHOWN_BINS bins with the most sequences, in their original order; if there are fewer, all.
-
-    ``sequences`` gives the number of sequences of each bin.
-    """
-    shown = sorted(sequences, key=lambda name: -sequences[name])[:MAX_SHOWN_BINS]
-    return [name for name in sequences if name in shown]
+def largest_bins(sizes: Mapping[str, int], limit: int = MAX_SHOWN_BINS) -> list[str]:
+    """Return the ``limit`` bins with the most sequences, in their original order; ``sizes`` are their numbers."""
+    largest = sorted(sizes, key=lambda name: -sizes[name])[:limit]
+    return [name for name in sizes if name in largest]
 
 
-def keep_leaderboard_bins(table: AxisTable) -> AxisTable:
-    """Return the table reduced to list_leaderboard_bins; the meaning of its axis says if bins are left out."""
-    shown = set(list_leaderboard_bins(dict(zip(table.bins, table.sequences, strict=True))))
-    if len(shown) == len(table.bins):
-        return table
-    note = f"Shown: the {len(shown)} of {len(table.bins):,} bins with the most sequences; axes.csv has all."
-
-    def keep(values: Sequence[Any]) -> tuple[Any, ...]:
-        return tuple(value for name, value in zip(table.bins, values, strict=True) if name in shown)
-
-    return AxisTable(
-        replace(table.axis, meaning=f"{table.axis.meaning} {note}"),
-        keep(table.bins),
-        scenes=keep(table.scenes),
-        sequences=keep(table.sequences),
-        cells={method: keep(cells) for method, cells in table.cells.items()},
-    )
+def keep_largest(results: AxisResults) -> AxisResults:
+    """Return the results in the largest_bins; the meaning of the axis says if bins are left out."""
+    shown = largest_bins({one.name: one.sequences for one in results.bins})
+    if len(shown) == len(results.bins):
+        return results
+    note = f"Shown: the {len(shown)} of {len(results.bins):,} bins with the most sequences; axes.csv has all."
+    axis = replace(results.axis, meaning=f"{results.axis.meaning} {note}")
+    return AxisResults(axis, tuple(one for one in results.bins if one.name in set(shown)))
 
 
-def group_by_leaderboard_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record]]:
+def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record]]:
     """Return the records of each bin, in the order of the axis; records whose bin is unknown are left out."""
     members: dict[str, list[Record]] = {}
     for record in records:
@@ -93,25 +91,16 @@ def group_by_leaderboard_bin(records: Sequence[Record], axis: Axis) -> dict[str,
     return {name: members[name] for name in axis.order or sorted(members) if name in members}
 
 
-def _tabulate(axis: Axis, records: Sequence[Record], *, methods: Sequence[str]) -> AxisTable:
-    bins = group_by_leaderboard_bin(records, axis)
-    by_method: dict[str, dict[str, list[Record]]] = {name: {} for name in bins}
-    for name, members in bins.items():
-        for record in members:
-            by_method[name].setdefault(record.method, []).append(record)
-    return AxisTable(
-        axis,
-        tuple(bins),
-        scenes=tuple(len({r.scene for r in members}) for members in bins.values()),
-        sequences=tuple(len({r.sequence for r in members}) for members in bins.values()),
-        cells={method: tuple(_summarise(by_method[name].get(method, [])) for name in bins) for method in methods},
-    )
+def _summarise(name: str, members: Sequence[Record], *, methods: Sequence[str]) -> Bin:
+    by_method = group_by(members, "method")
+    results = {method: _average(by_method.get(method, [])) for method in methods}
+    return Bin(name, len({r.scene for r in members}), len({r.sequence for r in members}), results)
 
 
-def _summarise(records: Sequence[Record]) -> BinSummary:
+def _average(records: Sequence[Record]) -> BinSummary:
     return BinSummary(
-        mean_over_scenes_for_ranking(records, lambda r: r.success_1dof),
-        median_magnitude_for_ranking(r.error_dof for r in records),
+        mean_over_scenes(records, lambda r: r.success_1dof),
+        median_magnitude(r.error_dof for r in records),
         abstained=sum(r.status == "abstained" for r in records),
         failed=sum(r.status == "failed" for r in records),
     )

@@ -33,7 +33,7 @@ _SEQUENCE_KEYS = {
 """Keys of a record that describe its sequence, with their names in messages. Tables weight and sort by these keys."""
 
 
-def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
+def merge_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
     """Return the records of all runs as one list, with sequences and methods in order of first appearance.
 
     If several runs hold the same method on the same sequence, the first record is kept.
@@ -57,7 +57,7 @@ def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Reco
         The message names both sides.
     """
     _check_same_splits(runs)
-    runs = append_sensor_to_ranked_sequences(runs)
+    runs = name_sensors(runs)
     first_records: dict[tuple[str, str], tuple[str, Record]] = {}
     first_claims: dict[tuple[str, str], tuple[str, str]] = {}
     for run, records in runs.items():
@@ -101,7 +101,7 @@ def _check_same_splits(runs: Mapping[str, Sequence[Record]]) -> None:
             )
 
 
-def append_sensor_to_ranked_sequences(runs: Mapping[str, Sequence[Record]]) -> Mapping[str, Sequence[Record]]:
+def name_sensors(runs: Mapping[str, Sequence[Record]]) -> Mapping[str, Sequence[Record]]:
     """Return the runs with ``@SENSOR`` appended to the names of sequences if two sensors recorded the same sequence.
 
     This happens with two datasets of one recipe that differ only in the sensor. Records of earlier versions do not

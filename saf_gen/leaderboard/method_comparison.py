@@ -13,15 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard.outcomes import Outcomes, collect_outcomes_to_rank
-from saf_gen.leaderboard.paired_tests import adjust_p_values_of_ranks
-from saf_gen.leaderboard.scene_intervals import (
+from saf_gen.leaderboard.intervals import (
     COARSE,
     CONFIDENCE,
     MIN_SCENES,
-    find_intervals_of_ranked_rate,
-    find_rank_difference_intervals,
+    adjust_p_values,
+    difference_intervals,
+    rate_intervals,
 )
+from saf_gen.leaderboard.outcomes import Outcomes, collect_outcomes
 
 ERROR_LIMITS_DOF = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 TIMES = 12
@@ -92,7 +92,7 @@ class MethodComparison:
     neighbours: tuple[NeighbourComparison, ...] = ()
 
 
-def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) -> MethodComparison:
+def compare_methods(records: Iterable[Record], methods: Sequence[str]) -> MethodComparison:
     """Return the profiles of ranked methods and the comparisons of neighbours in rank.
 
     Methods whose success is unknown are left out.
@@ -100,7 +100,7 @@ def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) ->
     Parameters
     ----------
     records : iterable of Record
-        Records as merge_leaderboard_records returns them.
+        Records as merge_records returns them.
     methods : sequence of str
         Names of all methods in the order of the leaderboard.
 
@@ -115,10 +115,10 @@ def compare_ranked_methods(records: Iterable[Record], methods: Sequence[str]) ->
     for record in records:
         by_method[record.method].append(record)
         is_closed_loop = is_closed_loop or record.track == "closed_loop"
-    outcomes = collect_outcomes_to_rank(by_method)
+    outcomes = collect_outcomes(by_method)
     if not outcomes.scenes:
         return MethodComparison()
-    profiles = _profile(outcomes, "error_dof", limits=ERROR_LIMITS_DOF, is_within=outcomes.find_answers_within)
+    profiles = _profile(outcomes, "error_dof", limits=ERROR_LIMITS_DOF, is_within=outcomes.answers_within)
     known = outcomes.times[np.isfinite(outcomes.times)]
     if is_closed_loop and known.size:
         limits = tuple(float(t) for t in known.max() * np.arange(1, TIMES + 1) / TIMES)
@@ -136,7 +136,7 @@ def _profile(
     fractions, ends = by_scene.mean(axis=2), None
     if len(outcomes.scenes) >= MIN_SCENES:
         flat = by_scene.reshape(-1, by_scene.shape[2])
-        ends = find_intervals_of_ranked_rate(flat, outcomes.counts, cells=COARSE).reshape(*fractions.shape, 2)
+        ends = rate_intervals(flat, outcomes.counts, cells=COARSE).reshape(*fractions.shape, 2)
     return tuple(
         Profile(
             method,
@@ -163,10 +163,10 @@ def _compare_neighbours(outcomes: Outcomes) -> tuple[NeighbourComparison, ...]:
     ends = np.full((2, len(wins), 2), np.nan)
     are_told_apart = np.zeros(len(wins), dtype=bool)
     if len(outcomes.scenes) >= MIN_SCENES:
-        ends[0] = find_rank_difference_intervals(wins, losses, counts=outcomes.counts, cells=COARSE)
-        ends[1] = find_intervals_of_ranked_rate(improved, outcomes.counts, cells=COARSE)
+        ends[0] = difference_intervals(wins, losses, counts=outcomes.counts, cells=COARSE)
+        ends[1] = rate_intervals(improved, outcomes.counts, cells=COARSE)
         excluded = (ends[0, :, 0] > 0) | (ends[0, :, 1] < 0)
-        are_told_apart = excluded & (adjust_p_values_of_ranks(wins - losses) <= 1 - CONFIDENCE)
+        are_told_apart = excluded & (adjust_p_values(wins - losses) <= 1 - CONFIDENCE)
     (low, high), (improved_low, improved_high) = (
         [[None if np.isnan(end) else float(end) for end in side] for side in pairs.T] for pairs in ends
     )

@@ -1,12 +1,55 @@
-"""The outcomes of all methods on all sequences as arrays, with the weight of each sequence within its scene."""
+"""Averages over scenes, and the outcomes of all methods on all sequences as arrays.
+
+Every scene has the same weight, and so has every light within a scene.
+"""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, TypeVar
 
 import numpy as np
 
 from saf_gen.benchmark.records import Record
+
+T = TypeVar("T")
+RecordValue = Callable[[Record], float | None]
+
+
+def group_by(items: Iterable[T], *names: str) -> dict[Any, list[T]]:
+    """Return the items by the value of an attribute, or by the values of several, in order of appearance."""
+    groups: dict[Any, list[T]] = {}
+    for item in items:
+        groups.setdefault(attrgetter(*names)(item), []).append(item)
+    return groups
+
+
+def mean_by_scene(records: Sequence[Record], value: RecordValue) -> dict[str, float]:
+    """Return the mean value of each scene.
+
+    Known values are averaged over the sequences of each light, then over the lights of the scene. A scene without any
+    known value is left out.
+    """
+    scenes: dict[str, dict[str | None, list[float]]] = {}
+    for record in records:
+        if (number := value(record)) is not None:
+            scenes.setdefault(record.scene, {}).setdefault(record.light, []).append(float(number))
+    return {
+        scene: float(np.mean([np.mean(numbers) for numbers in lights.values()])) for scene, lights in scenes.items()
+    }
+
+
+def mean_over_scenes(records: Sequence[Record], value: RecordValue) -> float | None:
+    """Return the mean of the scene means of mean_by_scene, or None if every value is unknown."""
+    scenes = mean_by_scene(records, value)
+    return float(np.mean(list(scenes.values()))) if scenes else None
+
+
+def median_magnitude(numbers: Iterable[float | None]) -> float | None:
+    """Return the median of the known absolute values, or None if all values are unknown."""
+    known = [abs(number) for number in numbers if number is not None]
+    return float(np.median(known)) if known else None
 
 
 @dataclass(frozen=True)
@@ -67,7 +110,7 @@ class Outcomes:
         values = {name: getattr(self, name)[rows][:, kept] for name in ("success", "errors", "abstained", "times")}
         return _weigh(tuple(methods.values()), judged, **values)
 
-    def find_answers_within(self, limit_dof: float) -> np.ndarray:
+    def answers_within(self, limit_dof: float) -> np.ndarray:
         """Return which answers are right within ``limit_dof`` depths of focus, bool (M, N).
 
         An answer is right if its error is at most the limit; an abstention is right if no answer could be that near.
@@ -88,11 +131,11 @@ class Outcomes:
         return wins
 
 
-def collect_outcomes_to_rank(by_method: Mapping[str, Sequence[Record]]) -> Outcomes:
+def collect_outcomes(by_method: Mapping[str, Sequence[Record]]) -> Outcomes:
     """Return the outcomes of the methods for which any success is known, with scenes sorted by name.
 
     Sequences for which the success of one of these methods is unknown are left out. Every method must have a record of
-    every sequence (see merge_leaderboard_records).
+    every sequence (see merge_records).
     """
     known = {name: group for name, group in by_method.items() if any(r.success_1dof is not None for r in group)}
     unknown = {r.sequence for group in known.values() for r in group if r.success_1dof is None}

@@ -14,9 +14,9 @@ import numpy as np
 from saf_gen.benchmark.records import Record
 from saf_gen.core.region import REGIONS
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard.axes import AXES, Axis, group_by_leaderboard_bin
-from saf_gen.leaderboard.outcomes import Outcomes, collect_outcomes_to_rank
-from saf_gen.leaderboard.scene_intervals import CONFIDENCE, MIN_SCENES
+from saf_gen.leaderboard.axes import AXES, Axis, group_by_bin, largest_bins
+from saf_gen.leaderboard.intervals import CONFIDENCE, MIN_SCENES
+from saf_gen.leaderboard.outcomes import Outcomes, collect_outcomes, group_by
 
 RESAMPLES = 500
 MAX_BINS = 6
@@ -79,17 +79,15 @@ def compare_rankings(records: Iterable[Record]) -> list[RankAgreement]:
     Parameters
     ----------
     records : iterable of Record
-        Records as merge_leaderboard_records returns them.
+        Records as merge_records returns them.
 
     Returns
     -------
     list of RankAgreement
         One for each pair of bins of each of CONDITIONS; empty if methods have no sequence of known success in common.
     """
-    by_method: dict[str, list[Record]] = {}
-    for record in records:
-        by_method.setdefault(record.method, []).append(record)
-    outcomes = collect_outcomes_to_rank(by_method)
+    by_method = group_by(records, "method")
+    outcomes = collect_outcomes(by_method)
     if not outcomes.scenes:
         return []
     regions = {method: group[0].region for method, group in by_method.items()}
@@ -101,23 +99,7 @@ def compare_rankings(records: Iterable[Record]) -> list[RankAgreement]:
     return found
 
 
-AGREEMENT_MEANINGS = {
-    "condition": "The condition whose bins are compared.",
-    "first": "The first bin of the condition.",
-    "second": "The second bin of the condition.",
-    "methods": "Number of methods that have answers under both bins.",
-    "scenes": "Number of scenes that have sequences under at least one of the bins.",
-    "shared": "Number of scenes that have sequences under both bins.",
-    "tau": "Kendall's τ-b of the rankings by success within 1 DoF; 1 means the same order.",
-    "low": "95 % interval of τ by a bootstrap over scenes.",
-    "high": "Upper end of the interval.",
-    "by_chance": "Median τ to expect from as many scenes if the condition had no effect.",
-    "p_value": "Probability of a τ as low as this if the condition had no effect, for this pair alone.",
-    "most_moved": "The method whose rank differs most, with its rank under each bin.",
-}
-
-
-def compute_ranking_tau(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def kendall_tau(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return Kendall's τ-b between the corresponding rows of two tables of scores.
 
     Parameters
@@ -149,17 +131,15 @@ def _split(outcomes: Outcomes, axis: Axis, *, regions: Mapping[str, str]) -> lis
             for region, methods in methods_by_region.items()
             if methods
         ]
-    bins = group_by_leaderboard_bin(outcomes.sequences, axis)
-    largest = sorted(bins, key=lambda name: -len(bins[name]))[:MAX_BINS]
+    bins = group_by_bin(outcomes.sequences, axis)
     same = {name: name for name in outcomes.methods}
     return [
         (name, outcomes.select(same, [axis.bin_of(record) == name for record in outcomes.sequences]))
-        for name in bins
-        if name in largest
+        for name in largest_bins({name: len(members) for name, members in bins.items()}, MAX_BINS)
     ]
 
 
-def compare_ranked_scores(
+def compare_scores(
     first: tuple[str, Mapping[str, Mapping[str, float]]],
     second: tuple[str, Mapping[str, Mapping[str, float]]],
     *,
@@ -225,7 +205,7 @@ def _summarise(
     means = np.nanmean(tables, axis=1)
     ranks = 1 + (means[:, None, :] > means[:, :, None] + _TIE).sum(axis=2)
     largest_move = int(np.abs(ranks[0] - ranks[1]).argmax())
-    tau = float(compute_ranking_tau(*means[:, None])[0])
+    tau = float(kendall_tau(*means[:, None])[0])
     drawn = _draw_taus(tables) if fewest >= MIN_SCENES and not np.isnan(tau) else np.empty(0)
     tail = (1 - CONFIDENCE) / 2
     # Noise in ranks draws τ towards 0, and samples contain it twice: with many methods, τ itself is often larger than
@@ -260,7 +240,7 @@ def _draw_taus(tables: np.ndarray) -> np.ndarray:
     for table, is_known in zip(np.nan_to_num(tables), known, strict=True):
         total = (draws @ is_known)[:, None]
         means.append(np.divide(draws @ table, total, out=np.full((RESAMPLES, table.shape[1]), np.nan), where=total > 0))
-    taus = compute_ranking_tau(*means)
+    taus = kendall_tau(*means)
     return np.asarray(taus[~np.isnan(taus)])
 
 
@@ -292,5 +272,5 @@ def _draw_taus_by_chance(one: Outcomes, other: Outcomes, *, scenes: Sequence[str
         parts = weights[at] / (total[:, scene_of] * len(np.unique(scene_of)))
         indices = (np.arange(times)[:, None] * len(scene) + at).ravel()
         means.append(np.bincount(indices, parts.ravel(), times * len(scene)).reshape(times, -1) @ solved.T)
-    taus = compute_ranking_tau(*means)
+    taus = kendall_tau(*means)
     return np.asarray(taus[~np.isnan(taus)])

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import overload
 
 from saf_gen.benchmark.records import Record, read_records
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls
-from saf_gen.leaderboard.columns import ALL, list_leaderboard_columns, list_shown_leaderboard_columns
-from saf_gen.leaderboard.merging import merge_leaderboard_records
+from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
-from saf_gen.leaderboard.table_formats import format_leaderboard_count
-from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_leaderboard_row_states
+from saf_gen.leaderboard.tables import INTERVALS, ranking
+from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_row_states
 
 WEIGHT_OF_STATE = (CLAIMED, RERUN_ELSEWHERE, RERUN_HERE, DIFFERS)
 """States in ascending order of weight. If evaluations give a row several states, the last of these counts."""
@@ -50,25 +50,20 @@ class Leaderboard(Sequence[LeaderboardRow]):
 
     def to_dicts(self) -> list[dict[str, object]]:
         """Return one dictionary per row with the keys of ``leaderboard.csv``; ``pandas.DataFrame`` accepts the list."""
-        columns = list_leaderboard_columns(self.rows)
-        return [{column.key: column.value(row) for column in columns} for row in self.rows]
+        return ranking(self.rows).to_dicts()
 
     @property
     def size(self) -> str:
         """Numbers of methods and sequences, as text."""
         sequences = len({record.sequence for record in self.records})
-        return (
-            f"{format_leaderboard_count(len(self.rows), 'method')}, {format_leaderboard_count(sequences, 'sequence')}"
-        )
+        return f"{plural(len(self.rows), 'method')}, {plural(sequences, 'sequence')}"
 
     def _repr_html_(self) -> str:
         """Return the table for a notebook, without the most detailed columns; tooltips explain the headings."""
-        shown = [column for column in list_shown_leaderboard_columns(self.rows) if column.detail < ALL]
+        shown = ranking(self.rows).up_to(INTERVALS).shown
         head = "".join(f'<th title="{escape(c.meaning)}">{escape(c.header)}</th>' for c in shown)
         body = "".join(
-            "<tr>"
-            + "".join(f'<td style="text-align: {c.justify}">{escape(c.format_value(row))}</td>' for c in shown)
-            + "</tr>"
+            "<tr>" + "".join(f'<td style="text-align: {c.justify}">{escape(c.text(row))}</td>' for c in shown) + "</tr>"
             for row in self.rows
         )
         caption = f"<caption>{self.size}</caption>"
@@ -98,9 +93,9 @@ def read_leaderboard(*evaluations: str | Path) -> Leaderboard:
     runs = {str(one): read_records(Path(one)) for one in evaluations}
     states: dict[str, str] = {}
     for run, group in runs.items():
-        for method, state in read_leaderboard_row_states(Path(run), group).items():
+        for method, state in read_row_states(Path(run), group).items():
             states[method] = max(state, states.get(method, state), key=WEIGHT_OF_STATE.index)
-    records = merge_leaderboard_records(runs)
+    records = merge_records(runs)
     rows = rank_methods(records)
     if states:
         rows = tuple(replace(row, verified=states.get(row.method, CLAIMED)) for row in rows)

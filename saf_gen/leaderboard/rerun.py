@@ -14,7 +14,8 @@ from saf_gen.benchmark.records import Record, read_records
 from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.verification import COST_AND_MACHINE, RowVerdict, Verification, digest_leaderboard_answers
+from saf_gen.leaderboard.outcomes import group_by
+from saf_gen.leaderboard.verification import COST_AND_MACHINE, RowVerdict, Verification, digest_answers
 from saf_gen.stream.manifest import ALL_SPLITS
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ TOLERANCE = 1e-9
 """Relative and absolute difference up to which two numbers count as equal; processors round sums differently."""
 
 
-def verify_leaderboard_rows(
+def verify(
     folder: Path,
     source: Path,
     *,
@@ -59,9 +60,7 @@ def verify_leaderboard_rows(
         If the records cannot be read, the dataset cannot be evaluated, or no row was made by the code of one of
         ``methods``.
     """
-    rows: dict[str, list[Record]] = {}
-    for record in read_records(folder):
-        rows.setdefault(record.method, []).append(record)
+    rows = group_by(read_records(folder), "method")
     trusted = {method.code: method for method in map(parse_method, methods)}
     for method in trusted.values():
         if method.code not in {group[0].code for group in rows.values()}:
@@ -95,9 +94,7 @@ def verify_leaderboard_rows(
                 rows[label], {s: r for (m, s), r in again.items() if m == method.name}, unread=unread
             )
     verdicts = (
-        RowVerdict(
-            label, _state(reasons[label], was_run=label in runs), reasons[label], digest_leaderboard_answers(group)
-        )
+        RowVerdict(label, _state(reasons[label], was_run=label in runs), reasons[label], digest_answers(group))
         for label, group in rows.items()
     )
     return Verification(tuple(verdicts), source.resolve().name, socket.gethostname(), describe_machine(), __version__)

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 from saf_gen import __version__
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import parse_method, split_options, split_region
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial
+from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, parse_method, split_options, split_region
 from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
@@ -29,7 +28,7 @@ MAX_COMBINATIONS = 1000
 ParameterGrid = Mapping[str, Sequence[str]]
 
 
-def expand_tuning_grid(method: str, values: ParameterGrid) -> list[str]:
+def expand_grid(method: str, values: ParameterGrid) -> list[str]:
     """Return the names of a method with every combination of the given values of its constants.
 
     Parameters
@@ -77,7 +76,7 @@ def expand_tuning_grid(method: str, values: ParameterGrid) -> list[str]:
     return specs
 
 
-def tune_method(
+def tune(
     dataset: str | Path,
     method: str,
     *,
@@ -90,7 +89,7 @@ def tune_method(
     cluster: str | None = None,
     notify: Callable[[str], None] = lambda line: None,
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
-    """Find the best of ``expand_tuning_grid(method, values)`` on a split of a dataset.
+    """Find the best of ``expand_grid(method, values)`` on a split of a dataset.
 
     The best method has the largest success within one depth of focus and, among equals, the smallest median error.
 
@@ -101,7 +100,7 @@ def tune_method(
     method : str
         Name of a method, or ``@FILE`` for a tuned one.
     values : mapping of str to sequence of str
-        Values to try, as for expand_tuning_grid.
+        Values to try, as for expand_grid.
     split : str, default "train"
         Any split except ``test``; ``all`` splits together cannot be chosen, because that would include it.
     region : str, default "target"
@@ -127,7 +126,7 @@ def tune_method(
     Raises
     ------
     BadInput
-        If the split is ``test``, the split or region is unknown, or expand_tuning_grid or evaluate refuses its input.
+        If the split is ``test``, the split or region is unknown, or expand_grid or evaluate refuses its input.
     SafGenError
         If a sequence cannot be read.
     """
@@ -139,7 +138,7 @@ def tune_method(
         )
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
-    specs = expand_tuning_grid(method, values)
+    specs = expand_grid(method, values)
     splits = {entry.split for entry in read_manifest(dataset).sequences} - {TEST_SPLIT}
     if not splits:
         raise BadInput(

@@ -22,6 +22,7 @@ from saf_gen.core.config.json_document import format_checked_json, parse_checked
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.files import write_text
 from saf_gen.core.user_folder import is_signed, sign_as_user
+from saf_gen.leaderboard.outcomes import group_by
 
 VERIFICATION_FILE = "verification.json"
 FORMAT = "saf-gen verification 1"
@@ -71,7 +72,7 @@ class Verification:
     """Signature of the user who ran the verification, in hexadecimal digits; '' if there is no signature."""
 
 
-def write_leaderboard_verification(folder: Path, verification: Verification) -> Path:
+def write_verification(folder: Path, verification: Verification) -> Path:
     """Sign the verification, write it as ``verification.json`` next to its records, and return the path."""
     path = folder / VERIFICATION_FILE
     signature = sign_as_user(_signed_text(verification))
@@ -84,7 +85,7 @@ def _signed_text(verification: Verification) -> bytes:
     return json.dumps(["verification", asdict(replace(verification, signature=""))], sort_keys=True).encode()
 
 
-def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
+def read_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
     """Return the state of each row according to the ``verification.json`` of an evaluation.
 
     Verdicts on answers other than those in ``records`` are ignored, and ``re-run here`` becomes ``re-run elsewhere`` if
@@ -115,14 +116,11 @@ def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[st
     verification = validate_document(Verification, document, hint=HINT)
     is_here = (verification.host, verification.machine) == (socket.gethostname(), describe_machine())
     is_here = is_here and _is_signed(verification)
-    rows: dict[str, list[Record]] = {}
-    for record in records:
-        rows.setdefault(record.method, []).append(record)
     found = {verdict.method: verdict for verdict in verification.verdicts}
     return {
         method: found[method].state if is_here or found[method].state != RERUN_HERE else RERUN_ELSEWHERE
-        for method, group in rows.items()
-        if method in found and found[method].answers == digest_leaderboard_answers(group)
+        for method, group in group_by(records, "method").items()
+        if method in found and found[method].answers == digest_answers(group)
     }
 
 
@@ -133,7 +131,7 @@ def _is_signed(verification: Verification) -> bool:
         return False
 
 
-def digest_leaderboard_answers(records: Iterable[Record]) -> str:
+def digest_answers(records: Iterable[Record]) -> str:
     """Return the first 16 hexadecimal digits of a SHA-256 of the records without cost and machine.
 
     The digest does not depend on the order of the records.

@@ -1,13 +1,18 @@
-"""The estimators of a focal stack, which find the radiance of pixels from finitely many light paths."""
+"""The estimators of a focal stack, which find the radiance of pixels from finitely many light paths.
 
-from collections.abc import Callable, Collection, Mapping
+The shading of a moving scene at each of its moments is estimated from the light paths of several of them.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.render import filtered_pass, one_pass, thin_lens
+from saf_gen.render.filtered_pass import estimate_shading, gather_shading
 from saf_gen.render.render_setup import RenderSetup
-from saf_gen.render.shading_cells import ShadingField
+from saf_gen.render.shading_cells import ShadingCells, ShadingField
 
 
 def shares_shading(estimator: str, *, backend_name: str) -> bool:
@@ -76,3 +81,69 @@ def render_groups(
             progress=report,
         )
     return found
+
+
+PART_OF_SAMPLES = 4  # samples of a stack divided by the light paths that are traced at each of several moments
+
+
+class MomentShading:
+    """Gathers light paths moment by moment, and keeps them as long as the next stack needs them.
+
+    Parameters
+    ----------
+    show : callable
+        Called with a moment (s); loads the scene and returns it under each of its light groups.
+    seed : int
+        Seed of all paths.
+    emitting : collection of str
+        Ids of the shapes that are lamps under any group.
+    """
+
+    def __init__(
+        self, show: Callable[[float], Mapping[str, RenderSetup]], *, seed: int, emitting: Collection[str]
+    ) -> None:
+        self._show, self._seed, self._emitting = show, seed, emitting
+        self._gathered: dict[tuple[float, int, int], ShadingCells] = {}
+
+    def estimate(
+        self, moments_s: Sequence[float], *, samples: int, progress: Callable[[float], None] = lambda done: None
+    ) -> ShadingField:
+        """Return the shading at the last of several moments.
+
+        Parameters
+        ----------
+        moments_s : sequence of float
+            Moments (s) in rising order. Each occurrence of a repeated moment gets different paths.
+        samples : int
+            Samples of the stack; each of several moments traces a quarter of them.
+        progress : callable, optional
+            Called with the completed fraction, 0 to 1.
+        """
+        each = samples if len(moments_s) == 1 else -(-samples // PART_OF_SAMPLES)
+        needed = [(time_s, copy, each) for time_s, copy in _number_copies(moments_s)]
+        self._gathered = {key: cells for key, cells in self._gathered.items() if key in needed}
+        for n, key in enumerate(needed):
+            if key not in self._gathered:
+                time_s, copy, _ = key
+
+                def report(done: float, n: int = n) -> None:
+                    progress((n + done) / len(needed))
+
+                self._gathered[key] = gather_shading(
+                    self._show(time_s),
+                    samples=each,
+                    seed=seeds.derive_seed(self._seed, "light paths", repr(time_s), copy),
+                    emitting=self._emitting,
+                    progress=report,
+                )
+        return estimate_shading([self._gathered[key] for key in needed])
+
+
+def _number_copies(moments_s: Sequence[float]) -> list[tuple[float, int]]:
+    """Return each moment with the number of its later occurrences."""
+    later: Counter[float] = Counter()
+    numbered = []
+    for time_s in reversed(moments_s):
+        numbered.append((time_s, later[time_s]))
+        later[time_s] += 1
+    return numbered[::-1]

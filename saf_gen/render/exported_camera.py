@@ -11,7 +11,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.plugins.lights import RESERVED_GROUP_NAMES
-from saf_gen.render import backend, mitsuba_scene, xml_scene
+from saf_gen.render import backend, mitsuba_scene
 from saf_gen.render.render_setup import SensorGrid, film_dict
 from saf_gen.scene.xml import SceneXml
 
@@ -79,7 +79,7 @@ def exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
         invalid, or if its aperture is smaller than a card allows.
     """
     backend.activate_backend("scalar")
-    described = xml_scene.parse_scene_dict(read.text, path)
+    described = mitsuba_scene.parse_scene_dict(read.text, path)
     lamps = mitsuba_scene.emitter_names(described)
     if not lamps:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add a lamp")
@@ -116,7 +116,7 @@ def _first_camera(cameras: str, path: Path) -> Any:
         state = mi.parser.parse_string(config, cameras)
         mi.parser.transform_upgrade(config, state)
     except (RuntimeError, ValueError, TypeError) as error:
-        raise xml_scene.mitsuba_refusal(error, path) from error
+        raise mitsuba_scene.mitsuba_refusal(error, path) from error
     for node in state.nodes:
         if node.props.plugin_name() in ("perspective", "thinlens"):
             return node.props

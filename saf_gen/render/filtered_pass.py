@@ -18,12 +18,12 @@ the paths of several moments, each with a quarter as many paths. Shading that ha
 found from the paths of the latest moment alone.
 
 The result is biased where shading changes within a cell; the bias falls as the number of samples grows
-(docs/explanation/shared-shading.md).
+(docs/explanation/renderer.md#shared-shading).
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -36,7 +36,6 @@ from saf_gen.render.layered_splat import MAX_POSITIONS, BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
 from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
-from saf_gen.render.traced_light import lamp_radiance, pick_rays, reflected_radiance, trace_radiance
 
 PRIMARY_RAYS = 6  # camera rays per light path
 RAYS_INTO_LIGHT = 3  # the number in layers, if most rays end straight in light: only texture is left to chance
@@ -324,3 +323,83 @@ class _Sums:
         if self._layers is not None:
             return self._layers.mean_radiance()
         return [sums.mean_radiance() for sums in self._single]
+
+
+# Each call of the next three functions runs a separate kernel, so that other light groups do not change its bits.
+
+
+def pick_rays(ray: Any, chosen: np.ndarray) -> Any:
+    """Return some of Dr.Jit's rays, by their indices, uint32 (chosen,)."""
+    index = mi.UInt32(_align(chosen))
+    return dr.gather(type(ray), ray, index)
+
+
+def trace_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
+    """Return the radiance along rays, each traced as a complete light path, float32 (ray,)."""
+    traced, _, _ = setup.integrator.sample(setup.mitsuba_scene, _random(seed, ray), ray)
+    return _to_host(traced)
+
+
+def reflected_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
+    """Return the radiance that the clear surfaces met by rays reflect, float32 (ray,).
+
+    This is all that they scatter or reflect, without the light that comes straight through. A path to a lamp is found
+    both by aiming at the lamp and by chance, weighted by the power heuristic (Veach and Guibas 1995,
+    doi:10.1145/218380.218498).
+    """
+    scene, random = setup.mitsuba_scene, _random(seed, ray)
+    context = mi.BSDFContext()
+    hit = scene.ray_intersect(ray)
+    valid = hit.is_valid()
+    bsdf = hit.bsdf()
+    lamp, light = scene.sample_emitter_direction(hit, random.next_2d(), True, valid)
+    towards = hit.to_local(lamp.d)
+    reflected, density = bsdf.eval_pdf(context, hit, towards, valid & (lamp.pdf > 0))
+    share = dr.select(lamp.delta, 1, _power_heuristic(lamp.pdf, density))
+    aimed = dr.select(lamp.pdf > 0, reflected * light * share, 0)
+
+    sample, weight = bsdf.sample(context, hit, random.next_1d(), random.next_2d(), valid)
+    on = hit.spawn_ray(hit.to_world(sample.wo))
+    found = valid & (dr.max(weight) > 0) & ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
+    traced, _, _ = setup.integrator.sample(scene, random, mi.RayDifferential3f(on), None, found)
+    met = scene.ray_intersect(on, found)
+    emitter = met.emitter(scene, found)
+    straight = dr.select(emitter != None, emitter.eval(met, found), 0)  # noqa: E711, an array of pointers
+    mirrored = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    aim = scene.pdf_emitter_direction(hit, mi.DirectionSample3f(scene, met, hit), found & ~mirrored)
+    chance = bsdf.pdf(context, hit, sample.wo, found)  # ``sample`` holds the density of only one part of a blend
+    share = dr.select(mirrored, 1, _power_heuristic(chance, aim))
+    return _to_host(aimed + dr.select(found, weight * (traced + straight * (share - 1)), 0))
+
+
+def lamp_radiance(setup: RenderSetup, ray: Any) -> np.ndarray:
+    """Return the radiance of the lamps that rays meet, or of the sky, float32 (ray,)."""
+    hit = setup.mitsuba_scene.ray_intersect(ray)
+    emitter = hit.emitter(setup.mitsuba_scene)
+    return _to_host(dr.select(emitter != None, emitter.eval(hit), 0))  # noqa: E711, an array of pointers
+
+
+def _random(seed: int, ray: Any) -> Any:
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed & 0xFFFFFFFF, dr.width(ray.o))
+    return sampler
+
+
+def _power_heuristic(one: Any, other: Any) -> Any:
+    squared = one * one
+    return dr.select(squared > 0, squared / (squared + other * other), 0)
+
+
+def _to_host(radiance: Any) -> np.ndarray:
+    value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
+    dr.eval(value)
+    return np.nan_to_num(value.numpy(), nan=0.0, posinf=0.0, neginf=0.0)  # a path without a finite value counts as 0
+
+
+def _align(array: np.ndarray) -> np.ndarray:
+    """Return a copy at a multiple of 64 bytes, because a kernel's code depends on how its memory is aligned."""
+    buffer = np.empty(array.nbytes + 64, dtype=np.uint8)
+    begin = -buffer.ctypes.data % 64
+    copy = buffer[begin : begin + array.nbytes].view(array.dtype)
+    copy[:] = array
+    return copy

@@ -1,16 +1,28 @@
-"""Builds a Mitsuba scene from a scene folder, and lights it with some of its emitters."""
+"""Builds a Mitsuba scene from a scene folder, poses its shapes, and lights it with some of its emitters.
 
-from collections.abc import Mapping
+The scene is plain XML, whose names are kept, or the result of its ``scene.py``. Only scenes from
+:func:`saf_gen.scene.scene_folder.find_scene` may have a script.
+"""
+
+import importlib.util
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
+from pydantic import ValidationError
 
+from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput, unknown
-from saf_gen.render import xml_scene
+from saf_gen.render import backend
 from saf_gen.render.backend import on_one_thread
-from saf_gen.render.posed_shapes import validate_motions
-from saf_gen.render.scene_script import call_scene_script
 from saf_gen.scene.keyframes import RigidMotion
+from saf_gen.scene.ply_file import validate_ply
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
 
@@ -99,7 +111,7 @@ def camera_to_world(scene: Scene) -> Any:
 def _read_geometry(scene: Scene) -> dict[str, Any]:
     if not scene.has_script:
         path = scene.folder / "scene.xml"
-        return xml_scene.parse_scene_dict(read_scene_xml(path, scene.params).text, path)
+        return parse_scene_dict(read_scene_xml(path, scene.params).text, path)
     described = call_scene_script(scene, "build")
     if not isinstance(described, dict):
         script = scene.folder / "scene.py"
@@ -164,3 +176,248 @@ def _is_bsdf(value: Any) -> bool:
     if plugin is None or plugin == "ref" or any(plugin in names for names in ALLOWED_PLUGINS.values()):
         return isinstance(value, mi.BSDF) or plugin == "ref" or plugin in ALLOWED_PLUGINS["bsdf"]
     return isinstance(mi.load_dict(value), mi.BSDF)
+
+
+UNPOSABLE_TYPES = ("constant", "shapegroup")  # entries on which a pose would have no effect
+
+
+def validate_motions(document: Any, where: str) -> dict[str, RigidMotion]:
+    """Validate the result of a script's ``motion(params)``, and return the motion of each shape.
+
+    ``document`` has the form of ``motion`` on the card; a motion may also be a RigidMotion. ``where`` names the script.
+    Raises BadInput for anything else.
+    """
+    if not isinstance(document, Mapping):
+        raise BadInput(
+            f"motion() returned {type(document).__name__}",
+            where=where,
+            allowed="a dictionary of shapes, like motion on the card",
+        )
+    motions = {}
+    for name, motion in document.items():
+        try:
+            motions[str(name)] = RigidMotion.model_validate(motion)
+        except ValidationError as error:
+            first = error.errors()[0]
+            at = ".".join(str(key) for key in first["loc"])
+            what = f"the motion of {name!r}" + (f": {at}" if at else "")
+            allowed = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+            raise BadInput(f"{what} is {first['input']!r}", where=where, allowed=allowed) from error
+    return motions
+
+
+def pose_shapes(
+    described: Mapping[str, Any], motions: Mapping[str, RigidMotion], *, time_s: float, unit_m: float = 1.0
+) -> dict[str, Any]:
+    """Return the scene at a time, with every moving top-level entry displaced from its position as built.
+
+    Parameters
+    ----------
+    described : mapping of str
+        Scene from :func:`saf_gen.render.mitsuba_scene.scene_dict`; it is not changed. A moving shape or
+        lamp may be a dictionary; a shape may also be an ``mi.Mesh``, which is copied.
+    motions : mapping of str to RigidMotion
+        Motions by entry.
+    time_s : float
+        Time, in seconds.
+    unit_m : float, default 1.0
+        Metres per unit of the scene.
+
+    Raises
+    ------
+    BadInput
+        If a name is unknown, or an entry cannot be moved.
+    """
+    moved = dict(described)
+    for name, motion in motions.items():
+        if name not in described:
+            raise unknown("moving shape", name, allowed=described)
+        pose = motion.pose_at(time_s)
+        if not np.array_equal(pose, np.eye(4)):
+            pose[:3, 3] /= unit_m
+            moved[name] = _move_entry(name, described[name], pose=pose)
+    return moved
+
+
+def moved_shapes(motions: Mapping[str, RigidMotion], *, time_s: float, still_s: float) -> dict[str, np.ndarray]:
+    """Return the displacement (m) of each shape since ``still_s``, without its rotation, float64 (3,)."""
+    return {name: motion.shift_at(time_s) - motion.shift_at(still_s) for name, motion in motions.items()}
+
+
+def _move_entry(name: str, entry: Any, *, pose: np.ndarray) -> Any:
+    if isinstance(entry, mi.Mesh) and "vertex_positions" in mi.traverse(entry) and not entry.is_emitter():
+        return _move_mesh(entry, pose)  # an mi.Mesh made from a rectangle has no vertices
+    if not isinstance(entry, dict) or entry.get("type") in UNPOSABLE_TYPES:
+        plugin = entry.get("type") if isinstance(entry, dict) else type(entry).__name__
+        raise BadInput(
+            f"{name!r}, of type {plugin}, cannot be moved",
+            allowed="a shape or a lamp as a dictionary, or an mi.Mesh that emits no light",
+        )
+    entry = dict(entry)
+    to_world = entry.pop("to_world", mi.ScalarTransform4f())
+    if entry["type"] == "point" and "position" in entry:  # a lamp has a position or a transform, not both
+        to_world = mi.ScalarTransform4f().translate(entry.pop("position"))
+    return {**entry, "to_world": mi.ScalarTransform4f(pose.tolist()) @ to_world}
+
+
+MESH_ARRAYS = ("faces", "vertex_positions", "vertex_normals", "vertex_texcoords")
+
+
+def _move_mesh(mesh: Any, pose: np.ndarray) -> Any:
+    """Return a moved copy of a mesh, with the same faces, surface and attributes."""
+    props = mi.Properties()
+    properties = {
+        "bsdf": mesh.bsdf(),
+        "interior": mesh.interior_medium(),
+        "exterior": mesh.exterior_medium(),
+        "face_normals": mesh.has_face_normals(),
+        "flip_normals": mesh.has_flipped_normals(),
+    }
+    for key, value in properties.items():
+        if value is not None:
+            props[key] = value
+    flags = {"has_vertex_normals": mesh.has_vertex_normals(), "has_vertex_texcoords": mesh.has_vertex_texcoords()}
+    counts = {"vertex": mesh.vertex_count(), "face": mesh.face_count()}
+    copy = mi.Mesh(mesh.id(), counts["vertex"], counts["face"], props=props, **flags)
+    copy.set_id(mesh.id())
+    source, moved = mi.traverse(mesh), mi.traverse(copy)
+    for key in MESH_ARRAYS:
+        if key in source:
+            moved[key] = source[key]
+
+    def store(key: str, values: np.ndarray) -> None:
+        moved[key] = type(moved[key])(np.ascontiguousarray(values, dtype=np.float32).ravel())
+
+    vertices = np.array(source["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+    store("vertex_positions", vertices @ pose[:3, :3].T + pose[:3, 3])
+    if "vertex_normals" in source:
+        normals = np.array(source["vertex_normals"], dtype=np.float64).reshape(-1, 3)
+        store("vertex_normals", normals @ pose[:3, :3].T)
+    moved.update()
+    for key in set(source.keys()) - set(moved.keys()):
+        element = key.split("_")[0]
+        if element in counts:
+            copy.add_attribute(key, len(source[key]) // counts[element], source[key])
+    return copy
+
+
+def parse_scene_dict(text: str, path: Path) -> dict[str, Any]:
+    """Return the Mitsuba dictionary of a scene from :func:`saf_gen.scene.xml.read_scene_xml`, by id.
+
+    A lamp is copied to every shape that refers to it; surfaces, textures and the like stay shared. ``path`` is the
+    file, for messages. Raises BadInput if Mitsuba does not understand the scene.
+    """
+    variant: Any = mi.variant()  # the stubs allow None, but a backend has been activated
+    config = mi.parser.ParserConfig(variant)
+    config.merge_equivalent = config.merge_meshes = False
+    try:
+        state = mi.parser.parse_string(config, text)
+        mi.parser.transform_all(config, state)
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise mitsuba_refusal(error, path) from error
+    top = [v.index() for _, v in state.root.props.items() if isinstance(v, mi.Properties.ResolvedReference)]
+    entries = {state.nodes[i].props.id(): _entry(state, i, shared=frozenset(top)) for i in top}
+    return {name: entry for name, entry in entries.items() if entry["type"] != "area"}
+
+
+def mitsuba_refusal(error: Exception, path: Path) -> BadInput:
+    """Return an error of Mitsuba's parser as a BadInput; ``path`` is the file, for messages."""
+    message = re.sub(r"^\[[\w.]+:\d+\] ", "", str(error))
+    line = re.search(r"line (\d+)", message)
+    message = re.sub(r"^Error while loading string \(.*?\): ", "", message)
+    return BadInput(f"Mitsuba does not understand this: {message}", where=f"{path}:{line[1]}" if line else str(path))
+
+
+def _entry(state: Any, index: int, *, shared: frozenset[int]) -> dict[str, Any]:
+    """Return the dictionary of a node; nodes in ``shared``, except lamps, become references."""
+    props = state.nodes[index].props
+    entry: dict[str, Any] = {"type": props.plugin_name()}
+    for key, value in props.items():
+        key = re.sub(r"^_arg_", "part_", key)
+        if isinstance(value, mi.Properties.ResolvedReference):
+            inner = value.index()
+            lamp = state.nodes[inner].type == mi.ObjectType.Emitter
+            if inner in shared and not lamp:
+                entry[key] = {"type": "ref", "id": state.nodes[inner].props.id()}
+            else:
+                entry[key] = _entry(state, inner, shared=shared)
+        elif isinstance(value, mi.ScalarAffineTransform4d):  # the parser gives doubles
+            entry[key] = mi.ScalarTransform4f(np.array(value.matrix, dtype=np.float64).tolist())
+        else:
+            entry[key] = value
+    return entry
+
+
+def call_scene_script(scene: Scene, function: str, *, default: Any = None) -> Any:
+    """Call a function of the scene's script with the scene's parameters, and return its result.
+
+    If the script has no function of this name, return ``default``, unless that is None.
+
+    Raises BadInput, with a one-line message, if the script raises anything.
+    """
+    script = scene.folder / "scene.py"
+    with _scene_modules(scene):
+        try:
+            with user_code():
+                module = _execute(f"saf_gen_scene_{scene.id}", script)
+                if default is not None and not hasattr(module, function):
+                    return default
+                return getattr(module, function)(dict(scene.params))
+        except BadInput:
+            raise
+        except Exception as error:  # the code of a scene may raise anything
+            raise BadInput(f"{script} failed: {type(error).__name__}: {error}") from error
+
+
+def _execute(name: str, file: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise BadInput(f"{file} cannot be loaded")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def _scene_modules(scene: Scene) -> Iterator[None]:
+    """Let scene.py import its neighbours and its library, and forget all of these modules afterwards.
+
+    Two scenes may thus have different modules of the same name.
+    """
+    before = dict(sys.modules)
+    files = scene.library_files()
+    sys.path.insert(0, str(scene.folder))
+    try:
+        sys.modules.update({name: _execute(name, file) for name, file in files.items()})
+        yield
+    finally:
+        sys.path.remove(str(scene.folder))
+        for name in set(sys.modules) - set(before):
+            origin = getattr(sys.modules[name], "__file__", None)
+            if name in files or (origin and Path(origin).parent == scene.folder):
+                del sys.modules[name]
+        sys.modules.update({name: before[name] for name in files if name in before})
+
+
+MITSUBA_MESHES = {".obj": "obj", ".ply": "ply"}
+"""Mitsuba's plug-in for each file extension."""
+
+
+def mesh_extent(path: Path) -> np.ndarray:
+    """Return the smallest and largest coordinates of a mesh, float64 (2, 3), in units of the file.
+
+    Raises BadInput if Mitsuba cannot read the file, or if the mesh has no face.
+    """
+    if path.suffix.lower() == ".ply":
+        validate_ply(path)
+    backend.activate_backend("scalar")
+    try:
+        mesh = mi.load_dict({"type": MITSUBA_MESHES[path.suffix.lower()], "filename": str(path)})
+        faces = mesh.face_count()
+        box = mesh.bbox()
+    except (RuntimeError, ValueError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise BadInput(f"Mitsuba cannot read the mesh: {reason}", where=str(path)) from error
+    if faces == 0:
+        raise BadInput("the mesh has no face", where=str(path))
+    return np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)

@@ -8,10 +8,10 @@ import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.core.region import Region
-from saf_gen.render import backend, depth_and_target, estimators, irradiance, mitsuba_scene, posed_shapes, thin_lens
-from saf_gen.render import texel_footprints as texels
+from saf_gen.optics import Drive
+from saf_gen.render import backend, depth_and_target, estimators, irradiance, mitsuba_scene, thin_lens
 from saf_gen.render.depth_and_target import DepthAndTarget
-from saf_gen.render.moment_shading import MomentShading
+from saf_gen.render.estimators import MomentShading
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import ShadingField
 from saf_gen.scene.keyframes import RigidMotion
@@ -38,11 +38,19 @@ class SceneRenderer:
         Longest light path, in segments.
     wavelength_m : float, default 0.0
         Wavelength (m) of the light in focal stacks; 0 leaves out diffraction, and so does the backend scalar.
+    drive : Drive, optional
+        Lens with its focus drive; by default the card's.
+    threads : int, optional
+        Number of threads; by default as many as the cores that this process may use.
+    kept : int, default 4
+        Number of loaded scenes (a moment under some lights) that are kept.
 
     Attributes
     ----------
     motions : dict of str to RigidMotion
         Motions of the shapes, by name.
+    emitting : list of str
+        Names of the lamps, and of the shapes that are lamps, under any light group.
 
     Raises
     ------
@@ -53,14 +61,24 @@ class SceneRenderer:
     motions: dict[str, RigidMotion]
 
     def __init__(
-        self, scene: Scene, grid: PixelGrid, *, backend_name: str, max_depth: int = 6, wavelength_m: float = 0.0
+        self,
+        scene: Scene,
+        grid: PixelGrid,
+        *,
+        backend_name: str,
+        max_depth: int = 6,
+        wavelength_m: float = 0.0,
+        drive: Drive | None = None,
+        threads: int | None = None,
+        kept: int = MAX_SCENES,
     ) -> None:
-        self.scene, self.grid, self.max_depth = scene, grid, max_depth
+        self.scene, self.grid, self.max_depth, self._drive = scene, grid, max_depth, drive
         self.backend_name = backend.choose_backend(backend_name)
         self.wavelength_m = wavelength_m if backend.can_render_waves(self.backend_name) else 0.0
-        backend.activate_backend(self.backend_name)
-        self._described = mitsuba_scene.scene_dict(scene)
+        backend.activate_backend(self.backend_name, threads=threads)
+        self._described, self._kept = mitsuba_scene.scene_dict(scene), kept
         self.motions = mitsuba_scene.shape_motions(scene, self._described)
+        self.emitting = mitsuba_scene.emitter_names(self._described)
         self._scenes: dict[tuple[tuple[str, ...], float | None], tuple[Any, Any]] = {}
         self._shadings: dict[tuple[tuple[float, ...], int, int], ShadingField] = {}
 
@@ -86,7 +104,7 @@ class SceneRenderer:
         time_s : float, optional
             Moment (s); by default the moment that the card shows.
         f_number : float, optional
-            F-number; by default the card's.
+            F-number of the card's lens; by default that of the renderer's lens.
         grid : PixelGrid, optional
             Pixels of the sensor; by default the renderer's.
 
@@ -98,9 +116,19 @@ class SceneRenderer:
         lit = tuple(self.scene.card.lights if groups is None else groups)
         loaded, integrator = self._loaded(lit, self._moment(time_s))
         to_world, unit_m = mitsuba_scene.camera_to_world(self.scene), self.scene.card.unit_m
-        drive = self.scene.build_drive(f_number)
-        moved = posed_shapes.moved_shapes(self.motions, time_s=self._moment(time_s), still_s=self.scene.card.still_s)
+        drive = self._drive if self._drive and f_number is None else self.scene.build_drive(f_number)
+        moved = mitsuba_scene.moved_shapes(self.motions, time_s=self._moment(time_s), still_s=self.scene.card.still_s)
         return RenderSetup(loaded, integrator, to_world, drive, grid or self.grid, unit_m, self.wavelength_m, moved)
+
+    def show(self, groups: Sequence[str], *, time_s: float) -> dict[str, RenderSetup]:
+        """Return the scene at a moment (s) under each of these light groups, and release those of other moments.
+
+        They are released first. The new ones then get the same indices in Dr.Jit's registry. These are part of a
+        kernel's code, so the kernels are found in the cache, which saves 0.2 to 0.6 s each.
+        """
+        if any(shown_s != time_s for _, shown_s in self._scenes):
+            self._scenes.clear()
+        return {group: self.prepare((group,), time_s=time_s) for group in groups}
 
     def trace_geometry(self, *, time_s: float | None = None, allow_unseen_target: bool = False) -> DepthAndTarget:
         """Trace depth and target; see :func:`saf_gen.render.depth_and_target.trace_geometry`."""
@@ -172,7 +200,6 @@ class SceneRenderer:
         )
         setups = {name: self.prepare(lit, time_s=time_s) for name, lit in groups.items()}
         seed = seeds.derive_seed("studio", replace(spec, time_s=0.0, window=None).key, run)
-        emitting = mitsuba_scene.emitter_names(self._described)
         shading = None
         if estimators.shares_shading(spec.estimator, backend_name=self.backend_name):
 
@@ -181,18 +208,18 @@ class SceneRenderer:
 
             moments_s = [spec.time_s - n * step_s for n in reversed(range(moments))]
             shading = self._estimate_shading(show, moments_s=moments_s, samples=samples, seed=seed)
-        found = estimators.render_groups(
-            setups,
-            backend_name=self.backend_name,
-            positions=positions,
-            samples=samples,
-            window=window,
-            seed=seed,
-            emitting=emitting,
-            shading=shading,
-        )
+        size = {"positions": positions, "samples": samples}
+        found = self.render_groups(setups, shading, **size, window=window, seed=seed)
         radiance = [found[name][0] for name in groups]
         return FocalStack(spec, np.stack(radiance), seen.depth, seen.target, self.backend_name)
+
+    def render_groups(
+        self, setups: Mapping[str, RenderSetup], shading: ShadingField | None, **how: Any
+    ) -> dict[str, tuple[np.ndarray, int]]:
+        """Render the stacks of the scene under several lights; see :func:`saf_gen.render.estimators.render_groups`."""
+        return estimators.render_groups(
+            setups, backend_name=self.backend_name, emitting=self.emitting, shading=shading, **how
+        )
 
     def _estimate_shading(
         self, show: Callable[[float], Mapping[str, RenderSetup]], *, moments_s: list[float], samples: int, seed: int
@@ -204,7 +231,7 @@ class SceneRenderer:
         """
         shading_key = (tuple(moments_s), samples, seed)
         if shading_key not in self._shadings:
-            paths = MomentShading(show, seed=seed, emitting=mitsuba_scene.emitter_names(self._described))
+            paths = MomentShading(show, seed=seed, emitting=self.emitting)
             kept = list(self._shadings.items())[-1:]
             self._shadings = {**dict(kept), shading_key: paths.estimate(moments_s, samples=samples)}
         return self._shadings[shading_key]
@@ -228,19 +255,16 @@ class SceneRenderer:
         seed = seeds.derive_seed("whole picture", self.scene.digest)
         if not estimators.shares_shading("filtered", backend_name=self.backend_name):
             return thin_lens.render_position(setup, position=position, samples=samples, seed=seed)
-        emitting = mitsuba_scene.emitter_names(self._described)
         nearest = round(position * POSITION_STEPS)
         first = min(nearest, POSITION_STEPS - 1)
-        show = MomentShading(lambda _: {"all": setup}, seed=seed, emitting=emitting)
-        found = estimators.render_groups(
+        paths = MomentShading(lambda _: {"all": setup}, seed=seed, emitting=self.emitting)
+        found = self.render_groups(
             {"all": setup},
-            backend_name=self.backend_name,
+            paths.estimate((0.0,), samples=samples),
             positions=POSITION_STEPS + 1,
             window=(first, first + 1),
             samples=samples,
             seed=seed,
-            emitting=emitting,
-            shading=show.estimate((0.0,), samples=samples),
         )
         return found["all"][0][nearest - first]
 
@@ -260,14 +284,14 @@ class SceneRenderer:
         return irradiance.target_irradiance(self.prepare((group,)), position=position, target=target)
 
     def texel_footprints(self, position: float, target: np.ndarray) -> np.ndarray:
-        """Return the size of texels; see :func:`saf_gen.render.texel_footprints.footprints`."""
-        return texels.footprints(self.prepare(), self.scene.card.target, position=position, target=target)
+        """Return the size of texels; see :func:`saf_gen.render.depth_and_target.footprints`."""
+        return depth_and_target.footprints(self.prepare(), self.scene.card.target, position=position, target=target)
 
     def _moment(self, time_s: float | None) -> float:
         return self.scene.card.still_s if time_s is None and self.motions else time_s or 0.0
 
     def _loaded(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
-        """Return the scene at a time, or before any motion if ``time_s`` is None; the last four scenes are kept.
+        """Return the scene at a time, or before any motion if ``time_s`` is None; the last scenes are kept.
 
         A scene that is not kept is released before another is loaded. The new one then gets its indices in Dr.Jit's
         registry, which are part of a kernel's code, and so finds its kernels in the cache. An ``lru_cache`` on a method
@@ -276,7 +300,7 @@ class SceneRenderer:
         key = (groups, time_s)
         found = self._scenes.pop(key, None)
         if found is None:
-            while len(self._scenes) >= MAX_SCENES:
+            while len(self._scenes) >= self._kept:
                 del self._scenes[next(iter(self._scenes))]
             found = self._load(groups, time_s)
         self._scenes[key] = found
@@ -285,7 +309,7 @@ class SceneRenderer:
     def _load(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
         card, moment = self.scene.card, self._described
         if time_s is not None:
-            moment = posed_shapes.pose_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
+            moment = mitsuba_scene.pose_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
         emitters = tuple(emitter for group in groups for emitter in card.lights[group])
         return mitsuba_scene.load_lit_scene(moment, emitters, max_depth=self.max_depth)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.optics.focus_crossings import focus_crossings
-from saf_gen.stream.readable import ReadableStream
+from saf_gen.stream.metadata import ReadableStream
 from saf_gen.stream.recorded_grain import grain_of_stream
 
 RATE_BLOCKS = 50

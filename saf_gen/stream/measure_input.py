@@ -7,7 +7,7 @@ import numpy as np
 from saf_gen.core.region import Region, bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_halves, wants_intervals
-from saf_gen.stream.readable import ReadableStream
+from saf_gen.stream.metadata import ReadableStream
 
 
 class WindowSource(Protocol):

@@ -14,10 +14,12 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from html import escape
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from saf_gen.core.object_store import AnyPath
+from saf_gen.core.region import Region
 from saf_gen.errors import BadInput, unknown
 
 FORMAT = "saf-gen stream"
@@ -285,3 +287,23 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
     lights = tuple(str(name) for name in values.get("/light/names", ()))
     _check_lights(found.get("gain"), lights)
     return Metadata(**found, light_names=lights, truth=Truth(**truth), provenance=provenance)
+
+
+class ReadableStream(Protocol):
+    """An open recording and its metadata, such as a :class:`saf_gen.stream.stream_file.SpikeStream`."""
+
+    path: AnyPath
+    shape: tuple[int, int, int]
+    readout_hz: float
+    content_sha256: str
+    metadata: Metadata
+    truth: Truth
+    focus_position: np.ndarray | None
+    gain: np.ndarray | None
+    light_names: tuple[str, ...]
+
+    def frames(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray: ...
+
+    def counts(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray: ...
+
+    def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray: ...

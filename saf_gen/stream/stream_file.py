@@ -179,7 +179,7 @@ class SpikeStream:
 
     def _repr_html_(self) -> str | None:
         """Return HTML with pictures and facts; None if the stream is closed, so that a notebook shows its repr."""
-        from saf_gen.stream.pictures.notebook import stream_html
+        from saf_gen.stream.pictures.image_strip import stream_html
 
         return stream_html(self) if self._file else None
 

@@ -12,7 +12,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.camera.counting_law import noise_per_spike
 from saf_gen.generate.resolve import coarse_sampling
-from saf_gen.leaderboard.grain_tables import compose_leaderboard_grain_notes
+from saf_gen.leaderboard.notes import grain_warning
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stream.recorded_grain import grain_of_stream
 from saf_gen.stream.stream_file import SpikeStream
@@ -52,10 +52,10 @@ def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
         rms = float("nan") if grain is None else grain.rms_in_focus
         comparisons.append(Comparison(f"{scene}: relative grain in focus", rms, at_least=0.0, at_most=noise))
         shown.append(rms)
-    enough = compose_leaderboard_grain_notes(evaluate(dataset.folder, methods=["sd+argmax"]).records)
+    enough = grain_warning(evaluate(dataset.folder, methods=["sd+argmax"]).records)
     comparisons.append(Comparison("warnings of evaluate at the default", float(len(enough)), 0.0, 0.0, 0.0))
     few = maker.make(make(1))
-    warned = compose_leaderboard_grain_notes(evaluate(few.folder, methods=["energy_of_laplacian+argmax"]).records)
+    warned = grain_warning(evaluate(few.folder, methods=["energy_of_laplacian+argmax"]).records)
     comparisons.append(
         Comparison("warnings of evaluate at one sample, by the Laplacian", float(len(warned)), at_least=1.0)
     )
@@ -287,7 +287,7 @@ LAWS = (
         "At the samples per pixel of our recipes, grain is below the noise of the sensor; `evaluate` warns of a "
         "dataset with far too few samples.",
         "grain rms ≤ √(fixed pattern² + (1/6 + F·m)/m²), m = rate × 100 frames",
-        "Grain: docs/explanation/grain.md; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
+        "Grain: docs/explanation/renderer.md#grain; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
         "Scenes at rest with 64 samples per pixel, whose grain is read from each recording, and again with one "
         "sample; the warnings of `evaluate`.",
         "The noise of the sensor in a block of 100 frames at a rate of 0.2.",

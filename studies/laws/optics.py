@@ -7,10 +7,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from saf_gen.camera.sensor import Sensor
-from saf_gen.optics.exact_otf import exact_otf
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, Skipped, compare_mean
 from studies.laws.scenes import glowing_edge, strips_behind_bar
-from studies.laws.theory import charge_of_rate, charge_per_radiance, off_axis
+from studies.laws.theory import charge_of_rate, charge_per_radiance, exact_otf, off_axis
 from studies.laws.workload import DatasetMaker, MadeDataset, Workload, WrittenScene, only_scenes, sensor_with_noise
 
 DEPTH_M, EDGE_M, F_NUMBER = 0.5, 0.006, 1.4
@@ -180,7 +179,7 @@ def _check_breathing(maker: DatasetMaker, quick: bool) -> Finding:
 
 MODEL_OF_WAVES = 0.039
 """Largest error of the transfer computed by ray bending, below Nyquist, at R/v = 0.024 and 0 to 1.5 waves of defocus
-(docs/explanation/waves.md)."""
+(docs/explanation/renderer.md#waves)."""
 WAVE_LENS = {"focal_length_mm": 50.0, "f_number": 15.63, "focus_range_m": [0.2313, 0.1777]}
 ANGLE_DEG = 5.0
 

@@ -20,7 +20,7 @@ F_NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)
 SETTLED = 100
 """Frames that are left out at the beginning of a recording."""
 UNEVEN = 1e-5
-"""Relative unevenness that bends by waves leave in even light (docs/explanation/waves.md)."""
+"""Relative unevenness that bends by waves leave in even light (docs/explanation/renderer.md#waves)."""
 
 
 def rounding_error(rate: float) -> float:

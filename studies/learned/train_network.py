@@ -7,7 +7,7 @@
 The script trains on the split ``train`` only, reports each epoch on ``validation``, and answers on ``test``. It trains
 one network per seed; the same seed on the same machine gives the same answers. It writes ``predictions.jsonl``,
 ``curve.csv``, ``curve.png`` and the weights, ``blur_net_SEED.pt``. It needs ``pip install 'saf-gen[torch]'``;
-docs/tutorials/train-a-network.md explains it.
+docs/how-to/train.md explains it.
 """
 
 import argparse

@@ -21,9 +21,9 @@ import policy as method
 from training import PROTOCOL, Trained, check_options, keep_best, parse_options, run, write_curves
 
 from saf_gen.benchmark.gym import AutofocusEnv
-from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
-from saf_gen.benchmark.view.captured_frames import rows_in_view
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
+from saf_gen.benchmark.tracks.tasks import SequenceTask
+from saf_gen.benchmark.view.running_camera import rows_in_view
 from saf_gen.core import seeds
 from saf_gen.stream.manifest import read_manifest
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
-from saf_gen.leaderboard.merging import merge_leaderboard_records
+from saf_gen.leaderboard import tables
+from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.rank_agreement import CONDITIONS, RankAgreement, compare_rankings
-from saf_gen.leaderboard.table_formats import AGREEMENT_NOTE, format_rank_agreement_markdown
 
 
 def agreement(evaluations: Sequence[Path], *, by: str | None = None) -> list[RankAgreement]:
@@ -31,7 +31,7 @@ def agreement(evaluations: Sequence[Path], *, by: str | None = None) -> list[Ran
         raise unknown("condition", by, allowed=names)
     runs = {str(one): read_records(one) for one in evaluations}
     named = iter(_name_regions([record for group in runs.values() for record in group]))
-    merged = merge_leaderboard_records({run: [next(named) for _ in group] for run, group in runs.items()})
+    merged = merge_records({run: [next(named) for _ in group] for run, group in runs.items()})
     return [one for one in compare_rankings(merged) if by in (None, one.condition)]
 
 
@@ -60,8 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not found:
         print("nothing to compare: one bin, or fewer than three methods have answers under two bins", file=sys.stderr)
         return 1
-    print(format_rank_agreement_markdown(found))
-    print(AGREEMENT_NOTE)
+    print(tables.agreement(found).to_markdown())
+    print(tables.AGREEMENT_NOTE)
     return 0
 
 

@@ -18,13 +18,8 @@ from scipy.optimize import brentq
 from scipy.special import expit
 
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard.ranking_intervals import find_rank_intervals
-from saf_gen.leaderboard.scene_intervals import (
-    find_interval_of_ranked_mean,
-    find_interval_of_ranked_median,
-    find_intervals_of_ranked_rate,
-    find_rank_difference_intervals,
-)
+from saf_gen.leaderboard.intervals import difference_intervals, mean_interval, median_interval, rate_intervals
+from saf_gen.leaderboard.rows import rank_intervals
 
 STILL, MOVING = 6, 12
 LAWS = ("beta 0.02", "beta 0.1", "beta 0.3", "beta 0.6", "two kinds", "logit-normal")
@@ -87,7 +82,7 @@ def simulate_rates(scenes: int, trials: int, *, earlier: bool, law: str, rate: f
     counts = count_sequences(scenes)
     solved = random.binomial(counts, draw_rates(law, rate, shape=(trials, scenes), random=random))
     shares = solved / counts
-    yield _cover(f"{law}, {rate:.0%}", find_intervals_of_ranked_rate(shares, counts), rate)
+    yield _cover(f"{law}, {rate:.0%}", rate_intervals(shares, counts), rate)
     if earlier:
         yield _cover("bootstrap", _bootstrap(shares, random), rate)
 
@@ -120,9 +115,7 @@ def simulate_differences(
     wins, losses = ((solved[:, a] & ~solved[:, 1 - a]).sum(axis=-1) / counts for a in (0, 1))
     truth = rates[0] - rates[1]
     yield _cover(
-        f"{world}, {rates[0]:.0%} and {rates[1]:.0%}",
-        find_rank_difference_intervals(wins, losses, counts=counts),
-        truth,
+        f"{world}, {rates[0]:.0%} and {rates[1]:.0%}", difference_intervals(wins, losses, counts=counts), truth
     )
     if earlier:
         yield _cover("bootstrap", _bootstrap(wins - losses, random), truth)
@@ -139,7 +132,7 @@ def simulate_ranks(scenes: int, trials: int, *, earlier: bool, world: str, board
         one = solved[0].transpose(1, 0, 2).astype(float)
         both = one @ one.transpose(0, 2, 1)
         wins = (one.sum(axis=2)[:, :, None] - both).transpose(1, 2, 0) / counts
-        found.append(find_rank_intervals(wins, counts))
+        found.append(rank_intervals(wins, counts))
         if earlier:
             means = solved[0].sum(axis=-1) / counts @ _draw(scenes, random).T
             ranks = 1 + (means[None] > means[:, None] + 1e-9).sum(axis=1)
@@ -158,7 +151,7 @@ def simulate_medians(scenes: int, trials: int, *, earlier: bool, law: str) -> It
     ends, drawn = [], []
     for _ in range(trials):
         errors = _draw_errors(law, of_scene, random)
-        ends.append(find_interval_of_ranked_median(errors, of_scene) or (0.0, np.inf))
+        ends.append(median_interval(errors, of_scene) or (0.0, np.inf))
         if earlier:
             order = np.argsort(errors)
             up_to = np.cumsum(scenes * _draw(scenes, random)[:, of_scene[order]], axis=1)
@@ -173,7 +166,7 @@ def simulate_times(scenes: int, trials: int, *, earlier: bool, law: str) -> Iter
     random = make_generator("interval_coverage", "time", law, scenes)
     sd, noise = TIMES[law], random.standard_normal((trials, scenes))
     values = 0.15 * np.exp(sd * noise - sd**2 / 2) if sd else 0.15 + 0.02 * noise
-    yield _cover(law, np.array([find_interval_of_ranked_mean(own) for own in values]), 0.15)
+    yield _cover(law, np.array([mean_interval(own) for own in values]), 0.15)
     if earlier:
         yield _cover("bootstrap", _bootstrap(values, random), 0.15)
 

@@ -14,14 +14,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from saf_gen.leaderboard.columns import format_leaderboard_percent
+from saf_gen.core.table import percent
 from saf_gen.leaderboard.method_comparison import NeighbourComparison
 from saf_gen.leaderboard.rank_agreement import RankAgreement
-from saf_gen.leaderboard.table_formats import (
-    format_rank_agreement_markdown,
-    format_ranked_neighbours_markdown,
-    format_ranking_grid,
-)
+from saf_gen.leaderboard.tables import agreement, neighbours
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 PAGES = RESULTS / "results.md", RESULTS / "claims.md"
@@ -53,7 +49,7 @@ Evaluation = dict[str, Any]
 
 def format_percent(fraction: float | None) -> str:
     """Return a fraction as integer per cent, or a dash if it is not known."""
-    return "–" if fraction is None else format_leaderboard_percent(fraction).replace("%", " %")
+    return "–" if fraction is None else percent(fraction).replace("%", " %")
 
 
 def format_number(value: float | None, digits: int) -> str:
@@ -67,7 +63,7 @@ def format_interval(low: float | None, high: float | None, digits: int) -> str:
 
 
 def _format_grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return format_ranking_grid(header, list(rows), is_left=[True] * len(header))
+    return "".join(f"| {' | '.join(line)} |\n" for line in (header, ["---"] * len(header), *rows))
 
 
 def tabulate_results(evaluation: Evaluation) -> str:
@@ -138,12 +134,12 @@ def tabulate_division(evaluation: Evaluation) -> str:
 def tabulate_neighbours(evaluation: Evaluation) -> str:
     """Return a table that compares each of the best methods with the next in rank."""
     pairs = [NeighbourComparison(**pair) for pair in evaluation["neighbours"][:NEIGHBOURS]]
-    return format_ranked_neighbours_markdown(pairs)
+    return neighbours(pairs).to_markdown()
 
 
 def tabulate_agreement(evaluation: Evaluation) -> str:
     """Return a table of how much the ranking depends on each condition."""
-    return format_rank_agreement_markdown([RankAgreement(**one) for one in evaluation["rank_agreement"]])
+    return agreement([RankAgreement(**one) for one in evaluation["rank_agreement"]]).to_markdown()
 
 
 def tabulate_claims(evaluation: Evaluation) -> str:

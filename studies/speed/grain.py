@@ -16,10 +16,12 @@ from saf_gen.camera import Sensor, get_sensor
 from saf_gen.errors import SafGenError
 from saf_gen.scene.scene_folder import Scene, find_scene, scene_names
 from saf_gen.stack.focal_stack import StackSpec
+from saf_gen.stack.grain import GrainFigure, correlate_grain
 from studies.speed.bench import Figure, Size, fresh, main, memory_figure, timed
 
 MAX_SLICE_S = {"fan": 1.9, "crossroad": 2.9, "cardiac_muscle": 0.7}
 TIMED_SLICES = 3
+LATER_SLICES = (1, 8)  # after the slice whose grain is compared with theirs
 ENERGY_NAMES = {
     "contrast": "C²",
     "brenner": "Brenner",
@@ -60,39 +62,36 @@ def measure_scene(name: str, size: Size) -> list[Figure]:
 
 def _figures(scene: Scene, sensor: Sensor, size: Size) -> Iterator[Figure]:
     """Yield the figures of one scene, for the default member of its family."""
-    from saf_gen.authoring import scene_grain
+    from saf_gen.authoring.checks import grain as goals
+    from saf_gen.render.grain import measure_slices, measure_still
     from saf_gen.render.scene_renderer import SceneRenderer
 
     full_renderer = SceneRenderer(scene, sensor, backend_name="auto", wavelength_m=sensor.wavelength_m)
     # Pixels outside the target's box cost time and are not used.
-    cropped = scene_grain.crop_sensor(sensor, full_renderer.trace_geometry().target)
+    cropped = goals.crop_sensor(sensor, full_renderer.trace_geometry().target)
     renderer = SceneRenderer(scene, cropped, backend_name="auto", wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_geometry()
     truth = scene.build_drive().true_focus(seen.depth[seen.target])
-    measured_positions = scene_grain.grain_positions(truth)
+    measured_positions = goals.grain_positions(truth)
     positions = size.positions[0]
-    still = scene_grain.measure_still(
-        renderer, seen, measured_positions=measured_positions, positions=positions, samples=size.still_samples
-    )
-    max_contrast = dict.fromkeys(measured_positions, scene_grain.MAX_STILL_CONTRAST)
+    still = measure_still(renderer, seen, at=measured_positions, positions=positions, samples=size.still_samples)
+    max_contrast = dict.fromkeys(measured_positions, goals.MAX_STILL_CONTRAST)
     yield from _position_figures(scene.id, "still", found=still, max_rms=None, max_contrast=max_contrast)
     if not (renderer.motions and scene.card.slices_per_s):
         return
-    found = scene_grain.measure_slices(
+    found = measure_slices(
         renderer,
         seen,
-        measured_positions=measured_positions,
+        at=measured_positions,
         positions=positions,
         samples=size.slice_samples,
         step_s=1 / scene.card.slices_per_s,
         time_s=scene.card.still_s,
     )
-    max_contrast = {
-        name: scene_grain.MAX_SLICE_CONTRAST for name in measured_positions if name != scene_grain.BEST_FOCUS
-    }
-    max_rms = scene_grain.MAX_SLICE_RMS
+    max_contrast = {name: goals.MAX_SLICE_CONTRAST for name in measured_positions if name != goals.BEST_FOCUS}
+    max_rms = goals.MAX_SLICE_RMS
     yield from _position_figures(scene.id, "slice", found=found, max_rms=max_rms, max_contrast=max_contrast)
-    correlations = scene_grain.correlate_slices(
+    correlations = _correlate_slices(
         renderer,
         seen,
         position=truth,
@@ -103,11 +102,28 @@ def _figures(scene: Scene, sensor: Sensor, size: Size) -> Iterator[Figure]:
     )
     for steps, figure in correlations:
         later = "the next slice" if steps == 1 else f"the slice {steps} on"
-        what = f"{scene.id}, slice, {scene_grain.BEST_FOCUS}: correlation of grain with {later}"
+        what = f"{scene.id}, slice, {goals.BEST_FOCUS}: correlation of grain with {later}"
         yield _percent(what, figure)
     seconds = _time_slices(full_renderer, size=size, position=truth)
     what = f"{scene.id}, slice: loaded, rendered at two positions and stored"
     yield Figure(what, seconds, "s", MAX_SLICE_S.get(scene.id), at_most=True)
+
+
+def _correlate_slices(
+    renderer: Any, seen: Any, *, position: float, time_s: float, step_s: float, **size: int
+) -> Iterator[tuple[int, GrainFigure]]:
+    """Yield the correlation between the grain of the slice at ``time_s`` and the grain of later slices.
+
+    Each item is the number of slices between the two, and the correlation. The pixels are those of the target's box at
+    ``time_s``; ``size`` holds the positions and samples of a stack.
+    """
+    from saf_gen.render.grain import render_slice_twice
+
+    earlier = render_slice_twice(renderer, seen, position=position, time_s=time_s, step_s=step_s, **size)
+    for steps in LATER_SLICES:
+        at_s = time_s + steps * step_s
+        later = render_slice_twice(renderer, seen, position=position, time_s=at_s, step_s=step_s, **size)
+        yield steps, correlate_grain(earlier, later)
 
 
 def _position_figures(

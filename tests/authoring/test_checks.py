@@ -11,10 +11,9 @@ from small_dataset import DRIVE, SCENES
 from written_scenes import VARIANT, needs_llvm, write_scene
 
 from saf_gen.authoring import checks
-from saf_gen.authoring.checks import SceneUnderTest, check_scene
-from saf_gen.authoring.checks.licence import check_licence
-from saf_gen.authoring.checks.target_detail import _measure_detail
-from saf_gen.authoring.checks.target_motion import _find_fastest_shape
+from saf_gen.authoring.checks import SceneUnderTest, check_licence, check_scene
+from saf_gen.authoring.checks.geometry import _find_fastest_shape
+from saf_gen.authoring.checks.pictures import _measure_detail
 from saf_gen.authoring.template import scene_from_template
 from saf_gen.camera import get_sensor
 from saf_gen.scene.scene_folder import find_scene

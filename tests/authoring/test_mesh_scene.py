@@ -10,7 +10,7 @@ import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.authoring.template import scene_from_export
-from saf_gen.render.mesh_extent import mesh_extent
+from saf_gen.render.mitsuba_scene import mesh_extent
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.scene.xml import read_scene_xml
 

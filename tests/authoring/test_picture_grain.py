@@ -9,11 +9,11 @@ import pytest
 from capture_dataset import write_moving_plane
 from written_scenes import VARIANT, needs_llvm, write_scene
 
-from saf_gen.authoring import scene_grain
 from saf_gen.authoring.checks import SceneUnderTest, check_grain
-from saf_gen.authoring.checks.picture_grain import _compare_with_goals
-from saf_gen.authoring.scene_grain import BEST_FOCUS, QUARTER_AWAY, PositionGrain, crop_sensor, grain_positions
+from saf_gen.authoring.checks import grain as goals
+from saf_gen.authoring.checks.grain import BEST_FOCUS, QUARTER_AWAY, _compare_with_goals, crop_sensor, grain_positions
 from saf_gen.camera import get_sensor
+from saf_gen.render.grain import TargetGrain, measure_slices
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.grain import ENERGIES, Grain, GrainFigure
@@ -22,7 +22,7 @@ from saf_gen.stack.grain import ENERGIES, Grain, GrainFigure
 def planted(rms, contrast, *, known=True):
     figure = GrainFigure(contrast, contrast / 1.1, contrast * 1.1 if known else math.inf)
     grain = Grain(1.0, GrainFigure(rms, rms / 1.1, rms * 1.1), dict.fromkeys(ENERGIES, figure))
-    return PositionGrain(0.5, grain, grain)
+    return TargetGrain(grain, grain)
 
 
 @pytest.mark.parametrize(("truth", "away"), [(0.3, 0.55), (0.5, 0.25), (0.9, 0.65)])
@@ -67,7 +67,7 @@ def test_a_pixel_of_a_cropped_sensor_sees_what_it_saw(tmp_path, monkeypatch, sma
 )
 def test_the_proposed_samples_follow_from_the_law(focus, end, moving, proposed):
     found = {BEST_FOCUS: planted(*focus), "position 1": planted(*end)}
-    usual = scene_grain.SLICE_SAMPLES if moving else scene_grain.STILL_SAMPLES
+    usual = goals.SLICE_SAMPLES if moving else goals.STILL_SAMPLES
     finding = _compare_with_goals(found, samples=usual, usual=usual, moving=moving)
     assert finding.level == ("ok" if proposed is None else "warning")
     if proposed:
@@ -99,18 +99,18 @@ def test_slices_with_the_proposed_number_of_samples_pass(tmp_path, monkeypatch, 
     _, finding = check_grain(subject)
     assert finding.level == "warning"
     (samples,) = re.findall(r"slice_samples: (\d+) in a recipe", finding.text)
-    assert int(samples) > scene_grain.SLICE_SAMPLES
-    found = scene_grain.measure_slices(
+    assert int(samples) > goals.SLICE_SAMPLES
+    found = measure_slices(
         subject.renderer,
         subject.depth_and_target,
-        measured_positions=grain_positions(subject.true_focus),
-        positions=scene_grain.POSITIONS,
+        at=grain_positions(subject.true_focus),
+        positions=goals.POSITIONS,
         samples=int(samples),
     )
     for position_name, grain in found.items():
-        assert grain.box.rms.low < scene_grain.MAX_SLICE_RMS, position_name
+        assert grain.box.rms.low < goals.MAX_SLICE_RMS, position_name
         if position_name != BEST_FOCUS:
-            assert grain.box.noise_over_signal["contrast"].low < scene_grain.MAX_SLICE_CONTRAST, position_name
+            assert grain.box.noise_over_signal["contrast"].low < goals.MAX_SLICE_CONTRAST, position_name
 
 
 @pytest.mark.parametrize("variant", [pytest.param("llvm", marks=needs_llvm), "scalar"])

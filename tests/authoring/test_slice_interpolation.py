@@ -8,8 +8,8 @@ from refusals import refusal
 from small_dataset import DRIVE
 from written_scenes import VARIANT, write_scene
 
-from saf_gen.authoring.checks import SceneUnderTest, check_slices, slice_interpolation
-from saf_gen.authoring.checks.slice_interpolation import SliceMismatch, _measure_mismatch
+from saf_gen.authoring.checks import SceneUnderTest, check_slices, pictures
+from saf_gen.authoring.checks.pictures import SliceMismatch, _measure_mismatch
 from saf_gen.camera import get_sensor
 from saf_gen.scene.scene_folder import find_scene
 
@@ -115,7 +115,7 @@ def measured_once(monkeypatch):
             MEASURED[key] = _measure_mismatch(subject, moment_s)
         return MEASURED[key]
 
-    monkeypatch.setattr(slice_interpolation, "_measure_mismatch", measure)
+    monkeypatch.setattr(pictures, "_measure_mismatch", measure)
 
 
 @pytest.mark.parametrize(

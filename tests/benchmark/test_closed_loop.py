@@ -12,12 +12,15 @@ import saf_gen
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop_judgement import count_reversals, judge_run
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, count_reversals, judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_view
-from saf_gen.benchmark.view.running_camera import BudgetSpentError, RunningCamera
-from saf_gen.benchmark.view.sweep_view import SweepView
+from saf_gen.benchmark.view.running_camera import (
+    BudgetSpentError,
+    CapturedFrames,
+    RunningCamera,
+    SweepView,
+    rows_in_view,
+)
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer, View

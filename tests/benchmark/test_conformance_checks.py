@@ -15,12 +15,15 @@ from refusals import refusal
 
 from saf_gen import get_measure, get_search
 from saf_gen.benchmark.conformance import CheckLimits, check_by_name, check_measure, check_method, check_search
-from saf_gen.benchmark.conformance._conformance_scene import BEST_FOCUS, TARGET_RATE, write_recordings
-from saf_gen.benchmark.conformance._sample_counts import sample_texture
-from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, bell
-from saf_gen.benchmark.conformance.name_resolution import resolve_name
-from saf_gen.benchmark.method_spec import Method, parse_method
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned
+from saf_gen.benchmark.conformance._samples import (
+    BEST_FOCUS,
+    TARGET_RATE,
+    SyntheticRecording,
+    bell,
+    sample_texture,
+    write_recordings,
+)
+from saf_gen.benchmark.method_spec import Method, TunedMethod, TuningTrial, format_tuned, parse_method, resolve_name
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 from saf_gen.stream.stream_file import open_stream
@@ -114,10 +117,10 @@ BROKEN_MEASURES = [
 def assert_caught(results, name, level, words):
     """Assert that one result of this check and level matches ``words`` and gives advice; return all results."""
     found = list(results)
-    caught = [f for f in found if (f.check, f.level) == (name, level) and re.search(words, f.seen)]
+    caught = [f for f in found if (f.check, f.level) == (name, level) and re.search(words, f.text)]
     assert len(caught) == 1, found
     assert caught[0].to_do
-    assert all("\n" not in f.seen + f.to_do for f in found)
+    assert all("\n" not in f.text + f.to_do for f in found)
     return found
 
 
@@ -239,12 +242,12 @@ BROKEN_SEARCHES = [
 
 @pytest.mark.parametrize(("name", "words", "plug_in"), BROKEN_MEASURES, ids=describe)
 def test_a_broken_measure_is_caught(name, words, plug_in):
-    assert_caught(check_measure(plug_in, SOON), name, "fail", words)
+    assert_caught(check_measure(plug_in, SOON), name, "error", words)
 
 
 @pytest.mark.parametrize(("name", "words", "plug_in"), BROKEN_SEARCHES, ids=describe)
 def test_a_broken_search_is_caught(name, words, plug_in):
-    assert_caught(check_search(plug_in, SOON), name, "fail", words)
+    assert_caught(check_search(plug_in, SOON), name, "error", words)
 
 
 @pytest.mark.parametrize(
@@ -258,8 +261,8 @@ def test_a_broken_search_is_caught(name, words, plug_in):
     ],
 )
 def test_a_doubtful_plug_in_is_warned_of(check, name, words, plug_in):
-    found = assert_caught(check(plug_in, SOON), name, "warn", words)
-    assert "fail" not in {result.level for result in found}
+    found = assert_caught(check(plug_in, SOON), name, "warning", words)
+    assert "error" not in {result.level for result in found}
 
 
 # Lens-commanding searches
@@ -350,12 +353,12 @@ BROKEN_LENS_SEARCHES = [
 @pytest.mark.parametrize(("name", "words", "plug_in"), BROKEN_LENS_SEARCHES, ids=describe)
 @pytest.mark.slow
 def test_a_broken_search_with_the_lens_is_caught(name, words, plug_in):
-    assert_caught(check_search(plug_in, SOON), name, "fail", words)
+    assert_caught(check_search(plug_in, SOON), name, "error", words)
 
 
 def test_a_search_with_the_lens_that_finds_nothing_is_warned_of():
     plug_in = moving(lambda answer: Answer(position=None if answer.position is None else 0.5))
-    assert_caught(check_search(plug_in), "finds the focus", "warn", "0 → 0.5.*, 1 → 0.5")
+    assert_caught(check_search(plug_in), "finds the focus", "warning", "0 → 0.5.*, 1 → 0.5")
 
 
 def test_the_plug_ins_that_the_broken_ones_are_made_of_conform():
@@ -367,7 +370,7 @@ def test_the_plug_ins_that_the_broken_ones_are_made_of_conform():
         check_search(commanding(scan)),
     ]
     for results in checked:
-        assert {result.level for result in results} == {"pass"}
+        assert {result.level for result in results} == {"ok"}
 
 
 # Complete methods
@@ -405,8 +408,8 @@ METHODS = [
 @pytest.mark.parametrize(("name", "words", "plug_in"), METHODS, ids=describe)
 @pytest.mark.slow
 def test_a_broken_method_is_caught(name, words, plug_in):
-    found = assert_caught(check_method(method_of(plug_in)), name, "fail", words)
-    assert {f.level for f in found if f.part != "method"} == {"pass"}
+    found = assert_caught(check_method(method_of(plug_in)), name, "error", words)
+    assert {f.level for f in found if f.part != "method"} == {"ok"}
 
 
 def tenth(view):
@@ -416,13 +419,13 @@ def tenth(view):
 @pytest.mark.slow
 def test_a_method_that_misses_the_focus_of_a_sweep_is_warned_of():
     plug_in = search_of(lambda s, v: best_block(s, v, answer=Answer if isinstance(v, SyntheticRecording) else tenth(v)))
-    found = assert_caught(check_method(method_of(plug_in)), "recordings", "warn", "swept 0.100; focus at 0.4")
-    assert_caught(found, "running camera", "warn", "ends at a usual light: 0.(09|10)")
+    found = assert_caught(check_method(method_of(plug_in)), "recordings", "warning", "swept 0.100; focus at 0.4")
+    assert_caught(found, "running camera", "warning", "ends at a usual light: 0.(09|10)")
 
 
 def test_a_method_is_not_tried_where_a_half_of_it_fails():
     found = list(check_method(Method("broken", measure_of(degree=1), search_of(), code="")))
-    assert [(f.check, f.level) for f in found if f.part == "method"] == [("whole", "warn")]
+    assert [(f.check, f.level) for f in found if f.part == "method"] == [("whole", "warning")]
 
 
 @pytest.mark.parametrize("name", ["sd+argmax", "gradient_code_n_tfi+sgfs_causal", "sd_debiased+coarse_to_fine"])
@@ -430,7 +433,7 @@ def test_a_method_is_not_tried_where_a_half_of_it_fails():
 def test_methods_of_ours_conform(name):
     found = list(check_by_name(name))
     assert {f.part for f in found} == {"measure", "search", "method"}
-    assert {f.level for f in found} == {"pass"}, found
+    assert {f.level for f in found} == {"ok"}, found
 
 
 # The recordings and textures of the checks
@@ -483,13 +486,13 @@ def test_a_synthetic_recording_scores_the_mean_of_its_curve_and_named_measures_b
     ],
 )
 def test_a_plug_in_that_hangs_is_stopped_by_the_clock(findings, name):
-    found = assert_caught(findings, name, "fail", "did not end within 0.5 s; the remaining")
+    found = assert_caught(findings, name, "error", "did not end within 0.5 s; the remaining")
     assert found[-1].check == name
 
 
 def test_a_search_that_scores_the_past_for_ever_is_stopped():
     findings = check_search(commanding(in_the_past), CheckLimits(scores=1000))
-    assert_caught(findings, "stays in travel and budget", "fail", "did not end within 1,000 scores")
+    assert_caught(findings, "stays in travel and budget", "error", "did not end within 1,000 scores")
 
 
 def test_a_loop_without_end_is_stopped_by_the_number_of_scores_in_a_thread_too():
@@ -498,7 +501,7 @@ def test_a_loop_without_end_is_stopped_by_the_number_of_scores_in_a_thread_too()
     thread = threading.Thread(target=lambda: found.extend(check_search(search_of(endless), SOON)))
     thread.start()
     thread.join()
-    assert "50,000 scores" in found[-1].seen
+    assert "50,000 scores" in found[-1].text
 
 
 # Names

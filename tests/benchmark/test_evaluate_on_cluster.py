@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from planted_sweeps import write_three_sweeps
 
-from saf_gen.authoring.checks import SceneFinding
 from saf_gen.benchmark import evaluate as module
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.core.execution import SchedulerLost
+from saf_gen.core.finding import Finding
 from saf_gen.errors import SafGenError
-from saf_gen.leaderboard.tuning import tune_method
+from saf_gen.leaderboard.tuning import tune
 
 MINE = "import numpy as np\n\ndef spread(counts: np.ndarray) -> float:\n    return float(np.ptp(counts))\n"
 
@@ -78,16 +78,16 @@ def test_what_was_evaluated_before_the_scheduler_was_lost_is_kept(dataset, clust
 
 def test_tuning_on_a_cluster_finds_the_same(dataset, cluster_address):
     how = {"values": {"search.window": ["20", "50"]}, "split": "train"}
-    (tuned, _), (here, _) = (tune_method(dataset, "sd+argmax", cluster=at, **how) for at in (cluster_address, None))
+    (tuned, _), (here, _) = (tune(dataset, "sd+argmax", cluster=at, **how) for at in (cluster_address, None))
     assert tuned == here
 
 
 def test_scenes_are_checked_on_a_cluster_with_the_same_findings(test_scenes, cluster_address, call, monkeypatch):
     def check_scene(scene, sensor, **how):
-        yield SceneFinding("detail", "warning", f"{scene.id} under {sensor.rows} rows with {how['backend']}")
+        yield Finding("detail", "warning", f"{scene.id} under {sensor.rows} rows with {how['backend']}")
 
     monkeypatch.setattr("saf_gen.authoring.checks.check_scene", check_scene)
-    monkeypatch.setattr("saf_gen.authoring.checks.check_job.check_scene", check_scene)
+    monkeypatch.setattr("saf_gen.authoring.checks.check_scene", check_scene)
     options = ("scenes", "check", "plane", "workbench", "--json", "--variant", "scalar")
     code, found, err = call(*options, "--cluster", cluster_address)
     by_scene = {finding["scene"]: finding for finding in json.loads(found)}

@@ -9,12 +9,11 @@ from planted_sweeps import make_spikes
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge
-from saf_gen.benchmark.tracks.closed_loop_judgement import judge_run
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
-from saf_gen.benchmark.tracks.focus_location import judge_crossing, judge_location, truncate_truth
-from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, select_sequences_to_evaluate
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, judge_run
+from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, judge_crossing, judge_location, truncate_truth
+from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard import tabulate_leaderboard_by_axis
+from saf_gen.leaderboard.axes import by_axis
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth
@@ -53,11 +52,9 @@ PLANTED = [
 
 
 def binned(records):
-    (table,) = (
-        t for t in tabulate_leaderboard_by_axis(records, [records[0].method]) if t.axis.name == "focus_position"
-    )
-    (name,) = table.bins
-    return name
+    (table,) = (t for t in by_axis(records, [records[0].method]) if t.axis.name == "focus_position")
+    (found,) = table.bins
+    return found.name
 
 
 @pytest.mark.parametrize(("lens", "best", "where"), [p[1:] for p in PLANTED], ids=[p[0] for p in PLANTED])

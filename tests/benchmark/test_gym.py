@@ -20,14 +20,14 @@ from windowed_dataset import make_windowed_dataset
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
-from saf_gen.benchmark.gym.observation_images import average_observation, draw_observation
+from saf_gen.benchmark.gym.episode import average_observation, draw_observation
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import format_records, read_records
-from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.cli import app
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard import merge_leaderboard_records
+from saf_gen.leaderboard.merging import merge_records
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
 from saf_gen.stack.charge_source import ChargeSource
@@ -205,7 +205,7 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
         expected = (average_observation(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     info = rows[-1][2]
-    record = sequence.make_record(run, PROTOCOL, method="m", code="", parameters="", common={})
+    record = sequence.make_record(run, PROTOCOL, known={"method": "m", "code": "", "parameters": ""})
     assert (info["error"], info["success_1dof"]) == (record.error, record.success_1dof)
 
 
@@ -439,7 +439,7 @@ def test_a_policy_run_is_the_same_again_but_for_the_seconds(dataset, folders):
 def test_other_protocols_do_not_merge(dataset, folders):
     shorter = make_env(dataset, protocol=replace(PROTOCOL, budget_s=0.03))
     records = evaluate_policy(shorter, climber, method="climber")
-    error = refusal(merge_leaderboard_records, {"searches": read_records(folders[0]), "policy": records})
+    error = refusal(merge_records, {"searches": read_records(folders[0]), "policy": records})
     assert PLANE in error.problem
 
 

@@ -16,9 +16,9 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.results import Evaluation, LensPath
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
+from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.core.user_folder import sign_as_user, user_folder
-from saf_gen.leaderboard.tuning import tune_method
+from saf_gen.leaderboard.tuning import tune
 from saf_gen.optics.actuators import get_actuator
 
 METHODS = ["sd+argmax", "er_count+argmax@frame"]
@@ -152,10 +152,10 @@ def test_the_secret_is_the_users_alone(tmp_path, monkeypatch):
 
 def test_tuning_goes_on_too(dataset, tmp_path, evaluated):
     values = {"search.window": ["100", "200"]}
-    unbroken, _ = tune_method(dataset, "sd+argmax", values=values)
+    unbroken, _ = tune(dataset, "sd+argmax", values=values)
     evaluated.clear()
-    stop_after(2, evaluated, tune_method, dataset, "sd+argmax", values=values, keep=KeptSequences(tmp_path / "kept"))
-    assert tune_method(dataset, "sd+argmax", values=values, keep=KeptSequences(tmp_path / "kept"))[0] == unbroken
+    stop_after(2, evaluated, tune, dataset, "sd+argmax", values=values, keep=KeptSequences(tmp_path / "kept"))
+    assert tune(dataset, "sd+argmax", values=values, keep=KeptSequences(tmp_path / "kept"))[0] == unbroken
     assert evaluated == ["three"]
 
 

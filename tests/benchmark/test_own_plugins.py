@@ -6,8 +6,7 @@ from planted_sweeps import write_sweep
 from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import parse_method, read_methods
-from saf_gen.benchmark.tuned_method import TunedMethod, format_tuned
+from saf_gen.benchmark.method_spec import TunedMethod, format_tuned, parse_method, read_methods
 from saf_gen.errors import BadInput
 from saf_gen.plugins.measures import get_measure
 

@@ -12,7 +12,7 @@ from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
-from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
+from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
 
 
 @pytest.fixture(scope="module")

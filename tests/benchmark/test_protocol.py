@@ -11,7 +11,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.camera import get_sensor
-from saf_gen.leaderboard import merge_leaderboard_records
+from saf_gen.leaderboard.merging import merge_records
 from saf_gen.optics import actuators
 from saf_gen.optics.actuators import ActuatedLens, actuator_names, get_actuator
 from saf_gen.stack.capture import Capture
@@ -158,7 +158,7 @@ def test_methods_with_drives_of_one_name_and_other_numbers_do_not_merge(recordin
         evaluate(recording, methods=[method], protocol=ClosedLoopProtocol(get_actuator(drive))).records
         for method, drive in (("sd+golden_section", "voice_coil"), ("sd+fibonacci", mine))
     )
-    message = str(refusal(merge_leaderboard_records, {"runs/a": ours, "runs/b": theirs}))
+    message = str(refusal(merge_records, {"runs/a": ours, "runs/b": theirs}))
     assert "voice_coil, 40 ms" in message
     assert "voice_coil (own, " in message
 

@@ -2,7 +2,7 @@ from dataclasses import asdict
 
 import yaml
 
-from saf_gen.benchmark.tracks.recorded_sensor import sensor_of
+from saf_gen.benchmark.tracks.sequence_fields import sensor_of
 from saf_gen.camera import get_sensor
 
 

@@ -8,7 +8,7 @@ from in_memory_stream import InMemory
 from refusals import refusal
 
 from saf_gen import get_measure, get_search, open_stream, write_stream
-from saf_gen.benchmark.view import RecordingView, WindowCounts, window_counts
+from saf_gen.benchmark.view import RecordingView, WindowCounts, recording
 from saf_gen.core.seeds import make_generator
 
 
@@ -25,7 +25,7 @@ def list_windows(frames):
 @pytest.mark.parametrize("region", [None, (slice(1, 4), slice(2, 7)), (slice(None), slice(0, 1))])
 @pytest.mark.parametrize("knots", [256, 5, 1])
 def test_counts_are_the_frames_added_up(monkeypatch, frames, region, knots):
-    monkeypatch.setattr(window_counts, "KNOTS", knots)
+    monkeypatch.setattr(recording, "KNOTS", knots)
     stream = InMemory(frames, 5, 8)
     counts = WindowCounts(stream, region)
     part = stream.spikes[:, *(region or (slice(None), slice(None)))]
@@ -56,7 +56,7 @@ def test_a_window_counted_before_is_not_counted_again_and_cannot_be_changed():
 
 
 def test_windows_kept_are_bounded_and_the_oldest_goes_first(monkeypatch):
-    monkeypatch.setattr(window_counts, "WINDOW_BYTES", 3 * 4 * 12)
+    monkeypatch.setattr(recording, "WINDOW_BYTES", 3 * 4 * 12)
     counts = WindowCounts(InMemory(500, 3, 4))
     windows = [counts.window(first, first + 10) for first in (0, 10, 20)]
     assert counts.window(0, 10) is windows[0]
@@ -66,8 +66,8 @@ def test_windows_kept_are_bounded_and_the_oldest_goes_first(monkeypatch):
 
 
 def test_sums_at_knots_stay_within_their_memory(monkeypatch):
-    monkeypatch.setattr(window_counts, "KNOT_BYTES", 10 * 4 * 3600)
-    monkeypatch.setattr(window_counts, "WINDOW_BYTES", 0)
+    monkeypatch.setattr(recording, "KNOT_BYTES", 10 * 4 * 3600)
+    monkeypatch.setattr(recording, "WINDOW_BYTES", 0)
     counts = WindowCounts(InMemory(6400, 60, 60, rate=0.5))
     counts._stream.counts = lambda *_, **__: np.ones((60, 60), np.uint32)  # without the memory of the stream
     tracemalloc.start()

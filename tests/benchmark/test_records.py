@@ -15,8 +15,7 @@ from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import RECORD_FORMAT, Record, format_records, read_records, record_to_json, write_records
-from saf_gen.benchmark.tracks.closed_loop_judgement import judge_run
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, judge_run
 from saf_gen.core.seeds import make_generator
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth
@@ -146,20 +145,34 @@ def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, found
     assert error.hint == "run saf-gen evaluate again"
 
 
-def test_a_record_from_before_grain_was_known_is_read(read):
-    """Formats 4 to 6 lack keys that the current format must have."""
+@pytest.mark.parametrize("number", [4, 5, 6])
+def test_a_record_of_an_earlier_version_is_refused(read, number):
+    error = refusal(read, {**record_to_json(FULL), "format": f"saf-gen record {number}"})
+    assert f"'saf-gen record {number}'" in error.problem
+    assert error.hint == "run saf-gen evaluate again"
 
-    def lacking(*keys):
-        return {key: value for key, value in record_to_json(FULL).items() if key not in keys}
 
-    older = lacking("grain_rms", "grain_of_curve")
-    assert read({**older, "format": "saf-gen record 4"}) == [
-        replace(FULL, grain_rms=None, grain_of_curve=None, sensor=None, benchmark=None)
-    ]
-    assert read({**lacking("sensor"), "format": "saf-gen record 5"}) == [replace(FULL, sensor=None, benchmark=None)]
-    assert read({**lacking("benchmark"), "format": "saf-gen record 6"}) == [replace(FULL, benchmark=None)]
-    assert "'benchmark' is missing" in refusal(read, lacking("benchmark")).problem
-    assert "'grain_rms' is missing" in refusal(read, older).problem
+def test_a_missing_key_is_named(read):
+    lacking = {key: value for key, value in record_to_json(FULL).items() if key != "benchmark"}
+    assert "'benchmark' is missing" in refusal(read, lacking).problem
+
+
+@pytest.mark.parametrize(
+    ("status", "note", "broke"),
+    [
+        ("failed", "CodeStopped: its code called exit(2)", True),
+        ("failed", "ZeroDivisionError: division by zero", True),
+        ("failed", "it answers with NoneType None; return saf_gen.parts.Answer(frame)", True),
+        ("failed", "BadInput: the recording has 5 frames", False),
+        ("failed", "the budget of 800 frames was spent", False),
+        ("failed", "answered frame 900.0, which was not recorded", False),
+        ("failed", "answered frame 900.0, which is not in the sweep", False),
+        ("abstained", "", False),
+        ("abstained", "no peak", False),
+    ],
+)
+def test_whether_the_code_of_a_method_broke(status, note, broke):
+    assert replace(BLANK, status=status, note=note).broke == broke
 
 
 ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | dict.fromkeys(

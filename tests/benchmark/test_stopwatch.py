@@ -7,9 +7,9 @@ import pytest
 from in_memory_stream import InMemory
 
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks import closed_loop_run
+from saf_gen.benchmark.tracks import closed_loop
 from saf_gen.benchmark.tracks.search_run import run_search
-from saf_gen.benchmark.view import RecordingView, WindowCounts, window_counts
+from saf_gen.benchmark.view import RecordingView, WindowCounts, recording
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.benchmark.view.running_camera import RunningCamera
 from saf_gen.core import stopwatch
@@ -165,7 +165,7 @@ def test_the_time_to_compile_is_not_paid(clock, monkeypatch):
 
 
 def test_a_texture_that_was_forgotten_is_timed_again(clock, monkeypatch):
-    monkeypatch.setattr(window_counts, "WINDOW_BYTES", 0)
+    monkeypatch.setattr(recording, "WINDOW_BYTES", 0)
     monkeypatch.setattr(interval_texture, "_look_back", clock.takes(LOOKS_UP, interval_texture._look_back))
     counts = slow_counts(clock)
     for first in (0, 100, 0):
@@ -221,10 +221,10 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
             return done
 
     Search.commands = commands
-    monkeypatch.setattr(closed_loop_run, "start_camera", lambda *_, **__: camera)
+    monkeypatch.setattr(closed_loop, "start_camera", lambda *_, **__: camera)
     protocol = SimpleNamespace(count_frames=lambda capture: (800, 320))
     captured = SimpleNamespace(capture=None)
-    run = closed_loop_run.run_closed_loop(captured, Method("a+b", np.mean, Search(), "c"), protocol=protocol)
+    run = closed_loop.run_closed_loop(captured, Method("a+b", np.mean, Search(), "c"), protocol=protocol)
     assert run.problem == ("the budget of 800 frames was spent" if frames > 800 else "")
     assert (run.windows, run.seconds) == (2, 3 * THINKS + 2 * SCORES)
 

@@ -13,11 +13,10 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym.episode import Episode
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
-from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
-from saf_gen.benchmark.view.captured_frames import rows_in_view
+from saf_gen.benchmark.tracks.tasks import SequenceTask
+from saf_gen.benchmark.view.running_camera import rows_in_view
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 from saf_gen.optics import ImageDistanceDrive
@@ -138,7 +137,8 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
             run = run_closed_loop(sequence.make_captured_frames(), method, protocol=protocol)
-            records.append(sequence.make_record(run, protocol, method=method.name, code="", parameters="", common={}))
+            known = {"method": method.name, "code": "", "parameters": ""}
+            records.append(sequence.make_record(run, protocol, known=known))
     assert digest(numbers(records)) == CLOSED_LOOP
 
 

@@ -13,6 +13,7 @@ import pytest
 from planted_sweeps import write_three_sweeps
 from small_dataset import SCENES, SMALL_RECIPE
 
+import saf_gen.leaderboard.report.evaluation_folder  # noqa: F401  so that reports are made without figures
 from saf_gen.authoring.template import scene_from_template
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import read_records, write_records
@@ -29,7 +30,7 @@ EXITS = {
 }
 """Statements of users' code, and the call of exit that errors state."""
 PARTS = """\
-import argparse, sys
+import argparse, sys; from saf_gen.parts import Answer
 
 AT_LOAD
 
@@ -156,6 +157,51 @@ def test_a_check_of_a_measure_that_exits_reports_it(call, monkeypatch, write_par
     assert "CodeStopped: its code called exit(0) (mine.py, line 6), for random counts" in out
 
 
+FAULTS = {"sys.exit(2)": "CodeStopped: its code called exit(2)", "1 / 0": "ZeroDivisionError: division by zero"}
+IN_THE_LOOP = ("--track", "closed_loop", "--budget", "30", "--actuator", "ideal")
+
+
+@pytest.mark.parametrize(("statement", "reason"), FAULTS.items())
+@pytest.mark.parametrize("track", ["recorded", "closed_loop"])
+def test_a_method_whose_code_breaks_is_one_line_and_exit_code_1(
+    call, request, tmp_path, write_parts, track, statement, reason
+):
+    data = request.getfixturevalue("sweeps" if track == "recorded" else "captured_dataset")
+    mine, out = write_parts(in_use=statement), tmp_path / "out"
+    broken = f"{mine}:score+argmax", f"sd+{mine}:look"
+    methods = [f"--method={name}" for name in (*broken, "sd+argmax")]
+    code, printed, err = call("evaluate", data, *methods, "--out", out, *(IN_THE_LOOP if track != "recorded" else ()))
+    records = read_records(out / "records.jsonl")
+    count = len(records) // 3
+    assert (code, printed.count(" sd+argmax ")) == (1, 1)
+    assert err.splitlines() == [f"saf-gen: {name} failed on {count} of {count} sequences: {reason}" for name in broken]
+    assert {record.status for record in records if record.method == "sd+argmax"} == {"answered"}
+
+
+def test_a_method_that_breaks_on_some_sequences_is_counted(call, sweeps, tmp_path, write_parts):
+    mine = write_parts(in_use="return 1 / 0 if view.score(300, 500) > view.score(100, 300) else Answer()")
+    code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
+    assert code == 1
+    assert " failed on 2 of 3 sequences: ZeroDivisionError: division by zero" in only_error(err)
+
+
+def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, sweeps, tmp_path):
+    mine = tmp_path / "mine.py"
+    searches = {
+        "refuses": "raise BadInput('too short')",
+        "looks_too_far": "view.score(0, 10**6)",
+        "answers_too_far": "return Answer(10.0**6)",
+        "abstains": "return Answer()",
+    }
+    code = [f"def {name}(view):\n    {statement}\n" for name, statement in searches.items()]
+    mine.write_text("\n".join(["from saf_gen.errors import BadInput\nfrom saf_gen.parts import Answer", *code]))
+    methods = [f"--method=sd+{mine}:{name}" for name in searches]
+    code, _, err = call("evaluate", sweeps, *methods, "--out", tmp_path / "out")
+    assert (code, err) == (0, "")
+    found = {record.method.split(":")[-1]: record.status for record in read_records(tmp_path / "out/records.jsonl")}
+    assert found == {name: "abstained" if name == "abstains" else "failed" for name in searches}
+
+
 def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts):
     mine = write_parts(in_use="raise KeyboardInterrupt")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
@@ -263,11 +309,15 @@ def test_a_process_that_checks_a_file_with_argparse_ends_with_2(write_parts):
 
 @pytest.mark.slow
 def test_a_process_that_evaluates_a_method_that_exits_keeps_the_others(sweeps, tmp_path, write_parts):
-    """It ends with 0, as if the method had raised an exception: the failure is a result of the method."""
+    """The rows of the others stand, and the exit code says that something is wrong."""
     mine = write_parts(in_use="sys.exit(0)")
     methods = [f"--method={name}" for name in (f"{mine}:score+argmax", "sd+argmax", f"sd+{mine}:look")]
     run = command_line("evaluate", sweeps, *methods, "--out", tmp_path / "out")
-    assert (run.returncode, run.stderr) == (0, "")
+    assert run.returncode == 1
+    broke = "failed on 3 of 3 sequences: CodeStopped: its code called exit(0)"
+    assert run.stderr.splitlines() == [
+        f"saf-gen: {name} {broke}" for name in (f"{mine}:score+argmax", f"sd+{mine}:look")
+    ]
     assert "mine.py:score+argmax" in run.stdout
     assert_good_rows_stand(read_records(tmp_path / "out/records.jsonl"), "exit(0)")
 

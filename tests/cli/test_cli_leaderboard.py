@@ -215,7 +215,7 @@ def test_an_interrupted_evaluation_reports_how_to_go_on(call, dataset, tmp_path,
 
 
 def test_interrupted_tuning_reports_how_to_go_on(call, dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.leaderboard.tuning.tune_method", interrupted)
+    monkeypatch.setattr("saf_gen.leaderboard.tuning.tune", interrupted)
     file = tmp_path / "cen.json"
     command = ("tune", dataset, "--method", "cen+argmax", "--try", "measure.highest=0.1,0.2", "--out", file)
     assert call(*command) == (130, "", f"saf-gen: stopped; {AGAIN}\n")

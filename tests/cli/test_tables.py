@@ -2,6 +2,7 @@
 
 import json
 import re
+from operator import itemgetter
 
 import numpy as np
 import pytest
@@ -10,16 +11,19 @@ from rich.console import Console
 
 import saf_gen
 from saf_gen.cli import _tables
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import print_leaderboard, print_table
 from saf_gen.cli._terminal import err, out, progress_bars
+from saf_gen.core.table import Column, Table
 
-COLUMNS = [
-    TableColumn("name"),
-    TableColumn("what it is", folds=True),
-    TableColumn("digits", justify="right", drop_order=2),
-    TableColumn("more", drop_order=1),
-]
-ROWS = [("a_name_that_one_must_type", "A line of prose that may be folded at its words.", "0.123456", "yes, and more")]
+TABLE = Table(
+    [
+        Column("name", itemgetter(0)),
+        Column("what it is", itemgetter(1), folds=True),
+        Column("digits", itemgetter(2), kind="number", detail=2),
+        Column("more", itemgetter(3), detail=1),
+    ],
+    [("a_name_that_one_must_type", "A line of prose that may be folded at its words.", "0.123456", "yes, and more")],
+)
 
 
 @pytest.fixture
@@ -42,7 +46,7 @@ def joined(text):
 )
 def test_a_table_fits_and_no_name_or_figure_is_cut(terminal, capsys, width, left_out):
     terminal(width)
-    print_table(COLUMNS, ROWS, where_to_find="in a file")
+    print_table(TABLE, where_to_find="in a file")
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= width
     assert "…" not in shown
@@ -55,7 +59,7 @@ def test_a_table_fits_and_no_name_or_figure_is_cut(terminal, capsys, width, left
 
 def test_a_pipe_has_all_of_a_table(monkeypatch, capsys):
     monkeypatch.setattr(_tables, "out", Console(width=30, force_terminal=False))
-    print_table([TableColumn(f"column_{i:02}", drop_order=i) for i in range(40)], [["0.123456"] * 40])
+    print_table(Table([Column(f"column_{i:02}", itemgetter(i), detail=i) for i in range(40)], [["0.123456"] * 40]))
     shown = capsys.readouterr().out
     assert shown.count("0.123456") == 40
     assert "do not fit" not in shown
@@ -108,7 +112,7 @@ def test_no_name_of_a_list_is_cut_at_80_columns(call, terminal):
 
 @pytest.mark.parametrize("width", [80, 60, 240])
 def test_the_leaderboard_keeps_rank_method_success_and_error(terminal, capsys, width):
-    from saf_gen.cli._leaderboard_table import print_leaderboard
+
     from saf_gen.leaderboard import rank_methods
 
     terminal(width)
@@ -131,12 +135,13 @@ def test_the_leaderboard_keeps_rank_method_success_and_error(terminal, capsys, w
 
 def test_columns_of_a_group_are_left_out_together_and_others_fill_the_space(terminal, capsys):
     terminal(40)
-    pair = [TableColumn(f"light_{i}_of_two", drop_order=1, group="lights") for i in range(2)]
-    columns = [TableColumn("name"), *pair, TableColumn("errors", drop_order=1), TableColumn("x", drop_order=2)]
-    print_table(columns, [["a_name_that_is_long", "1", "2", "0.5", "9"]])
+    pair = [Column(f"light_{i}_of_two", itemgetter(i), detail=1, together="lights") for i in (1, 2)]
+    others = Column("errors", itemgetter(3), detail=1), Column("x", itemgetter(4), detail=2)
+    columns = [Column("name", itemgetter(0)), *pair, *others]
+    print_table(Table(columns, [["a_name_that_is_long", "1", "2", "0.5", "9"]]))
     shown = capsys.readouterr().out
     assert "errors" in shown.splitlines()[1]
-    assert "Columns that do not fit here: light_0_of_two, light_1_of_two, x" in joined(shown)
+    assert "Columns that do not fit here: light_1_of_two, light_2_of_two, x" in joined(shown)
 
 
 def test_the_name_of_a_progress_bar_is_not_cut(monkeypatch, capsys):

@@ -145,9 +145,9 @@ def test_plain_code_without_a_source_is_warned_of_and_passes(plain):
     for name, part in (("spread", "measure"), ("last", "search"), ("Middle:frames=9", "search")):
         found = {r.check: r for r in check_by_name(f"{plain}:{name}") if r.check in ("described", "stated")}
         assert {r.part for r in found.values()} == {part}
-        assert (found["described"].level, found["stated"].level) == ("warn", "pass")
+        assert (found["described"].level, found["stated"].level) == ("warning", "ok")
     described = next(r for r in check_by_name(f"{plain}:Contrast") if r.check == "described")
-    assert (described.level, described.seen) == ("pass", "plain code with a docstring; source: nobody")
+    assert (described.level, described.text) == ("ok", "plain code with a docstring; source: nobody")
 
 
 @pytest.fixture

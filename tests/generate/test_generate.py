@@ -92,7 +92,7 @@ def test_a_still_stack_has_a_contact_sheet_that_is_drawn_once(made, work, monkey
     drawn = sheet.read_bytes()
     assert drawn.startswith(b"\x89PNG")
     assert len(drawn) > 20_000
-    monkeypatch.setattr("saf_gen.authoring.preview.write_preview", lambda *args, **how: pytest.fail("again"))
+    monkeypatch.setattr("saf_gen.authoring.contact_sheet.write_preview", lambda *args, **how: pytest.fail("again"))
     generate(work, made.folder)
     assert sheet.read_bytes() == drawn
 

@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 from handmade_records import failed, record
 
-from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.results import Evaluation, FocusCurve, LensPath, SequenceFailure, SweepSummary
+from saf_gen.benchmark.sequence_evaluation import assess_curves
 from saf_gen.benchmark.thumbnails import Thumbnails
 
 LENS = np.linspace(0, 1, 800, dtype=np.float32)

@@ -12,11 +12,11 @@ from handmade_evaluations import make_sweep
 from handmade_records import record
 from refusals import refusal
 
-from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.results import Evaluation
+from saf_gen.benchmark.sequence_evaluation import assess_curves
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.report import evaluation_folder, write_evaluation_report
+from saf_gen.leaderboard.report import evaluation_folder, write_evaluation
 
 pytestmark = pytest.mark.slow
 
@@ -49,12 +49,12 @@ def of_one_method(scene="camel"):
 
 
 def write(folder, made):
-    return write_evaluation_report(folder, evaluation=made, rows=rank_methods(made.records), title="small")
+    return write_evaluation(folder, evaluation=made, rows=rank_methods(made.records), title="small")
 
 
 def write_with_pdf(folder, made):
     rows = rank_methods(made.records)
-    return write_evaluation_report(folder, evaluation=made, rows=rows, title="small", pdf=True)
+    return write_evaluation(folder, evaluation=made, rows=rows, title="small", pdf=True)
 
 
 def held(folder):
@@ -64,13 +64,13 @@ def held(folder):
 @pytest.mark.usefixtures("drawn_figures")
 def test_files_and_page_share_tables_that_are_computed_once(tmp_path, monkeypatch):
     """Unless a name has a control character, which the page shows escaped and the files do not."""
-    compute, computed = evaluation_folder.compute_leaderboard_tables, []
+    compute, computed = evaluation_folder.compute_results, []
 
     def count(rows, records):
         computed.append(records)
         return compute(rows, records)
 
-    monkeypatch.setattr(evaluation_folder, "compute_leaderboard_tables", count)
+    monkeypatch.setattr(evaluation_folder, "compute_results", count)
     write(tmp_path / "plain", with_curves())
     assert len(computed) == 1
     write(tmp_path / "strange", of_one_method("ca\x1bmel"))
@@ -221,7 +221,7 @@ def test_a_failure_before_all_is_written_leaves_the_earlier_evaluation_unchanged
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(evaluation_folder, "plot_report_figures", stopped)
+    monkeypatch.setattr(evaluation_folder, "plot_figures", stopped)
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path, of_one_method("fan"))
     assert {name: (tmp_path / name).read_bytes() for name in held(tmp_path)} == before

@@ -12,29 +12,12 @@ from handmade_records import failed, record
 from PIL import Image
 
 from saf_gen.benchmark.results import FocusCurve
-from saf_gen.core.figure_style import VARIABLES
-from saf_gen.leaderboard.figures import (
-    CONDITIONS,
-    MAX_MEASURES,
-    add_paper_to_figure,
-    assign_styles,
-    build_figure_image_strip,
-    build_figure_spike_strip,
-    error_figure,
-    inline_svg,
-    locate_figure_cursor,
-    normalise_figure_curve,
-    plot_condition_figure,
-    plot_depth_of_focus_figure,
-    plot_error_figure,
-    plot_focus_curve_figure,
-    plot_lens_path_figure,
-    plot_search_step_figure,
-    plot_to_svg,
-    split_figure_label,
-)
-from saf_gen.leaderboard.figures._figure import describe_figure_omissions, shorten_figure_label
-from saf_gen.leaderboard.figures.condition_figure import bin_sequences_for_figure
+from saf_gen.core.figure_style import MAX_MEASURES, VARIABLES, assign_styles, inline_svg, plot_to_svg
+from saf_gen.leaderboard.figures import comparisons
+from saf_gen.leaderboard.figures.comparisons import CONDITIONS, bin_sequences, plot_condition, plot_errors
+from saf_gen.leaderboard.figures.figure import add_paper, describe_omissions, shorten, split_method
+from saf_gen.leaderboard.figures.pictures import image_strip, plot_depth_of_focus, spike_strip
+from saf_gen.leaderboard.figures.sweeps import locate_cursor, normalise, plot_curves, plot_lens_paths, plot_steps
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +26,7 @@ RATIO, BUDGET = CONDITIONS
 
 
 def curves(one, records=(), styles=LOOKS):
-    return plot_focus_curve_figure(one, records, styles=styles, title="camel")
+    return plot_curves(one, records, styles=styles, title="camel")
 
 
 def main(figure):
@@ -59,9 +42,9 @@ def legend(figure):
 
 
 def test_normalised_scores_run_from_0_to_1_and_a_flat_curve_is_0():
-    assert normalise_figure_curve(np.array([3.0, 5.0, 4.0])).tolist() == [0, 1, 0.5]
-    assert normalise_figure_curve(np.array([2.0, 2.0])).tolist() == [0, 0]
-    assert np.isnan(normalise_figure_curve(np.array([np.nan, 1.0, 2.0]))[0])
+    assert normalise(np.array([3.0, 5.0, 4.0])).tolist() == [0, 1, 0.5]
+    assert normalise(np.array([2.0, 2.0])).tolist() == [0, 0]
+    assert np.isnan(normalise(np.array([np.nan, 1.0, 2.0]))[0])
 
 
 def test_a_figure_is_well_formed_and_its_text_is_text():
@@ -80,7 +63,7 @@ def test_coordinates_have_two_digits():
 
 
 def test_a_figure_file_has_a_white_background():
-    text = add_paper_to_figure(plot_to_svg(curves(make_sweep()), name="a"))
+    text = add_paper(plot_to_svg(curves(make_sweep()), name="a"))
     first = next(e for e in ET.fromstring(text) if e.tag.endswith("rect"))
     assert first.get("fill") == "#ffffff"
 
@@ -115,8 +98,8 @@ def test_looks_differ_and_are_the_same_in_every_figure():
 
 
 def test_a_method_is_a_measure_and_a_search_or_a_name_alone():
-    assert split_figure_label("sd:a=1+egs:b=2") == ("sd:a=1", "egs:b=2")
-    assert split_figure_label("my_net") == ("my_net", "")
+    assert split_method("sd:a=1+egs:b=2") == ("sd:a=1", "egs:b=2")
+    assert split_method("my_net") == ("my_net", "")
 
 
 def test_curves_run_over_the_focus_position_with_the_truth_among_them():
@@ -177,7 +160,7 @@ def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
     assert light.get_ylabel() == "spikes per pixel and readout"
     assert light.collections
     assert (axes.get_ylabel(), list(axes.get_yticks())) == ("", [])
-    across = locate_figure_cursor(figure, bare, frames=np.array([0.0, 799.0])).across
+    across = locate_cursor(figure, bare, frames=np.array([0.0, 799.0])).across
     assert 0 < across[0] < across[1] < 1
 
     resting = make_sweep(measures=(), lens=np.concatenate([LENS[::2], LENS[::-2]]))
@@ -198,63 +181,57 @@ def test_a_measure_that_has_an_answer_and_no_curve_has_its_mark():
 
 
 def test_a_figure_states_what_it_leaves_out():
-    assert describe_figure_omissions((9, 14, "searches"), (8, 20, "measures")) == (
+    assert describe_omissions((9, 14, "searches"), (8, 20, "measures")) == (
         "Drawn: the first 9 of 14 searches, the first 8 of 20 measures"
     )
-    assert describe_figure_omissions((2, 2, "searches")) == ""
+    assert describe_omissions((2, 2, "searches")) == ""
     names = [f"m{i}" for i in range(MAX_MEASURES + 3)]
     styles = assign_styles(names)
     searches = [f"s{i}" for i in range(11)]
     answered = [record(f"{m}+{s}", "x", 0.1, frame=300.0, trace=(1.0, 9.0, 300.0)) for s in searches for m in names]
     both = "Drawn: the first {} of 11 searches, the first 8 of 11 measures"
     assert note(curves(make_sweep(measures=()), answered, styles)) == both.format(6)
-    assert note(plot_search_step_figure(make_sweep(), answered, styles=styles, title="t")) == both.format(9)
+    assert note(plot_steps(make_sweep(), answered, styles=styles, title="t")) == both.format(9)
     paths = [make_lens_path(r.method) for r in answered]
-    assert note(plot_lens_path_figure(paths, styles=styles, title="t")) == both.format(9)
+    assert note(plot_lens_paths(paths, styles=styles, title="t")) == both.format(9)
     against = [record(f"{m}+s", f"{ratio}", 0.1, light_ratio=float(ratio)) for m in names for ratio in (1, 2, 4)]
-    condition = plot_condition_figure(against, RATIO, styles=styles, title="t")
+    condition = plot_condition(against, RATIO, styles=styles, title="t")
     assert note(condition) == "Drawn: the first 8 of 11 measures"
     few = [r for r in answered if r.method in ("m0+s0", "m1+s0")]
     for figure in (
         curves(make_sweep(measures=()), few, styles),
-        plot_search_step_figure(make_sweep(), few, styles=styles, title="t"),
-        plot_error_figure(few, title="t"),
+        plot_steps(make_sweep(), few, styles=styles, title="t"),
+        plot_errors(few, title="t"),
     ):
         assert note(figure) == ""
 
 
 def test_many_methods_are_closer_together_and_too_many_are_cut_with_a_note():
     def plot(count):
-        return plot_error_figure([record(f"m{i}+s", "x", 0.1) for i in range(count)], title="t")
+        return plot_errors([record(f"m{i}+s", "x", 0.1) for i in range(count)], title="t")
 
     assert plot(60).get_size_inches()[1] < 1.5 * plot(30).get_size_inches()[1]
-    limit = error_figure.MAX_ROWS
+    limit = comparisons.MAX_ROWS
     assert len(plot(limit + 10).axes[0].get_yticklabels()) == limit
     assert note(plot(limit + 10)) == f"Drawn: the first {limit} of {limit + 10} methods"
 
 
 def test_long_names_keep_their_ends_and_stay_in_the_figure():
-    assert shorten_figure_label("sd+argmax", 9) == "sd+argmax"
-    assert shorten_figure_label("sd:a=1+egs:final=20", 9) == "sd:a…l=20"
-    assert len(shorten_figure_label("x" * 99, 18)) == 18
+    assert shorten("sd+argmax", 9) == "sd+argmax"
+    assert shorten("sd:a=1+egs:final=20", 9) == "sd:a…l=20"
+    assert len(shorten("x" * 99, 18)) == 18
     names = [f"a_measure_of_a_very_long_name:option={i},another_one=0.25" for i in range(3)]
     records = [record(f"{n}+a_search_of_a_long_name:{n}", "x", 0.1, frame=300.0) for n in names]
     figure = curves(make_sweep(measures=()), records, assign_styles(names))
     figure.draw_without_rendering()
     box = figure.legends[0].get_window_extent()
     assert 0 <= box.x0 < box.x1 <= figure.bbox.width
-    figure = plot_error_figure(records, title="a scene of a long name (validation), flicker, dynamic: errors")
+    figure = plot_errors(records, title="a scene of a long name (validation), flicker, dynamic: errors")
     figure.draw_without_rendering()
     axes = figure.axes[0].get_position()
     assert axes.width > 0.35
     title = figure._suptitle.get_window_extent()
     assert title.x1 <= figure.bbox.width
-
-
-def test_short_names_share_lines_of_the_legend():
-    records = [record(f"m{i}+s", "x", 0.1, frame=300.0) for i in range(4)]
-    figure = curves(make_sweep(measures=()), records, assign_styles([f"m{i}" for i in range(4)]))
-    assert figure.legends[0]._ncols == 2
 
 
 def test_a_sweep_with_less_than_everything_is_drawn_too():
@@ -302,7 +279,7 @@ def test_a_truth_outside_the_travel_does_not_stretch_the_axis():
 def test_the_cursor_of_a_frame_is_where_the_picture_has_it():
     one = make_sweep()
     figure = curves(one)
-    found = locate_figure_cursor(figure, one, frames=np.array([0.0, 399.5, 799.0]))
+    found = locate_cursor(figure, one, frames=np.array([0.0, 399.5, 799.0]))
     left, right = main(figure).get_position().x0, main(figure).get_position().x1
     assert found.across == pytest.approx([left, (left + right) / 2, right], abs=1e-3)
     assert 0 < found.top < found.bottom == pytest.approx(1 - main(figure).get_position().y0)
@@ -310,7 +287,7 @@ def test_the_cursor_of_a_frame_is_where_the_picture_has_it():
 
 def test_errors_show_every_method_and_light_and_mark_what_gave_no_answer():
     records = [record("a+s", "x", 0.2), record("b+s", "x", -12.0), failed("c+s", "x", "abstained")]
-    (axes,) = plot_error_figure(records, title="camel").axes
+    (axes,) = plot_errors(records, title="camel").axes
     assert [t.get_text() for t in axes.get_yticklabels()] == ["a+s", "b+s", "c+s"]
     marks = {line.get_marker(): line for line in axes.get_lines() if line.get_marker() in ("o", "x")}
     assert marks["o"].get_xdata().tolist() == [0.2, -12.0]
@@ -319,14 +296,14 @@ def test_errors_show_every_method_and_light_and_mark_what_gave_no_answer():
 
 
 def test_few_values_of_a_condition_are_each_on_their_own():
-    found = bin_sequences_for_figure(make_records(), RATIO)
+    found = bin_sequences(make_records(), RATIO)
     assert [round(value, 6) for value, _ in found] == [1, 2.5, 4]
     assert [len(names) for _, names in found] == [3, 3, 6]
 
 
 def test_many_values_make_bins_of_about_as_many_sequences():
     records = [record("sd+argmax", f"s{i}", 0.1, mean_rate=0.01 * 1.1**i) for i in range(36)]
-    found = bin_sequences_for_figure(records, BUDGET)
+    found = bin_sequences(records, BUDGET)
     assert [len(names) for _, names in found] == [6] * 6
     assert found[0][0] == pytest.approx(1.1**2.5)
 
@@ -335,7 +312,7 @@ def test_a_condition_that_hardly_differs_has_no_figure():
     same = [record("sd+argmax", f"s{i}", 0.1, light_ratio=1 + 0.01 * i, mean_rate=0.2) for i in range(9)]
     two = [record("sd+argmax", f"s{i}", 0.1, light_ratio=1.0 + i % 2) for i in range(9)]
     for records, condition in ((same, RATIO), (same, BUDGET), (two, RATIO), ([BLIND], RATIO), ([], RATIO)):
-        assert plot_condition_figure(records, condition, styles=LOOKS, title="t") is None
+        assert plot_condition(records, condition, styles=LOOKS, title="t") is None
 
 
 BLIND = record("sd+argmax", "x", None)
@@ -349,7 +326,7 @@ def test_success_and_error_against_a_condition_follow_the_leaderboards_rule():
         record("sd+argmax", "d", 0.1, scene="b", light_ratio=2.0),
         record("sd+argmax", "e", 9.0, scene="b", light_ratio=8.0),
     ]
-    above, below = plot_condition_figure(records, RATIO, styles=LOOKS, title="t").axes
+    above, below = plot_condition(records, RATIO, styles=LOOKS, title="t").axes
     assert above.get_lines()[0].get_ydata().tolist() == [1, 0.5, 0]
     assert below.get_lines()[0].get_ydata().tolist() == [0.5, 0.5, 9]
     assert above.get_lines()[0].get_xdata() == pytest.approx([1, 2, 8])
@@ -359,18 +336,18 @@ def test_steps_of_a_search_are_drawn_where_the_lens_was_in_frames_from_0():
     coded = record("sd+egs_code", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 300.0))
     ours = record("sd+egs", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 299.0))
     alone = record("sd+argmax", "x", 0.0, frame=299.0, trace=(299.0,))
-    figure = plot_search_step_figure(make_sweep(), [coded, ours, alone], styles=LOOKS, title="t")
+    figure = plot_steps(make_sweep(), [coded, ours, alone], styles=LOOKS, title="t")
     assert [a.get_title(loc="left") for a in figure.axes] == ["egs_code", "egs"]
     ends = [next(line for line in a.get_lines() if len(line.get_xdata()) == 3) for a in figure.axes]
     assert [float(line.get_ydata()[-1]) * 799 for line in ends] == pytest.approx([299, 299], abs=0.01)
     assert 0.375 in [line.get_ydata()[0] for line in figure.axes[0].get_lines()]
-    assert plot_search_step_figure(make_sweep(), [alone], styles=LOOKS, title="t") is None
+    assert plot_steps(make_sweep(), [alone], styles=LOOKS, title="t") is None
 
 
 def test_steps_over_frames_have_every_pass_of_the_truth():
     back_and_forth = np.concatenate([LENS[::2], LENS[::-2]])
     one = record("sd+egs", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 299.0))
-    (axes,) = plot_search_step_figure(make_sweep(lens=back_and_forth), [one], styles=LOOKS, title="t").axes
+    (axes,) = plot_steps(make_sweep(lens=back_and_forth), [one], styles=LOOKS, title="t").axes
     flat = sorted(line.get_ydata()[0] for line in axes.get_lines() if line.get_xdata()[0] == 0)
     assert pytest.approx(flat, abs=1) == [150, 400, 649]
     assert axes.get_ylabel() == "frame"
@@ -378,15 +355,15 @@ def test_steps_over_frames_have_every_pass_of_the_truth():
 
 def test_the_way_of_the_lens_ends_with_a_mark_or_a_cross():
     paths = [make_lens_path("sd+hill_climb"), make_lens_path("er_count+hill_climb", problem="the budget was spent")]
-    (axes,) = plot_lens_path_figure(paths, styles=LOOKS, title="t").axes
+    (axes,) = plot_lens_paths(paths, styles=LOOKS, title="t").axes
     ends = {line.get_marker() for line in axes.get_lines() if len(line.get_xdata()) == 1}
     assert ends == {"o", "x"}
     assert axes.get_title(loc="left") == "hill_climb"
-    assert plot_lens_path_figure([], styles=LOOKS, title="t") is None
+    assert plot_lens_paths([], styles=LOOKS, title="t") is None
 
 
 def test_an_image_strip_holds_its_pictures_in_order_within_its_bytes():
-    made = build_figure_image_strip(make_thumbnails(12).images, max_bytes=20_000)
+    made = image_strip(make_thumbnails(12).images, max_bytes=20_000)
     sheet = np.asarray(Image.open(io.BytesIO(made.file)).convert("L"), dtype=float)
     assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 12)
     assert sheet.shape == (40, 256)
@@ -394,7 +371,7 @@ def test_an_image_strip_holds_its_pictures_in_order_within_its_bytes():
     assert grey[:12] == sorted(grey[:12])
     assert grey[12:] == pytest.approx([0] * 4, abs=3)
     noise = np.random.default_rng(1).integers(0, 9, (48, 175, 280)).astype(np.uint32)
-    large, small = (build_figure_image_strip(noise, max_bytes=most) for most in (10**9, 100_000))
+    large, small = (image_strip(noise, max_bytes=most) for most in (10**9, 100_000))
     assert len(large.file) > 500_000
     assert len(small.file) <= 100_000  # first with lower quality, then with smaller pictures
     assert (large.size, small.count) == ((280, 175), 48)
@@ -403,7 +380,7 @@ def test_an_image_strip_holds_its_pictures_in_order_within_its_bytes():
 
 def test_single_readouts_are_shown_bit_for_bit():
     spikes = np.random.default_rng(2).integers(0, 2, (10, 20, 32)).astype(np.uint8)
-    made = build_figure_spike_strip(spikes)
+    made = spike_strip(spikes)
     sheet = np.asarray(Image.open(io.BytesIO(made.file)))
     assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 10)
     for number, frame in enumerate(spikes):
@@ -419,7 +396,7 @@ def pictures_of(axes):
 def test_the_depth_of_focus_is_explained_with_what_the_camera_saw():
     steady, flicker = make_sweep(thumbnails=make_thumbnails()), make_sweep("ramp", thumbnails=make_thumbnails(8))
     flicker = replace(flicker, rate=np.linspace(0.1, 0.4, CENTRES.size))
-    figure = plot_depth_of_focus_figure([make_sweep("steps"), flicker, steady])
+    figure = plot_depth_of_focus([make_sweep("steps"), flicker, steady])
     labels = [axes.get_xlabel() for axes in figure.axes if axes.get_images()]
     # Pictures are 0.0625 of the travel apart, which is 0.7 of the depth of focus; the truth is between two of them.
     assert labels == ["−3.8", "−1.0", "+0.3", "+1.0", "+3.8"]
@@ -433,6 +410,6 @@ def test_the_depth_of_focus_is_explained_with_what_the_camera_saw():
 @pytest.mark.parametrize("change", [{"truth": math.nan}, {"track": np.full(800, 0.4)}, {"thumbnails": None}])
 def test_without_a_known_resting_focus_and_pictures_the_depth_of_focus_is_drawn_alone(change):
     sweep = make_sweep(**{"thumbnails": make_thumbnails(), **change})
-    figure = plot_depth_of_focus_figure([sweep])
+    figure = plot_depth_of_focus([sweep])
     assert pictures_of(figure.axes) == []
     assert len(figure.axes) == 1

@@ -11,16 +11,11 @@ from handmade_records import failed, record
 
 from saf_gen.benchmark.records import MAX_POSITION_OR_ERROR, read_records, write_records
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard import compare_ranked_methods, compare_rankings, rank_methods
-from saf_gen.leaderboard.columns import list_leaderboard_columns
-from saf_gen.leaderboard.method_comparison import MethodComparison
-from saf_gen.leaderboard.rank_agreement import compare_ranked_scores
-from saf_gen.leaderboard.scene_intervals import (
-    COARSE,
-    MIN_SCENES,
-    find_interval_of_ranked_median,
-    find_intervals_of_ranked_rate,
-)
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.intervals import COARSE, MIN_SCENES, median_interval, rate_intervals
+from saf_gen.leaderboard.method_comparison import MethodComparison, compare_methods
+from saf_gen.leaderboard.rank_agreement import compare_rankings, compare_scores
+from saf_gen.leaderboard.tables import ranking
 
 LAST_BIT = 1e-9
 VALUES = {
@@ -51,7 +46,7 @@ def test_the_interval_of_a_median_contains_it_or_is_missing(kind, scenes, sequen
     for _ in range(designs):
         of_value = draw_scenes(random, scenes=scenes, sequences=sequences)
         values = VALUES[kind](random, of_value)
-        found = find_interval_of_ranked_median(values, of_value)
+        found = median_interval(values, of_value)
         known += found is not None
         assert found is None or contains(found[0], np.median(values), found[1], tolerance=0)
     assert known > designs / 20 or scenes == 6
@@ -59,10 +54,10 @@ def test_the_interval_of_a_median_contains_it_or_is_missing(kind, scenes, sequen
 
 def test_a_median_with_half_of_each_scene_below_is_not_bounded_by_six_scenes():
     """The interval was (4, 3): no spread over scenes was taken for no uncertainty, and its ranks crossed."""
-    assert find_interval_of_ranked_median(np.arange(1.0, 7), np.array([0, 1, 2, 2, 1, 0])) is None
+    assert median_interval(np.arange(1.0, 7), np.array([0, 1, 2, 2, 1, 0])) is None
     for scenes in range(MIN_SCENES, 7):
         values = np.arange(2.0 * scenes)
-        assert find_interval_of_ranked_median(values, np.tile(np.arange(scenes), 2)) is None
+        assert median_interval(values, np.tile(np.arange(scenes), 2)) is None
 
 
 def test_a_median_with_half_of_each_scene_below_is_bounded_where_scenes_would_not_all_agree_by_luck():
@@ -72,9 +67,9 @@ def test_a_median_with_half_of_each_scene_below_is_bounded_where_scenes_would_no
     """
     below = np.arange(20) / 100
     values, scenes = np.r_[below, 1 + below], np.tile(np.arange(20), 2)
-    assert find_interval_of_ranked_median(values, scenes) == (0.15, 1.04)
+    assert median_interval(values, scenes) == (0.15, 1.04)
     equal = np.where(values < 1, 0.2, 0.3)
-    assert find_interval_of_ranked_median(equal, scenes) == (0.2, 0.3)
+    assert median_interval(equal, scenes) == (0.2, 0.3)
 
 
 def test_the_interval_of_a_median_with_half_of_each_scene_below_holds_the_truth():
@@ -83,7 +78,7 @@ def test_the_interval_of_a_median_with_half_of_each_scene_below_holds_the_truth(
     while len(found) < 200:
         values = random.random(16)
         if not np.bincount(scenes, (values <= np.median(values)) - 0.5).any():
-            found.append(find_interval_of_ranked_median(values, scenes))
+            found.append(median_interval(values, scenes))
     assert sum(low <= 0.5 <= high for low, high in found) >= 190
 
 
@@ -94,7 +89,7 @@ def test_the_interval_of_a_rate_contains_the_mean_over_scenes_of_any_sizes():
         counts = random.integers(1, 41, random.integers(1, 21))
         rates = np.clip(random.random((5, 1)) + random.normal(0, 1.5, (5, 1)) * (counts / 40 - 0.5), 0, 1)
         fractions = random.binomial(counts, rates) / counts
-        ends = find_intervals_of_ranked_rate(fractions, counts, cells=COARSE)
+        ends = rate_intervals(fractions, counts, cells=COARSE)
         assert all(contains(low, mean, high) for mean, (low, high) in zip(fractions.mean(axis=1), ends, strict=True))
 
 
@@ -108,7 +103,7 @@ def test_the_interval_of_tau_contains_it(methods):
             (name, {f"s{s}": {f"m{m}": rate for m, rate in enumerate(own)} for s, own in enumerate(of_bin)})
             for name, of_bin in zip("ab", random.binomial(6, rates) / 6, strict=True)
         ]
-        found = compare_ranked_scores(*tables, condition="light")
+        found = compare_scores(*tables, condition="light")
         assert contains(found.low, found.tau, found.high, tolerance=0)
 
 
@@ -159,9 +154,7 @@ def list_intervals(row, columns, *, best):
     }
     shown = {c.name: c for c in columns}
     assert {name for name in shown if name.endswith(("_low", "_low_s", "_best")) and "level" not in name} == set(of)
-    return {
-        n: (value, getattr(row, n), getattr(row, high), shown[n].format_value(row)) for n, (value, high) in of.items()
-    }
+    return {n: (value, getattr(row, n), getattr(row, high), shown[n].text(row)) for n, (value, high) in of.items()}
 
 
 def check_rows(rows):
@@ -169,7 +162,7 @@ def check_rows(rows):
     best = max((row.success_1dof for row in rows if row.success_1dof is not None), default=None)
     known = []
     for row in rows:
-        found = list_intervals(row, list_leaderboard_columns(rows), best=best)
+        found = list_intervals(row, ranking(rows).columns, best=best)
         known.append({name for name, (_, low, _, _) in found.items() if low is not None})
         for name, (value, low, high, text) in found.items():
             assert (low is None) == (high is None) == (text == "–"), name
@@ -178,7 +171,7 @@ def check_rows(rows):
 
 
 def check_comparison(records, rows):
-    found = compare_ranked_methods(records, [row.method for row in rows])
+    found = compare_methods(records, [row.method for row in rows])
     for profile in found.profiles:
         ends = zip(profile.low or (), profile.fractions, profile.high or (), strict=profile.low is not None)
         assert all(contains(*one) for one in ends)
@@ -229,5 +222,5 @@ def test_methods_without_a_common_sequence_have_no_comparison():
         for sequence in "xy"
     ]
     rows = rank_methods(records)
-    assert compare_ranked_methods(records, [row.method for row in rows]) == MethodComparison()
+    assert compare_methods(records, [row.method for row in rows]) == MethodComparison()
     assert compare_rankings(records) == []

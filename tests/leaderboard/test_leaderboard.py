@@ -7,17 +7,9 @@ from handmade_records import failed, record
 from refusals import refusal
 
 from saf_gen.benchmark.results import SequenceFailure
-from saf_gen.leaderboard import (
-    compose_leaderboard_notes,
-    format_leaderboard_latex,
-    format_leaderboard_markdown,
-    list_leaderboard_columns,
-    list_shown_leaderboard_columns,
-    rank_methods,
-    write_leaderboard,
-)
-from saf_gen.leaderboard.columns import USUAL, format_leaderboard_percent
-from saf_gen.leaderboard.table_formats import escape_leaderboard_latex
+from saf_gen.leaderboard import rank_methods, write_leaderboard
+from saf_gen.leaderboard.notes import notes_on
+from saf_gen.leaderboard.tables import INTERVALS, USUAL, ranking
 
 
 @pytest.fixture
@@ -83,8 +75,8 @@ def test_ties_share_a_rank_are_named_and_the_next_rank_counts_them():
     assert [(r.rank, r.method) for r in rows] == [(1, "b+s"), (1, "c+s"), (1, "a+s"), (4, "d+s")]
     assert rows[0].tied == ("a+s", "c+s")
     assert rows[3].tied == ()
-    rank = list_shown_leaderboard_columns(rows)[0]
-    assert [rank.format_value(r) for r in rows] == ["1=", "1=", "1=", "4"]
+    rank = ranking(rows).shown[0]
+    assert [rank.text(r) for r in rows] == ["1=", "1=", "1=", "4"]
 
 
 def test_equal_fractions_tie_whatever_their_last_bit():
@@ -99,7 +91,7 @@ def test_without_truth_methods_are_not_ranked_but_have_costs():
     (row,) = rank_methods([record("a+s", "x", None)])
     assert (row.rank, row.success_1dof, row.median_error_dof) == (None, None, None)
     assert (row.frames_seen, row.lens_travel, row.seconds) == (1.0, 1.5, 0.25)
-    assert list_shown_leaderboard_columns([row])[0].format_value(row) == "–"
+    assert ranking([row]).shown[0].text(row) == "–"
     rows = rank_methods([record("a+s", "x", None), record("b+s", "x", 9.0)])
     assert [r.method for r in rows] == ["b+s", "a+s"]
 
@@ -124,7 +116,7 @@ def test_the_files_agree(tmp_path, records):
         assert set(other) == set(one) - {"tied"}
         for name, cell in other.items():
             assert cell == ("" if one[name] is None else str(one[name]))
-    assert format_leaderboard_markdown(rows) in text
+    assert ranking(rows).to_markdown() in text
     assert "- bad: truncated" in text
     assert [(r["method"], r["sequence"]) for r in lines] == [(r.method, r.sequence) for r in records]
     assert document["data"] == {"a": "sha-a", "b": "sha-b"}
@@ -159,21 +151,16 @@ def test_a_folder_that_cannot_be_is_bad_input(tmp_path, records):
 
 def test_every_column_has_a_name_of_its_own_a_meaning_and_a_text(records):
     rows = rank_methods(records)
-    shown = list_shown_leaderboard_columns(rows)
+    shown = ranking(rows).shown
     assert len({c.name for c in shown}) == len({c.header for c in shown}) == len(shown)
     for column in shown:
         assert column.meaning.endswith(".")
-        assert all(column.format_value(row) for row in rows)
+        assert all(column.text(row) for row in rows)
     assert {"rank", "method", "success_1dof", "failed"} <= {c.name for c in shown if c.detail <= USUAL}
-    every = list_leaderboard_columns(rows)
+    every = ranking(rows).columns
     assert len({c.name for c in every}) == len(every)
     assert {c.name for c in shown} <= {c.name for c in every}
     assert all(c.meaning.endswith(".") for c in every)
-
-
-def test_a_pipe_in_a_name_does_not_break_the_markdown():
-    rows = rank_methods([record("a|b+s", "x", 0.0)])
-    assert r"a\|b+s" in format_leaderboard_markdown(rows)
 
 
 # -- intervals over scenes --------------------------------------------------------------------------------
@@ -202,10 +189,10 @@ def test_rows_state_which_ranks_the_scenes_can_distinguish(twelve):
     assert near.success_1dof_low < 11 / 12 < near.success_1dof_high
     assert 0.7 < bad.behind_best_low < bad.behind_best_high == 1
     assert good.median_error_dof_low < good.median_error_dof == pytest.approx(0.155)
-    by_name = {c.name: c for c in list_shown_leaderboard_columns([good, near, bad])}
-    assert [by_name["rank"].format_value(r) for r in (good, near, bad)] == ["1", "2~", "3"]
-    assert by_name["rank_best"].format_value(near) == "1–2"
-    assert by_name["success_1dof_low"].format_value(good) == "81%–100%"
+    by_name = {c.name: c for c in ranking([good, near, bad]).shown}
+    assert [by_name["rank"].text(r) for r in (good, near, bad)] == ["1", "2~", "3"]
+    assert by_name["rank_best"].text(near) == "1–2"
+    assert by_name["success_1dof_low"].text(good) == "81%–100%"
 
 
 def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
@@ -213,11 +200,8 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     rows = rank_methods(some)
     assert (rows[0].rank_best, rows[0].success_1dof_low, rows[0].level_with_best) == (None,) * 3
     assert rows[0].missing_reason == "2 of 3 required scenes"
-    assert "rank_best" not in {c.name for c in list_shown_leaderboard_columns(rows)}
-    assert any(
-        note.startswith("There are no intervals: only 2 of 3 required scenes")
-        for note in compose_leaderboard_notes(rows, some)
-    )
+    assert "rank_best" not in {c.name for c in ranking(rows).shown}
+    assert any(note.startswith("There are no intervals: only 2 of 3 required scenes") for note in notes_on(rows, some))
     write_leaderboard(tmp_path, rows=rows, records=some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert document["intervals"]["unknown"] == "2 of 3 required scenes"
@@ -226,15 +210,24 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
 
 
 def test_notes_mention_few_scenes_and_two_machines(twelve):
-    assert any("over 12 scenes holds alone" in note for note in compose_leaderboard_notes(rank_methods(twelve), twelve))
+    assert any("over 12 scenes holds alone" in note for note in notes_on(rank_methods(twelve), twelve))
     few = over("a+s", [0, 0, 0])
     assert any(
-        "with so few scenes, almost no methods can be told apart." in note
-        for note in compose_leaderboard_notes(rank_methods(few), few)
+        "with so few scenes, almost no methods can be told apart." in note for note in notes_on(rank_methods(few), few)
     )
     mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
-    notes = compose_leaderboard_notes(rank_methods(mixed), mixed)
+    notes = notes_on(rank_methods(mixed), mixed)
     assert "Seconds cannot be compared: they come from 2 machines: x, 2 cores; y, 9 cores." in notes
+
+
+def test_latex_has_a_column_for_all_but_the_details(tmp_path, twelve):
+    rows = rank_methods(twelve)
+    write_leaderboard(tmp_path, rows=rows, records=twelve)
+    text = (tmp_path / "leaderboard.tex").read_text()
+    spans = [int(part.split("}")[0]) for part in text.split(r"\multicolumn{")[1:]]
+    assert sum(spans) == len([c for c in ranking(rows).shown if c.detail <= INTERVALS])
+    assert text.count(r" \\") == len(rows) + 2
+    assert text.isascii()
 
 
 def test_closed_loop_figures_have_a_column_only_in_the_closed_loop():
@@ -242,50 +235,13 @@ def test_closed_loop_figures_have_a_column_only_in_the_closed_loop():
     live = [record("a+s", "x", 0.1, reversals=2, **known), record("a+s", "y", 0.1, reversals=3, **known)]
     (row,) = rows = rank_methods(live)
     assert (row.reversals, row.hunting, row.time_to_focus_s) == (2.5, 0.5, 0.2)
-    shown = {c.name: c.format_value(row) for c in list_shown_leaderboard_columns(rows)}
+    shown = {c.name: c.text(row) for c in ranking(rows).shown}
     assert (shown["reversals"], shown["hunting"], shown["time_to_focus_s"]) == ("2.5", "50%", "0.200")
     assert "median_error_frames" not in shown
     (recorded,) = rank_methods([record("a+s", "x", 0.1)])
     live_only = {"reversals", "hunting", "time_to_focus_s"}
-    assert live_only & {c.name for c in list_shown_leaderboard_columns([recorded])} == set()
-    assert live_only <= {c.name for c in list_leaderboard_columns([recorded])}
-
-
-# -- LaTeX ----------------------------------------------------------------------------------------------
-
-
-def test_latex_has_a_cell_for_each_column_in_every_line(twelve):
-    text = format_leaderboard_latex(rank_methods(twelve))
-    lines = text.splitlines()
-    spec = next(line for line in lines if line.startswith(r"\begin{tabular}"))
-    wide = len(spec.split("{")[2].rstrip("}"))
-    body = lines[lines.index(r"\midrule") + 1 : lines.index(r"\bottomrule")]
-    heads = lines[lines.index(r"\midrule") - 1]
-    assert len(body) == 3
-    assert all(line.endswith(r" \\") and line.count(" & ") == wide - 1 for line in [heads, *body])
-    spans = [int(part.split("}")[0]) for part in text.split(r"\multicolumn{")[1:]]
-    assert sum(spans) == wide
-    assert [lines.count(rf"\{rule}rule") for rule in ("top", "mid", "bottom")] == [1, 1, 1]
-    assert text.isascii()
-
-
-@pytest.mark.parametrize(
-    ("plain", "latex"),
-    [
-        ("sd_code+egs", r"sd\_code+egs"),
-        ("50%", r"50\%"),
-        (r"a\b", r"a\textbackslash{}b"),
-        ("{$x^2$} & #1 ~", r"\{\$x\textasciicircum{}2\$\} \& \#1 \textasciitilde{}"),
-        ("≤½ DoF", r"$\leq$$\frac{1}{2}$ DoF"),
-        ("1–4\n|−2|", "1--4 $|$$-$2$|$"),
-    ],
-)
-def test_latex_escapes_what_means_something_to_it(plain, latex):
-    assert escape_leaderboard_latex(plain) == latex
-
-
-def test_a_table_of_nothing_is_still_latex():
-    assert r"\bottomrule" in format_leaderboard_latex(())
+    assert live_only & {c.name for c in ranking([recorded]).shown} == set()
+    assert live_only <= {c.name for c in ranking([recorded]).columns}
 
 
 def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
@@ -297,7 +253,7 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
         for light in lights
     ]
     rows = rank_methods(records)
-    keys = [c.key for c in list_leaderboard_columns(rows)]
+    keys = [c.name for c in ranking(rows).columns]
     assert len(keys) == len(set(keys))
     assert {f"success_1dof_light_{light}" for light in lights} < set(keys)
     write_leaderboard(tmp_path, rows=rows, records=records)
@@ -314,13 +270,6 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
     assert (cells["success_1dof_light_low"], cells["success_1dof_low"]) == ("1.0", str(row["success_1dof_low"]))
 
 
-@pytest.mark.parametrize(
-    ("fraction", "text"), [(0.625, "63%"), (0.375, "38%"), (0.125, "13%"), (0.005, "1%"), (2 / 3, "67%"), (1, "100%")]
-)
-def test_a_percentage_that_ends_in_a_half_is_rounded_up(fraction, text):
-    assert format_leaderboard_percent(fraction) == format_leaderboard_percent(fraction - 1e-16) == text
-
-
 def test_columns_that_may_seem_out_of_order_explain_it():
     """In two scenes the focus is 0.8 depths of focus beyond the travel, and the method abstains in both."""
     beyond = {"success_half_dof": True, "success_1dof": False, "success_2dof": False}
@@ -328,7 +277,7 @@ def test_columns_that_may_seem_out_of_order_explain_it():
     records += [record("m+s", "s2", 0.1, scene="s2")]
     (row,) = rank_methods(records)
     assert row.success_half_dof > row.success_1dof
-    meanings = {c.name: c.meaning for c in list_leaderboard_columns([row])}
+    meanings = {c.name: c.meaning for c in ranking([row]).columns}
     rule = "An abstention is right if no answer could be that near, so the value can be"
     assert meanings["success_half_dof"].endswith(f"{rule} higher than ≤1 DoF.")
     assert meanings["success_2dof"].endswith(f"{rule} lower than ≤1 DoF.")

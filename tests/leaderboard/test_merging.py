@@ -4,26 +4,27 @@ import pytest
 from handmade_records import record
 from refusals import refusal
 
-from saf_gen.leaderboard import merge_leaderboard_records, rank_methods
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.merging import merge_records
 
 ONE = [record("a+s", "x", 0.1), record("a+s", "y", 0.2), record("b+s", "x", 0.3), record("b+s", "y", 3.0)]
 LATER = [record("c+s", "x", 0.1), record("c+s", "y", 9.0)]
 
 
 def test_a_method_that_ran_later_joins_the_others():
-    both = merge_leaderboard_records({"monday": ONE, "tuesday": LATER})
+    both = merge_records({"monday": ONE, "tuesday": LATER})
     assert [(r.sequence, r.method) for r in both] == [(s, m + "+s") for s in "xy" for m in "abc"]
     assert [(r.rank, r.method) for r in rank_methods(both)] == [(1, "a+s"), (2, "b+s"), (2, "c+s")]
 
 
 def test_merging_is_as_good_as_running_together():
-    assert rank_methods(merge_leaderboard_records({"monday": ONE, "tuesday": LATER})) == rank_methods([*ONE, *LATER])
+    assert rank_methods(merge_records({"monday": ONE, "tuesday": LATER})) == rank_methods([*ONE, *LATER])
 
 
 def test_a_stream_on_its_own_does_not_join_its_dataset():
     """It knows neither scene nor light: it would be weighted by sequence, and the dataset by scene."""
     alone = [replace(r, scene=r.sequence, light=None, split=None) for r in LATER]
-    error = refusal(merge_leaderboard_records, {"runs/dataset": ONE, "runs/streams": alone})
+    error = refusal(merge_records, {"runs/dataset": ONE, "runs/streams": alone})
     assert error.problem == "the scene of x differs: camel in runs/dataset, x in runs/streams"
     assert error.hint.startswith("run saf-gen evaluate again, on the dataset")
 
@@ -44,19 +45,19 @@ def test_a_stream_on_its_own_does_not_join_its_dataset():
     ],
 )
 def test_what_is_known_of_a_sequence_must_agree(key, value, name, sides):
-    error = refusal(merge_leaderboard_records, {"runs/a": ONE, "runs/b": [LATER[0], replace(LATER[1], **{key: value})]})
+    error = refusal(merge_records, {"runs/a": ONE, "runs/b": [LATER[0], replace(LATER[1], **{key: value})]})
     assert error.problem == f"the {name} of y differs: {sides}"
     assert error.allowed == f"one {name} per sequence"
 
 
 def test_a_method_that_names_its_region_may_look_elsewhere():
     elsewhere = [record(f"{m}@frame", s, 0, region="frame") for m in ("a+s", "b+s") for s in ("x", "y")]
-    assert len(merge_leaderboard_records({"target": ONE, "frame": elsewhere})) == 8
+    assert len(merge_records({"target": ONE, "frame": elsewhere})) == 8
 
 
 def test_what_two_runs_share_is_kept_once_the_first():
     slower = [replace(r, seconds=9.0, machine="another") for r in ONE]
-    both = merge_leaderboard_records({"monday": ONE, "tuesday": [*slower, *LATER]})
+    both = merge_records({"monday": ONE, "tuesday": [*slower, *LATER]})
     assert len(both) == 6
     assert {r.seconds for r in both} == {0.25}
 
@@ -93,5 +94,5 @@ def test_records_that_cannot_be_compared_are_refused(records, fragments):
     ],
 )
 def test_runs_that_cannot_be_compared_are_refused_by_name(later, fragments):
-    problem = refusal(merge_leaderboard_records, {"runs/a": ONE, "runs/b": later}).problem
+    problem = refusal(merge_records, {"runs/a": ONE, "runs/b": later}).problem
     assert all(fragment in problem for fragment in fragments), problem

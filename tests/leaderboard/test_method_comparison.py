@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from handmade_records import failed, record
 
-from saf_gen.leaderboard import compare_ranked_methods, rank_methods, write_leaderboard
-from saf_gen.leaderboard.method_comparison import ERROR_LIMITS_DOF
+from saf_gen.leaderboard import rank_methods, write_leaderboard
+from saf_gen.leaderboard.method_comparison import ERROR_LIMITS_DOF, compare_methods
 
 
 def board(errors, *, scenes=12, sequences=4, **more):
@@ -25,7 +25,7 @@ def board(errors, *, scenes=12, sequences=4, **more):
 
 
 def compare(records):
-    return compare_ranked_methods(records, [row.method for row in rank_methods(records)])
+    return compare_methods(records, [row.method for row in rank_methods(records)])
 
 
 NEAR_AND_FAR = {
@@ -95,7 +95,7 @@ def test_with_two_scenes_there_are_fractions_without_intervals_and_alone_no_neig
     alone = compare(board({"a+s": lambda s, i: 0.1}))
     assert (len(alone.profiles), alone.neighbours) == (1, ())
     unknown = board({"a+s": lambda s, i: 0.1})
-    assert compare_ranked_methods([record("a+s", r.sequence, None) for r in unknown], ["a+s"]).profiles == ()
+    assert compare_methods([record("a+s", r.sequence, None) for r in unknown], ["a+s"]).profiles == ()
 
 
 def test_the_files_hold_profiles_and_neighbours(tmp_path):

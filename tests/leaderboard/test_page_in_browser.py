@@ -14,9 +14,10 @@ from handmade_evaluations import make_evaluation, make_records
 from handmade_records import record
 
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.leaderboard import list_shown_leaderboard_columns, rank_methods
+from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_report
-from saf_gen.leaderboard.report.page_answers import choose_answers_for_report
+from saf_gen.leaderboard.report.page import choose_answers
+from saf_gen.leaderboard.tables import ranking
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)]
 
@@ -53,8 +54,8 @@ const summary = () => page.querySelector("#answers [role=status]").textContent;
 def python_rows(keep=lambda record: True):
     """The leaderboard's rows for some of the records, computed in Python."""
     records = make_records()
-    shown = list_shown_leaderboard_columns(rank_methods(records))
-    return [[c.format_value(row) for c in shown] for row in rank_methods([r for r in records if keep(r)])]
+    shown = ranking(rank_methods(records)).shown
+    return [[c.text(row) for c in shown] for row in rank_methods([r for r in records if keep(r)])]
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +80,7 @@ def test_the_page_loads_alone_and_its_policy_lets_its_script_run(ask):
       };
     """)
     assert answer["loaded"] == []
-    assert answer["sorts"] == len(list_shown_leaderboard_columns(rank_methods(make_records())))
+    assert answer["sorts"] == len(ranking(rank_methods(make_records())).shown)
     assert answer["status"] == "4 of 4 methods, 12 of 12 sequences."
 
 
@@ -268,10 +269,9 @@ def test_on_a_phone_only_tables_scroll_sideways_and_figures_can_be_read(ask):
 
 
 def test_a_page_that_holds_some_of_the_answers_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr(choose_answers_for_report, "__kwdefaults__", {"max_answers": 24})
-    monkeypatch.setattr("saf_gen.leaderboard.report.page_answers.WORST_OF_METHOD", 2)
-    for module in ("page", "page_answers"):
-        monkeypatch.setattr(f"saf_gen.leaderboard.report.{module}.MAX_ANSWERS", 3)
+    monkeypatch.setattr(choose_answers, "__kwdefaults__", {"max_answers": 24})
+    monkeypatch.setattr("saf_gen.leaderboard.report.page.WORST_OF_METHOD", 2)
+    monkeypatch.setattr("saf_gen.leaderboard.report.page.MAX_ANSWERS", 3)
     made = replace(make_evaluation(), sweeps=())
     write_report(tmp_path / "some", evaluation=made, rows=rank_methods(made.records), title="some")
     script = """
@@ -308,7 +308,7 @@ def crowded(tmp_path_factory):
     ]
     out = tmp_path_factory.mktemp("crowded")
     write_report(out, evaluation=Evaluation(tuple(records), (), ()), rows=rank_methods(records), title="crowded")
-    return out, [column.header for column in list_shown_leaderboard_columns(rank_methods(records))]
+    return out, [column.header for column in ranking(rank_methods(records)).shown]
 
 
 COLUMNS = """

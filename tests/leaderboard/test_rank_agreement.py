@@ -9,14 +9,10 @@ from refusals import refusal
 from scipy.stats import kendalltau
 
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard import (
-    compare_rankings,
-    merge_leaderboard_records,
-    rank_methods,
-    tabulate_leaderboard_by_axis,
-    write_leaderboard,
-)
-from saf_gen.leaderboard.rank_agreement import compute_ranking_tau
+from saf_gen.leaderboard import rank_methods, write_leaderboard
+from saf_gen.leaderboard.axes import by_axis
+from saf_gen.leaderboard.merging import merge_records
+from saf_gen.leaderboard.rank_agreement import compare_rankings, kendall_tau
 
 SENSORS = ("vidar_400x250", "vidar_400x250_noisy")
 
@@ -49,18 +45,18 @@ def test_tau_is_that_of_scipy_with_ties():
     random = make_generator("test_rank_agreement")
     first, second = random.integers(0, 5, (2, 30, 9)) / 5
     plain = [kendalltau(a, b).statistic for a, b in zip(first, second, strict=True)]
-    assert compute_ranking_tau(first, second) == pytest.approx(plain)
-    assert np.isnan(compute_ranking_tau(np.ones((1, 4)), second[:1, :4])).all()
+    assert kendall_tau(first, second) == pytest.approx(plain)
+    assert np.isnan(kendall_tau(np.ones((1, 4)), second[:1, :4])).all()
 
 
 def test_datasets_that_differ_in_the_sensor_alone_stand_in_one_table_with_an_axis():
     nominal, noisy = two_sensors(by_skill, by_skill)
-    both = merge_leaderboard_records({"nominal": nominal, "noisy": noisy})
+    both = merge_records({"nominal": nominal, "noisy": noisy})
     assert len({r.sequence for r in both}) == 2 * len({r.sequence for r in nominal})
     assert {r.sequence.partition("@")[2] for r in both} == set(SENSORS)
-    (table,) = (t for t in tabulate_leaderboard_by_axis(both, ["m0+s"]) if t.axis.name == "sensor")
-    assert (table.bins, table.scenes, table.sequences) == (SENSORS, (12, 12), (48, 48))
-    again = merge_leaderboard_records({"both": both, "nominal": nominal})
+    (table,) = (t for t in by_axis(both, ["m0+s"]) if t.axis.name == "sensor")
+    assert [(one.name, one.scenes, one.sequences) for one in table.bins] == [(name, 12, 48) for name in SENSORS]
+    again = merge_records({"both": both, "nominal": nominal})
     assert [r.sequence for r in again] == [r.sequence for r in both]
     assert [row.success_1dof for row in rank_methods(both)] == pytest.approx(
         [row.success_1dof for row in rank_methods(nominal)]
@@ -70,20 +66,20 @@ def test_datasets_that_differ_in_the_sensor_alone_stand_in_one_table_with_an_axi
 def test_a_record_that_does_not_state_its_sensor_has_that_of_the_same_data():
     nominal, noisy = two_sensors(by_skill, by_skill)
     earlier = [replace(r, method=f"early-{r.method}", sensor=None) for r in nominal]
-    assert {r.sensor for r in merge_leaderboard_records({"now": nominal, "earlier": earlier})} == {SENSORS[0]}
-    assert len({r.sequence for r in merge_leaderboard_records({"now": nominal, "earlier": earlier})}) == 48
-    both = merge_leaderboard_records({"a": nominal, "b": noisy, "c": [replace(r, sensor=None) for r in nominal]})
+    assert {r.sensor for r in merge_records({"now": nominal, "earlier": earlier})} == {SENSORS[0]}
+    assert len({r.sequence for r in merge_records({"now": nominal, "earlier": earlier})}) == 48
+    both = merge_records({"a": nominal, "b": noisy, "c": [replace(r, sensor=None) for r in nominal]})
     assert len({r.sequence for r in both}) == 96
 
 
 def test_other_data_of_one_sensor_is_refused_as_before():
     nominal, _ = two_sensors(by_skill, by_skill)
     other = [replace(r, data="other") for r in nominal]
-    assert "data digest" in str(refusal(merge_leaderboard_records, {"a": nominal, "b": other}))
+    assert "data digest" in str(refusal(merge_records, {"a": nominal, "b": other}))
 
 
 def test_a_condition_that_changes_nothing_has_tau_1_and_no_method_that_moved():
-    both = merge_leaderboard_records(dict(zip("ab", two_sensors(by_skill, by_skill), strict=True)))
+    both = merge_records(dict(zip("ab", two_sensors(by_skill, by_skill), strict=True)))
     (found,) = [one for one in compare_rankings(both) if one.condition == "sensor"]
     assert (found.first, found.second, found.methods, found.scenes, found.shared) == (*SENSORS, 8, 12, 12)
     assert found.tau == found.low == found.high == 1
@@ -93,9 +89,7 @@ def test_a_condition_that_changes_nothing_has_tau_1_and_no_method_that_moved():
 
 
 def test_a_condition_that_reverses_the_ranking_is_significant():
-    both = merge_leaderboard_records(
-        dict(zip("ab", two_sensors(by_skill, lambda m, s, i: by_skill(7 - m, s, i)), strict=True))
-    )
+    both = merge_records(dict(zip("ab", two_sensors(by_skill, lambda m, s, i: by_skill(7 - m, s, i)), strict=True)))
     (found,) = [one for one in compare_rankings(both) if one.condition == "sensor"]
     assert found.tau < -0.9
     assert found.high < 0
@@ -122,7 +116,7 @@ def test_what_cannot_be_compared_is_left_out():
 
 
 def test_the_files_hold_the_agreement(tmp_path):
-    both = merge_leaderboard_records(dict(zip("ab", two_sensors(by_skill, by_skill), strict=True)))
+    both = merge_records(dict(zip("ab", two_sensors(by_skill, by_skill), strict=True)))
     write_leaderboard(tmp_path, rows=rank_methods(both), records=both)
     (agreement,) = json.loads((tmp_path / "leaderboard.json").read_text())["rank_agreement"]
     assert (agreement["condition"], agreement["tau"], agreement["most_moved"]) == ("sensor", 1, ["m0+s", 1, 1])

@@ -11,12 +11,12 @@ from markupsafe import escape
 from refusals import refusal
 
 from saf_gen.benchmark.results import Evaluation, SequenceFailure
-from saf_gen.leaderboard import list_shown_leaderboard_columns, rank_methods
+from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.axes import MAX_SHOWN_BINS
-from saf_gen.leaderboard.report import build_report_page, plot_report_figures, write_report
-from saf_gen.leaderboard.report.choose_figures import MAX_SEARCHES, MAX_SEQUENCES
-from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_report
-from saf_gen.leaderboard.report.selections import list_report_selections
+from saf_gen.leaderboard.report import write_report
+from saf_gen.leaderboard.report.choose_figures import MAX_SEARCHES, MAX_SEQUENCES, plot_figures
+from saf_gen.leaderboard.report.page import MAX_ANSWERS, build_page, choose_answers, list_selections
+from saf_gen.leaderboard.tables import ranking
 
 pytestmark = pytest.mark.slow
 
@@ -74,6 +74,11 @@ def table_rows(text, table):
         ]
         for body in bodies
     ]
+
+
+def page_of(records, *, failures=(), figures=()):
+    """The page of these records, without sweeps and plug-ins."""
+    return build_page(Evaluation(tuple(records), (), failures), rank_methods(records), title="x", figures=figures)
 
 
 def read(text):
@@ -159,7 +164,7 @@ def test_the_page_contains_the_table_the_columns_the_failures_and_the_digests(re
     text = report[2]
     for row in rows:
         assert f'<td class="name"><a href="#answers">{row.method}</a></td>' in text
-    for column in list_shown_leaderboard_columns(rows):
+    for column in ranking(rows).shown:
         assert column.header in text
         assert escape(column.meaning) in text
     assert "sha-camel-ramp" in text
@@ -281,20 +286,15 @@ def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
     ]
     made = Evaluation(tuple(records), tuple(make_sweep(light) for light in LIGHTS), ())
     monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 2)
-    drawn = plot_report_figures(made, rank_methods(records))
+    drawn = plot_figures(made, rank_methods(records))
     shown = [p for p in drawn if p.kind == "light-ratio"]
     assert len(shown) == MAX_SEARCHES
     note = f"Drawn: the first {MAX_SEARCHES} of {len(searches)} searches"
-    text = build_report_page(rank_methods(records), title="x", records=records, report_figures=drawn)
+    text = page_of(records, figures=drawn)
     assert text.count(note) == 1
     assert text.count("Drawn: 2 of the scene&#39;s 3 sequences.") == 1
     few = [r for r in records if r.method == "sd+s0"]
-    text = build_report_page(
-        rank_methods(few),
-        title="x",
-        records=few,
-        report_figures=plot_report_figures(replace(made, records=tuple(few)), rank_methods(few)),
-    )
+    text = page_of(few, figures=plot_figures(replace(made, records=tuple(few)), rank_methods(few)))
     assert "Drawn: the first" not in text
 
 
@@ -302,31 +302,31 @@ def test_ways_of_the_lens_come_in_the_leaderboards_order():
     methods = ("sd+bad", "sd+good")
     records = [record(m, "camel-constant", e, track="closed_loop") for m, e in zip(methods, (9.0, 0.0), strict=True)]
     made = Evaluation(tuple(records), (), (), tuple(make_lens_path(m) for m in methods))
-    (lens,) = (p for p in plot_report_figures(made, rank_methods(records)) if p.kind == "lens")
+    (lens,) = (p for p in plot_figures(made, rank_methods(records)) if p.kind == "lens")
     assert lens.svg.index(">good<") < lens.svg.index(">bad<")
 
 
 def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(report):
     """The rows of each table body are those of rank_methods on only the records of the selection."""
     records, text = make_records(), report[2]
-    shown = list_shown_leaderboard_columns(rank_methods(records))
+    shown = ranking(rank_methods(records)).shown
     bodies, data = table_rows(text, 'id="board"'), page_data(text)
     names = re.findall(r'<option value="\d+">(.*?)</option>', text)
-    selections = list_report_selections(records)
+    selections = list_selections(records)
     assert names == ["all 12", *(selection.name for selection in selections)]
     assert len(data["selections"]) == len(selections) > 12
     everything = {"body": 0, "sequences": list(range(12))}
     for chosen in [everything, *data["selections"]]:
         sequences = {data["sequences"][number] for number in chosen["sequences"]}
         rows = rank_methods([r for r in records if r.sequence in sequences])
-        assert bodies[chosen["body"]] == [[c.format_value(row) for c in shown] for row in rows]
+        assert bodies[chosen["body"]] == [[c.text(row) for c in shown] for row in rows]
     assert len(bodies) == len({tuple(c["sequences"]) for c in [everything, *data["selections"]]})
     assert text.count("<tbody hidden>") == len(bodies) - 1
 
 
 def test_selections_are_the_bins_of_what_differs():
     found = {}
-    for selection in list_report_selections(make_records()):
+    for selection in list_selections(make_records()):
         found.setdefault(selection.axis, {})[selection.name] = len(selection.sequences)
     assert found["Split"] == {"test": 8, "train": 4}
     assert found["Light schedule"] == {"constant": 3, "ramp": 6, "steps": 3}
@@ -338,7 +338,7 @@ def test_selections_are_the_bins_of_what_differs():
 def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
     records = [record("a+s", f"s{i}", 0.1 * i, scene=f"s{i}") for i in range(MAX_ANSWERS + 5)]
     records[7] = failed("a+s", "s7", "failed", scene="s7", note="<late>")
-    text = build_report_page(rank_methods(records), title="x", records=records)
+    text = page_of(records)
     (rows,) = table_rows(text, 'aria-label="Single answers"')
     assert len(rows) == MAX_ANSWERS
     assert rows[0] == ["a+s", "s7", "failed", "–", "0.5000", "–", "0.0", "8", "&lt;late&gt;"]
@@ -349,7 +349,7 @@ def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
 
 def test_the_script_has_the_answers_of_every_record_the_worst_first():
     records = make_records()
-    data = page_data(build_report_page(rank_methods(records), title="x", records=records))
+    data = page_data(page_of(records))
     assert len(data["answers"]) == len(records)
     sizes = []
     for method, sequence, status, _, _, error, _, line, note in data["answers"]:
@@ -371,27 +371,27 @@ def make_many(sequences, *, scenes=4):
 
 
 def test_of_many_answers_the_page_holds_the_worst_and_those_of_sequences_spread_evenly():
-    held = choose_answers_for_report(make_many(400), max_answers=100)
+    held = choose_answers(make_many(400), max_answers=100)
     assert (held.compared, held.total, held.are_all) == (50, 400, False)
     assert held.sequences[:50] == tuple(f"s{8 * i}" for i in range(50))
-    answers = {(r.method, r.sequence) for _, r in held.lines}
+    answers = {(one.record.method, one.record.sequence) for one in held.answers}
     assert {("a+s", f"s{i}") for i in range(300, 400)} | {("b+s", f"s{i}") for i in range(380, 400)} <= answers
     assert all((method, name) in answers for name in held.sequences[:50] for method in ("a+s", "b+s"))
-    sizes = [abs(r.error_dof) for _, r in held.lines]
+    sizes = [abs(one.record.error_dof) for one in held.answers]
     assert sizes == sorted(sizes, reverse=True)
-    assert choose_answers_for_report(make_many(50), max_answers=100).are_all
+    assert choose_answers(make_many(50), max_answers=100).are_all
 
 
 def test_neither_page_nor_figures_grow_with_the_sequences(monkeypatch):
     """With three times as many sequences only the digits of numbers may make the page longer, by a fiftieth."""
-    monkeypatch.setattr("saf_gen.leaderboard.figures.error_figure.MAX_MARKS", 100)
-    monkeypatch.setattr(choose_answers_for_report, "__kwdefaults__", {"max_answers": 200})
+    monkeypatch.setattr("saf_gen.leaderboard.figures.comparisons.MAX_MARKS", 100)
+    monkeypatch.setattr(choose_answers, "__kwdefaults__", {"max_answers": 200})
     sizes, svgs = [], []
     for count in (600, 1_800):
         records = make_many(count)
         rows = rank_methods(records)
-        drawn = plot_report_figures(Evaluation(tuple(records), (), ()), rows)
-        sizes.append(len(build_report_page(rows, title="x", records=records, report_figures=drawn)))
+        drawn = plot_figures(Evaluation(tuple(records), (), ()), rows)
+        sizes.append(len(page_of(records, figures=drawn)))
         svgs.append(max(len(figure.svg) for figure in drawn))
     assert sizes[1] < 1.02 * sizes[0], sizes
     assert svgs[1] < 1.02 * svgs[0], svgs
@@ -402,9 +402,9 @@ def test_of_many_scenes_the_largest_have_columns_figures_and_selections(monkeypa
     monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SCENES", 3)
     records = make_many(120, scenes=60)
     rows = rank_methods(records)
-    drawn = plot_report_figures(Evaluation(tuple(records), (make_sweep(scene="scene59"),), ()), rows)
-    text = build_report_page(rows, title="x", records=records, report_figures=drawn)
-    assert len([s for s in list_report_selections(records) if s.axis == "Scene"]) == MAX_SHOWN_BINS
+    drawn = plot_figures(Evaluation(tuple(records), (make_sweep(scene="scene59"),), ()), rows)
+    text = page_of(records, figures=drawn)
+    assert len([s for s in list_selections(records) if s.axis == "Scene"]) == MAX_SHOWN_BINS
     assert f"Shown: the {MAX_SHOWN_BINS} of 60 bins with the most sequences; axes.csv has all." in text
     errors = [figure for figure in drawn if figure.kind == "errors"]
     assert len(errors) == 3
@@ -414,7 +414,7 @@ def test_of_many_scenes_the_largest_have_columns_figures_and_selections(monkeypa
 
 def test_of_many_failures_the_page_names_some_and_counts_the_rest():
     failures = [SequenceFailure(f"bad{i}", "truncated") for i in range(120)]
-    text = build_report_page((), title="x", records=(), failures=failures)
+    text = page_of((), failures=tuple(failures))
     assert text.count("truncated") == 100
     assert "and 20 more" in text
 
@@ -441,9 +441,7 @@ def test_text_from_files_cannot_break_the_page(tmp_path):
 @pytest.mark.usefixtures("empty_figures")
 def test_figures_whose_names_would_meet_are_files_of_their_own():
     records = [record("sd+argmax", "camel-a b", 0.1), record("sd+argmax", "camel-a_b", 0.1)]
-    drawn = plot_report_figures(
-        Evaluation(tuple(records), (make_sweep("a b"), make_sweep("a_b")), ()), rank_methods(records)
-    )
+    drawn = plot_figures(Evaluation(tuple(records), (make_sweep("a b"), make_sweep("a_b")), ()), rank_methods(records))
     names = [p.name for p in drawn if p.kind == "curves"]
     assert names == ["curves-camel-a_b", "curves-camel-a_b-2"]
 
@@ -453,7 +451,7 @@ def test_of_many_sequences_some_of_every_scene_are_drawn(monkeypatch):
     monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 4)
     sweeps = tuple(make_sweep(light, scene=scene) for scene in ("camel", "fan") for light in ("a", "b", "c"))
     records = [record("sd+argmax", s.sequence, 0.1, scene=s.scene) for s in sweeps]
-    drawn = plot_report_figures(Evaluation(tuple(records), sweeps, ()), rank_methods(records))
+    drawn = plot_figures(Evaluation(tuple(records), sweeps, ()), rank_methods(records))
     shown = [p.scene for p in drawn if p.kind == "curves"]
     assert shown == ["camel (test)"] * 2 + ["fan (test)"] * 2
     assert MAX_SEQUENCES >= 12
@@ -476,7 +474,7 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
 
 def test_a_page_without_truth_says_that_nothing_ranks():
     records = [record("a+s", "x", None)]
-    text = build_report_page(rank_methods(records), title="blind", records=records)
+    text = page_of(records)
     assert "methods are not ranked" in text
     assert not re.search(r"\bnan\b", text.split("<script>")[0], re.IGNORECASE)
 
@@ -526,13 +524,13 @@ def test_text_and_lines_stand_out_in_both_schemes(scheme):
 def test_the_lead_and_the_table_say_the_same_fraction():
     """Five of eight scenes are 62.5 %, which is rounded up."""
     records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
-    text = build_report_page(rank_methods(records), title="x", records=records)
+    text = page_of(records)
     assert '<p class="lead"><code>m+s</code> leads: within one depth of focus on 63% of the scenes' in text
     assert table_rows(text, 'id="board"')[0][0].count("63%") >= 1
 
 
 def test_a_page_whose_methods_lead_together_names_four():
     records = [record(f"m{i}+s", "x", 0.0) for i in range(6)]
-    text = build_report_page(rank_methods(records), title="x", records=records)
+    text = page_of(records)
     lead = re.sub("<.*?>", "", text.split('<p class="lead">')[1].split("</p>")[0])
     assert lead.startswith("m0+s, m1+s, m2+s, m3+s and 2 more lead together: within one depth of focus on 100%")

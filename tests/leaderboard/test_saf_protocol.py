@@ -15,9 +15,8 @@ from spreadsheets import HEADING, write_xlsx
 from saf_gen.benchmark import thumbnails
 from saf_gen.benchmark.records import read_records, write_records
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.leaderboard.rank_agreement import compare_ranked_scores
-from saf_gen.leaderboard.saf_output import write_saf_ranking
-from saf_gen.leaderboard.saf_protocol import SafRanking, rank_methods_on_saf_folder
+from saf_gen.leaderboard.rank_agreement import compare_scores
+from saf_gen.leaderboard.saf import SafRanking, rank_on_saf, write_saf
 from saf_gen.stream.interop import export_raw_frames
 from saf_gen.stream.stream_writer import write_stream
 
@@ -66,14 +65,14 @@ def ranked(saf, tmp_path_factory):
         for scene in range(3)
     ]
     write_records(out / "bench/evaluation/records.jsonl", beside)
-    return out, rank_methods_on_saf_folder(saf, out / "mine", methods=METHODS, beside=[out / "bench/evaluation"])
+    return out, rank_on_saf(saf, out / "mine", methods=METHODS, beside=[out / "bench/evaluation"])
 
 
 def test_an_evaluation_of_several_splits_is_reported(saf, tmp_path):
     records = [record("far+argmax", name, 0.1, split=name) for name in ("train", "test")]
     write_records(tmp_path / "mixed" / "records.jsonl", records)
     lines = []
-    refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", beside=[tmp_path / "mixed"], notify=lines.append)
+    refusal(rank_on_saf, saf, tmp_path / "o", beside=[tmp_path / "mixed"], notify=lines.append)
     assert lines == ["mixed ranks several splits together: train, test"]
 
 
@@ -112,12 +111,12 @@ def test_our_answers_are_the_centres_of_the_searches_windows(ranked):
     for answer in ranked[1].answers:
         assert answer.own == own[answer.method, answer.scene]
         assert answer.own_error == answer.own - answer.truth
-        assert answer.find_fraction_off(answer.error) == abs(answer.error) / FRAMES
+        assert answer.fraction_off(answer.error) == abs(answer.error) / FRAMES
 
 
 def test_the_ranking_is_by_the_mean_fraction_and_no_answer_is_the_largest_error(ranked):
     answer = next(a for a in ranked[1].answers if a.scene == "leaf")
-    assert answer.find_fraction_off(None) == 97 / FRAMES
+    assert answer.fraction_off(None) == 97 / FRAMES
     for row in ranked[1].rows:
         off = [abs(a.error) / FRAMES for a in ranked[1].answers if a.method == row.method]
         assert row.off == pytest.approx(np.mean(off))
@@ -159,18 +158,18 @@ def test_the_command_writes_the_ranking_and_says_what_is_not_known(call, saf, tm
 def test_what_cannot_be_ranked_is_one_line(call, saf, ranked, tmp_path):
     (tmp_path / "desk.dat").write_bytes((saf / "desk.dat").read_bytes())
     write_xlsx(tmp_path / "config.xlsx", [HEADING, (1, "desk", FRAMES, 61, "", "desk.dat")])
-    assert "has no dt" in refusal(rank_methods_on_saf_folder, tmp_path, tmp_path / "out").problem
+    assert "has no dt" in refusal(rank_on_saf, tmp_path, tmp_path / "out").problem
     write_stream(tmp_path / "out/recordings/blocks-8/other.h5", np.zeros((8, 4, 4), np.uint8))
-    assert "is not a recording of" in refusal(rank_methods_on_saf_folder, saf, tmp_path / "out").problem
+    assert "is not a recording of" in refusal(rank_on_saf, saf, tmp_path / "out").problem
     racing = [record("sd+argmax", "s", 0.1, track="closed_loop", terms="x")]
     write_records(tmp_path / "loop/records.jsonl", racing)
     code, out, err = call("leaderboard", "saf", saf, "--out", tmp_path / "o", "--beside", tmp_path / "loop")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "loop is an evaluation of the closed loop" in err
     write_records(tmp_path / "far/records.jsonl", [record("there.py:Mine+argmax", "s", 0.1)])
-    error = refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", beside=[tmp_path / "far"])
+    error = refusal(rank_on_saf, saf, tmp_path / "o", beside=[tmp_path / "far"])
     assert "no method of far is available" in error.problem
-    error = refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", methods=["sd+golden_section"])
+    error = refusal(rank_on_saf, saf, tmp_path / "o", methods=["sd+golden_section"])
     assert "commands the lens" in error.problem
     assert not (tmp_path / "o").exists()
 
@@ -183,7 +182,7 @@ def interrupted(*_, **__):
 def test_a_stopped_ranking_goes_on(call, saf, tmp_path, monkeypatch):
     command = ("leaderboard", "saf", saf, "--out", tmp_path, "--method", "er_count+argmax")
     with monkeypatch.context() as patch:
-        patch.setattr("saf_gen.leaderboard.report.write_evaluation_report", interrupted)
+        patch.setattr("saf_gen.leaderboard.report.write_evaluation", interrupted)
         stopped = "saf-gen: stopped; finished work is kept: run the same command again to continue\n"
         assert call(*command) == (130, "", stopped)
         assert not (tmp_path / "ranking.json").exists()
@@ -192,13 +191,13 @@ def test_a_stopped_ranking_goes_on(call, saf, tmp_path, monkeypatch):
 
 
 def test_a_ranking_without_methods_is_written(tmp_path):
-    paths = write_saf_ranking(tmp_path, SafRanking((), (), (), (), {}, Evaluation((), (), ())))
+    paths = write_saf(tmp_path, SafRanking((), (), (), (), {}, Evaluation((), (), ())))
     assert all(path.is_file() for path in paths)
     assert (tmp_path / "ranking.md").read_text().startswith("# 0 methods on 0 recordings of 0 scenes\n")
 
 
 def test_two_scenes_have_a_tau_and_no_interval():
     scores = {scene: {"a": 3.0, "b": 2.0, "c": 1.0} for scene in ("desk", "leaf")}
-    found = compare_ranked_scores(("one", scores), ("other", scores), condition="ranking")
+    found = compare_scores(("one", scores), ("other", scores), condition="ranking")
     assert (found.tau, found.low, found.shared, found.by_chance) == (1.0, None, 2, None)
-    assert compare_ranked_scores(("one", scores), ("other", {"desk": {"a": 1.0}}), condition="ranking") is None
+    assert compare_scores(("one", scores), ("other", {"desk": {"a": 1.0}}), condition="ranking") is None

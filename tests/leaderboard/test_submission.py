@@ -9,8 +9,8 @@ from handmade_records import record
 from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
 from refusals import refusal
 
+from saf_gen.benchmark.method_spec import TunedMethod, format_tuned
 from saf_gen.benchmark.records import format_records, read_records
-from saf_gen.benchmark.tuned_method import TunedMethod, format_tuned
 from saf_gen.leaderboard.submission import check_submission, create_submission
 from saf_gen.stream.stream_writer import write_stream
 

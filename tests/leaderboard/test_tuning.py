@@ -9,11 +9,10 @@ from planted_sweeps import list_streams, write_sweep
 from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned, read_tuned
+from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, format_tuned, parse_method, read_tuned
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.report import write_evaluation_report
-from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_tuning_grid, tune_method
+from saf_gen.leaderboard.report import write_evaluation
+from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_grid, tune
 
 
 @pytest.fixture(scope="module")
@@ -25,12 +24,12 @@ def dataset(tmp_path_factory):
 
 
 def test_variants_are_all_combinations_with_the_fixed_options():
-    assert expand_tuning_grid("cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}) == [
+    assert expand_grid("cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}) == [
         "cen:highest=0.1+argmax:window=50,refine=parabola",
         "cen:highest=0.1+argmax:window=50,refine=no",
     ]
     values = {"measure.highest": ["0.1", "0.2"], "search.window": ["50", "100", "200"]}
-    found = expand_tuning_grid("cen+argmax", values)
+    found = expand_grid("cen+argmax", values)
     assert len(set(found)) == 6
     assert found[1] == "cen:highest=0.1+argmax:window=100"
 
@@ -50,12 +49,12 @@ def test_variants_are_all_combinations_with_the_fixed_options():
     ],
 )
 def test_what_cannot_be_tried_is_refused(values, field, fragment):
-    assert fragment in getattr(refusal(expand_tuning_grid, "sd+argmax", values), field)
+    assert fragment in getattr(refusal(expand_grid, "sd+argmax", values), field)
 
 
 def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):
     """The planted focus is at 300: blocks of 200 frames have centres at 99.5, 299.5, ...; of 100 at 249.5."""
-    tuned, rows = tune_method(dataset, "sd+argmax", values={"search.window": ["100", "200", "800"]})
+    tuned, rows = tune(dataset, "sd+argmax", values={"search.window": ["100", "200", "800"]})
     assert tuned.method == "sd+argmax:window=200"
     assert [trial.method for trial in tuned.trials] == [row.method for row in rows]
     assert tuned.trials[0].success_1dof == 1.0
@@ -64,7 +63,7 @@ def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):
 
 
 def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
-    tuned, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
+    tuned, _ = tune(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
     path = tmp_path / "tuned.json"
     path.write_text(format_tuned(tuned))
     assert read_tuned(path)[0] == tuned
@@ -74,7 +73,7 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     record = result.records[0]
     assert record.tuning == method.tuning
     assert record.method == tuned.method
-    write_evaluation_report(tmp_path / "out", rows=rank_methods(result.records), evaluation=result, title="tuned")
+    write_evaluation(tmp_path / "out", rows=rank_methods(result.records), evaluation=result, title="tuned")
     document = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
     assert document["tuning"] == {tuned.method: method.tuning}
     assert f"{method.code}, constants of {method.tuning}" in (tmp_path / "out" / "index.html").read_text()
@@ -96,12 +95,12 @@ def test_a_flipped_bit_is_found_and_an_older_file_is_read(tmp_path):
 
 def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
     path = tmp_path / "found.json"
-    first, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
+    first, _ = tune(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
     path.write_text(format_tuned(first))
-    assert expand_tuning_grid(f"@{path}", {"search.window": ["50"], "search.refine": ["parabola"]}) == [
+    assert expand_grid(f"@{path}", {"search.window": ["50"], "search.refine": ["parabola"]}) == [
         "sd+argmax:window=50,refine=parabola"
     ]
-    tuned, _ = tune_method(dataset, f"@{path}", values={"search.refine": ["parabola", "no"]})
+    tuned, _ = tune(dataset, f"@{path}", values={"search.refine": ["parabola", "no"]})
     assert {t.method for t in tuned.trials} == {
         "sd+argmax:window=200,refine=parabola",
         "sd+argmax:window=200,refine=no",
@@ -111,14 +110,14 @@ def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
 def test_constants_of_ones_own_part_are_found_too(tmp_path):
     path = tmp_path / "parts_of_tune.py"
     path.write_text(PARTS)
-    assert expand_tuning_grid(f"{path}:Range+argmax", {"measure.power": ["1", "2"]}) == [
+    assert expand_grid(f"{path}:Range+argmax", {"measure.power": ["1", "2"]}) == [
         f"{path}:Range:power=1+argmax",
         f"{path}:Range:power=2+argmax",
     ]
 
 
 def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
-    tuned, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
+    tuned, _ = tune(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
     for name in ("a.json", "b.json"):
         (tmp_path / name).write_text(format_tuned(replace(tuned, version=name)))
     specs = [f"@{tmp_path}/a.json", f"@{tmp_path}/b.json", " sd + argmax : window = 200 ", "sd+argmax"]
@@ -132,7 +131,7 @@ def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
 
 def test_a_file_that_names_a_file_is_refused(dataset, tmp_path):
     path = tmp_path / "found.json"
-    tuned, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100"]})
+    tuned, _ = tune(dataset, "sd+argmax", values={"search.window": ["100"]})
     path.write_text(format_tuned(replace(tuned, method=f"@{path}")))
     error = refusal(parse_method, f"@{path}")
     assert f"'@{path}'" in error.problem
@@ -141,10 +140,10 @@ def test_a_file_that_names_a_file_is_refused(dataset, tmp_path):
 
 def test_nothing_is_tuned_on_test(dataset):
     values = {"search.window": ["100"]}
-    error = refusal(tune_method, dataset, "sd+argmax", values=values, split="test")
+    error = refusal(tune, dataset, "sd+argmax", values=values, split="test")
     assert "'test'" in error.problem
     assert "train" in error.allowed
-    assert refusal(tune_method, dataset, "sd+argmax", values=values, split="trian").nearest == "train"
+    assert refusal(tune, dataset, "sd+argmax", values=values, split="trian").nearest == "train"
 
 
 @pytest.mark.parametrize(
@@ -180,14 +179,14 @@ def test_the_command_line_tunes_and_says_what_is_next(call, dataset, tmp_path):
 
 @pytest.mark.parametrize("method", ["sd+argmax@frame", "sd+argmax:window=50@frame"])
 def test_a_method_keeps_its_region(method):
-    assert expand_tuning_grid(method, {"search.window": ["100", "200"]}) == [
+    assert expand_grid(method, {"search.window": ["100", "200"]}) == [
         "sd+argmax:window=100@frame",
         "sd+argmax:window=200@frame",
     ]
 
 
 def test_constants_of_a_file_may_look_elsewhere(dataset, tmp_path):
-    tuned, _ = tune_method(dataset, "sd+argmax@target", values={"search.window": ["100", "200"]}, region="frame")
+    tuned, _ = tune(dataset, "sd+argmax@target", values={"search.window": ["100", "200"]}, region="frame")
     (tmp_path / "found.json").write_text(format_tuned(tuned))
     name = f"@{tmp_path / 'found.json'}"
     assert parse_method(name).name == "sd+argmax:window=200@target"
@@ -196,6 +195,6 @@ def test_constants_of_a_file_may_look_elsewhere(dataset, tmp_path):
 
 
 def test_constants_are_tuned_for_one_region(dataset):
-    error = refusal(tune_method, dataset, "sd+argmax", values={"search.window": ["100"]}, region="both")
+    error = refusal(tune, dataset, "sd+argmax", values={"search.window": ["100"]}, region="both")
     assert "'both'" in error.problem
     assert error.allowed == "frame, target"

@@ -14,7 +14,7 @@ from saf_gen.benchmark.records import RECORDS_FILE, read_records, record_to_json
 from saf_gen.cli import main
 from saf_gen.core.config.json_document import format_checked_json
 from saf_gen.leaderboard.reading import read_leaderboard
-from saf_gen.leaderboard.rerun import verify_leaderboard_rows
+from saf_gen.leaderboard.rerun import verify
 from saf_gen.stream.stream_writer import write_stream
 
 MEASURE = """
@@ -176,7 +176,7 @@ def test_a_sequence_that_is_not_there_differs(evaluation, dataset, tmp_path):
     (part / "test").mkdir(parents=True)
     (part / "test/board.h5").write_bytes((dataset / "test/board.h5").read_bytes())
     (part / "manifest.json").write_text(json.dumps(manifest))
-    verdicts = {v.method: v for v in verify_leaderboard_rows(evaluation, part).verdicts}
+    verdicts = {v.method: v for v in verify(evaluation, part).verdicts}
     assert verdicts["sd+argmax"].reason == "leaf is not in the dataset (1 of 2 sequences differ)"
 
 

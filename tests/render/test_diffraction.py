@@ -12,13 +12,13 @@ from refusals import refusal
 from written_scenes import load_setup, needs_llvm, render_stack_once, write_scene
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.optics.exact_otf import exact_otf
 from saf_gen.render import backend, camera_rays, mitsuba_scene, one_pass, render_missing
 from saf_gen.render.diffraction import find_waves, place_bends
 from saf_gen.render.ray_sampling import place_samples, ray_coverage
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec
+from studies.laws.theory import exact_otf
 
 WAVE_M, PITCH_M = 555e-9, 20e-6
 GRID = SensorGrid(rows=24, columns=48, pitch_m=PITCH_M)

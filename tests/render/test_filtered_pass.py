@@ -7,7 +7,7 @@ import pytest
 from written_scenes import SENSOR_GRID, load_setup, needs_llvm, render_filtered, write_scene
 
 from saf_gen.render import camera_rays, filtered_pass, one_pass
-from saf_gen.render.moment_shading import MomentShading
+from saf_gen.render.estimators import MomentShading
 from saf_gen.scene.scene_folder import find_scene
 
 pytestmark = needs_llvm

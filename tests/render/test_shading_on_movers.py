@@ -8,7 +8,7 @@ from written_scenes import SENSOR_GRID, needs_llvm, write_scene
 
 from saf_gen.render import filtered_pass, one_pass
 from saf_gen.render.camera_rays import cast_rays
-from saf_gen.render.moment_shading import MomentShading
+from saf_gen.render.estimators import MomentShading
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.render.surface_hits import CELL_DEPTH, SurfaceFinder
 from saf_gen.scene.keyframes import Keyframe, RigidMotion

@@ -6,8 +6,8 @@ import pytest
 from small_dataset import SCENES
 
 from saf_gen.optics import ImageDistanceDrive
+from saf_gen.render.depth_and_target import footprints
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
-from saf_gen.render.texel_footprints import footprints
 
 pytestmark = pytest.mark.usefixtures("every_backend")
 GRID = SensorGrid(12, 16, 1e-4)

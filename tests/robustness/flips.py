@@ -24,8 +24,8 @@ import fuzz_worker
 import numpy as np
 
 import saf_gen
+from saf_gen.benchmark.method_spec import read_tuned
 from saf_gen.benchmark.records import read_records
-from saf_gen.benchmark.tuned_method import read_tuned
 from saf_gen.errors import BadInput
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.focal_stack import StackSpec, StackStore

@@ -43,8 +43,8 @@ from planted_sweeps import list_streams, write_sweep
 from small_dataset import SCENES, SMALL_RECIPE
 
 from saf_gen.benchmark import kept_sequences
+from saf_gen.benchmark.method_spec import read_tuned
 from saf_gen.benchmark.records import read_records, record_to_json
-from saf_gen.benchmark.tuned_method import read_tuned
 from saf_gen.cli import main, root_command
 from saf_gen.errors import BadInput
 from saf_gen.generate import run as generate_run
@@ -57,7 +57,7 @@ CHANGES = ("fsync", "rename", "replace", "unlink", "remove", "rmdir")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMED = ("seconds",)
 LOADED = {
-    "generate": ("mitsuba", "saf_gen.authoring.preview", "saf_gen.generate.resolve", "saf_gen.render.second_render"),
+    "generate": ("mitsuba", "saf_gen.authoring.contact_sheet", "saf_gen.generate.resolve", "saf_gen.render.grain"),
     "tune": ("saf_gen.leaderboard.tuning", "saf_gen.plugins.searches", "scipy.signal"),
     "import": ("saf_gen.stream.interop",),
     "export": ("saf_gen.stream.interop",),
@@ -86,7 +86,7 @@ class Writer:
 
 def remember_figures(folder: Path) -> None:
     """Draw the figures of an evaluation once and then read them from a folder, as drawing does not change the disk."""
-    draw = evaluation_folder.plot_report_figures
+    draw = evaluation_folder.plot_figures
 
     def remembered(evaluation: Any, rows: Any, **options: Any) -> Any:
         path = folder / f"{'-'.join(row.method for row in rows)}-{len(evaluation.sweeps)}"
@@ -96,7 +96,7 @@ def remember_figures(folder: Path) -> None:
             )
         return pickle.loads(path.read_bytes())
 
-    evaluation_folder.plot_report_figures = remembered
+    evaluation_folder.plot_figures = remembered
 
 
 def state_of_stream(path: Path) -> Any:

@@ -100,9 +100,16 @@ class Trials:
         )
 
 
+def is_worker(pid: int) -> bool:
+    """Return whether a child of a run is a worker, and not a helper of Python that is just being started."""
+    with suppress(FileNotFoundError):
+        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    return False
+
+
 def try_pool(trials: Trials) -> str:
     run = trials.start("pool")
-    killed = trials.kill_workers(run, lambda: children(run.pid))
+    killed = trials.kill_workers(run, lambda: [pid for pid in children(run.pid) if is_worker(pid)])
     return f"pool: {killed} workers killed; {trials.judge('pool', code=run.wait())}"
 
 

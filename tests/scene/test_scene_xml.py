@@ -10,7 +10,7 @@ from exported_scene import write_exported_scene
 from refusals import refusal
 from small_dataset import SCENES
 
-from saf_gen.render import backend, depth_and_target, mitsuba_scene, posed_shapes, xml_scene
+from saf_gen.render import backend, depth_and_target, mitsuba_scene
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.scene.scene_folder import find_scene, load_scene, scene_names
 from saf_gen.scene.trusted_folders import forget_folder, register_folder
@@ -111,7 +111,7 @@ def test_a_shape_of_a_file_moves_by_its_name(exported):
     described = mitsuba_scene.scene_dict(scene)
     depths = []
     for time_s in (0.0, 0.5):
-        moment = posed_shapes.pose_shapes(described, mitsuba_scene.shape_motions(scene, described), time_s=time_s)
+        moment = mitsuba_scene.pose_shapes(described, mitsuba_scene.shape_motions(scene, described), time_s=time_s)
         hit = mi.load_dict({"type": "scene", "it": moment["mesh-Crate.001"], "mat-Print": moment["mat-Print"]})
         depths.append(hit.ray_intersect(mi.Ray3f([0.01, 0.04, 0.5], [0, 0, -1])).t)
     assert depths == pytest.approx([0.5, 0.55], abs=1e-6)
@@ -143,7 +143,7 @@ def test_a_lamp_that_is_shared_burns_in_each_shape_that_names_it(written, tmp_pa
         '<shape type="cube" id="b"><ref id="glow"/></shape>'
     )
     backend.activate_backend("scalar")
-    entries = xml_scene.parse_scene_dict(text, tmp_path / "scene.xml")
+    entries = mitsuba_scene.parse_scene_dict(text, tmp_path / "scene.xml")
     assert set(entries) == {"grey", "a", "b"}
     loaded, _ = mitsuba_scene.load_lit_scene(entries, ("a",), max_depth=2)
     lit = {s.id(): (s.is_emitter(), s.bsdf().id()) for s in loaded.shapes()}
@@ -369,7 +369,7 @@ def test_an_encoding_that_python_knows_is_read(tmp_path, name):
 )
 def test_an_error_of_mitsuba_is_reported_with_its_line(written, tmp_path, elements, message):
     backend.activate_backend("scalar")
-    error = refusal(xml_scene.parse_scene_dict, written(elements), tmp_path / "scene.xml")
+    error = refusal(mitsuba_scene.parse_scene_dict, written(elements), tmp_path / "scene.xml")
     assert error.where.endswith(f"scene.xml:{2 + elements.count(chr(10))}")
     assert message in str(error)
 

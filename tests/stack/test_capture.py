@@ -10,11 +10,11 @@ import pytest
 from refusals import refusal
 
 import saf_gen
-from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import select_sequences_to_evaluate
+from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
 from saf_gen.benchmark.view import WindowCounts
-from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_view
+from saf_gen.benchmark.view.running_camera import CapturedFrames, rows_in_view
 from saf_gen.camera import Encoder
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate

@@ -11,10 +11,8 @@ from small_dataset import SPEC
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.stack.focal_stack import FocalStack, StackStore
-from saf_gen.stack.grain import ENERGIES, estimate_grain, mean_energy
-from saf_gen.stack.recording_grain import MOMENTS, grain_along
-from saf_gen.stack.stack_grain import FILE, measure_pictures, read_grain, write_grain
-from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
+from saf_gen.stack.grain import ENERGIES, FILE, estimate_grain, mean_energy, measure_pictures, read_grain, write_grain
+from saf_gen.stack.time_resolved import GRAIN_MOMENTS, PlaneSource, TimeResolvedStack, grain_along
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recorded_grain import grain_of_stream
 
@@ -184,7 +182,7 @@ def sweep_source(grain):
 def test_a_still_recording_has_moments_and_its_focus(grain):
     gain = np.stack([np.linspace(1, 2, FRAMES), np.ones(FRAMES)], axis=1)
     found = grain_along(sweep_source(grain), Truth(position=0.5), position=SWEEP, gain=gain)
-    assert len(found.moments) == MOMENTS + 1
+    assert len(found.moments) == GRAIN_MOMENTS + 1
     focus = found.moments[found.focus]
     assert focus.frame in (199, 200)
     assert focus.position == 0.5

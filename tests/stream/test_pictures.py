@@ -22,8 +22,7 @@ from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.pictures import FORMS, write_view
 from saf_gen.stream.pictures.movie import CURSOR, MovieCanvas, write_mp4
 from saf_gen.stream.pictures.panels import draw_panels, stream_legends_height
-from saf_gen.stream.pictures.timeline import BINS, describe_moment, read_timeline
-from saf_gen.stream.pictures.window_pictures import choose_windows
+from saf_gen.stream.pictures.timeline import BINS, choose_windows, describe_moment, read_timeline
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from small_dataset import HERE
 
 from saf_gen import get_search
-from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, bell
+from saf_gen.benchmark.conformance._samples import SyntheticRecording, bell
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.core.seeds import make_generator
 

@@ -15,7 +15,7 @@ from capture_dataset import write_moving_plane
 from small_dataset import HERE
 from written_scenes import needs_llvm
 
-from saf_gen.authoring import scene_grain
+from saf_gen.authoring.checks import grain as goals
 from saf_gen.camera import get_sensor
 from saf_gen.errors import BadInput
 from saf_gen.render import backend
@@ -153,9 +153,9 @@ def test_a_scene_whose_grain_cannot_be_measured_is_named(tmp_path, monkeypatch):
 
 def test_grain_is_measured_with_the_samples_of_the_projects_recipes():
     renders = [yaml.safe_load(path.read_text())["render"] for path in (HERE.parent / "recipes").glob("sa[df]_*.yaml")]
-    assert {r["samples"] for r in renders} == {Size().still_samples} == {scene_grain.STILL_SAMPLES}
+    assert {r["samples"] for r in renders} == {Size().still_samples} == {goals.STILL_SAMPLES}
     slices = {r["slice_samples"] for r in renders if "slice_samples" in r}
-    assert slices == {Size().slice_samples} == {scene_grain.SLICE_SAMPLES}
+    assert slices == {Size().slice_samples} == {goals.SLICE_SAMPLES}
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from small_dataset import HERE
 
 from saf_gen.benchmark.gym import AutofocusEnv
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.plugins.measures import get_measure

@@ -6,7 +6,8 @@ from pygments.lexers.special import TextLexer
 
 project = "saf_gen"
 author = "the authors of saf_gen"
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+autodoc_typehints = "none"
 source_suffix = {".md": "markdown"}
 root_doc = "README"
 myst_heading_anchors = 4

@@ -5,24 +5,19 @@
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok
-from saf_gen.authoring.checks.focus_reach import check_family, check_reach, out_of_reach
-from saf_gen.authoring.checks.licence import check_licence
-from saf_gen.authoring.checks.picture_grain import check_grain
-from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.authoring.checks.scene_units import check_units
-from saf_gen.authoring.checks.sharpness_curve import check_curve
-from saf_gen.authoring.checks.slice_interpolation import check_slices
-from saf_gen.authoring.checks.target_detail import check_detail
-from saf_gen.authoring.checks.target_illuminance import check_exposure
-from saf_gen.authoring.checks.target_motion import check_motion
+from saf_gen.authoring.checks.geometry import check_family, check_motion, check_reach, check_units, out_of_reach
+from saf_gen.authoring.checks.grain import check_grain
+from saf_gen.authoring.checks.pictures import check_curve, check_detail, check_exposure, check_slices
+from saf_gen.authoring.checks.subject import SceneUnderTest
 from saf_gen.camera import Sensor
-from saf_gen.errors import BadInput
+from saf_gen.core.execution import ReportProgress
+from saf_gen.core.finding import Finding
+from saf_gen.errors import BadInput, closest
 from saf_gen.scene.scene_folder import Scene
 
 __all__ = [
-    "SceneFinding",
     "SceneUnderTest",
     "check_curve",
     "check_detail",
@@ -36,7 +31,7 @@ __all__ = [
     "check_units",
 ]
 
-CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]], ...] = (
+CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[Finding]], ...] = (
     check_units,
     check_reach,
     check_exposure,
@@ -51,7 +46,7 @@ CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]]
 
 def check_scene(
     scene: Scene, sensor: Sensor, *, backend: str = "auto", progress: Callable[[float], None] = lambda done: None
-) -> Iterator[SceneFinding]:
+) -> Iterator[Finding]:
     """Yield the findings of all checks as they are made.
 
     If a check cannot be completed, for example because the scene cannot be built, its finding is an error, and checks
@@ -70,15 +65,15 @@ def check_scene(
 
     Yields
     ------
-    SceneFinding
+    Finding
     """
     yield from check_licence(scene)
     subject = SceneUnderTest(scene, sensor, backend=backend)
     try:
         shapes = subject.renderer.prepare().mitsuba_scene.shapes()
-        yield scene_check_ok("geometry", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
+        yield Finding("geometry", "ok", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
     except BadInput as problem:
-        yield scene_check_error("geometry", str(problem))
+        yield Finding("geometry", "error", str(problem))
         return
     progress(0.1)
     try:
@@ -90,5 +85,85 @@ def check_scene(
         try:
             yield from check(subject)
         except BadInput as problem:
-            yield scene_check_error(check.__name__.removeprefix("check_scene_"), str(problem))
+            yield Finding(check.__name__.removeprefix("check_"), "error", str(problem))
         progress(0.1 + 0.9 * n / len(CHECKS_OF_BUILT_SCENES))
+
+
+OPEN = frozenset(
+    {
+        *("Apache-2.0", "MIT", "BSD-2-Clause", "BSD-3-Clause", "ISC", "Zlib", "0BSD", "Unlicense"),
+        *("CC0-1.0", "CC-BY-3.0", "CC-BY-4.0", "CC-BY-SA-3.0", "CC-BY-SA-4.0", "ODbL-1.0", "PDDL-1.0"),
+        *("GPL-2.0-only", "GPL-2.0-or-later", "GPL-3.0-only", "GPL-3.0-or-later", "LGPL-3.0-or-later"),
+        *("MPL-2.0", "EUPL-1.2", "OFL-1.1", "FAL-1.3"),
+    }
+)
+"""SPDX names of licences that let others use, change and redistribute a work (spdx.org/licenses)."""
+PICTURES = frozenset({".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tga", ".bmp", ".pfm"})
+ASSETS = PICTURES | {".ply", ".obj", ".serialized", ".vol", ".spd", ".bsdf"}  # files whose authors must be named
+
+
+def check_licence(scene: Scene) -> Iterator[Finding]:
+    """Check the card's ``licence`` and ``source``, and the file to which ``source`` refers."""
+    licence, source = scene.card.licence.strip(), scene.card.source.strip()
+    words = licence.replace("(", " ").replace(")", " ").split()
+    names = [word for word in words if word not in ("AND", "OR", "WITH")]
+    unknown_names = [name for name in names if name not in OPEN]
+    if not names:
+        yield Finding(
+            "licence",
+            "error",
+            "licence is empty: write one in scene.yaml that lets others use the scene, such as CC-BY-4.0",
+        )
+    elif any("-NC" in name or "-ND" in name for name in unknown_names):
+        yield Finding(
+            "licence",
+            "warning",
+            f"{licence} forbids some uses or changes: datasets of this scene cannot be shared freely",
+        )
+    elif unknown_names:
+        near = closest(unknown_names[0], OPEN)
+        hint = f", did you mean {near}?" if near else ", such as CC-BY-4.0 or Apache-2.0"
+        yield Finding("licence", "warning", f"{unknown_names[0]} is not the SPDX name of a known open licence{hint}")
+    else:
+        yield Finding("licence", "ok", licence)
+    yield _check_source(scene, source)
+
+
+def _check_source(scene: Scene, source: str) -> Finding:
+    assets = sorted(p.name for p in scene.folder.rglob("*") if p.suffix.lower() in ASSETS)
+    content = "who made each mesh and texture, where it is from, its licence, and what was changed"
+    if not source:
+        return Finding("source", "error", f"source is empty: name SOURCE.md, and state in it {content}")
+    if source.endswith((".md", ".txt")):
+        path = scene.folder / source
+        if not path.is_file():
+            return Finding("source", "error", f"{source} does not exist: state in it {content}")
+        if len(path.read_text(encoding="utf-8", errors="replace").split()) < 10:
+            return Finding("source", "warning", f"{source} says too little: state in it {content}")
+        return Finding("source", "ok", source)
+    if assets:
+        return Finding(
+            "source", "warning", f"{assets[0]} has no documented origin: name SOURCE.md, and state in it {content}"
+        )
+    return Finding("source", "ok", source)
+
+
+@dataclass(frozen=True)
+class CheckSceneJob:
+    """Checks a scene and returns all findings at once."""
+
+    scene: Scene
+    sensor: Sensor
+    backend: str
+    takes_all_cores = True
+
+    @property
+    def name(self) -> str:
+        return f"check {self.scene.id}"
+
+    @property
+    def wants_gpu(self) -> bool:
+        return self.backend in ("auto", "cuda")
+
+    def run(self, report: ReportProgress) -> tuple[Finding, ...]:
+        return tuple(check_scene(self.scene, self.sensor, backend=self.backend))

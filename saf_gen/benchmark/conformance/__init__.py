@@ -5,23 +5,37 @@
 Every registered measure and search passes these checks in the tests of this project.
 """
 
+import tempfile
 from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 
-from saf_gen.benchmark.conformance._check_result import CheckResult
-from saf_gen.benchmark.conformance._check_runner import CheckLimits, run_checks
-from saf_gen.benchmark.conformance.estimating_search_checks import estimating_checks
+from saf_gen.benchmark.conformance._check_runner import (
+    Check,
+    CheckLimits,
+    CheckWarning,
+    check_answer_frame,
+    check_same_answers,
+    run_checks,
+)
+from saf_gen.benchmark.conformance._samples import BEST_FOCUS, write_recordings
+from saf_gen.benchmark.conformance.estimating_search_checks import estimating_checks, recording_length
 from saf_gen.benchmark.conformance.measure_checks import measure_checks
-from saf_gen.benchmark.conformance.method_checks import method_checks
-from saf_gen.benchmark.conformance.name_resolution import resolve_name
-from saf_gen.benchmark.method_spec import Method
-from saf_gen.parts import Measure, Search, commands
+from saf_gen.benchmark.method_spec import Method, resolve_name
+from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.core.finding import Finding
+from saf_gen.parts import Answer, Measure, Search, commands
+from saf_gen.stream.stream_file import open_stream
 
-__all__ = ["CheckLimits", "CheckResult", "check_by_name", "check_measure", "check_method", "check_search"]
+__all__ = ["CheckLimits", "check_by_name", "check_measure", "check_method", "check_search"]
 
 LIMITS = CheckLimits()
+MIN_FRAMES = 4000  # makes windows long enough to contain a spike or two
+TOLERANCE = 0.1  # fraction of the travel
+ACTUATOR = "voice_coil_hall"
 
 
-def check_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[Finding]:
     """Run the checks of a method, or of a single measure or search, and yield their results.
 
     Parameters
@@ -33,7 +47,7 @@ def check_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResu
 
     Yields
     ------
-    CheckResult
+    Finding
         Result of each check.
 
     Raises
@@ -48,12 +62,12 @@ def check_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResu
     return check_measure(plug_in, limits) if kind == "measures" else check_search(plug_in, limits)
 
 
-def check_measure(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_measure(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[Finding]:
     """Run the checks of a focus measure and yield their results."""
     return run_checks("measure", measure_checks(measure), limits=limits)
 
 
-def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[Finding]:
     """Run the checks of a search, some of which depend on whether it commands the lens, and yield their results."""
     if commands(search):
         # Imported here because this loads the reader of OpenEXR files.
@@ -63,14 +77,62 @@ def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[Check
     return run_checks("search", estimating_checks(search, limits), limits=limits)
 
 
-def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[Finding]:
     """Run the checks of the measure, of the search and, if neither fails, of both together; yield their results."""
     failed = False
     for results in (check_measure(method.measure, limits), check_search(method.search, limits)):
         for result in results:
-            failed |= result.level == "fail"
+            failed |= result.level == "error"
             yield result
     if failed:
-        yield CheckResult("method", "whole", "warn", "not run: the measure or the search fails", "correct that first")
+        yield Finding("whole", "warning", "not run: the measure or the search fails", "correct that first", "method")
         return
-    yield from run_checks("method", method_checks(method, limits), limits=limits)
+    yield from run_checks("method", _method_checks(method, limits), limits=limits)
+
+
+def _method_checks(method: Method, limits: CheckLimits) -> dict[str, Check]:
+    """Return the checks of a method, by name."""
+    closed_loop: dict[str, Check] = {"running camera": partial(_check_on_running_camera, method, limits)}
+    if commands(method.search):
+        return closed_loop
+    return {"recordings": partial(_check_on_recordings, method), **closed_loop}
+
+
+def _check_on_recordings(method: Method) -> str:
+    """Check that the method repeats its answers on empty, full and saturated recordings, and on a sweep."""
+    frames = max(recording_length(method.search), MIN_FRAMES)
+    answers: dict[str, Answer] = {}
+    with tempfile.TemporaryDirectory(prefix="saf-gen-") as folder:
+        for name, path in write_recordings(Path(folder), frames).items():
+            with open_stream(path) as stream:
+                counts = WindowCounts(stream)
+                first, again = (method.search(RecordingView(counts, method.measure)) for _ in range(2))
+                answers[name] = check_answer_frame(first, frames, recording=name)
+                check_same_answers(first, again, cause=f"the {name} stream gets another answer the second time")
+    found = {name: None if a.frame is None else a.frame / frames for name, a in answers.items()}
+    listed = ", ".join(f"{name} {'none' if at is None else f'{at:.3f}'}" for name, at in found.items())
+    seen = f"fractions of {frames:,} frames: {listed}; focus at {BEST_FOCUS}"
+    if found["swept"] is None or abs(found["swept"] - BEST_FOCUS) > TOLERANCE:
+        raise CheckWarning(seen, f"an error within {TOLERANCE:g} is expected for a sweep in constant light")
+    return seen
+
+
+def _check_on_running_camera(method: Method, limits: CheckLimits) -> str:
+    """Check that the method stays in travel and budget and repeats its run, in usual light, excess light and none."""
+    # Imported here because this loads the reader of OpenEXR files.
+    from saf_gen.benchmark.conformance.commanding_search_checks import (
+        LIGHT_FACTORS,
+        describe_run,
+        run_on_scene,
+        run_twice,
+    )
+
+    run = partial(run_on_scene, method, limits=limits)
+    runs = {
+        name: run_twice(run, ACTUATOR, light=light, condition=f"with {name} ") for name, light in LIGHT_FACTORS.items()
+    }
+    ends = "; ".join(f"{name}: {describe_run(end)}" for name, end in runs.items())
+    seen = f"the lens ends at {ends}; focus at {BEST_FOCUS}"
+    if abs(float(runs["a usual light"].path[-1]) - BEST_FOCUS) > TOLERANCE:
+        raise CheckWarning(seen, f"an error within {TOLERANCE:g} is expected in usual light")
+    return seen

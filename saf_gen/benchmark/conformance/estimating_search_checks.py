@@ -5,11 +5,17 @@ from functools import partial
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_answer_frame, check_same_answers
-from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
-from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
-from saf_gen.benchmark.conformance._declaration_checks import check_docs
-from saf_gen.benchmark.conformance._synthetic_recording import MEAN_RATE, SyntheticRecording, bell
+from saf_gen.benchmark.conformance._check_runner import (
+    UNIT_HINT,
+    Check,
+    CheckFailure,
+    CheckLimits,
+    CheckWarning,
+    check_answer_frame,
+    check_docs,
+    check_same_answers,
+)
+from saf_gen.benchmark.conformance._samples import MEAN_RATE, SyntheticRecording, bell
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.parts import Search, wants_measures

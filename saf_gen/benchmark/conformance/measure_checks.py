@@ -9,11 +9,15 @@ from time import perf_counter
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from saf_gen.benchmark.conformance._answer_checks import STATE_HINT
-from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
-from saf_gen.benchmark.conformance._check_runner import Check, describe_crash
-from saf_gen.benchmark.conformance._declaration_checks import check_docs
-from saf_gen.benchmark.conformance._sample_counts import EDGE_CASE_COUNTS, sample_counts, sample_texture
+from saf_gen.benchmark.conformance._check_runner import (
+    STATE_HINT,
+    Check,
+    CheckFailure,
+    CheckWarning,
+    check_docs,
+    describe_crash,
+)
+from saf_gen.benchmark.conformance._samples import EDGE_CASE_COUNTS, sample_counts, sample_texture
 from saf_gen.core.user_code import user_code
 from saf_gen.parts import Measure, wants_frames, wants_halves
 

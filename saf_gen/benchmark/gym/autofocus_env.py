@@ -10,11 +10,10 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from saf_gen.benchmark.gym.episode import Episode
-from saf_gen.benchmark.gym.observation_images import draw_observation
-from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
+from saf_gen.benchmark.gym.episode import Episode, draw_observation
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, select_sequences_to_evaluate
+from saf_gen.benchmark.tracks.tasks import SequenceTask, select_sequences_to_evaluate
 from saf_gen.core import seeds
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
@@ -80,7 +79,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     which the benchmark counts as a failure.
 
     The info has ``sequence`` and ``seconds`` (the time that has passed) and, at the end, the result of
-    :func:`saf_gen.benchmark.tracks.closed_loop_judgement.judge_run`.
+    :func:`saf_gen.benchmark.tracks.closed_loop.judge_run`.
 
     ``reset(seed=n)`` draws the sequence, the initial lens position and the noise of camera and lens; n and the number
     of episodes since then determine them. ``reset(options={"sequence": ID})`` uses that sequence, and the initial

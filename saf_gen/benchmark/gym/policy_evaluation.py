@@ -15,10 +15,10 @@ import numpy as np
 
 from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
 from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun
 from saf_gen.benchmark.tracks.predictions import METHOD_NAME
 from saf_gen.benchmark.tracks.search_run import describe_exception
-from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, measure_rate
+from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, measure_rate
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
@@ -79,11 +79,8 @@ def evaluate_policy(
             budget = inner.protocol.count_frames(sequence.capture)[0]
             common = describe_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
         run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)
-        records.append(
-            sequence.make_record(
-                run, inner.protocol, method=method, code=code, parameters=inner.parameters, common=common
-            )
-        )
+        known = {"method": method, "code": code, "parameters": inner.parameters, **common}
+        records.append(sequence.make_record(run, inner.protocol, known=known))
     if out is not None:
         write_records(Path(out) / RECORDS_FILE, records)
     return records

@@ -17,7 +17,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from saf_gen.benchmark.records import Count, Duration, Number
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
+from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.core.config.document import Document, FrozenModel, read_text, validate_document
 from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput, unknown

@@ -4,8 +4,7 @@ import math
 from numbers import Real
 from typing import Any
 
-from saf_gen.benchmark.view.metered_scorer import MeteredScorer
-from saf_gen.benchmark.view.restricted_view import BudgetSpentError, RestrictedView
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer, RestrictedView
 from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput

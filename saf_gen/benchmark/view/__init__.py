@@ -1,6 +1,5 @@
 """Views through which a method sees a recording, or sees a running camera and moves its lens."""
 
-from saf_gen.benchmark.view.recording_view import RecordingView
-from saf_gen.benchmark.view.window_counts import WindowCounts
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 
 __all__ = ["RecordingView", "WindowCounts"]

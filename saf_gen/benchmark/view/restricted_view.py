@@ -1,9 +1,15 @@
-"""Wrapper that gives a search access to the members of saf_gen.parts.View and to nothing else."""
+"""What stands between a view and a method: it gives access to the members of View only, and measures the cost."""
+
+from collections.abc import Callable
+from typing import Any, Protocol
 
 import numpy as np
 
 from saf_gen.core.stopwatch import Stopwatch
-from saf_gen.parts import View
+from saf_gen.errors import BadInput
+from saf_gen.parts import View, wants_frames
+from saf_gen.plugins.measures import get_measure
+from saf_gen.stream.measure_input import WindowSource, measure_input
 
 
 class BudgetSpentError(Exception):
@@ -68,3 +74,78 @@ class RestrictedView:
     def wait(self, frames: int) -> None:
         """Let at least this many frames pass."""
         self._within.time(self._view.wait, frames)
+
+
+class TimedWindowSource(WindowSource, Protocol):
+    """A source of windows that also measures the computing time of interval textures.
+
+    Attributes
+    ----------
+    textures_s : float
+        Computing time of all interval textures so far, in seconds, without reading and counting. A texture that is kept
+        from an earlier request counts again with its original time.
+    """
+
+    textures_s: float
+
+
+class MeteredScorer:
+    """Scores windows for one method, and measures the cost.
+
+    The cost in ``seconds`` is the computing time of the measure and of its interval textures; run_search adds
+    the time of the search. Reading, encoding and counting of spikes are excluded: they represent the camera, depend on
+    the storage of the spikes rather than on the method, and give windows that methods share.
+
+    Parameters
+    ----------
+    measure : callable
+        The method's own measure.
+
+    Attributes
+    ----------
+    windows : int
+        Number of windows that were scored or looked at.
+    """
+
+    def __init__(self, measure: Callable[..., float]) -> None:
+        self._measure, self._watch = measure, Stopwatch()
+        self._named_measures: dict[str, Callable[..., float]] = {}
+        self.windows = 0
+
+    @property
+    def seconds(self) -> float:
+        """Computing time of the method so far, in seconds."""
+        return self._watch.seconds
+
+    def add_seconds(self, seconds: float) -> None:
+        """Add computing time that the method spent outside its scores."""
+        self._watch.seconds += seconds
+
+    def look(self, source: WindowSource, *, first: int, stop: int) -> np.ndarray:
+        """Return the counts of frames ``first <= t < stop``, uint32 (h, w), read-only."""
+        self.windows += 1
+        counts = source.window(first, stop)
+        counts.flags.writeable = False
+        return counts
+
+    def score(self, source: TimedWindowSource, *, first: int, stop: int, measure: str | None = None) -> float:
+        """Return the score of frames ``first <= t < stop`` by the method's measure, or by the one named ``measure``.
+
+        Raises BadInput if the window does not exist, if the score is not a finite number, or if the measure is unknown.
+        """
+        if measure is not None and measure not in self._named_measures:
+            self._named_measures[measure] = get_measure(measure)
+        scorer = self._measure if measure is None else self._named_measures[measure]
+        before = source.textures_s
+        counts = measure_input(source, scorer, first=first, stop=stop)
+        self.add_seconds(source.textures_s - before)
+        timed: dict[str, Any] = {"frames": int(stop) - int(first)} if wants_frames(scorer) else {}
+        self.windows += 1
+        score = float(self._watch.time(scorer, counts, **timed))
+        if not np.isfinite(score):
+            raise BadInput(
+                f"{type(scorer).__name__} scores frames {first} to {stop} with {score}",
+                allowed="a finite number for any counts",
+                hint="return 0.0 if there is no spike",
+            )
+        return score

@@ -7,15 +7,18 @@ that have passed never change. The camera delivers whole bytes, so time advances
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from saf_gen.benchmark.view.captured_frames import CapturedFrames
-from saf_gen.benchmark.view.metered_scorer import MeteredScorer
-from saf_gen.benchmark.view.restricted_view import BudgetSpentError
-from saf_gen.core.region import validate_window
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
+from saf_gen.core import bits
+from saf_gen.core.region import Region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, Actuator
+from saf_gen.stack.capture import Capture
+from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stream.interval_texture import window_time_texture
 
 PACKET_FRAMES = 8
 """Number of readouts that the camera delivers at once."""
@@ -23,6 +26,95 @@ REST_CHECK_FRAMES = 5 * PACKET_FRAMES
 """Number of readouts between two checks of whether the lens has come to rest."""
 REST_TOLERANCE = 1e-3
 """Distance, as a fraction of the travel, within which a lens counts as at rest."""
+
+
+class CapturedFrames:
+    """The spikes that a running camera has captured so far, in a region of the sensor.
+
+    Only the rows that a region needs are encoded, and only when a method looks at them. Successive runs of one capture
+    share the frames as long as their lenses move along the same path, so all methods that are given a sweep see the
+    same spikes.
+
+    Parameters
+    ----------
+    capture : Capture
+        The recording that is captured again.
+    charge_source : ChargeSource
+        Charge of ``rows_in_view(capture, region)``; runs of one capture may share it.
+    region : Region
+        Region of the sensor; both ends of its slices are numbers.
+    threads : int, optional
+        Number of threads that encode; by default one per core.
+
+    Attributes
+    ----------
+    frames : int
+        Number of frames that are encoded so far.
+    textures_s : float
+        Computing time of all interval textures so far, in seconds.
+    """
+
+    def __init__(
+        self, capture: Capture, charge_source: ChargeSource, *, region: Region, threads: int | None = None
+    ) -> None:
+        rows, columns = region
+        self.capture, self._charge_source = capture, charge_source
+        encoded = rows_in_view(capture, region)
+        self._create_encoder = partial(capture.create_encoder, encoded, threads=threads)
+        self._encoder = self._create_encoder()
+        self._inside = slice(rows.start - encoded.start, rows.stop - encoded.start), columns
+        self.shape = rows.stop - rows.start, columns.stop - columns.start
+        self._planes = np.zeros((-(-capture.frames // 8), *self.shape), np.uint8)
+        self._position = np.zeros(capture.frames)
+        self.frames, self.textures_s = 0, 0.0
+
+    def encode_until(self, stop: int, position: np.ndarray) -> None:
+        """Encode all readouts before ``stop``, a multiple of 8.
+
+        Frames of an earlier run are kept if its lens was at the same positions in all of them. Otherwise encoding
+        starts from the beginning, because the charge of a pixel depends on all earlier readouts.
+
+        Parameters
+        ----------
+        stop : int
+            Number of readouts, a multiple of 8.
+        position : ndarray of float64
+            Lens position at each readout, as fractions of the travel, 0...1.
+        """
+        known = min(self.frames, stop)
+        if not np.array_equal(self._position[:known], position[:known]):
+            self._encoder, self.frames = self._create_encoder(), 0
+        begin = self.frames
+        if stop <= begin:
+            return
+        self._position[begin:stop] = position[begin:stop]
+        for run in self.capture.plane_source.time_stack.split_at_slices(begin, stop):
+            inputs = self._charge_source.encoder_inputs(run, position=position, gain=self.capture.gain)
+            spikes = self._encoder.encode(**inputs)[self._inside]
+            self._planes[run.begin // 8 : -(-run.end // 8)] = spikes.transpose(2, 0, 1)
+            self.frames = run.end
+
+    def window(self, first: int, stop: int) -> np.ndarray:
+        """Return the counts of frames ``first <= t < stop``, which must be encoded already: uint32 (h, w)."""
+        counts = np.zeros(self.shape, np.uint32)
+        bits.sum_planes(self._planes, counts, first=first, stop=stop)
+        return counts
+
+    def intervals(self, first: int, stop: int) -> np.ndarray:
+        """Return the interval texture of a window, float64 (h, w); see window_texture."""
+
+        def read(first_byte: int, stop_byte: int) -> np.ndarray:
+            return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
+
+        image, seconds = window_time_texture(read, self.window, first=first, stop=stop)
+        self.textures_s += seconds
+        return image
+
+
+def rows_in_view(capture: Capture, region: Region) -> slice:
+    """Return the rows that a region needs, beginning at the start of a block of the encoder's noise."""
+    step = capture.row_alignment
+    return slice(region[0].start // step * step, region[0].stop)
 
 
 class RunningCamera:
@@ -153,3 +245,86 @@ class RunningCamera:
             self.now = last
         if stop > self.frames:
             raise BudgetSpentError(f"frame {stop} of a budget of {self.frames}")
+
+
+class SweepView:
+    """The view of a lens that goes from one end of its travel to the other; see :class:`saf_gen.parts.View`.
+
+    Frames count from the beginning of the sweep. The sweep ends after the last window that the search asks for, so a
+    search that works in order of time can stop it early.
+
+    Parameters
+    ----------
+    camera : RunningCamera
+        The running camera, whose lens is at rest at ``begin``.
+    begin, end : float
+        First and last lens position, as fractions of the travel.
+    frames : int
+        Number of readouts in which the lens goes from ``begin`` to ``end``. The lens trails its commands, which
+        therefore run a little faster, in ``camera.sweep_command_frames(frames)``.
+    """
+
+    def __init__(self, camera: RunningCamera, *, begin: float, end: float, frames: int) -> None:
+        self._camera, self._offset = camera, camera.now
+        self.frames, self.readout_hz, self.lag_s = frames, camera.readout_hz, camera.lag_s
+        command_frames = camera.sweep_command_frames(frames)
+        packet_end = PACKET_FRAMES - self._offset  # a command holds for a packet, and is the position at its end
+        camera.commanded_trajectory = lambda frame: (
+            begin + (end - begin) * min((frame + packet_end) / command_frames, 1.0)
+        )
+
+    @property
+    def now(self) -> int:
+        """Number of frames of the sweep that have passed."""
+        return self._camera.now - self._offset
+
+    def score(self, first: int, stop: int, measure: str | None = None) -> float:
+        """Return the score of a window of the sweep; the lens moves on until the window is over.
+
+        Raises BadInput if the window is empty, begins before the sweep or ends after it.
+        """
+        window = validate_window(first, stop, total=self.frames)
+        return self._camera.score(self._offset + window.start, self._offset + window.stop, measure)
+
+    def counts(self, first: int, stop: int) -> np.ndarray:
+        """Return the counts of a window of the sweep: uint32 (h, w), read-only.
+
+        Raises BadInput if the window is empty, begins before the sweep or ends after it.
+        """
+        window = validate_window(first, stop, total=self.frames)
+        return self._camera.counts(self._offset + window.start, self._offset + window.stop)
+
+    def position(self, frame: int) -> float:
+        """Return the reading of the position sensor at a frame of the sweep, as a fraction of the travel.
+
+        Raises BadInput if the frame has not passed.
+        """
+        if not 0 <= frame < self.now:
+            allowed = f"0 to {self.now - 1}" if self.now else "no frame before the first score"
+            raise BadInput(f"frame {frame} has not passed", allowed=allowed)
+        return self._camera.position(self._offset + frame)
+
+    def position_at(self, frame: float) -> float:
+        """Return the lens position at a fractional frame, as a fraction of the travel, from the position sensor.
+
+        The reading is interpolated linearly between frames. A sensor at the motor reads ahead of the lens, which trails
+        the motor; this is corrected. If no frame has passed, the last reading before the sweep is returned.
+        """
+        last = self.now - 1
+        frame -= self._camera.sensor_lead_frames
+        before = min(max(math.floor(frame), 0), last)
+        after = min(before + 1, last)
+        weight = min(max(frame - before, 0.0), 1.0)
+        read = [self._camera.position(max(self._offset + t, 0)) for t in (before, after)]
+        return (1 - weight) * read[0] + weight * read[1]
+
+    def wait(self, frames: int) -> None:
+        """Let at least this many frames pass."""
+        self._camera.wait(frames)
+
+    def move(self, to: float) -> None:
+        """Raise BadInput, because the lens is sweeping."""
+        raise BadInput(
+            f"the lens cannot be moved to {to:g} while it sweeps",
+            allowed="searches with the class attribute commands = True",
+        )

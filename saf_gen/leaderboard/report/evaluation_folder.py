@@ -18,14 +18,13 @@ from saf_gen.benchmark.records import READY, RECORDS_FILE
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.cores import defer_termination
 from saf_gen.core.files import atomic_file, rename_durably, sync_folder, temporary_folder, unwritable, write_text
-from saf_gen.core.plain_text import escape_all_text
+from saf_gen.core.plain_text import escape_all_text, plural
 from saf_gen.errors import escape_controls
-from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
-from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_to_figure, figure_to_pdf
-from saf_gen.leaderboard.leaderboard_tables import LeaderboardTables, compute_leaderboard_tables
-from saf_gen.leaderboard.report.choose_figures import plot_report_figures
-from saf_gen.leaderboard.report.page import build_report_page
-from saf_gen.leaderboard.table_formats import format_leaderboard_count
+from saf_gen.leaderboard.figures.figure import PDF_CREATOR, add_paper, to_pdf
+from saf_gen.leaderboard.files import Results, compute_results, write_curves, write_leaderboard
+from saf_gen.leaderboard.report.choose_figures import plot_figures
+from saf_gen.leaderboard.report.page import build_page
+from saf_gen.leaderboard.rows import LeaderboardRow
 
 STAGING = "evaluation"
 STALE = "stale.txt"
@@ -45,7 +44,7 @@ class WrittenEvaluation:
     replaced: str
 
 
-def write_evaluation_report(
+def write_evaluation(
     folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str, pdf: bool = False
 ) -> WrittenEvaluation:
     """Write the tables, curves, page and figures of an evaluation, replacing an earlier evaluation in the folder.
@@ -78,14 +77,14 @@ def write_evaluation_report(
     """
     final = Path(folder)
     earlier = _describe_earlier(final, splits={record.split for record in evaluation.records})
-    tables = compute_leaderboard_tables(rows, evaluation.records)
+    results = compute_results(rows, evaluation.records)
     try:
         with temporary_folder(final / STAGING) as part:
             staged = write_leaderboard(
-                part, rows=rows, records=evaluation.records, failures=evaluation.failures, tables=tables
+                part, rows=rows, records=evaluation.records, failures=evaluation.failures, results=results
             )
-            staged += write_leaderboard_curves(part, evaluation.curves)
-            staged += write_report(part, rows=rows, evaluation=evaluation, title=title, pdf=pdf, tables=tables)
+            staged += write_curves(part, evaluation.curves)
+            staged += write_report(part, rows=rows, evaluation=evaluation, title=title, pdf=pdf, results=results)
             paths = tuple(final / path.relative_to(part) for path in staged)
             _publish(part, final)
     except OSError as error:
@@ -100,7 +99,7 @@ def write_report(
     rows: Sequence[LeaderboardRow],
     title: str,
     pdf: bool = False,
-    tables: LeaderboardTables | None = None,
+    results: Results | None = None,
 ) -> list[Path]:
     """Draw the figures of an evaluation, and write its page and figures. Each file is replaced atomically.
 
@@ -116,8 +115,8 @@ def write_report(
         Heading of the page.
     pdf : bool, default False
         Whether to write each figure as figures/NAME.pdf too, as wide as a column of a paper.
-    tables : LeaderboardTables, optional
-        Tables of the evaluation, if they have been computed already.
+    results : Results, optional
+        Results of the evaluation, if they have been computed already.
 
     Returns
     -------
@@ -132,26 +131,17 @@ def write_report(
     out = Path(folder)
     original = evaluation
     evaluation, rows, title = (escape_all_text(item) for item in (evaluation, tuple(rows), title))
-    if tables is None or evaluation is not original:  # the tables need the escaped names
-        tables = compute_leaderboard_tables(rows, evaluation.records)
-    report_figures = plot_report_figures(evaluation, rows, comparison=tables.comparison)
-    for figure in report_figures:
-        write_text(out / FIGURES / f"{figure.name}.svg", add_paper_to_figure(figure.svg))
+    if results is None or evaluation is not original:  # the results need the escaped names
+        results = compute_results(rows, evaluation.records)
+    figures = plot_figures(evaluation, rows, comparison=results.comparison)
+    for figure in figures:
+        write_text(out / FIGURES / f"{figure.name}.svg", add_paper(figure.svg))
         if pdf:
             with atomic_file(out / FIGURES / f"{figure.name}.pdf") as file:
-                file.write_bytes(figure_to_pdf(figure.figure))
-    text = build_report_page(
-        rows,
-        title=title,
-        records=evaluation.records,
-        curves=evaluation.curves,
-        failures=evaluation.failures,
-        report_figures=report_figures,
-        plugins=evaluation.plugins,
-        tables=tables,
-    )
+                file.write_bytes(to_pdf(figure.figure))
+    text = build_page(evaluation, rows, title=title, figures=figures, results=results)
     write_text(out / PAGE, text)
-    return [out / PAGE, *([out / FIGURES] if report_figures else [])]
+    return [out / PAGE, *([out / FIGURES] if figures else [])]
 
 
 def _describe_earlier(folder: Path, *, splits: Set[str | None]) -> str:
@@ -168,7 +158,7 @@ def _describe_earlier(folder: Path, *, splits: Set[str | None]) -> str:
     except (OSError, ValueError, LookupError, TypeError, AttributeError):  # from another version, or damaged
         return "an earlier evaluation that cannot be read"
     earlier = {split for _, split in found}
-    of = f"the earlier evaluation of {format_leaderboard_count(len({method for method, _ in found}), 'method')}"
+    of = f"the earlier evaluation of {plural(len({method for method, _ in found}), 'method')}"
     return of if earlier == splits else escape_controls(f"{of} on {' and '.join(sorted(map(str, earlier))):.200}")
 
 

@@ -6,9 +6,8 @@ from typing import ClassVar
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._light_windows import equal_light_windows
-from saf_gen.plugins.searches._numbers import check_numbers
 from saf_gen.plugins.searches._score_curve import ScoreCurve
-from saf_gen.plugins.searches._windows import check_frame_count
+from saf_gen.plugins.searches._windows import check_frame_count, check_numbers
 
 BROAD = "sd_calibrated"
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._numbers import check_numbers
-from saf_gen.plugins.searches._windows import check_frame_count, check_windows_fit
+from saf_gen.plugins.searches._windows import check_frame_count, check_numbers, check_windows_fit
 
 FEWEST = 8
 """Growths that are needed before a change of sign, to estimate their scatter."""

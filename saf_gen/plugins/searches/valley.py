@@ -8,8 +8,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
 from saf_gen.parts import Answer, View
-from saf_gen.plugins.searches._numbers import check_numbers
-from saf_gen.plugins.searches._windows import check_frame_count, check_windows_fit, score_windows
+from saf_gen.plugins.searches._windows import check_frame_count, check_numbers, check_windows_fit, score_windows
 
 
 @dataclass(frozen=True)

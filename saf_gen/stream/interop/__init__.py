@@ -1,6 +1,7 @@
 """Import and export of the file layouts of other software."""
 
 from saf_gen.stream.interop.array_files import ENDINGS as ARRAY_ENDINGS
+from saf_gen.stream.interop.array_files import SpikeArray
 from saf_gen.stream.interop.lens_log import import_lens_log, import_light_log, truth_from_text
 from saf_gen.stream.interop.raw_frames import (
     RAW_LAYOUTS,
@@ -10,7 +11,6 @@ from saf_gen.stream.interop.raw_frames import (
     import_raw_frames,
     sniff_layout,
 )
-from saf_gen.stream.interop.spike_arrays import SpikeArray
 
 __all__ = [
     "ARRAY_ENDINGS",

@@ -8,8 +8,8 @@ from saf_gen.core.files import atomic_file, name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.measure_input import choose_region
-from saf_gen.stream.pictures.window_pictures import KINDS, WindowPictures, choose_windows
-from saf_gen.stream.readable import ReadableStream
+from saf_gen.stream.metadata import ReadableStream
+from saf_gen.stream.pictures.timeline import KINDS, WindowPictures, choose_windows
 
 __all__ = ["FORMS", "KINDS", "ViewForm", "write_view"]
 
@@ -96,7 +96,7 @@ def write_view(
         stream, kind=kind, window=window, first=first, stop=stop, every=every, count=of.count, max_count=of.max_count
     )
     # Imported late, because matplotlib takes a second and an error should not wait for it.
-    from saf_gen.stream.pictures import movie, player, still
+    from saf_gen.stream.pictures import movie, panels, player
     from saf_gen.stream.pictures.timeline import read_timeline
 
     box, _ = choose_region(stream, region)
@@ -120,5 +120,5 @@ def write_view(
             else:
                 movie.write_mp4(canvas, part, size=canvas.size, fps=fps)
         else:
-            still.draw_still(pictures, timeline, region=box, path=part, form=form)
+            panels.draw_still(pictures, timeline, region=box, path=part, form=form)
     return pictures

@@ -2,11 +2,17 @@
 
 import io
 import math
+from base64 import b64encode
 from collections.abc import Iterable
 from dataclasses import dataclass
+from html import escape
 
 import numpy as np
 from PIL import Image
+
+from saf_gen.stream.description import describe_content
+from saf_gen.stream.metadata import ReadableStream
+from saf_gen.stream.pictures.timeline import choose_windows
 
 ACROSS = 8
 JPEG_QUALITIES = (85, 75, 60, 50, 40, 30, 22, 15, 10)
@@ -70,3 +76,27 @@ def shrink_picture(light: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     if size == light.shape[::-1]:
         return light.astype(np.float32)
     return np.asarray(Image.fromarray(light.astype(np.float32)).resize(size, Image.Resampling.BOX))
+
+
+PICTURES, MAX_BYTES = 5, 300_000
+
+
+def stream_html(stream: ReadableStream) -> str:
+    """Return evenly spaced pictures of a stream and a table of facts as HTML without scripts.
+
+    Only five windows are read, so that a long recording takes no more time than a short one.
+    """
+    pictures = choose_windows(stream, count=PICTURES)
+    strip = encode_jpegs(lay_out_pictures(pictures, count=len(pictures.starts)), max_bytes=MAX_BYTES)
+    source = f"data:{strip.media_type};base64,{b64encode(strip.file).decode()}"
+    rows = "".join(
+        f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(text)}</td></tr>'
+        for name, text in describe_content(stream, with_rates=False).items()
+    )
+    centres = ", ".join(f"{centre:,.0f}" for centre in pictures.centres)
+    words = f"{pictures.window} frames each, around the frames {centres}"
+    return (
+        f"<div><b>{escape(stream.path.name)}</b><br>"
+        f'<img style="max-width:100%" src="{source}" alt="{strip.count} pictures: {words}"><br>'
+        f"<small>{words}</small><table>{rows}</table></div>"
+    )

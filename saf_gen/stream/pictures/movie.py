@@ -15,8 +15,7 @@ from saf_gen.core.figure_style import COLOURS, STYLE, use_plot_style
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
 from saf_gen.stream.pictures.panels import draw_panels, list_panels, stream_legends_height
-from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment
-from saf_gen.stream.pictures.window_pictures import WindowPictures
+from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, WindowPictures, describe_moment
 
 PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: plot width and height, line of text
 PICTURE, LARGEST = 400, 800  # pixels: approximate smallest width of a picture, and its largest width and height

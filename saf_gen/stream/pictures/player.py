@@ -18,8 +18,7 @@ from saf_gen.core.figure_style import WIDTH, inline_svg, plot_to_svg, use_plot_s
 from saf_gen.core.region import Region
 from saf_gen.stream.pictures.image_strip import encode_jpegs, lay_out_pictures, shrink_picture
 from saf_gen.stream.pictures.panels import draw_panels, list_panels, stream_legends_height
-from saf_gen.stream.pictures.timeline import Timeline, describe_moment
-from saf_gen.stream.pictures.window_pictures import KINDS, WindowPictures
+from saf_gen.stream.pictures.timeline import KINDS, Timeline, WindowPictures, describe_moment
 
 PANEL, AXIS = 0.95, 0.45  # inches
 WIDEST, MAX_BYTES = 400, 4_000_000

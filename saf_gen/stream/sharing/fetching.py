@@ -19,14 +19,7 @@ from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.files import check_writable, file_sha256, free_disk_bytes, unwritable
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME
-from saf_gen.stream.sharing.shard_index import (
-    INDEX_NAME,
-    MAX_INDEX_BYTES,
-    PackedFile,
-    Shard,
-    ShardIndex,
-    parse_shard_index,
-)
+from saf_gen.stream.sharing.packing import INDEX_NAME, MAX_INDEX_BYTES, PackedFile, Shard, ShardIndex, parse_shard_index
 
 ATTEMPTS, TIMEOUT_S, WAIT_S = 5, 60.0, 1.0
 BLOCK = 1 << 20

@@ -1,0 +1,252 @@
+"""Fields of a record that describe the sequence, whatever a method answers: focus, light, sensor, grain, benchmark."""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, focus_crossing, judged_dof, light_ratio
+from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS
+from saf_gen.benchmark.tracks.tasks import SequenceTask
+from saf_gen.benchmark.versions import evaluator_version
+from saf_gen.benchmark.view import WindowCounts
+from saf_gen.camera import Sensor, get_sensor, sensor_names
+from saf_gen.camera.sensor import parse_sensor
+from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
+from saf_gen.core.cores import describe_machine
+from saf_gen.errors import BadInput
+from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
+from saf_gen.stack.grain import ENERGIES
+from saf_gen.stream.metadata import Truth
+from saf_gen.stream.recorded_grain import grain_of_stream
+from saf_gen.stream.stream_file import SpikeStream
+
+RATE_BLOCKS = 200
+"""Minimum number of blocks in which mean counts are measured; a recording of fewer frames has one block per frame."""
+REACH_LIMIT_DOF = SUCCESS_LIMITS_DOF[1]
+"""Distance from the focus, in depths of focus, within which the lens has reached it, so that an answer can be right."""
+
+
+def measure_rate(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
+    """Return the centre of each block, in frames, and its mean counts, in spikes per pixel and readout."""
+    window = max(1, counts.frames // RATE_BLOCKS)
+    first = np.arange(0, counts.frames - window + 1, window)
+    rate = np.array([float(np.mean(counts.window(a, a + window))) / window for a in first.tolist()])
+    return first + (window - 1) / 2, rate
+
+
+def describe_sequence(
+    task: SequenceTask,
+    stream: SpikeStream,
+    *,
+    rate: tuple[np.ndarray, np.ndarray],
+    track: Literal["recorded", "closed_loop"],
+    frames: int | None = None,
+) -> dict[str, Any]:
+    """Return the fields of a record that describe the sequence, the evaluator and the machine.
+
+    Parameters
+    ----------
+    task : SequenceTask
+        The sequence.
+    stream : SpikeStream
+        Its open stream.
+    rate : tuple of ndarray
+        Result of measure_rate.
+    track : str
+        ``recorded`` or ``closed_loop``.
+    frames : int, optional
+        Number of frames from the beginning that are described; by default the entire recording.
+
+    Returns
+    -------
+    dict of str to any
+        Keyword arguments for Record.
+    """
+    truth, gain = truncate_truth(stream.truth, frames or stream.shape[0]), stream.metadata.gain
+    centres, mean_rate = rate
+    if frames is not None:
+        gain = None if gain is None else gain[:frames]
+        mean_rate = mean_rate[: max(1, int((centres < frames).sum()))]
+    if track == "recorded":
+        location, off_dof = judge_crossing(truth, stream.focus_position)
+    else:
+        location, off_dof = judge_location(truth)
+    return {
+        "track": track,
+        "variant": task.variant,
+        "scene_motion": task.scene_motion,
+        "lens_motion": task.lens_motion,
+        "truth_first": truth.position if truth.known else None,
+        "focus_place": location,
+        "focus_off_dof": off_dof,
+        "mean_rate": float(mean_rate.mean()),
+        "light_ratio": light_ratio(gain),
+        "sensor": sensor_of(stream.metadata.provenance),
+        "benchmark": benchmark_of(stream.metadata.provenance),
+        "machine": describe_machine(),
+        "rig": evaluator_version(track),
+    }
+
+
+def judge_crossing(truth: Truth, focus_position: np.ndarray | None) -> tuple[float | None, float | None]:
+    """Return the time at which the lens of a recording first meets the focus, and its smallest distance from the focus.
+
+    Parameters
+    ----------
+    truth : Truth
+        Truth of the recording.
+    focus_position : ndarray of float, shape (T,), or None
+        Lens position at each readout, as fractions of the travel.
+
+    Returns
+    -------
+    when : float or None
+        Time of the first meeting, as a fraction of the recording, 0...1. A lens that comes near without crossing the
+        focus meets it where it is nearest. None if the lens stays farther away than REACH_LIMIT_DOF, or if unknown.
+    distance : float or None
+        Smallest distance over all readouts, in depths of focus, by which
+        :func:`saf_gen.benchmark.judgement.judge` judges abstentions. None if unknown.
+    """
+    best = _find_best_focus(truth)
+    lens = np.asarray([] if focus_position is None else focus_position, dtype=np.float64)
+    if best is None or not lens.size or not np.isfinite(lens).all():
+        return None, None
+    offset = lens - best
+    min_distance = _to_depths_of_focus(float(np.abs(offset).min()), truth)
+    if min_distance is not None and min_distance > REACH_LIMIT_DOF:
+        return None, min_distance
+    frame = focus_crossing(None, offset=offset, truth_frame=truth.frame)
+    if frame is None and min_distance is not None:
+        frame = float(np.abs(offset).argmin())
+    return None if frame is None else min(max((frame + 0.5) / lens.size, 0.0), 1.0), min_distance
+
+
+def judge_location(truth: Truth) -> tuple[float | None, float | None]:
+    """Return the position of the focus in the travel, and its distance from the travel, if the lens may move freely.
+
+    Parameters
+    ----------
+    truth : Truth
+        Truth of the recording. In a moving scene the position is ``truth.position``.
+
+    Returns
+    -------
+    position : float or None
+        Fraction of the travel, clipped to 0...1. None if unknown, or if the distance exceeds REACH_LIMIT_DOF.
+    distance : float or None
+        Distance of the focus beyond the ends of the travel, in depths of focus; in a moving scene, the smallest
+        distance at any time. None if unknown.
+    """
+    best = _find_best_focus(truth)
+    if best is None:
+        return None, None
+    min_distance = _to_depths_of_focus(float(np.maximum(0.0, np.maximum(-best, best - 1)).min()), truth)
+    reached = min_distance is not None and min_distance <= REACH_LIMIT_DOF
+    return min(max(truth.position, 0.0), 1.0) if reached else None, min_distance
+
+
+def truncate_truth(truth: Truth, frames: int) -> Truth:
+    """Return the truth of the first ``frames`` frames of a recording.
+
+    If the target moves and the recorded lens met the focus later, the position is the best focus in the last of these
+    frames.
+    """
+    if truth.track is None or frames >= len(truth.track):
+        return truth
+    track = truth.track[:frames]
+    return replace(truth, track=track, position=truth.position if truth.frame < frames else float(track[-1]))
+
+
+def _find_best_focus(truth: Truth) -> np.ndarray | None:
+    """Return the best focus, shape (T,) or (1,), or None if it is unknown in any frame."""
+    best = np.atleast_1d(np.float64(truth.position) if truth.track is None else truth.track)
+    return best if math.isfinite(truth.position) and best.size and np.isfinite(best).all() else None
+
+
+def _to_depths_of_focus(distance: float, truth: Truth) -> float | None:
+    dof = judged_dof(truth.depth_of_focus)
+    return 0.0 if distance == 0 else None if dof is None else distance / dof
+
+
+# A focus measure mistakes grain, the noise that the renderer left in the pictures, for texture. For each measure whose
+# energy is stored in the recording, its energy in the grain is compared with the range of its focus curve.
+
+
+ENERGY_OF_MEASURE: Mapping[str, str] = {
+    **dict.fromkeys(("sd", "sd_code", "sd_debiased", "sd_calibrated", "variance", "normalised_variance"), "contrast"),
+    **{name: name for name in ENERGIES if name != "contrast"},
+}
+
+
+def grain_fields(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
+    """Return the fields of a record that describe the grain of a recording; None if unknown.
+
+    The focus curve is the noise-free sharpness in the file for ``contrast``, and the signal along the recording for the
+    other energies. Grain is known only in the box around the target, and hence not for a method that looks at the
+    frame.
+    """
+    grain = grain_of_stream(stream.metadata.provenance)
+    if grain is None:
+        return {"grain_rms": None, "grain_of_curve": None}
+    measure = method.split("+")[0].split(":")[0]
+    measure = measure.removesuffix(INTERVAL_SUFFIX).removesuffix(NORMALISED_SUFFIX)
+    energy, of_curve = ENERGY_OF_MEASURE.get(measure), math.nan
+    if energy is not None and region == "target":
+        sharpness = stream.truth.sharpness
+        known = np.empty(0) if sharpness is None or energy != "contrast" else sharpness[np.isfinite(sharpness)]
+        of_curve = grain.noise_over_curve(energy, curve_range=float(np.ptp(known)) if known.size else None)
+    return {"grain_rms": _limit_for_record(grain.rms_in_focus), "grain_of_curve": _limit_for_record(of_curve)}
+
+
+def _limit_for_record(value: float) -> float | None:
+    """Return a number as stored in a record: limited to MAX_SECONDS_OR_TRAVELS, and None instead of NaN."""
+    return None if math.isnan(value) else min(value, MAX_SECONDS_OR_TRAVELS)
+
+
+def sensor_of(provenance: Mapping[str, str]) -> str | None:
+    """Return the name of the sensor that a recording states, or None if it states no readable sensor.
+
+    If the numbers of the sensor differ from those of the registered sensor of that name, because a recipe changed them
+    or because a user wrote the sensor file, six digits of their digest follow the name: ``vidar_400x250#1c2d3e``.
+    """
+    text = provenance.get("sensor")
+    return None if text is None else _name(text)
+
+
+@lru_cache(maxsize=64)
+def _name(text: str) -> str | None:
+    try:
+        sensor = parse_sensor(text, "/provenance/sensor")
+    except BadInput:  # the sensor is from another version, or from an untrusted file
+        return None
+    digest = _digest(sensor)
+    if sensor.name in sensor_names() and digest == _digest(get_sensor(sensor.name)):
+        return sensor.name
+    return f"{sensor.name}#{digest[:6]}"
+
+
+def _digest(sensor: Sensor) -> str:
+    """Return the digest of a sensor's numbers, without its name and sources."""
+    numbers = asdict(sensor)
+    del numbers["name"], numbers["sources"]
+    return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
+
+
+_DIGITS = 12
+"""Number of digits of the digest that a record contains."""
+
+
+def benchmark_of(provenance: Mapping[str, str]) -> str | None:
+    """Return the name of a recording's frozen benchmark and 12 digits of its digest, or None if it belongs to none.
+
+    The benchmark that a recording states is accepted only if this version of saf_gen knows its name and digest.
+    """
+    name, _, digest = provenance.get(BENCHMARK_KEY, "").partition(" ")
+    frozen = read_frozen_digests().get(name)
+    return f"{name} {digest[:_DIGITS]}" if frozen is not None and digest == frozen.digest else None

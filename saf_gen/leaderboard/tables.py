@@ -1,0 +1,503 @@
+"""Every table of a leaderboard: its columns, with their names in files, headings, meanings, values and texts."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import partial
+from math import inf
+from operator import attrgetter, itemgetter
+from typing import Any
+
+from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
+from saf_gen.benchmark.records import RECORDS_FILE
+from saf_gen.core.plain_text import plural
+from saf_gen.core.table import UNKNOWN, Column, Table, percent
+from saf_gen.leaderboard.axes import AxisResults, Bin
+from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
+from saf_gen.leaderboard.notes import SceneGrain
+from saf_gen.leaderboard.outcomes import group_by, median_magnitude
+from saf_gen.leaderboard.rank_agreement import RankAgreement
+from saf_gen.leaderboard.rows import LeaderboardRow
+
+ESSENTIAL, USUAL, INTERVALS, ALL = range(4)
+"""Levels of detail of the columns of a ranking; if space is short, columns of the highest level are left out first."""
+MAX_GRAIN_ROWS = 100
+_number = partial(Column, kind="number")
+_hidden = partial(Column, "", for_programs=True)
+
+
+def _interval(
+    header: str,
+    names: tuple[str, str],
+    *,
+    format: str | Callable[[Any], str],
+    meaning: str = "",
+    to: str = "–",
+    **options: Any,
+) -> tuple[Column, Column]:
+    """Return the columns of both ends of an interval; the text of the first has both, the second is for programs."""
+    low, high = names
+    ends = Column("", low, format), _hidden(high, format, "Upper end of the interval.")
+
+    def cell(row: Any) -> str:
+        known = None not in [end.get(row) for end in ends]
+        return to.join(end.text(row) for end in ends) if known else UNKNOWN
+
+    return _number(header, low, meaning=meaning, cell=cell, **options), ends[1]
+
+
+# --- ranking -------------------------------------------------------------------------------------------
+
+
+def ranking(rows: Sequence[LeaderboardRow], *, title: str = "Leaderboard") -> Table:
+    """Return the leaderboard, with a column for each light schedule."""
+    lights = [light for light, _ in rows[0].success_by_light] if rows else []
+    return Table((*_RANK, *map(_light, lights), *_ERROR, *_COST), rows, title, _mark)
+
+
+def _mark(row: LeaderboardRow) -> str:
+    return "first" if row.rank == 1 else "level" if row.level_with_best else ""
+
+
+def _light(light: str) -> Column:
+    return _number(
+        light,
+        lambda row: dict(row.success_by_light).get(light),
+        percent,
+        f"Success within 1 DoF under the light {light}.",
+        key=f"success_1dof_light_{light}",  # unique, whatever a recipe calls its lights
+        detail=USUAL,
+        group="≤1 DoF by light",
+        together="lights",
+        fraction=True,
+    )
+
+
+def _format_rank(row: LeaderboardRow) -> str:
+    if row.rank is None:
+        return UNKNOWN
+    return f"{row.rank}{'=' if row.tied else ''}{'~' if row.level_with_best and row.rank > 1 else ''}"
+
+
+def _count(number: int) -> str:
+    return str(number or UNKNOWN)
+
+
+_ABSTENTION = "An abstention is right if no answer could be that near, so the value can be"
+_range = partial(_interval, detail=INTERVALS, optional=True)
+_success = partial(Column, format=percent, group="success", fraction=True)
+_error = partial(_number, detail=ALL, group="error")
+_cost = partial(_number, detail=USUAL, group="cost")
+_RANK = (
+    _number(
+        "#",
+        "rank",
+        meaning="Rank by success within 1 DoF; = marks a tie, ~ a method that cannot be told apart from any better "
+        "one.",
+        cell=_format_rank,
+    ),
+    *_range(
+        "# 95 %",
+        ("rank_best", "rank_worst"),
+        format="",
+        meaning="95 % interval of the rank over all scenes of this kind, for all rivals at once.",
+    ),
+    Column("method", "method", meaning="Focus measure + search.", kind="name", link="#answers"),
+    Column(
+        "verified",
+        "verified",
+        meaning="Whether a repeated run gave the same answers: see saf-gen leaderboard verify.",
+        detail=USUAL,
+        optional=True,
+    ),
+    _hidden("level_with_best", meaning="Whether no better method can be told apart from this one."),
+    _hidden(
+        "behind_best_low",
+        meaning="Success within 1 DoF of the best method minus that of this method: 95 % interval of this pair alone.",
+    ),
+    _hidden("behind_best_high", meaning="Upper end of the interval."),
+    _success(
+        "≤½ DoF",
+        "success_half_dof",
+        meaning=f"Success within ½ depth of focus: blur ≤ 1 px. {_ABSTENTION} higher than ≤1 DoF.",
+        kind="number",
+        detail=ALL,
+    ),
+    _success(
+        "≤1 DoF",
+        "success_1dof",
+        meaning="Success within 1 DoF: blur ≤ 2 px. Methods are ranked by it.",
+        kind="main",
+        ends=attrgetter("success_1dof_low", "success_1dof_high"),
+    ),
+    *_range(
+        "≤1 DoF 95 %",
+        ("success_1dof_low", "success_1dof_high"),
+        format=percent,
+        meaning="95 % interval of success within 1 DoF over all scenes of this kind.",
+        group="success",
+    ),
+    _success(
+        "≤2 DoF",
+        "success_2dof",
+        meaning=f"Success within 2 DoF: blur ≤ 4 px. {_ABSTENTION} lower than ≤1 DoF.",
+        kind="number",
+        detail=ALL,
+    ),
+)
+_ERROR = (
+    _error("err DoF", "median_error_dof", ".2f", "Median |answer − truth| in depths of focus.", detail=ESSENTIAL),
+    *_range(
+        "err DoF 95 %",
+        ("median_error_dof_low", "median_error_dof_high"),
+        format=".2f",
+        meaning="95 % interval of the median error over all scenes of this kind.",
+        group="error",
+        detail=ALL,
+    ),
+    _error("err travel", "median_error_travel", ".4f", "Median |answer − truth| as a fraction of the travel."),
+    _error(
+        "err frames", "median_error_frames", ".0f", "Median |answer − truth| in frames of the recording.", optional=True
+    ),
+    _error("blur px", "median_blur_px", ".1f", "Median blur at the answer, in pixels."),
+    _number(
+        "abst.",
+        "abstained",
+        _count,
+        "Number of sequences on which the search abstained.",
+        detail=USUAL,
+        group="no answer",
+    ),
+    _number(
+        "failed",
+        "failed",
+        _count,
+        "Number of sequences on which the method raised an error; the records name the error.",
+        detail=USUAL,
+        group="no answer",
+    ),
+)
+_COST = (
+    _cost(
+        "seen",
+        "frames_seen",
+        percent,
+        "Number of frames that the method waited for, divided by all frames of the sequence.",
+        detail=ALL,
+    ),
+    _cost(
+        "lens",
+        "lens_travel",
+        ".2f",
+        "Distance that the lens moves, in travels, during the frames seen and then to the answer.",
+    ),
+    _cost(
+        "turns", "reversals", ".1f", "Number of times that the lens reversed, if the method moves it.", optional=True
+    ),
+    _cost(
+        "hunts",
+        "hunting",
+        percent,
+        "Fraction of sequences in which the lens reversed more than twice; a pass and return takes two.",
+        optional=True,
+    ),
+    _cost(
+        "to focus s",
+        "time_to_focus_s",
+        ".3f",
+        "Seconds until the answer; on a recording, without the final move of the lens.",
+        optional=True,
+    ),
+    *_range(
+        "to focus s 95 %",
+        ("time_to_focus_low_s", "time_to_focus_high_s"),
+        format=".3f",
+        meaning="95 % interval of the mean time until the answer over all scenes of this kind.",
+        group="cost",
+        detail=ALL,
+    ),
+    _cost("scores", "windows", ".0f", "Number of scores that the search requested.", detail=ALL),
+    _cost(
+        "s",
+        "seconds",
+        ".3f",
+        "Computing time of search and measure per sequence, in seconds, without the counting of spikes.",
+        detail=ALL,
+    ),
+)
+
+
+# --- conditions ----------------------------------------------------------------------------------------
+
+
+def by_bin(results: AxisResults) -> Table:
+    """Return success within 1 DoF and, in brackets, the median error of each method in each bin of an axis."""
+    methods = list(results.bins[0].results)
+    title = f"{results.axis.title}: success within 1 DoF, median error in DoF"
+    return Table([Column("method", str, kind="name"), *map(_bin, results.bins)], methods, title)
+
+
+def _bin(one: Bin) -> Column:
+    def cell(method: str) -> str:
+        found = one.results[method]
+        if found.success_1dof is None:
+            return UNKNOWN
+        error = "" if found.median_error_dof is None else f" ({found.median_error_dof:.2f})"
+        return percent(found.success_1dof) + error
+
+    size = f"{plural(one.scenes, 'scene')}, {plural(one.sequences, 'sequence')}"
+    return _number(one.name, lambda m: one.results[m].success_1dof, meaning=size, cell=cell, fraction=True)
+
+
+def bin_lines(axes: Sequence[AxisResults]) -> Table:
+    """Return one row for each axis, method and bin, for programs."""
+    headers = "axis bin scenes sequences method success_1dof median_error_dof abstained failed"
+    rows = [
+        (results.axis.name, one.name, one.scenes, one.sequences, method, *vars(one.results[method]).values())
+        for results in axes
+        for method in results.bins[0].results
+        for one in results.bins
+    ]
+    return Table.of(headers.split(), rows)
+
+
+def agreement(found: Sequence[RankAgreement], *, title: str = "Agreement of ranks under two conditions") -> Table:
+    """Return the agreement of rankings under two bins of a condition."""
+    return Table(_AGREEMENT, found, title)
+
+
+AGREEMENT_NOTE = (
+    "τ is 1 if both rankings order the methods alike. By chance: the τ to expect if the condition had no effect."
+    " p: the probability that τ would then be as low, for this pair alone."
+)
+
+
+def _format_scenes(one: RankAgreement) -> str:
+    return str(one.scenes) if one.shared == one.scenes else f"{one.scenes} ({one.shared} in both)"
+
+
+def _format_most_moved(one: RankAgreement) -> str:
+    name, before, after = one.most_moved
+    return "none" if before == after else f"{name}: {before} to {after}"
+
+
+_AGREEMENT = (
+    Column("condition", "condition", lambda name: name.replace("_", " "), "The condition whose bins are compared."),
+    Column("first", "first", meaning="The first bin of the condition."),
+    Column("second", "second", meaning="The second bin of the condition."),
+    _number("methods", "methods", meaning="Number of methods that have answers under both bins.", detail=1),
+    _number(
+        "scenes",
+        "scenes",
+        meaning="Number of scenes that have sequences under at least one of the bins.",
+        cell=_format_scenes,
+        detail=1,
+    ),
+    _hidden("shared", meaning="Number of scenes that have sequences under both bins."),
+    _number("τ", "tau", ".2f", "Kendall's τ-b of the rankings by success within 1 DoF; 1 means the same order."),
+    *_interval(
+        "95 %", ("low", "high"), format=".2f", meaning="95 % interval of τ by a bootstrap over scenes.", to=" to "
+    ),
+    _number("by chance", "by_chance", ".2f", "Median τ to expect from as many scenes if the condition had no effect."),
+    _number(
+        "p", "p_value", ".3f", "Probability of a τ as low as this if the condition had no effect, for this pair alone."
+    ),
+    Column(
+        "most moved",
+        lambda one: one.most_moved[0],
+        meaning="The method whose rank differs most, with its rank under each bin.",
+        cell=_format_most_moved,
+        key="most_moved",
+        folds=True,
+    ),
+    _hidden(lambda one: one.most_moved[1], key="rank_under_first"),
+    _hidden(lambda one: one.most_moved[2], key="rank_under_second"),
+)
+AGREEMENT_MEANINGS = {column.name: column.meaning for column in _AGREEMENT if column.meaning}
+
+
+# --- pairs and profiles of methods ---------------------------------------------------------------------
+
+
+def neighbours(pairs: Sequence[NeighbourComparison]) -> Table:
+    """Return the comparison of each method with the next in rank."""
+    return Table(_NEIGHBOURS, pairs, "Neighbours in rank")
+
+
+def _points(fraction: float) -> str:
+    return f"{100 * fraction:+.0f}".replace("-", "−")
+
+
+def _told_apart(pair: NeighbourComparison) -> str:
+    return UNKNOWN if pair.difference_low is None else "yes" if pair.told_apart else "no"
+
+
+_NEIGHBOURS = (
+    Column("method", "first", kind="name"),
+    Column("next in rank", "second", kind="name"),
+    _number("difference, points", "difference", _points),
+    *_interval("95 %", ("difference_low", "difference_high"), format=_points, to=" to "),
+    _number("P(nearer)", "improvement", ".2f"),
+    *_interval("95 % ", ("improvement_low", "improvement_high"), format=".2f", to=" to "),
+    _number("told apart", "told_apart", cell=_told_apart),
+)
+
+
+def profiles(found: Sequence[Profile]) -> Table:
+    """Return the fraction of answers within each limit, of profiles of one quantity."""
+    limits = found[0].limits
+
+    def column(n: int) -> Column:
+        return _number(f"≤{limits[n]:.3g}", lambda one: one.fractions[n], percent)
+
+    return Table([Column("method", "method", kind="name"), *map(column, range(len(limits)))], found)
+
+
+def profile_lines(found: Sequence[Profile]) -> Table:
+    """Return one row for each quantity, method and limit, for programs."""
+    rows: list[tuple[Any, ...]] = []
+    for one in found:
+        unknown = [None] * len(one.limits)
+        for values in zip(one.limits, one.fractions, one.low or unknown, one.high or unknown, strict=True):
+            rows.append((one.quantity, one.method, *values))
+    return Table.of(("quantity", "method", "limit", "fraction", "low", "high"), rows)
+
+
+# --- focus curves --------------------------------------------------------------------------------------
+
+QUALITY_MEANINGS = {
+    "accuracy_dof": "Distance of the peak of the curve from the truth, in depths of focus.",
+    "accuracy": "Distance of the peak of the curve from the truth, as a fraction of the travel.",
+    "range": "Distance between the minima on both sides of the peak, as a fraction of the travel.",
+    "false_maxima": "Number of local maxima other than the peak, however small.",
+    "false_peaks": "Number of local maxima other than the peak that stand out by over a tenth of the curve's height.",
+    "width_50": "Width of the peak at half its height, as a fraction of the travel.",
+    "width_80": "Width of the peak at 80 % of its height, as a fraction of the travel.",
+    "noise": "Standard deviation of the noise on the curve, as a fraction of the height of the curve.",
+}
+"""Criteria of the quality of a curve, in the order of the table of measures, which gives the median of each."""
+
+
+@dataclass(frozen=True)
+class MeasureRow:
+    """Summary of all curves of one measure.
+
+    The quality of a curve is undefined if the curve is constant or too short, or if the lens turned back or rested.
+    """
+
+    measure: str
+    curves: int
+    without: int
+    """Number of curves whose quality is undefined."""
+    medians: dict[str, float | None]
+    """Median of each criterion, by the names of QUALITY_MEANINGS; None if unknown."""
+
+
+def curves(found: Sequence[AssessedCurve]) -> Table:
+    """Return the quality of each focus curve, for programs; the curves come from the search argmax."""
+
+    def column(name: str) -> Column:
+        return Column(name, lambda one: None if one.quality is None else getattr(one.quality, name))
+
+    plain = ("measure", "sequence", "split", "scene", "light", "truth", "depth_of_focus")
+    return Table([*(Column(name, name) for name in plain), *(column(f.name) for f in fields(CurveQuality))], found)
+
+
+def measures(found: Sequence[AssessedCurve]) -> Table:
+    """Return the quality of the curves of each measure, the most accurate first."""
+
+    def column(name: str) -> Column:
+        return _number(name.replace("_", " "), lambda row: row.medians[name], ".3g", QUALITY_MEANINGS[name])
+
+    return Table(
+        (*_MEASURES, *map(column, QUALITY_MEANINGS)),
+        rank_measures(found),
+        "Focus curves of each measure: medians over sequences",
+    )
+
+
+def _format_curves(row: MeasureRow) -> str:
+    return f"{row.curves - row.without}" + (f" ({row.without})" if row.without else "")
+
+
+_MEASURES = (
+    Column("measure", "measure", kind="name"),
+    _number(
+        "curves",
+        "curves",
+        meaning="Curves of known quality; in brackets, those constant or too short, or whose lens turned back or "
+        "rested.",
+        cell=_format_curves,
+    ),
+    _hidden("without"),
+)
+
+
+def rank_measures(found: Sequence[AssessedCurve]) -> list[MeasureRow]:
+    """Return one row per measure, the most accurate first; those of unknown accuracy come last, sorted by name."""
+    rows = []
+    for measure, group in group_by(found, "measure").items():
+        known = [one.quality for one in group if one.quality is not None]
+        medians = {name: median_magnitude(getattr(quality, name) for quality in known) for name in QUALITY_MEANINGS}
+        rows.append(MeasureRow(measure, len(group), len(group) - len(known), medians))
+    return sorted(rows, key=_accuracy)
+
+
+def _accuracy(row: MeasureRow) -> tuple[float, str]:
+    accuracy = row.medians["accuracy_dof"]
+    return inf if accuracy is None else accuracy, row.measure
+
+
+# --- data ----------------------------------------------------------------------------------------------
+
+
+def grain(found: Sequence[SceneGrain]) -> Table:
+    """Return the grain of each scene; of more than MAX_GRAIN_ROWS rows, those with the most grain."""
+    if len(found) > MAX_GRAIN_ROWS:
+        found = sorted(found, key=lambda one: -one.rms[1] if one.rms else 1)[:MAX_GRAIN_ROWS]
+    measures = dict.fromkeys(measure for one in found for measure in one.of_curve)
+    energy = "Largest energy of the noise divided by the range of the curve."
+
+    def column(measure: str) -> Column:
+        return _number(measure, lambda one: one.of_curve.get(measure), ".3g", energy)
+
+    return Table((*_GRAIN, *map(column, measures)), found, "Grain of the pictures")
+
+
+_rms = "Rms of the noise divided by the mean, at best focus:"
+_GRAIN = (
+    Column("scene", "scene", kind="name"),
+    Column("motion", "scene_motion"),
+    _number(
+        "sequences",
+        lambda one: f"{one.sequences[1]} of {one.sequences[0]}",
+        meaning="Sequences that state their grain, out of all sequences.",
+    ),
+    _number("rms", lambda one: f"{one.rms[0]:.2%}" if one.rms else "unknown", "", f"{_rms} median over sequences."),
+    _number(
+        "worst", lambda one: f"{one.rms[1]:.2%}" if one.rms else "unknown", "", f"{_rms} largest value of any sequence."
+    ),
+)
+
+
+def answers(found: Sequence[Any]) -> Table:
+    """Return single answers, each a record with the number of its line; the numbers link to the file of records."""
+    return Table(_ANSWERS, found, "Single answers")
+
+
+_ANSWERS = (
+    Column("method", "record.method", kind="name"),
+    Column("sequence", "record.sequence", kind="name"),
+    Column("status", "record.status"),
+    _number("answer", "record.position", ".4f"),
+    _number("truth", "record.truth", ".4f"),
+    _number("error, DoF", "record.error_dof", ".2f"),
+    _number("blur px", "record.blur_px", ".1f"),
+    _number("line", "line", meaning=f"The line of the answer in {RECORDS_FILE}.", link=RECORDS_FILE),
+    Column("note", "record.note", kind="note"),
+)
+
+
+def digests(values: Mapping[str, str], name: str, *, value: str) -> Table:
+    """Return a table of names and a text for each; ``name`` and ``value`` are the headings."""
+    columns = Column(name, itemgetter(0), kind="name"), Column(value, itemgetter(1), kind="name")
+    return Table(columns, list(values.items()), f"{value} of each {name}")
