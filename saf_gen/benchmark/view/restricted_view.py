@@ -1,4 +1,4 @@
-"""What stands between a view and a method: it gives access to the members of View only, and measures the cost."""
+"""The boundary between a view and a method: it gives access to the members of View only, and measures the cost."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
