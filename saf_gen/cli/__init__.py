@@ -31,11 +31,7 @@ from saf_gen.cli import (
     recipe_commands,
     scene_commands,
     sensor_commands,
-    sharing_commands,
     stream_commands,
-    submit_commands,
-    tune_commands,
-    view_command,
 )
 from saf_gen.cli._examples import help_ending
 from saf_gen.cli._terminal import out, print_error
@@ -50,16 +46,16 @@ STOPPED_EXIT_CODE = 130
 COMMANDS: dict[str, Callable[..., None]] = {
     "generate": dataset_commands.generate_command,
     "evaluate": evaluate_commands.evaluate_command,
-    "tune": tune_commands.tune_command,
+    "tune": leaderboard_commands.tune_command,
     "score": evaluate_commands.score_command,
     "import": stream_commands.import_command,
     "encode": stream_commands.encode_command,
     "export": stream_commands.export_command,
     "inspect": stream_commands.inspect_command,
-    "view": view_command.view_command,
+    "view": stream_commands.view_command,
     "verify": dataset_commands.verify_command,
-    "pack": sharing_commands.pack_command,
-    "fetch": sharing_commands.fetch_command,
+    "pack": dataset_commands.pack_command,
+    "fetch": dataset_commands.fetch_command,
     "init": machine_commands.init_command,
     "doctor": machine_commands.doctor_command,
 }
@@ -103,7 +99,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     ),
     "submit": (
         "Submit a method: create a submission, or check it.",
-        {"new": submit_commands.new_submission_command, "check": submit_commands.check_submission_command},
+        {"new": leaderboard_commands.new_submission_command, "check": leaderboard_commands.check_submission_command},
     ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",

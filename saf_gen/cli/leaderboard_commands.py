@@ -4,14 +4,26 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.text import Text
 
-from saf_gen.cli._tables import print_leaderboard, print_table
-from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars, terminal_reporter
+from saf_gen.cli._tables import print_json, print_leaderboard, print_table
+from saf_gen.cli._terminal import (
+    LEVEL_STYLES,
+    AsJson,
+    ClusterAddress,
+    OutFolder,
+    err,
+    out,
+    progress_bars,
+    terminal_reporter,
+)
 from saf_gen.cli.evaluate_commands import (
     ActuatorName,
     BudgetMs,
     SweepMs,
+    Track,
     name_splits,
+    print_kept,
     print_written,
     protocol_from_options,
 )
@@ -150,4 +162,91 @@ def verify_evaluation_command(
     if not as_json:
         out.print(str(path), soft_wrap=True)
     if any(verdict.state == DIFFERS for verdict in found.verdicts):
+        raise typer.Exit(1)
+
+
+def tune_command(
+    dataset: Annotated[Path, typer.Argument(help="Dataset folder.")],
+    method: Annotated[str, typer.Option(help="MEASURE+SEARCH; options after a colon are not changed.")],
+    *,
+    try_: Annotated[
+        list[str], typer.Option("--try", help="measure.KEY=VALUE,... or search.KEY=VALUE,...; repeatable.")
+    ],
+    file: Annotated[Path, typer.Option("--out", help="JSON file to write.")],
+    split: Annotated[str, typer.Option(help="Split to tune on, any but test.")] = "train",
+    track: Track = "recorded",
+    actuator: ActuatorName = None,
+    budget: BudgetMs = None,
+    sweep: SweepMs = None,
+    region: Annotated[str, typer.Option(help="Where methods look: target (its bounding box) or frame.")] = "target",
+    cluster: ClusterAddress = None,
+) -> None:
+    """Evaluate every combination of values on a split, and write the best one; `@FILE` then names this method."""
+    from saf_gen.benchmark.kept_sequences import KeptSequences
+    from saf_gen.benchmark.method_spec import format_tuned
+    from saf_gen.core.files import atomic_file, check_writable
+    from saf_gen.leaderboard.tuning import tune as run
+    from saf_gen.stream.manifest import read_manifest
+
+    values: dict[str, list[str]] = {}
+    for text in try_:
+        key, equals, rest = text.partition("=")
+        if not equals or key in values:
+            raise BadInput(f"--try is {text!r}", allowed="KEY=VALUE,VALUE,..., with each key once")
+        values[key] = rest.split(",")
+    check_writable(file.parent)
+    kept = KeptSequences(file.with_name(f".{file.name}.unfinished"))
+    with progress_bars() as bars:
+        tuned, rows = run(
+            dataset,
+            method,
+            values=values,
+            split=split,
+            region=region,
+            protocol=protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep),
+            progress=terminal_reporter("tune", bars),
+            keep=kept,
+            cluster=cluster,
+            notify=err.print,
+        )
+    print_kept(kept, splits={split})
+    print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
+    with atomic_file(file) as part:
+        part.write_text(format_tuned(tuned), encoding="utf-8")
+    kept.remove()
+    out.print(f"best: {tuned.method}", soft_wrap=True)
+    out.print(f"{file}   (next: {read_manifest(dataset).next_command(dataset)} --method @{file})", soft_wrap=True)
+
+
+def new_submission_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of the submission, with the name of the method.")],
+) -> None:
+    """Write submission.yaml, with a line that explains each key."""
+    from saf_gen.leaderboard.submission import create_submission
+
+    out.print(str(create_submission(folder)), soft_wrap=True)
+    out.print(
+        f"next: fill it in, put your method into its folder, and run saf-gen submit check {folder}", soft_wrap=True
+    )
+
+
+def check_submission_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of the submission.")],
+    *,
+    dataset: Annotated[Path | None, typer.Option("--on", help="Dataset whose split test was evaluated.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Report what is missing or inconsistent in a submission, without running its code."""
+    from saf_gen.leaderboard.submission import check_submission
+
+    found = list(check_submission(folder, dataset=dataset))
+    if as_json:
+        print_json([{"check": one.check, "level": one.level, "text": one.text} for one in found])
+    for finding in () if as_json else found:
+        parts = ((finding.level, LEVEL_STYLES[finding.level]), f" {finding.check}: {finding.text}")
+        out.print(Text.assemble(*parts), soft_wrap=True)
+    errors = sum(finding.level == "error" for finding in found)
+    if not as_json:
+        out.print("complete" if not errors else f"{errors} to do", soft_wrap=True)
+    if errors:
         raise typer.Exit(1)
