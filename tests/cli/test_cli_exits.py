@@ -284,13 +284,6 @@ def test_a_scene_that_exits_fails_its_check_and_is_not_drawn(call, write_scene, 
     assert f"scenes/mine/scene.py failed: CodeStopped: its code called {calls}" in only_error(err)
 
 
-def test_a_scene_that_exits_is_left_out_of_the_gallery(call, write_scene, tmp_path):
-    write_scene("sys.exit(0)", "build")
-    code, _, err = call("scenes", "gallery", "mine", "--out", tmp_path / "docs", "--variant", "scalar")
-    assert code == 1
-    assert "mine could not be drawn: " in only_error(err)
-
-
 # The real command line
 
 
