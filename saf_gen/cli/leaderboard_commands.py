@@ -82,8 +82,8 @@ def rank_on_saf_folder_command(
     """
     from saf_gen.benchmark.method_spec import parse_method, read_methods
     from saf_gen.core.files import check_writable
+    from saf_gen.leaderboard.ranking import rank_methods
     from saf_gen.leaderboard.report import write_evaluation
-    from saf_gen.leaderboard.rows import rank_methods
     from saf_gen.leaderboard.saf import PROTOCOL_NOTES, rank_on_saf, remove_kept, saf_table, write_saf
     from saf_gen.leaderboard.tables import agreement
 

@@ -7,7 +7,7 @@ given scenes.
 """
 
 from saf_gen.leaderboard.files import write_leaderboard
+from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard
-from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
 
 __all__ = ["Leaderboard", "LeaderboardRow", "rank_methods", "read_leaderboard", "write_leaderboard"]

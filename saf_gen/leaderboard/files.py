@@ -18,7 +18,7 @@ from saf_gen.leaderboard.intervals import CONFIDENCE
 from saf_gen.leaderboard.method_comparison import MethodComparison, compare_methods
 from saf_gen.leaderboard.notes import grain_by_scene, notes_on
 from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_rankings
-from saf_gen.leaderboard.rows import LeaderboardRow
+from saf_gen.leaderboard.ranking import LeaderboardRow
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from saf_gen.benchmark.records import Record
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.leaderboard.intervals import MIN_SCENES
 from saf_gen.leaderboard.outcomes import group_by
-from saf_gen.leaderboard.rows import LeaderboardRow
+from saf_gen.leaderboard.ranking import LeaderboardRow
 
 MAX_GRAIN_OF_CURVE = 0.1
 """Fraction of the range of a focus curve above which grain may shift its peak."""

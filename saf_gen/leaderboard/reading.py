@@ -10,7 +10,7 @@ from saf_gen.benchmark.records import Record, read_records
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
+from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.tables import INTERVALS, ranking
 from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_row_states
 

@@ -16,7 +16,7 @@ from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
 from saf_gen.leaderboard.notes import SceneGrain
 from saf_gen.leaderboard.outcomes import group_by, median_magnitude
 from saf_gen.leaderboard.rank_agreement import RankAgreement
-from saf_gen.leaderboard.rows import LeaderboardRow
+from saf_gen.leaderboard.ranking import LeaderboardRow
 
 ESSENTIAL, USUAL, INTERVALS, ALL = range(4)
 """Levels of detail of the columns of a ranking; if space is short, columns of the highest level are left out first."""

@@ -16,7 +16,7 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.core.extras import require_extra
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.rows import rank_methods
+from saf_gen.leaderboard.ranking import rank_methods
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream

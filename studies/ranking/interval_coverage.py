@@ -19,7 +19,7 @@ from scipy.special import expit
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard.intervals import difference_intervals, mean_interval, median_interval, rate_intervals
-from saf_gen.leaderboard.rows import rank_intervals
+from saf_gen.leaderboard.ranking import rank_intervals
 
 STILL, MOVING = 6, 12
 LAWS = ("beta 0.02", "beta 0.1", "beta 0.3", "beta 0.6", "two kinds", "logit-normal")

@@ -27,7 +27,7 @@ from saf_gen.leaderboard.figures.pictures import ImageStrip, image_strip, plot_d
 from saf_gen.leaderboard.figures.sweeps import Cursor, locate_cursor, plot_curves, plot_lens_paths, plot_steps
 from saf_gen.leaderboard.method_comparison import MethodComparison
 from saf_gen.leaderboard.outcomes import group_by
-from saf_gen.leaderboard.rows import LeaderboardRow
+from saf_gen.leaderboard.ranking import LeaderboardRow
 
 MAX_SEQUENCES = DRAWN_SEQUENCES
 MAX_SCENES = 48

@@ -22,9 +22,9 @@ from saf_gen.core.plain_text import escape_all_text, plural
 from saf_gen.errors import escape_controls
 from saf_gen.leaderboard.figures.figure import PDF_CREATOR, add_paper, to_pdf
 from saf_gen.leaderboard.files import Results, compute_results, write_curves, write_leaderboard
+from saf_gen.leaderboard.ranking import LeaderboardRow
 from saf_gen.leaderboard.report.choose_figures import plot_figures
 from saf_gen.leaderboard.report.page import build_page
-from saf_gen.leaderboard.rows import LeaderboardRow
 
 STAGING = "evaluation"
 STALE = "stale.txt"

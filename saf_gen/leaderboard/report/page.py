@@ -17,9 +17,9 @@ from saf_gen.leaderboard.axes import AXES, BLOCK_READOUTS, Axis, group_by_bin, k
 from saf_gen.leaderboard.files import Results, compute_results
 from saf_gen.leaderboard.notes import grain_by_scene, notes_on
 from saf_gen.leaderboard.outcomes import group_by
+from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.report.choose_figures import OPENING, ReportFigure
 from saf_gen.leaderboard.report.html import hash_script, load_templates, read_asset
-from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
 
 SCRIPTS = ("tables.js", "board.js", "compare.js", "viewer.js")
 MAX_FAILURES = 100
