@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.cli.machine_commands import describe_machine
+from saf_gen.cli.doctor import describe_machine
 from studies.drawing import BLUE, GREY, ORANGE, log_log, panels, save, slope
 from studies.speed import stack
 from studies.speed.bench import timed

@@ -19,7 +19,7 @@ from typing import Any
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import get_sensor
-from saf_gen.cli.machine_commands import describe_machine
+from saf_gen.cli.doctor import describe_machine
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
