@@ -240,9 +240,10 @@ def test_files_of_other_spikes_are_made_again_and_no_others(case, changes, still
         assert recording_digest(path, PLANNED) == stream.content_sha256
     assert has_recording(path, PLANNED)
     assert not has_recording(path, "1" * 64)
-    monkeypatch.setattr(recorder_module, "fingerprint_generated_recording", lambda planned, *_, **__: planned)
     path.unlink()
-    record(path, source, lens, **changes).close()
+    with monkeypatch.context() as patch:
+        patch.setattr(recorder_module, "fingerprint_generated_recording", lambda planned, *_, **__: planned)
+        record(path, source, lens, **changes).close()
     assert has_recording(path, PLANNED) != is_made_again
 
 
@@ -258,23 +259,23 @@ def test_a_dataset_of_earlier_files_makes_only_the_misexposed_ones_again(tmp_pat
     made = generate(work, now, variant=VARIANT)
     still, moving = ([s for s in work.all_sequences if s.time_stack.is_moving == moves] for moves in (False, True))
     shutil.copytree(now, old)
-    with monkeypatch.context() as patch:
-        patch.setattr(recorder_module, "fingerprint_generated_recording", lambda planned, *_, **__: planned)
-        for sequence in moving:
-            stack = sequence.time_stack
-            fingerprint = sequence.fingerprint(stack.digest(old / "stacks"))
+    for sequence in moving:
+        stack = sequence.time_stack
+        fingerprint = sequence.fingerprint(stack.digest(old / "stacks"))
+        with monkeypatch.context() as patch:
+            patch.setattr(recorder_module, "fingerprint_generated_recording", lambda planned, *_, **__: planned)
             Recorder(work.sensor, sequence.frames, device_seed=7, provenance={}).record(
                 sequence.planned,
                 PlaneSource.from_folder(stack, old / "stacks"),
                 path=old / sequence.planned.file,
                 fingerprint=fingerprint,
             )
-            assert find_entry(sequence, old, stack_digest=None) is None
-            listed = [
-                replace(e, fingerprint=fingerprint) if e.id == sequence.planned.id else e
-                for e in read_manifest(old).sequences
-            ]
-            write_manifest(old, replace(read_manifest(old), sequences=tuple(listed)))
+        assert find_entry(sequence, old, stack_digest=None) is None
+        listed = [
+            replace(e, fingerprint=fingerprint) if e.id == sequence.planned.id else e
+            for e in read_manifest(old).sequences
+        ]
+        write_manifest(old, replace(read_manifest(old), sequences=tuple(listed)))
     s3.put(str(old), "data/sets/old", recursive=True)
     in_store = run_to_store(make_plan(work, StorePath("s3", "data/sets/old")), variant=VARIANT)
     on_disk = generate(work, old, variant=VARIANT)
