@@ -179,7 +179,7 @@ def check_comparison(records, rows):
         if pair.difference_low is not None:
             assert contains(pair.difference_low, pair.difference, pair.difference_high)
             assert contains(pair.improvement_low, pair.improvement, pair.improvement_high)
-    for one in compare_rankings(records, by="light"):
+    for one in compare_rankings(records):
         assert one.low is None or contains(one.low, one.tau, one.high)
 
 
