@@ -25,8 +25,8 @@ import numpy as np
 class Spread:
     power: float = 2.0
 
-    def score(self, window):
-        return float(np.mean(np.abs(window.counts - window.counts.mean()) ** self.power))
+    def __call__(self, counts):
+        return float(np.mean(np.abs(counts - counts.mean()) ** self.power))
 """
 
 
