@@ -60,7 +60,7 @@ def sensor_file(tmp_path, small_sensor):
 
 def findings(scene, sensor, check):
     """Return a generator of level and text of a check's findings; the next finding may need rendering."""
-    run = getattr(checks, f"check_scene_{check}")
+    run = getattr(checks, f"check_{check}")
     return ((f.level, f.text) for f in run(SceneUnderTest(scene, sensor, backend=VARIANT)))
 
 
