@@ -1,7 +1,6 @@
 """Recording of a sequence: the spike camera sees the focal stacks under the lights, and its spikes become a stream."""
 
 import json
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.camera import Encoder, Sensor, camera_exposure_scale, draw_sensor_fixed_pattern
+from saf_gen.generate.finished_recordings import fingerprint_generated_recording
 from saf_gen.generate.plan import PlannedSequence
 from saf_gen.plugins.lights import light_group_gains
 from saf_gen.plugins.motions import motion_positions_at_readouts
@@ -57,6 +57,7 @@ class Recorder:
         """Encode a sequence into the stream file ``path`` and return its content_sha256.
 
         Spikes are made and written block by block, so memory does not grow with the length of the recording.
+        ``fingerprint`` is that of the plan; see :func:`fingerprint_generated_recording` for what the file stores.
 
         Raises BadInput if the schedule names a light group that the scene does not have, the motion does not fit the
         recording, the target is never seen, or the exposure is out of reach.
@@ -65,8 +66,8 @@ class Recorder:
         spec = time_stack.specs[0]
         position = motion_positions_at_readouts(sequence.motion, self.frames, readout_hz=hz)
         charge_source = ChargeSource(plane_source, self.sensor)
-        truth = find_true_focus_of_stack(plane_source, position)
-        self._scale_light(charge_source, sequence.mean_rate, truth=truth)
+        truth, moment = find_true_focus_of_stack(plane_source, position)
+        self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)
         gain = light_group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
         grain = stack_grain_along_recording(plane_source, truth, position=position, gain=gain)
         metadata = Metadata(
@@ -78,7 +79,7 @@ class Recorder:
             truth=replace(truth, sharpness=noise_free_stack_sharpness(charge_source, truth, position=position)),
             provenance={
                 **self.provenance,
-                "fingerprint": fingerprint,
+                "fingerprint": fingerprint_generated_recording(fingerprint, truth, mean_rate=sequence.mean_rate),
                 "sequence": json.dumps(sequence.as_dict(), indent=1),
                 "exposure": json.dumps({"scale": charge_source.scale, "device_seed": self.device_seed}),
                 "stack": "\n".join(spec.key for spec in time_stack.specs),
@@ -98,14 +99,15 @@ class Recorder:
                     progress(run.end / self.frames)
         return writer.content_sha256
 
-    def _scale_light(self, charge_source: ChargeSource, mean_rate: float | None, *, truth: Truth) -> None:
-        """Scale the light so that the target fires at ``mean_rate`` when the lens passes the true focus."""
+    def _scale_light(
+        self, charge_source: ChargeSource, mean_rate: float | None, *, truth: Truth, moment: float
+    ) -> None:
+        """Scale the light so that the target fires at ``mean_rate`` at best focus, in the picture at ``moment``."""
         if mean_rate is None:
             return
         # Use the response and threshold of the target's pixels, whose mean differs from that of the whole array.
         target = np.asarray(truth.target)
         device = draw_sensor_fixed_pattern(self.sensor, target.shape, seed=self.device_seed)
         sensitivity = device.response * (self.sensor.threshold_e / device.threshold)
-        frame = truth.frame if math.isfinite(truth.frame) else self.frames / 2
-        at_best = sensitivity * charge_source.charge_image(frame, truth.position).sum(axis=0)
+        at_best = sensitivity * charge_source.charge_image(moment, truth.position).sum(axis=0)
         charge_source.scale = camera_exposure_scale(at_best, target, sensor=self.sensor, mean_rate=mean_rate)

@@ -31,7 +31,8 @@ from saf_gen.stack.time_resolved import (
 
 MODEL = 4
 """Version of the models, raised whenever the same stack, recipe and seed would give different spikes; files of an older
-version are made again."""
+version are made again. If a change reaches only some recordings, see
+:func:`saf_gen.generate.finished_recordings.fingerprint_generated_recording`."""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.benchmark_digest import name_generated_benchmark
 from saf_gen.generate.dataset_card import write_generated_dataset_card
+from saf_gen.generate.finished_recordings import has_generated_fingerprint
 from saf_gen.generate.job_order import JobOrder, find_stacks_to_generate, validate_generated_slices_kept
 from saf_gen.generate.jobs import ChooseBackendJob, RecordJob, RenderJob
 from saf_gen.generate.plan import recipe_fingerprint
@@ -317,12 +318,11 @@ def find_generated_entry(
     try:
         with open_stream(folder / planned.file) as stream:
             provenance, content = stream.metadata.provenance, stream.content_sha256
+            if stack_digest is None:
+                stack_digest = provenance.get("stack_digest", "")
+            if not has_generated_fingerprint(stream, sequence.fingerprint(stack_digest)):
+                return None
     except BadInput:
-        return None
-    if stack_digest is None:
-        stack_digest = provenance.get("stack_digest", "")
-    fingerprint = sequence.fingerprint(stack_digest)
-    if provenance.get("fingerprint") != fingerprint:
         return None
     return SequenceEntry(
         id=planned.id,
@@ -336,6 +336,6 @@ def find_generated_entry(
         seed=planned.seed,
         file=planned.file,
         frames=sequence.frames,
-        fingerprint=fingerprint,
+        fingerprint=provenance["fingerprint"],
         content_sha256=content,
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from saf_gen.core.execution import ReportProgress
 from saf_gen.core.object_store import StorePath
 from saf_gen.core.object_transfers import download_file, list_objects, upload_file
+from saf_gen.generate.finished_recordings import fingerprint_generated_out_of_focus
 from saf_gen.generate.plan import recipe_fingerprint
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
 from saf_gen.generate.run import check_same_recipe_dataset, find_generated_entry, write_generated_manifest
@@ -48,7 +49,7 @@ class StoreTransfer:
             if stack not in digests:
                 digests[stack] = stack.digest(self._stacks) if stack.has_all_notes(self._stacks) else None
             digest, entry = digests[stack], listed.get(name)
-            if entry is None or digest is None or entry.fingerprint != sequence.fingerprint(digest):
+            if entry is None or digest is None or not _has_settled_fingerprint(entry, sequence, stack_digest=digest):
                 entry = find_generated_entry(sequence, self._store, stack_digest=digest)
             if entry is not None:
                 found[name] = entry
@@ -135,3 +136,14 @@ def _stack_key(name: str) -> str:
     """Return the key of the stack to which an object belongs; '' if it belongs to none."""
     parts = name.split("/")
     return parts[1] if len(parts) == 3 and parts[0] == "stacks" else ""
+
+
+def _has_settled_fingerprint(entry: SequenceEntry, sequence: ResolvedSequence, *, stack_digest: str) -> bool:
+    """Return whether a manifest alone shows that a stream is a recording of this sequence.
+
+    If a moving scene has a mean rate, the fingerprint of the plan is right only if the lens meets the focus, as the
+    stream says.
+    """
+    planned = sequence.fingerprint(stack_digest)
+    depends = sequence.time_stack.is_moving and sequence.planned.mean_rate is not None
+    return entry.fingerprint == (fingerprint_generated_out_of_focus(planned) if depends else planned)

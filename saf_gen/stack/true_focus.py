@@ -12,12 +12,13 @@ from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
 
 
-def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) -> Truth:
-    """Return the true focus for a lens at these positions, without the sharpness.
+def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) -> tuple[Truth, float]:
+    """Return the true focus for a lens at these positions, without the sharpness, and the frame of its target mask.
 
     In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered moments that
     see the target, and stays constant while the target is out of sight. All other fields hold at the moment when the
-    lens first meets the focus of a visible target, or comes nearest to it.
+    lens first meets the focus of a visible target, or comes nearest to it; the mask is that of the rendered moment
+    nearest to it that sees the target.
 
     Parameters
     ----------
@@ -25,6 +26,15 @@ def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) ->
         Focal stacks of the recording.
     position : ndarray, shape (T,)
         Position of the lens in each readout, 0 to 1.
+
+    Returns
+    -------
+    truth : Truth
+        The true focus.
+    frame : float
+        Frame in whose picture the target is where the mask has it: ``truth.frame``, or if the lens never meets the
+        focus, the beginning of the rendered moment of the mask, -0.5 for the first. NaN if a static scene is never in
+        focus, because its picture is the same at every frame.
 
     Raises
     ------
@@ -35,7 +45,8 @@ def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) ->
     if not time_stack.is_moving:
         depth, target = plane_source.load_geometry(0)
         best = time_stack.specs[0].drive.true_focus(depth[target])
-        return _truth_at(plane_source, 0, position=best, frame=_first(find_focus_crossings(position, best)))
+        frame = _first(find_focus_crossings(position, best))
+        return _truth_at(plane_source, 0, position=best, frame=frame), frame
     seen_frames, best_positions, seen = [], [], []
     for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
         depth, target = plane_source.load_geometry(j)
@@ -57,7 +68,7 @@ def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) ->
     nearest = seen_frames[int(np.argmin(np.abs(np.asarray(seen_frames) - met - 0.5)))]
     best = float(np.interp(met, np.arange(position.size), track))
     truth = _truth_at(plane_source, time_stack.slice_frames.index(nearest), position=best, frame=frame)
-    return replace(truth, track=track.astype(np.float32))
+    return replace(truth, track=track.astype(np.float32)), frame if np.isfinite(frame) else nearest - 0.5
 
 
 def _in_sight(time_stack: TimeResolvedStack, seen: np.ndarray, *, frames: int) -> np.ndarray:

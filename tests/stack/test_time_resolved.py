@@ -231,7 +231,7 @@ def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
 def test_the_truth_follows_a_target_that_comes_nearer():
     """The best focus follows straight lines between moments; the frame is the one in which the lens meets it."""
     made = stacks(depths=(0.55, 0.53, 0.51, 0.49))
-    truth = find_true_focus_of_stack(plane_source(made), SWEEP)
+    truth, _ = find_true_focus_of_stack(plane_source(made), SWEEP)
     best = DRIVE.best_position(np.float32([0.55, 0.53, 0.51, 0.49]).astype(float))
     assert truth.track[0] == pytest.approx(best[0], abs=0.002)
     assert truth.track[159] == pytest.approx(best[1], abs=0.001)
@@ -243,26 +243,26 @@ def test_the_truth_follows_a_target_that_comes_nearer():
 
 
 def test_moments_that_do_not_see_the_target_do_not_count():
-    truth = find_true_focus_of_stack(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
+    truth, _ = find_true_focus_of_stack(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
     assert np.ptp(truth.track) == 0
     assert truth.target.any()
 
 
 def test_a_lens_that_comes_when_the_target_is_out_of_sight_does_not_meet_it():
     """The lens is at the target's focus between the second and the third moment."""
-    met = find_true_focus_of_stack(plane_source(stacks(depths=(0.5, 0.5, 0.5, 0.5))), SWEEP)
+    met, _ = find_true_focus_of_stack(plane_source(stacks(depths=(0.5, 0.5, 0.5, 0.5))), SWEEP)
     assert 160 < met.frame < 320
-    gone = find_true_focus_of_stack(plane_source(stacks(depths=(0.5, 0.5, None, None))), SWEEP)
+    gone, _ = find_true_focus_of_stack(plane_source(stacks(depths=(0.5, 0.5, None, None))), SWEEP)
     assert np.isnan(gone.frame)
     assert gone.target.any()
     assert gone.position == pytest.approx(met.position, abs=1e-6)
-    back = find_true_focus_of_stack(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
+    back, _ = find_true_focus_of_stack(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
     assert back.frame == pytest.approx(met.frame)
 
 
 def test_a_lens_that_never_meets_the_target_has_no_frame():
     position = np.full(FRAMES, 0.9)
-    truth = find_true_focus_of_stack(plane_source(stacks(position, depths=(0.55, 0.53, 0.51, 0.50))), position)
+    truth, _ = find_true_focus_of_stack(plane_source(stacks(position, depths=(0.55, 0.53, 0.51, 0.50))), position)
     assert np.isnan(truth.frame)
     assert truth.position == pytest.approx(truth.track.max(), abs=0.01)  # the nearest focus on the track
 
@@ -279,12 +279,12 @@ def test_a_target_that_is_never_seen_is_refused(tmp_path):
 def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
     source = plane_source(stacks())
     charge_source = ChargeSource(source, SENSOR)
-    found = noise_free_stack_sharpness(charge_source, find_true_focus_of_stack(source, SWEEP), position=SWEEP)
+    found = noise_free_stack_sharpness(charge_source, find_true_focus_of_stack(source, SWEEP)[0], position=SWEEP)
     assert np.isfinite(found).all()
     half = SWEEP / 2
     source = plane_source(stacks(half))
     found = noise_free_stack_sharpness(
-        ChargeSource(source, SENSOR), find_true_focus_of_stack(source, half), position=half
+        ChargeSource(source, SENSOR), find_true_focus_of_stack(source, half)[0], position=half
     )
     assert np.isfinite(found[:5]).all()
     assert np.isnan(found[5:]).all()

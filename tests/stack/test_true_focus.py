@@ -60,7 +60,7 @@ def assert_depth_of_focus_is_round(drive, truth):
 @each_drive
 def test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths(drive):
     depth, target = scene_at()
-    truth = find_true_focus_of_stack(sources(drive, 1), SWEEP)
+    truth, _ = find_true_focus_of_stack(sources(drive, 1), SWEEP)
     best = sharpest(drive)
     assert truth.position == pytest.approx(best, abs=2e-5)
     assert truth.frame == pytest.approx(best * FRAMES - 0.5, abs=0.01)
@@ -77,7 +77,7 @@ def test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths(drive):
 
 @each_drive
 def test_the_truth_of_a_moving_target_follows_its_own_depths(drive):
-    truth = find_true_focus_of_stack(sources(drive, 4), SWEEP)
+    truth, _ = find_true_focus_of_stack(sources(drive, 4), SWEEP)
     best = np.array([sharpest(drive, n) for n in range(4)])
     assert (np.abs(np.diff(best)) > 0.03).all()
     assert truth.track == pytest.approx(np.interp(np.arange(FRAMES) + 0.5, AT, best), abs=3e-5)
@@ -92,7 +92,7 @@ def test_the_truth_of_a_moving_target_follows_its_own_depths(drive):
 @each_drive
 def test_the_depth_of_focus_of_a_moving_target_is_round_about_its_own_depths(drive):
     """At the moment whose mask the truth has, the one nearest to the frame of the truth."""
-    truth = find_true_focus_of_stack(sources(drive, 4), SWEEP)
+    truth, _ = find_true_focus_of_stack(sources(drive, 4), SWEEP)
     n = int(np.argmin(np.abs(np.array(AT) - truth.frame - 0.5)))
     assert_depth_of_focus_is_round(drive, replace(truth, position=sharpest_exactly(drive, n)))
 
