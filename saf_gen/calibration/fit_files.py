@@ -1,4 +1,4 @@
-"""Files of a sensor fit: a sensor file with an interval after each value, the estimates as JSON, and an HTML page."""
+"""Files of a sensor fit: the sensor with an interval after each value, the estimates as JSON, and a page with plots."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Fit of flat fields at several levels: the response of each pixel, the levels, and the loss after a spike.
+"""Fits of flat fields: the response of each pixel, the levels, the loss after a spike, and the parts of its pattern.
 
 At the light λ, a pixel with response g and dark rate D, both in units of its threshold, has the mean interval
 

@@ -7,7 +7,7 @@ at this readout, at most once, subtracts the threshold, and draws the next thres
 
 Shot noise acts through the threshold: Poisson electrons reach a level of n electrons after a mean charge that is
 Gamma(n) distributed, so an interval between spikes, measured in mean charge, has a variance of exactly n e-². The noise
-is read from a table of normal noise (noise_table.py); the first phase is uniform in [0, threshold). At a spike, at most
+is read from a table in ``encoder_kernel``; the first phase is uniform in [0, threshold). At a spike, at most
 ``sensor.max_excess_thresholds`` thresholds of excess charge are kept, so that the effect of an overload ends soon. The
 readout after a spike collects the fraction ``1 - sensor.post_spike_loss`` of its charge, including dark charge.
 

@@ -1,4 +1,4 @@
-"""The commands ``generate`` and ``verify``."""
+"""The commands ``generate``, ``verify``, ``pack`` and ``fetch``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -1,4 +1,4 @@
-"""The commands of the group ``leaderboard``, which merge and verify evaluations."""
+"""The commands of the groups ``leaderboard`` and ``submit``, and the command ``tune``."""
 
 from pathlib import Path
 from typing import Annotated

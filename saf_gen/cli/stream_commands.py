@@ -1,4 +1,4 @@
-"""The commands ``import``, ``encode``, ``export``, ``inspect`` and ``dataset index``."""
+"""The commands ``import``, ``encode``, ``export``, ``inspect``, ``view`` and ``dataset index``."""
 
 from pathlib import Path
 from typing import Annotated, Any

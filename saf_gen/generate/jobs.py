@@ -1,4 +1,4 @@
-"""The jobs that make a dataset, as values that can be sent to another process."""
+"""The jobs that make a dataset, as values that can be sent to another process, and the order in which they run."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

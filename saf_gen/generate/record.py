@@ -1,4 +1,4 @@
-"""Finished recordings on disk: their fingerprints, whether a file has a given one, and whether it is undamaged."""
+"""Recording of sequences; fingerprints of finished recordings on disk, and whether one is undamaged."""
 
 import hashlib
 import json

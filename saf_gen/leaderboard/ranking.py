@@ -1,4 +1,4 @@
-"""The rows of the leaderboard: one per method, best first."""
+"""The ranking: records become the rows of the leaderboard, one per method, best first, with their intervals."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

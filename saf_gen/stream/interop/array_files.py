@@ -1,4 +1,4 @@
-"""Arrays in untrusted files, NumPy's .npy and .npz and MATLAB's .mat, read a few slices at a time.
+"""Spikes as arrays in untrusted files, NumPy's .npy and .npz and MATLAB's .mat, read a few slices at a time.
 
 Nothing in such a file is executed: pickled objects are refused. The size in a header is compared with the size of
 the file before memory is allocated.

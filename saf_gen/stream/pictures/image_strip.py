@@ -1,4 +1,4 @@
-"""Pictures of a recording arranged in one image, from which a page can show one at a time."""
+"""Pictures of a recording arranged in one image, from which a page or a notebook can show one at a time."""
 
 import io
 import math

@@ -1,4 +1,4 @@
-"""Plots of lens, light and scores over the frames of a view, one below the other; unknown quantities are left out."""
+"""Plots of lens, light and scores over the frames of a view, without unknown quantities; and a still picture."""
 
 import textwrap
 from collections.abc import Callable, Iterable, Mapping

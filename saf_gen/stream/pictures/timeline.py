@@ -1,4 +1,4 @@
-"""Quantities over the frames of a view: lens, light, truth, and scores of measures."""
+"""Pictures of windows of a recording, and the quantities over its frames: lens, light, truth, scores of measures."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
