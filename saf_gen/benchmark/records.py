@@ -11,7 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from pydantic import ConfigDict, Field, WrapValidator
@@ -25,7 +25,7 @@ from saf_gen.errors import BadInput
 RECORDS_FILE = "records.jsonl"
 READY = ".evaluation.ready"
 """Folder, in the folder of an evaluation, that holds a complete new evaluation until its files have been moved."""
-RECORD_FORMAT = "saf-gen record 7"
+RECORD_FORMAT = "saf-gen record 8"
 HINT = "run saf-gen evaluate again"
 FAIR_FAILURES = ("BadInput", "the budget of ", "answered frame ", "frames_seen is ")
 """Beginnings of the notes of failures that are results: an input that a method refuses, a budget that it spends, and an
@@ -37,6 +37,12 @@ MAX_SECONDS_OR_TRAVELS = 1e9
 """Upper limit of seconds and travels, above all values that occur, but low enough to keep means finite."""
 MAX_POSITION_OR_ERROR = 1e100
 """Upper limit of positions and errors in any unit, above all values that occur, but low enough to keep means finite."""
+
+Blank = Literal["no spikes", "all spikes"]
+"""What makes a recording blank: every readout of every pixel is the same, so nobody can know the focus."""
+BLANK = get_args(Blank)
+Obstacle = Literal["no spikes", "all spikes", "lens at rest", "focus not reached"]
+"""What keeps every method from the focus of a sequence."""
 
 Flag = Annotated[bool, Field(strict=True)]
 Count = Annotated[int, Field(strict=True, ge=0, le=MAX_COUNT)]
@@ -137,6 +143,10 @@ class Record:
     entire travel."""
     mean_rate: Travel | None = None
     """Mean counts per pixel and readout in the region of the evaluation, over the frames that a method may see."""
+    obstacle: Obstacle | None = None
+    """What keeps every method from the focus: ``no spikes`` or ``all spikes`` in the region of the evaluation, where no
+    answer counts and no success is known; ``lens at rest``; or ``focus not reached``, where the lens stays more than 1
+    depth of focus away and no answer is right. None if nothing does."""
     light_ratio: Annotated[Number, Field(ge=1, le=MAX_SECONDS_OR_TRAVELS)] | None = None
     """Largest gain of the light divided by its smallest; 1000 for a light that goes out. With several lights, the
     largest of their ratios."""
@@ -282,6 +292,8 @@ def _find_contradiction(r: Record) -> tuple[str, str] | None:
         for name in ("position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s"):
             if getattr(r, name) is not None:
                 return f"{r.status}, but {name} is {getattr(r, name):g}", "null if there is no answer"
+    if r.obstacle in BLANK and (r.status == "answered" or success[0] is not None):
+        return f"{r.status} with success {success[0]} in a recording of {r.obstacle}", "no answer and success null"
     if r.status == "failed" and any(success):
         return "failed, but success is true", "false, or null if the truth is unknown"
     if r.status == "abstained" and any(far and not near for near, far in pairwise(success)):

@@ -10,7 +10,7 @@ COUNTS_VERSION = 1
 CAPTURE_VERSION = 1
 """Version of the running camera of the closed loop: lens, budget, captured frames, and what a policy observes."""
 
-JUDGEMENT_VERSION = 1
+JUDGEMENT_VERSION = 2
 """Version of the judgement of an answer: truth, error, blur, success and time to focus."""
 
 

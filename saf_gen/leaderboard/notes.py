@@ -13,6 +13,7 @@ from saf_gen.leaderboard.ranking import LeaderboardRow
 MAX_GRAIN_OF_CURVE = 0.1
 """Fraction of the range of a focus curve above which grain may shift its peak."""
 NAMED_MEASURES = 4
+NAMED_SEQUENCES = 3
 
 
 def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
@@ -28,6 +29,7 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
             f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once"
             + ("; with so few scenes, almost no methods can be told apart." if scenes < 2 * MIN_SCENES else ".")
         )
+    found += _name_obstacles(records)
     found += grain_warning(records)
     machines = sorted({r.machine for r in records if r.machine})
     if len(machines) > 1:
@@ -55,6 +57,26 @@ def _name_benchmark(records: Sequence[Record]) -> list[str]:
         for split, names in sorted(judged.items())
     ]
     return [f"The benchmark is {label}: {', '.join(covered)}."]
+
+
+OBSTACLES = {
+    "no spikes": "no spikes, counted for no method",
+    "all spikes": "a spike in every readout, counted for no method",
+    "lens at rest": "a lens at rest, so that every frame is the same answer",
+    "focus not reached": "a lens that never reaches the focus, so that no answer is right",
+}
+
+
+def _name_obstacles(records: Iterable[Record]) -> list[str]:
+    """Return a sentence, in a list, that counts and names the sequences that cannot be focused; [] if all can."""
+    obstacles = {r.sequence: r.obstacle for r in records}
+    named = []
+    for obstacle, what in OBSTACLES.items():
+        if found := sorted(sequence for sequence, its in obstacles.items() if its == obstacle):
+            more = f" and {len(found) - NAMED_SEQUENCES} more" if len(found) > NAMED_SEQUENCES else ""
+            named.append(f"{len(found)} with {what} ({', '.join(found[:NAMED_SEQUENCES])}{more})")
+    total = sum(obstacle is not None for obstacle in obstacles.values())
+    return [f"{total} of {len(obstacles)} sequences cannot be focused: {'; '.join(named)}."] if named else []
 
 
 @dataclass(frozen=True)

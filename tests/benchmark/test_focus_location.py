@@ -169,7 +169,7 @@ def test_records_of_both_tracks_state_the_focus_position(tmp_path):
     (task,) = select_sequences_to_evaluate(tmp_path / "a.h5").tasks
     with open_stream(task.path) as stream:
         recorded, closed_loop = (
-            describe_sequence(task, stream, rate=(np.zeros(1), np.ones(1)), track=t)
+            describe_sequence(task, stream, rate=(np.zeros(1), np.ones(1)), blank=None, track=t)
             for t in ("recorded", "closed_loop")
         )
     assert recorded["focus_place"] == pytest.approx(0.04, abs=2e-3)
@@ -188,7 +188,9 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
     (task,) = select_sequences_to_evaluate(tmp_path / "a.h5").tasks
     light = np.arange(FRAMES) + 0.5, ramp / 10
     with open_stream(task.path) as stream:
-        every, first = (describe_sequence(task, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200))
+        every, first = (
+            describe_sequence(task, stream, rate=light, blank=None, track="closed_loop", frames=n) for n in (None, 200)
+        )
     assert (every["focus_place"], every["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
     assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later
     assert first["light_ratio"] == pytest.approx(ramp[199], rel=1e-3)

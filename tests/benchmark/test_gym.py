@@ -178,7 +178,7 @@ class VisitingSearch:
 
     def measure(self, counts):
         self.counts.append(counts)
-        return 0.0
+        return float(len(self.counts))
 
     def __call__(self, view):
         self._score(view)
@@ -205,7 +205,7 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
         expected = (average_observation(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     info = rows[-1][2]
-    record = sequence.make_record(run, PROTOCOL, known={"method": "m", "code": "", "parameters": ""})
+    record = sequence.make_record(run, PROTOCOL, known={"method": "m", "code": "", "parameters": "", "obstacle": None})
     assert (info["error"], info["success_1dof"]) == (record.error, record.success_1dof)
 
 

@@ -141,7 +141,7 @@ def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, found
     error = refusal(read, line)
     assert "not a record of this version" in error.problem
     assert found in error.problem
-    assert error.allowed == '"format": "saf-gen record 7"'
+    assert error.allowed == '"format": "saf-gen record 8"'
     assert error.hint == "run saf-gen evaluate again"
 
 

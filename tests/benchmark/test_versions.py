@@ -26,8 +26,8 @@ from saf_gen.stack.focal_stack import FocalStack, StackSpec
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stream.metadata import Truth
 
-RECORDED = "aa2e182e1936da1693556edc996570246a58de64b297b72cd1c6c68f7460180d"
-CLOSED_LOOP = "2c0fbee096f18581dea6411f21896c5cf5c71a5ccfd4cc3c4af1eec599e2790d"
+RECORDED = "f1f44b4a9370ae7c58ba8ab3862cbad9b0d2db428e231dd5a57f585728fb3238"
+CLOSED_LOOP = "23b52c22231e668232e18588d6f0c0921b89057f0516f9fd28d243fd87cc4820"
 OBSERVED = "9cb5c9ecb1a99a538b511e2a5281280b7105914663e1c193a2b6be00dd4687ad"
 FRAMES, ROWS, COLUMNS, PEAK = 800, 24, 32, 300
 BOARD = np.where(np.add.outer(np.arange(ROWS) // 4, np.arange(COLUMNS) // 4) % 2, 1, -1)
@@ -137,7 +137,7 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
             run = run_closed_loop(sequence.make_captured_frames(), method, protocol=protocol)
-            known = {"method": method.name, "code": "", "parameters": ""}
+            known = {"method": method.name, "code": "", "parameters": "", "obstacle": None}
             records.append(sequence.make_record(run, protocol, known=known))
     assert digest(numbers(records)) == CLOSED_LOOP
 

@@ -18,7 +18,7 @@ from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun
 from saf_gen.benchmark.tracks.predictions import METHOD_NAME
 from saf_gen.benchmark.tracks.search_run import describe_exception
-from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, measure_rate
+from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, measure_rate
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
@@ -75,9 +75,10 @@ def evaluate_policy(
     for task in inner.tasks:
         sequence = inner.load_sequence(task)
         with open_stream(task.path) as stream:
-            rate = measure_rate(WindowCounts(stream, region=sequence.box))
+            counts = WindowCounts(stream, region=sequence.box)
+            rate, blank = measure_rate(counts), find_blank(counts)
             budget = inner.protocol.count_frames(sequence.capture)[0]
-            common = describe_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
+            common = describe_sequence(task, stream, rate=rate, blank=blank, track="closed_loop", frames=budget)
         run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)
         known = {"method": method, "code": code, "parameters": inner.parameters, **common}
         records.append(sequence.make_record(run, inner.protocol, known=known))

@@ -10,7 +10,7 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,11 @@ import numpy as np
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judged_dof
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import LensPath
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.search_run import run_search
-from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, grain_fields, measure_rate
+from saf_gen.benchmark.tracks.search_run import run_search, withhold
+from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.benchmark.view.running_camera import (
@@ -281,7 +281,14 @@ class ClosedLoopSequence:
 
     def make_record(self, run: ClosedLoopRun, protocol: ClosedLoopProtocol, *, known: Mapping[str, Any]) -> Record:
         """Return the record of a run; ``known`` has the fields of the method and those of describe_sequence."""
+        obstacle = known["obstacle"]
+        if obstacle in BLANK:
+            run = replace(run, answer=withhold(run.answer, f"the recording has {obstacle}"))
         judged = judge_run(run, self.capture.truth, readout_hz=self.capture.sensor.readout_hz)
+        if obstacle in BLANK:
+            judged |= dict.fromkeys(("success_half_dof", "success_1dof", "success_2dof"))
+        if not run.windows and not judged["lens_travel"]:  # neither looked nor moved: there is no cost to compare
+            judged |= dict.fromkeys(("lens_travel", "time_to_focus_s"))
         unknown = dict.fromkeys(("position", "error", "error_dof", "blur_px", "time_to_focus_s"))
         return Record(
             sequence=self.task.id,
@@ -341,9 +348,10 @@ def evaluate_closed_loop(
     records, paths = [], []
     with open_stream(task.path) as stream:
         sequence = ClosedLoopSequence.from_stream(task, stream, region=region)
-        rate = measure_rate(WindowCounts(stream, choose_region(stream, rate_region)[0]))
+        counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
+        rate, blank = measure_rate(counts), find_blank(counts)
         budget = protocol.count_frames(sequence.capture)[0]
-        common = describe_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
+        common = describe_sequence(task, stream, rate=rate, blank=blank, track="closed_loop", frames=budget)
         if sequence.capture.truth.track is None:  # in a moving scene, the recording has other slices
             common["grain_rms"] = grain_fields(stream)["grain_rms"]
     if not all(commands(method.search) for method in methods):  # methods that do not command the lens need a sweep

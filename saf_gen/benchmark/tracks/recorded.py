@@ -8,12 +8,12 @@ import numpy as np
 
 from saf_gen.benchmark.judgement import judge
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
-from saf_gen.benchmark.tracks.search_run import run_search
-from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, grain_fields, measure_rate
+from saf_gen.benchmark.tracks.search_run import run_search, withhold
+from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
@@ -92,9 +92,11 @@ def evaluate_recorded(
         box, region_name = choose_region(stream, region)
         counts = WindowCounts(stream, box)
         rate = common_rate = measure_rate(counts)
+        common_counts = counts
         if rate_region != region:
-            common_rate = measure_rate(WindowCounts(stream, choose_region(stream, rate_region)[0]))
-        common = describe_sequence(task, stream, rate=common_rate, track="recorded")
+            common_counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
+            common_rate = measure_rate(common_counts)
+        common = describe_sequence(task, stream, rate=common_rate, blank=find_blank(common_counts), track="recorded")
         for done, method in enumerate(methods, start=1):
             view = RecordingView(counts, method.measure)
             attempt = _run_method(method, view, stream_path=str(stream.path))
@@ -173,7 +175,9 @@ def _find_range_fault(answer: Answer, frames: int) -> str:
 
 
 def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, common: Mapping[str, Any]) -> Record:
-    truth, answer, seen = stream.truth, attempt.answer, attempt.fields["frames_seen"]
+    truth, seen, obstacle = stream.truth, attempt.fields["frames_seen"], common["obstacle"]
+    is_blank = obstacle in BLANK
+    answer = withhold(attempt.answer, f"the recording has {obstacle}" if is_blank else "")
     judged = asdict(
         judge(
             answer.frame,
@@ -186,7 +190,10 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
         )
     )
     # A failure must not count as an abstention, which is a success if the focus is out of reach.
-    half, one, two = (success and not attempt.problem for success in judged.pop("success"))
+    success = (success and not attempt.problem for success in judged.pop("success"))
+    half, one, two = (None,) * 3 if is_blank else success
+    if not seen:  # the lens of the recording moved, but not for this method
+        judged["lens_travel"] = None
     return Record(
         sequence=task.id,
         split=task.split,
@@ -201,7 +208,7 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
         frames=stream.shape[0],
         note=attempt.problem or answer.note,
         data=stream.content_sha256,
-        time_to_focus_s=None if answer.frame is None else seen / stream.readout_hz,
+        time_to_focus_s=None if answer.frame is None or not seen else seen / stream.readout_hz,
         **judged,
         **attempt.fields,
         **common,

@@ -17,6 +17,7 @@ MAX_REASON_CHARACTERS = 300
 def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
     """Return the answer of a search and '', or an empty answer and one line that says why the search failed.
 
+    An answer that rests on scores which are all equal is a guess that happens to be somewhere: it counts as none.
     The search has access only to the members of :class:`saf_gen.parts.View`. Its computing time outside the view is
     added to ``scorer``, however it ends.
 
@@ -33,7 +34,7 @@ def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path
             answer = total_time.time(search, RestrictedView(view, view_time))
             if fault := answer_fault(answer, commanding=commands(search)):
                 return Answer(), _to_one_line("; ".join(fault))
-            return _to_plain_numbers(answer), ""
+            return withhold(_to_plain_numbers(answer), scorer.blindness), ""
     except BudgetSpentError:
         raise
     except Exception as error:  # third-party searches and measures may raise anything
@@ -42,6 +43,13 @@ def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path
         return Answer(), describe_exception(error)
     finally:  # with threads, the times inside the view may add up to more than the total
         scorer.add_seconds(max(total_time.seconds - view_time.seconds, 0.0))
+
+
+def withhold(answer: Answer, reason: str) -> Answer:
+    """Return the answer, or, if there is a reason not to count it, an abstention with that reason as its note."""
+    if not reason or (answer.frame is None and answer.position is None):
+        return answer
+    return Answer(None, answer.trace, f"no answer: {reason}")
 
 
 def describe_exception(error: Exception) -> str:

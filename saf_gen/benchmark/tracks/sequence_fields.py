@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, focus_crossing, judged_dof, light_ratio
-from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS
+from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS, Blank, Obstacle
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
@@ -30,6 +30,8 @@ RATE_BLOCKS = 200
 """Minimum number of blocks in which mean counts are measured; a recording of fewer frames has one block per frame."""
 REACH_LIMIT_DOF = SUCCESS_LIMITS_DOF[1]
 """Distance from the focus, in depths of focus, within which the lens has reached it, so that an answer can be right."""
+REST_DOF = 0.1
+"""Range of the lens positions, in depths of focus, up to which a lens is at rest: no picture differs from another."""
 
 
 def measure_rate(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
@@ -40,11 +42,20 @@ def measure_rate(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
     return first + (window - 1) / 2, rate
 
 
+def find_blank(counts: WindowCounts) -> Blank | None:
+    """Return what makes a recording blank if every readout of every pixel is the same, else None."""
+    spikes = int(counts.window(0, counts.frames).sum(dtype=np.int64))
+    if spikes == 0:
+        return "no spikes"
+    return "all spikes" if spikes == counts.frames * math.prod(counts.shape) else None
+
+
 def describe_sequence(
     task: SequenceTask,
     stream: SpikeStream,
     *,
     rate: tuple[np.ndarray, np.ndarray],
+    blank: Blank | None,
     track: Literal["recorded", "closed_loop"],
     frames: int | None = None,
 ) -> dict[str, Any]:
@@ -58,6 +69,8 @@ def describe_sequence(
         Its open stream.
     rate : tuple of ndarray
         Result of measure_rate.
+    blank : str or None
+        Result of find_blank.
     track : str
         ``recorded`` or ``closed_loop``.
     frames : int, optional
@@ -77,6 +90,13 @@ def describe_sequence(
         location, off_dof = judge_crossing(truth, stream.focus_position)
     else:
         location, off_dof = judge_location(truth)
+    obstacle: Obstacle | None = blank
+    path = stream.focus_position if track == "recorded" else np.array([0.0, 1.0])  # where the lens can be
+    if blank is None and path is not None and path.size and np.isfinite(path).all():
+        if np.ptp(path) <= REST_DOF * (judged_dof(truth.depth_of_focus) or 0.0):
+            obstacle = "lens at rest"
+        elif location is None and _find_best_focus(truth) is not None:
+            obstacle = "focus not reached"
     return {
         "track": track,
         "variant": task.variant,
@@ -86,6 +106,7 @@ def describe_sequence(
         "focus_place": location,
         "focus_off_dof": off_dof,
         "mean_rate": float(mean_rate.mean()),
+        "obstacle": obstacle,
         "light_ratio": light_ratio(gain),
         "sensor": sensor_of(stream.metadata.provenance),
         "benchmark": benchmark_of(stream.metadata.provenance),

@@ -110,7 +110,18 @@ class MeteredScorer:
     def __init__(self, measure: Callable[..., float]) -> None:
         self._measure, self._watch = measure, Stopwatch()
         self._named_measures: dict[str, Callable[..., float]] = {}
+        self._extremes: dict[str | None, tuple[float, float]] = {}  # smallest and largest score of each measure
+        self._looked = False
         self.windows = 0
+
+    @property
+    def blindness(self) -> str:
+        """Why the scores cannot tell one window from another, or ''.
+
+        A method that looked at counts, or that asked for fewer than two scores, is not judged by its scores.
+        """
+        is_flat = all(low == high for low, high in self._extremes.values())
+        return f"all {self.windows} scores are equal" if is_flat and self.windows > 1 and not self._looked else ""
 
     @property
     def seconds(self) -> float:
@@ -124,6 +135,7 @@ class MeteredScorer:
     def look(self, source: WindowSource, *, first: int, stop: int) -> np.ndarray:
         """Return the counts of frames ``first <= t < stop``, uint32 (h, w), read-only."""
         self.windows += 1
+        self._looked = True
         counts = source.window(first, stop)
         counts.flags.writeable = False
         return counts
@@ -148,4 +160,6 @@ class MeteredScorer:
                 allowed="a finite number for any counts",
                 hint="return 0.0 if there is no spike",
             )
+        low, high = self._extremes.get(measure, (score, score))
+        self._extremes[measure] = min(low, score), max(high, score)
         return score
