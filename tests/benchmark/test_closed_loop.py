@@ -26,7 +26,6 @@ from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.capture import Capture
-from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stream.metadata import Truth
 
 IDEAL = get_actuator(
@@ -53,18 +52,6 @@ def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
         CapturedFrames(capture, charge_source, region=WHOLE), get_measure("sd"), actuator=actuator,
         start=at, seed=1, budget=budget, readout_hz=capture.sensor.readout_hz,
     )  # fmt: skip
-
-
-@pytest.mark.slow
-def test_records_state_the_grain_of_the_pictures_at_rest(dataset):
-    """For a moving scene the file states only the grain of the recording's slices, not of those of the closed loop."""
-    protocol = ClosedLoopProtocol(IDEAL, budget_s=0.02)
-    found = {
-        r.scene_motion: r for r in evaluate_module.evaluate(dataset, methods=["sd+argmax"], protocol=protocol).records
-    }
-    assert 0.005 < found["static"].grain_rms < 0.5
-    assert found["dynamic"].grain_rms is None
-    assert found["static"].grain_of_curve is None
 
 
 class GoTo:
@@ -207,26 +194,22 @@ def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(captur
     assert done.path[-1] == pytest.approx(swept, abs=0.03) or done.path[-1] == pytest.approx(1 - swept, abs=0.03)
 
 
+class Unprintable(Exception):
+    def __str__(self):
+        raise RuntimeError("and no words")
+
+
 @pytest.mark.parametrize(
     ("search", "problem"),
     [
+        (Raises(Unprintable()), "Unprintable"),
         (GoTo(0.5, looks=30), "the budget of 800 frames was spent"),
-        (lambda view: 1 / 0, "ZeroDivisionError: division by zero"),
-        (Raises(RuntimeError("no light")), "RuntimeError: no light"),
-        (Raises(AttributeError("two\nlines")), "AttributeError: two lines"),
         (Raises(AssertionError(), commands=True), "AssertionError"),
-        (Raises(OSError("no weights"), commands=True), "OSError: no weights"),
         (Raises(SystemExit(3), commands=True), "CodeStopped: its code called exit(3)"),
-        (Raises(SystemExit("no light")), "CodeStopped: its code called exit('no light')"),
         (Raises(GeneratorExit()), "CodeStopped: its code raised GeneratorExit"),
         (Raises(BadInput("no light", where="x")), "BadInput: x: no light"),
         (Raises(ValueError("a" * 400)), f"ValueError: {'a' * 287}…"),
         (lambda view: Answer(1e6), "answered frame 1000000.0, which is not in the sweep"),
-        (lambda view: 1234.5, "it answers with float 1234.5; return saf_gen.parts.Answer(frame), or"),
-        (lambda view: np.zeros((2, 2)), "it answers with ndarray array([[0., 0.], [0., 0.]]); return"),
-        (lambda view: Answer(math.nan), "it answers frame nan; give a finite number, or None to abstain"),
-        (lambda view: Answer(5, trace=None), "its trace is None; give a tuple of finite numbers"),
-        (lambda view: Answer(5, note="one\ntwo"), r"its note is 'one\ntwo'; give one line of text"),
         (lambda view: Answer(position=0.5), "it answers with a position, but does not command the lens; answer"),
         (GoTo(math.nan), "it answers position nan; give a finite number, or None to abstain"),
         (Commands(lambda view: Answer(5.0)), "it answers with a frame, but commands the lens; answer"),
@@ -234,6 +217,7 @@ def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(captur
     ],
 )
 def test_a_broken_method_fails_with_the_reason(capture, search, problem):
+    """Other errors and answers, which both tracks treat alike, are tested in test_evaluate.py."""
     done = run(capture, search)
     assert problem in done.problem
     assert len(done.problem.splitlines()) == 1
@@ -243,26 +227,14 @@ def test_a_broken_method_fails_with_the_reason(capture, search, problem):
     assert "error" not in verdict
 
 
-class Unprintable(Exception):
-    def __str__(self):
-        raise RuntimeError("and no words")
-
-
-def test_an_exception_whose_text_fails_is_reported_by_its_class(capture):
-    assert run(capture, Raises(Unprintable())).problem == "Unprintable"
-
-
-@pytest.mark.parametrize("search", [GoTo(0.5), At(200.0)], ids=["commands", "estimates"])
-def test_a_broken_measure_is_reported_like_a_broken_search(capture, search):
-    broken = method(search, Raises(RuntimeError("no light")))
-    done = run_method(capture, broken)
+def test_a_broken_measure_is_reported_like_a_broken_search(capture):
+    done = run_method(capture, method(GoTo(0.5), Raises(RuntimeError("no light"))))
     assert done.problem == "RuntimeError: no light"
 
 
-@pytest.mark.parametrize("commands", [True, False])
-def test_an_interrupt_stops_the_evaluation(capture, commands):
+def test_an_interrupt_stops_the_evaluation(capture):
     with pytest.raises(KeyboardInterrupt):
-        run(capture, Raises(KeyboardInterrupt(), commands=commands))
+        run(capture, Raises(KeyboardInterrupt(), commands=True))
 
 
 def test_broken_methods_do_not_affect_others(dataset, monkeypatch):
@@ -279,6 +251,9 @@ def test_broken_methods_do_not_affect_others(dataset, monkeypatch):
     result = evaluate_module.evaluate(dataset, methods=list(searches), protocol=ClosedLoopProtocol(IDEAL))
     assert result.failures == ()
     assert len(result.records) == 4 * len(searches)
+    grain = {record.scene_motion: record.grain_rms for record in result.records}
+    assert 0.005 < grain["static"] < 0.5
+    assert grain["dynamic"] is None  # the file states only the grain of the recording's slices
     for record in result.records:
         assert record.status == ("answered" if record.method == "sd+sound" else "failed")
         assert bool(record.note) == (record.method != "sd+sound")
@@ -291,8 +266,14 @@ def ignore_errors(view):
     return Answer(position=0.5)
 
 
-@pytest.mark.parametrize("search", [GoTo(0.5), At(200.0), Commands(ignore_errors)])
-@pytest.mark.parametrize("error", [BadInput("is cut short", where="a.exr"), OSError("no such disk")])
+@pytest.mark.parametrize(
+    ("search", "error"),
+    [
+        (GoTo(0.5), OSError("no such disk")),
+        (At(200.0), BadInput("is cut short", where="a.exr")),
+        (Commands(ignore_errors), OSError("no such disk")),
+    ],
+)
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, monkeypatch, search, error):
     charge_source = capture.open_charge_source()
     monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **options: Raises(error)(run))
@@ -316,22 +297,6 @@ def test_both_regions_are_seen(dataset):
     assert [done for done, _, _ in steps] == [1, 2, 3, 4, 5, 6]
 
 
-def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, monkeypatch):
-    encoder_inputs = ChargeSource.encoder_inputs
-
-    def torn(self, run, **options):
-        if self.time_stack.is_moving:
-            raise BadInput("is cut short", where="a.exr")
-        return encoder_inputs(self, run, **options)
-
-    monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
-    monkeypatch.setattr(sequence_evaluation, "parse_method", lambda _: method(GoTo(0.5)))
-    result = evaluate_module.evaluate(dataset, methods=["sd+x"], protocol=ClosedLoopProtocol(IDEAL))
-    assert [failure.problem for failure in result.failures] == ["a.exr: is cut short"] * 2
-    assert {record.scene_motion for record in result.records} == {"static"}
-    assert {record.status for record in result.records} == {"answered"}
-
-
 @pytest.mark.parametrize("kind", [Commands, lambda does: does], ids=["commands", "estimates"])
 def test_a_view_has_only_the_promised_members_and_they_are_read_only(capture, kind):
     held = []
@@ -350,7 +315,7 @@ def test_a_view_has_only_the_promised_members_and_they_are_read_only(capture, ki
             setattr(view, name, 0)
 
 
-@pytest.mark.parametrize("window", [(-50, 50), (10, 10), (300, 321), (0.5, 10), (-8, -1)])
+@pytest.mark.parametrize("window", [(-50, 50), (10, 10), (300, 321), (0.5, 10)])
 def test_a_window_outside_the_sweep_is_refused(capture, window):
     camera = start(capture)
     camera.wait(80)
@@ -370,14 +335,13 @@ def test_the_lens_before_a_sweep_is_hidden_from_its_view(capture):
     assert 0 <= view.position(0) < view.position(39) == pytest.approx(40 / 320, rel=1e-3)
 
 
-@pytest.mark.parametrize(("name", "budget"), [("voice_coil_hall", 800), ("liquid_lens", 800)])
-def test_a_sweep_ends_where_the_lens_is_at_the_far_end(capture, name, budget):
+@pytest.mark.parametrize("name", ["voice_coil_hall", "liquid_lens"])
+def test_a_sweep_ends_where_the_lens_is_at_the_far_end(capture, name):
     """If the command moved at the speed of the sweep, the lens would end 3 and 12 % short of the far end."""
-    camera = start(capture, actuator=get_actuator(name, position_noise_rms=0), budget=budget)
-    view = SweepView(camera, begin=0.0, end=1.0, frames=budget)
-    view.wait(budget)
+    camera = start(capture, actuator=get_actuator(name, position_noise_rms=0))
+    SweepView(camera, begin=0.0, end=1.0, frames=800).wait(800)
     assert camera.path[-1] == pytest.approx(1, abs=0.01)
-    assert camera.path[budget // 2] == pytest.approx(0.5, abs=0.1)
+    assert camera.path[400] == pytest.approx(0.5, abs=0.1)
 
 
 def test_an_answer_is_the_position_of_the_lens_even_if_the_sensor_is_at_the_motor(capture):
@@ -392,24 +356,17 @@ def test_an_answer_is_the_position_of_the_lens_even_if_the_sensor_is_at_the_moto
         assert view.position_at(frame) == pytest.approx(truly, abs=0.01)
 
 
-@pytest.mark.parametrize(("frames", "passed"), [(0, 0), (0.2, 8), (8, 8), (8.5, 16), (9, 16)])
+@pytest.mark.parametrize(("frames", "passed"), [(0, 0), (0.2, 8), (8, 8), (8.5, 16)])
 def test_a_wait_is_never_shorter_than_was_asked(capture, frames, passed):
     camera = start(capture)
     camera.wait(frames)
     assert camera.now == passed
 
 
-@pytest.mark.parametrize("before", [0, 80])
-def test_an_answer_without_a_look_is_the_current_lens_position(capture, before):
+def test_an_answer_without_a_look_is_the_current_lens_position(capture):
     camera = start(capture)
-    camera.wait(before)
+    camera.wait(80)
     assert SweepView(camera, begin=0.0, end=1.0, frames=320).position_at(100.0) == pytest.approx(0, abs=1e-6)
-
-
-def test_the_same_method_twice_gives_the_same_run(capture):
-    first, second = (run(capture, At(200.0), actuator=get_actuator("voice_coil")) for _ in range(2))
-    assert np.array_equal(first.path, second.path)
-    assert first.answer_frame == second.answer_frame
 
 
 def ran(path, *, answered=0, answer=None):
@@ -443,13 +400,9 @@ def test_an_abstention_is_right_where_the_focus_is_out_of_reach(best, right):
     verdict = judge_run(ran(np.full(10, 0.3), answer=Answer()), truth, readout_hz=20_000)
     assert verdict["status"] == "abstained"
     assert verdict["success_1dof"] is right
-
-
-def test_without_a_truth_a_run_has_a_position_but_no_success():
-    verdict = judge_run(ran(np.full(10, 0.3)), Truth(), readout_hz=20_000)
-    assert verdict["truth"] is None
-    assert verdict["success_1dof"] is None
-    assert verdict["position"] == pytest.approx(0.3)
+    unknown = judge_run(ran(np.full(10, 0.3)), Truth(), readout_hz=20_000)
+    assert (unknown["truth"], unknown["success_1dof"]) == (None, None)
+    assert unknown["position"] == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(
@@ -465,8 +418,6 @@ def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(pos
         ({"budget_s": 1.0}, "a budget of 1000 ms", "0.8 to 40 ms"),
         ({"budget_s": 1e-5}, "a budget of", "0.8 to 40 ms"),
         ({"budget_s": 0.02, "sweep_s": 0.03}, "a sweep of 30 ms", "0.8 ms to the budget of 20 ms"),
-        ({"budget_s": -1.0}, "the budget is -1 s", "above 0"),
-        ({"sweep_s": math.inf}, "the sweep is inf s", "above 0"),
     ],
 )
 def test_a_protocol_that_cannot_be_kept_is_refused(capture, protocol, problem, allowed):
@@ -482,7 +433,3 @@ def test_a_protocol_that_no_sequence_can_keep_writes_nothing(dataset, tmp_path, 
     assert "none of 4 sequences can be evaluated" in err
     assert "a budget of 500 ms" in err
     assert not (tmp_path / "o").exists()
-
-
-def test_the_protocol_is_described_in_one_line(capture):
-    assert ClosedLoopProtocol(get_actuator("voice_coil")).describe(capture) == "voice_coil, 40 ms, sweep 10 ms"

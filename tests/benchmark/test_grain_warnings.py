@@ -38,29 +38,28 @@ def evaluated(path, *methods, **options):
     return {record.method: record for record in evaluate(path, methods=methods, **options).records}
 
 
-@pytest.mark.parametrize(
-    ("measure", "expected"),
-    [
-        ("sd", 0.004 / 0.2),  # the range of /truth/sharpness
-        ("variance_n", 0.004 / 0.2),
-        ("sd_tfi", 0.004 / 0.2),
-        ("brenner", 0.03 / 0.3),  # the range of the signal along the recording
-        ("brenner_n_tfi", 0.03 / 0.3),
-        ("tenengrad", 0.5 / 8),
-        ("er_count", None),
-        ("squared_gradient", None),  # not in the file
-    ],
-)
-def test_grain_is_compared_with_the_curve_of_the_measure(stream, measure, expected):
-    record = evaluated(stream({"grain": planted().to_text()}), f"{measure}+argmax")[f"{measure}+argmax"]
-    assert record.grain_rms == pytest.approx(0.02)
-    assert record.grain_of_curve == (None if expected is None else pytest.approx(expected))
+EXPECTED = {
+    "sd": 0.004 / 0.2,  # the range of /truth/sharpness
+    "variance_n": 0.004 / 0.2,
+    "sd_tfi": 0.004 / 0.2,
+    "brenner": 0.03 / 0.3,  # the range of the signal along the recording
+    "brenner_n_tfi": 0.03 / 0.3,
+    "tenengrad": 0.5 / 8,
+    "er_count": None,
+    "squared_gradient": None,  # not in the file
+}
 
 
-def test_a_method_that_looks_at_the_frame_has_no_such_figure(stream):
-    record = evaluated(stream({"grain": planted().to_text()}), "sd+argmax", region="frame")["sd+argmax"]
-    assert record.grain_rms == pytest.approx(0.02)
-    assert record.grain_of_curve is None
+def test_grain_is_compared_with_the_curve_of_the_measure_where_it_looks_at_the_target(stream, tmp_path):
+    stream({"grain": planted().to_text()})
+    folder = list_streams(tmp_path, {"id": "a"})
+    (tmp_path / "p.jsonl").write_text('{"method": "elsewhere", "sequence": "a", "frame": 300}\n')
+    methods = [f"{measure}+argmax" for measure in EXPECTED]
+    found = evaluated(folder, *methods, "sd+argmax@frame", predictions=tmp_path / "p.jsonl")
+    assert [record.grain_rms for record in found.values()] == pytest.approx([0.02] * len(found))
+    assert {name: found[f"{name}+argmax"].grain_of_curve for name in EXPECTED} == pytest.approx(EXPECTED)
+    assert found["sd+argmax@frame"].grain_of_curve is None
+    assert found["elsewhere"].grain_of_curve is None
 
 
 @pytest.mark.parametrize("provenance", [{}, {"grain": "spoilt"}])
@@ -68,12 +67,3 @@ def test_a_recording_without_grain_is_evaluated_all_the_same(stream, provenance)
     record = evaluated(stream(provenance), "sd+argmax")["sd+argmax"]
     assert record.status == "answered"
     assert (record.grain_rms, record.grain_of_curve) == (None, None)
-
-
-def test_predictions_have_the_grain_of_their_recording(stream, tmp_path):
-    stream({"grain": planted().to_text()})
-    folder = list_streams(tmp_path, {"id": "a"})
-    (tmp_path / "p.jsonl").write_text('{"method": "elsewhere", "sequence": "a", "frame": 300}\n')
-    record = evaluated(folder, predictions=tmp_path / "p.jsonl")["elsewhere"]
-    assert record.grain_rms == pytest.approx(0.02)
-    assert record.grain_of_curve is None

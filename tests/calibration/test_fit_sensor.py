@@ -37,8 +37,8 @@ def fitted(seed, **options):
 
 
 @pytest.fixture(scope="module")
-def ten():
-    return [fitted(seed) for seed in range(10)]
+def six():
+    return [fitted(seed) for seed in range(6)]
 
 
 def close(found, truth):
@@ -47,45 +47,41 @@ def close(found, truth):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("key", ASKED)
-def test_ten_cameras_are_recovered_within_3_percent_or_inside_their_intervals(ten, key):
-    """48 × 64 pixels, 6,000 readouts at each of two levels and 20,000 without light; seeds 0 to 9.
+def test_six_cameras_are_recovered_within_3_percent_or_inside_their_intervals(six, key):
+    """48 × 64 pixels, 6,000 readouts at each of two levels and 20,000 without light; seeds 0 to 5.
 
     A 95 % interval may miss the truth, but none of these estimates is then off by more than 3 %; the next test counts
     the misses.
     """
     missed = [
         f"{camera.name}: {fit.estimates[key]} misses {cameras.true_numbers(camera)[key]}"
-        for camera, fit in ten
+        for camera, fit in six
         if not close(fit.estimates[key], cameras.true_numbers(camera)[key])
     ]
     assert not missed
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_95_times_in_100(ten):
-    """160 intervals of ten cameras: more misses have a probability below 1e-3 if each has 5 % (binomial)."""
+def test_intervals_hold_the_truth_95_times_in_100(six):
+    """96 intervals of six cameras: more misses have a probability below 1e-3 if each has 5 % (binomial)."""
     missed = Counter(
-        key for camera, fit in ten for key in COUNTED if not fit.estimates[key].holds(cameras.true_numbers(camera)[key])
+        key for camera, fit in six for key in COUNTED if not fit.estimates[key].holds(cameras.true_numbers(camera)[key])
     )
-    most = int(stats.binom.isf(1e-3, 10 * len(COUNTED), 0.05))
+    most = int(stats.binom.isf(1e-3, 6 * len(COUNTED), 0.05))
     assert missed.total() <= most, missed
 
 
 @pytest.mark.slow
-def test_intervals_are_narrow_enough_to_be_useful(ten):
-    """Relative half widths of the worst of ten cameras of 48 × 64 pixels; those of a full array are a sixth of them."""
+def test_intervals_are_narrow_and_the_law_of_saturation_is_found(six):
+    """Relative half widths of the worst of six cameras of 48 × 64 pixels; those of a full array are a sixth of them."""
     worst = {"interval_noise": 0.02, "dark_rate": 0.05, "dark_log_sd": 0.05, "response_column_rms": 0.15,
              "response_row_rms": 0.15, "white_and_threshold_rms": 0.08}  # fmt: skip
     for key, most in worst.items():
-        wide = [(f.estimates[key].high - f.estimates[key].low) / 2 / f.estimates[key].value for _, f in ten]
+        wide = [(f.estimates[key].high - f.estimates[key].low) / 2 / f.estimates[key].value for _, f in six]
         assert max(wide) < most, (key, max(wide))
-    assert max(fit.estimates["loss"].high - fit.estimates["loss"].low for _, fit in ten) < 0.02
-
-
-@pytest.mark.slow
-def test_the_law_of_saturation_is_always_found(ten):
-    assert [fit.sensor.saturation for _, fit in ten] == [camera.saturation for camera, _ in ten]
-    assert {camera.saturation for camera, _ in ten} == {"subtract", "dead_readout"}
+    assert max(fit.estimates["loss"].high - fit.estimates["loss"].low for _, fit in six) < 0.02
+    assert [fit.sensor.saturation for _, fit in six] == [camera.saturation for camera, _ in six]
+    assert {camera.saturation for camera, _ in six} == {"subtract", "dead_readout"}
 
 
 @pytest.mark.long
@@ -261,13 +257,10 @@ def test_a_bad_flat_field_is_refused_in_one_line(case):
     assert_says(refusal(fit_small, flats()), words)
 
 
-def test_a_dark_that_is_none_is_refused():
+def test_a_dark_or_a_threshold_that_cannot_be_is_refused():
     lit = cameras.flat(CAMERA, 0.4, name="lit.h5", **SMALL)
     flats = [cameras.flat(CAMERA, 0.1, **SMALL)]
     assert_says(refusal(fit_small, flats, unlit=lit), "flat_0.1.h5 | check whether the two recordings were swapped")
     short = cameras.dark(CAMERA, shape=(24, 40), frames=160)
     assert_says(refusal(fit_small, flats, unlit=short), "spikes per pixel in 160 readouts | record at least")
-
-
-def test_a_threshold_with_more_shot_noise_than_there_is_noise_is_refused():
     assert_says(refusal(fit_small, threshold_e=100.0), "more shot noise than the measured noise | at least 2")

@@ -4,7 +4,6 @@ from collections import deque
 
 import numpy as np
 import pytest
-from refusals import refusal
 from scipy.ndimage import correlate
 
 from saf_gen import get_measure, get_search
@@ -72,10 +71,3 @@ def test_a_small_fluctuation_is_smoothed_and_a_jump_is_kept():
     assert search._smooth(3.0, before=before, growths=growths) == pytest.approx(2.25)
     assert list(before) == [2.0, 2.0, 3.0]
     assert search._smooth(-4.0, before=before, growths=growths) == -4.0
-
-
-@pytest.mark.parametrize(
-    ("options", "message"), [({"window": 1}, "2 frames"), ({"near": 2}, "0 to 1"), ({"past": 0}, "at least 1")]
-)
-def test_options_out_of_range_are_refused(options, message):
-    assert message in str(refusal(get_search, "sign_change", **options))

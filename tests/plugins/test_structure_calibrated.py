@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from planted_counts import BOARD, CONTRAST, dark_of, expected_score, halves_of
-from scipy.ndimage import gaussian_filter
 
-from saf_gen import encode, get_measure, get_sensor
+from saf_gen import get_measure
 from saf_gen.core.seeds import make_generator
 
 
@@ -28,18 +27,12 @@ def slow(halves, frames, *, longest=8, dark=0.0045, dark_rms=0.48):
     return total / np.prod([half.mean() - one for half, one in zip(halves, d, strict=True)])
 
 
-@pytest.mark.parametrize("shape", [(7, 11), (1, 6), (5, 1), (20, 3)])
+@pytest.mark.parametrize("shape", [(7, 11), (1, 6), (5, 1)])
 @pytest.mark.parametrize("options", [{}, {"longest": 1}, {"longest": 5, "dark": 0.01, "dark_rms": 0.1}])
 def test_it_is_the_formula(shape, options):
     halves = make_generator("structure").poisson(6, (2, *shape)).astype(np.uint32)
     score = get_measure("structure_calibrated", **options)(halves, frames=101)
     assert score == pytest.approx(slow(halves, 101, **options), rel=1e-12)
-
-
-def test_by_hand():
-    """Two pixels with differences 4 and 6, means 4 and 6, and no dark counts give (24 + 1/6)/24."""
-    halves = np.array([[[2, 6]], [[3, 9]]])
-    assert get_measure("structure_calibrated")(halves) == pytest.approx((24 + 1 / 6) / 24, rel=1e-12)
 
 
 @pytest.mark.parametrize(("rate", "frames"), [(0.2, 400), (0.01, 1600)])
@@ -62,21 +55,6 @@ def test_the_score_is_the_structure_of_the_light_whatever_the_light(rate, frames
     assert np.mean(expected) == pytest.approx(field_structure, rel=0.02 + 0.005 / rate / 5)
 
 
-@pytest.mark.parametrize(("rate", "frames"), [(0.2, 400), (0.01, 1600)])
-def test_an_even_field_has_hardly_any_structure_at_any_light(rate, frames):
-    """The response gives 0.008, its part correlated with dark charge 0.05 at the lower rate; chance 0.02 per seed."""
-    sensor, scores, expected = get_sensor("vidar_400x250"), [], []
-    charge = np.full((1, 64, 96), rate * sensor.threshold_e, np.float32)
-    for seed in range(12):
-        spikes = encode(charge, sensor, frames=frames, seed=seed)
-        shown = np.unpackbits(spikes, axis=2, bitorder="little")[:, :, :frames].astype(np.uint32)
-        halves = np.stack([half.sum(axis=2) for half in np.array_split(shown, 2, axis=2)])
-        scores.append(get_measure("structure_calibrated", **dark_of(seed))(halves, frames=frames))
-        expected.append(expected_score("structure_calibrated", rate, contrast=0.0, seed=seed))
-    assert np.mean(expected) < 0.08
-    assert np.mean(scores) == pytest.approx(np.mean(expected), abs=0.025)
-
-
 @pytest.mark.parametrize("name", ["structure_calibrated", "sd_calibrated"])
 def test_in_the_dark_a_calibrated_measure_scores_nothing(name):
     assert get_measure(name)(halves_of(0.0, 2000), frames=2000) == 0.0
@@ -93,17 +71,3 @@ def test_every_octave_weighs_the_same_where_there_are_sharp_edges():
     scores = [get_measure("structure_calibrated", longest=n, dark=0.0)(light) for n in (1, 2, 4, 8)]
     octaves = np.diff(scores, prepend=0.0)
     assert octaves == pytest.approx(octaves.mean(), rel=0.05)
-
-
-def test_blur_takes_more_of_it_than_of_the_variance():
-    """In a random field of spectrum 1/f², blurred by 2 px, the variance keeps four times as much."""
-    white = make_generator("nature").standard_normal((128, 128))
-    waves = np.hypot(*np.meshgrid(np.fft.fftfreq(128), np.fft.fftfreq(128)))
-    scene = np.fft.ifft2(np.fft.fft2(white) / np.maximum(waves, 1 / 128)).real
-    scene = 20 * (1 + 0.2 * scene / scene.std())
-    left = {}
-    for name in ("structure_calibrated", "sd_calibrated"):
-        measure = get_measure(name, dark=0.0)
-        left[name] = measure(np.stack([gaussian_filter(scene, 2, mode="wrap")] * 2)) / measure(np.stack([scene] * 2))
-    assert left["structure_calibrated"] < 0.15
-    assert left["sd_calibrated"] > 0.4

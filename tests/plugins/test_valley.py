@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from refusals import refusal
 
 from saf_gen import get_measure, get_search
 
@@ -63,13 +62,3 @@ def test_the_rate_has_a_valley_where_blur_turns_round():
     assert rates[focus] < 0.5 * max(rates[:focus])
     assert rates[focus] < 0.5 * max(rates[focus + 1 :])
     assert max(rates) > max(rates[0], rates[-1])
-
-
-@pytest.mark.parametrize(("name", "options"), [("valley", {"weight": 2}), ("valley", {"window": 0})])
-def test_options_out_of_range_are_refused(name, options):
-    assert "allowed" in str(refusal(get_search, name, **options))
-
-
-def test_a_contrast_out_of_range_is_refused():
-    for contrast in (0, -1, float("nan"), True, "much"):
-        assert "above 0, at most 10" in str(refusal(get_measure, "change_rate", contrast=contrast))
