@@ -47,10 +47,6 @@ def scribble(self, counts):
     return score
 
 
-def failing_at_400_frames(self, counts, frames=None):
-    return sum_of_squares(self, counts) / (frames - 400 if frames else 1)
-
-
 def warning(self, counts):
     warnings.warn("it is late", RuntimeWarning, stacklevel=1)
     return sum_of_squares(self, counts)
@@ -77,28 +73,18 @@ def measure_of(call=sum_of_squares, *, frozen=True, **members):
     return plug_in_of({"degree": 2, "score_range": "from 0", "__call__": call} | members, frozen=frozen)
 
 
-class Plain:
-    """A class that is not a dataclass."""
-
-
 BROKEN_MEASURES = [
     ("described", "its dataclass is not frozen", measure_of(frozen=False)),
     ("described", "it has no docstring", measure_of(__doc__=None)),
     ("described", "it cites no source", measure_of(source=" ")),
-    ("described", "it is not a dataclass", Plain()),
     ("stated", "its degree is 0.5", measure_of(degree=0.5)),
-    ("stated", "its degree is -1, below 0", measure_of(degree=-1)),
     ("stated", "it states no range", measure_of(score_range="")),
     *(("stated", f"its cost is {cost!r}", measure_of(cost=cost)) for cost in (0.0, "cheap")),
     ("finite", "random counts is not a float: int", measure_of(lambda s, c: int((c.astype(int) ** 2).sum()))),
-    ("finite", "the score of random counts is inf", measure_of(lambda s, c: math.inf)),
     ("finite", "empty counts is nan", measure_of(partialmethod(contrast, empty=math.nan), degree=0)),
-    ("finite", rf"ZeroDivisionError: .*{HERE}, for empty", measure_of(lambda s, c: 1 / int(c.max()))),
     ("finite", r"IndexError: .*for one-pixel counts \(1, 1\)", measure_of(lambda s, c: float(c[0, 1]))),
-    ("finite", "ZeroDivisionError", measure_of(failing_at_400_frames, timed=True)),
     ("finite", rf"CodeStopped: its code called exit\(3\) .*{HERE}, for random", measure_of(lambda s, c: exit(3))),
     ("zero when empty", "score 1.0", measure_of(partialmethod(contrast, empty=1.0), degree=0)),
-    ("repeatable", "get another score", measure_of(lambda s, c: sum_of_squares(s, c) * random.random())),
     ("repeatable", "get another score after others", measure_of(with_a_memory)),
     ("leaves input", "it changes the counts", measure_of(scribble)),
     ("number types", "uint8 changes the score", measure_of(lambda s, c: float((c * c).sum(dtype=float)))),
@@ -172,19 +158,6 @@ def endless(self, view):
             continue
 
 
-def endless_on_ties(self, view):
-    """Halve an interval by comparing its halves; loops for ever if they are equal."""
-    first, stop = 0, view.frames
-    while stop - first > 4:
-        middle = (first + stop) // 2
-        left, right = view.score(first, middle), view.score(middle, stop)
-        if left > right:
-            stop = middle
-        elif right > left:
-            first = middle
-    return Answer((first + stop - 1) / 2)
-
-
 def search_of(call=best_block, *, frozen=True, **members):
     return plug_in_of({"causal": False, "__call__": call} | members, frozen=frozen)
 
@@ -196,16 +169,11 @@ def answering(wrap):
 
 BROKEN_SEARCHES = [
     ("described", "its dataclass is not frozen", search_of(frozen=False)),
-    ("described", "it cites no source", search_of(source="")),
     ("stated", "whether it is causal: 'yes'", search_of(causal="yes")),
     ("stated", "it uses 'sdd': .*'sd'", search_of(measures=("sdd",))),
     ("ends", "did not end within 50,000 scores; the remaining", search_of(endless)),
-    ("answers", "did not end within 50,000 scores", search_of(endless_on_ties)),
-    ("ends", "it refuses .*frames 5 to 5 were", search_of(lambda s, v: Answer(v.score(5, 5)))),
     ("ends", "it refuses .*0 to 100001 were", search_of(lambda s, v: Answer(v.score(0, v.frames + 1)))),
-    ("ends", "AttributeError: .*'truth'", search_of(lambda s, v: Answer(v.truth.frame))),
     ("answers", "it answers with float", answering(lambda a, view: a.frame)),
-    ("answers", "it answers frame 2000 of 2,000", answering(lambda a, view: Answer(view.frames))),
     ("answers", "it answers frame nan", answering(lambda a, view: Answer(math.nan))),
     ("answers", "its trace is", answering(lambda a, view: Answer(0.0, (math.nan,)))),
     ("answers", "its note is", answering(lambda a, view: Answer(None, (), "one\ntwo"))),
@@ -213,10 +181,7 @@ BROKEN_SEARCHES = [
     ("flat", "ZeroDivisionError", search_of(centroid)),
     ("repeatable", "gets another answer", answering(lambda a, view: Answer(random.random()))),
     ("any unit", "times 1024", answering(lambda a, view: Answer(0.0 if view.score(0, 500) > 0.05 else 1.0))),
-    *(
-        ("stops early", "it states that it is causal.*1.000", search_of(call, causal=True))
-        for call in (best_block, asks_ahead)
-    ),
+    ("stops early", "it states that it is causal.*1.000", search_of(asks_ahead, causal=True)),
     ("short", "ValueError: .*empty", search_of(crashing_when_short)),
 ]
 
@@ -296,13 +261,6 @@ def in_daylight(self, view):
     return scan(self, view)
 
 
-def crashing_in_haste(self, view):
-    if view.frames > 5000:
-        return scan(self, view)
-    view.move(0)
-    return Answer(position=max([]))
-
-
 def minding_the_unit(self, view):
     answer = scan(self, view)
     return Answer(position=0.2) if answer.position and view.score(0, 800) > 1 else answer
@@ -313,9 +271,7 @@ BROKEN_LENS_SEARCHES = [
     ("not on a recording", "it answers Answer", commanding(lambda s, v: Answer(position=0.5))),
     (IN_TIME, "sent to 1.2; .*with hand and 40,000", commanding(lambda s, v: scan(s, v, positions=(0.5, 1.2)))),
     (IN_TIME, "exceeds the budget", commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)])),
-    (IN_TIME, "it answers with a frame", moving(lambda answer: Answer(1.0, position=0.5))),
     ("little time", "without a score", moving(lambda a: Answer(position=a.position or 0.5))),
-    ("little time", f"ValueError: .*{HERE}", commanding(crashing_in_haste)),
     ("lights", f"ValueError: dark {HERE}, with voice_coil_hall", commanding(in_daylight)),
     ("repeatable", "another answer", moving(lambda a: Answer(position=a.position and random.random()))),
     ("any unit", "scores times 1024 change the answer", commanding(minding_the_unit)),
@@ -361,19 +317,9 @@ def wants_later_positions(self, view):
     return best_block(self, view)
 
 
-CALLS = []
-
-
-def first_then_other(self, view):
-    """Act like best_block on synthetic curves; on other views answer one frame later in each call."""
-    CALLS.append(1)
-    return best_block(self, view) if isinstance(view, SyntheticRecording) else Answer(len(CALLS))
-
-
 METHODS = [
     ("recordings", "ValueError: cannot convert float NaN", search_of(wants_positions)),
     ("running camera", r"BadInput: frame \d+ has not passed", search_of(wants_later_positions)),
-    ("recordings", "the empty stream gets another answer", search_of(first_then_other)),
 ]
 
 

@@ -62,14 +62,6 @@ def test_outside_the_travel_an_answer_has_an_error_but_none_in_frames_and_an_abs
     assert end.success == (False, False, True)
 
 
-def test_an_unknown_truth_gives_no_error_in_any_unit():
-    unknown = judged(400.0, truth=math.nan)
-    assert (unknown.error, unknown.error_frames, unknown.error_dof, unknown.blur_px) == (None,) * 4
-    assert unknown.success == (None, None, None)
-    assert unknown.position == pytest.approx(0.5)
-    assert unknown.lens_travel == pytest.approx(1.5)
-
-
 @pytest.mark.parametrize("ends", [(math.nan, math.nan), (0.5, 0.5), (0.4, math.inf)])
 def test_without_a_depth_of_focus_the_error_stands_and_success_is_unknown(ends):
     assert judged_dof(ends) is None
@@ -170,37 +162,36 @@ def test_the_light_ratio_is_brightest_over_darkest_if_it_is_known(gain, ratio):
     assert light_ratio(None) is None
 
 
-def with_gaps(array, *frames, value=math.nan):
+def with_gaps(array, value):
     out = np.array(array, dtype=np.float64)
-    out[list(frames)] = value
+    out[[10, 700]] = value
     return out
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("frame", [700.0, 10.0, None])
-def test_a_lens_record_with_gaps_counts_as_missing(frame, value):
-    """This holds for answers near the gap and far from it, and for abstentions."""
-    verdict = judged(frame, focus_position=with_gaps(SWEEP, 10, 11, value=value))
-    assert verdict == judged(frame, focus_position=None)
-    assert (verdict.position, verdict.error, verdict.lens_travel) == (None, None, None)
+@pytest.mark.parametrize("frame", [700.0, 480.0, None])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"truth": math.nan},
+        {"truth": math.nan, "truth_frame": math.nan, "track": np.full(801, 0.5)},
+        *({"track": with_gaps(np.full(801, 0.5), value)} for value in (math.nan, math.inf)),
+        *({"focus_position": with_gaps(SWEEP, value)} for value in (math.nan, math.inf)),
+        {"focus_position": None},
+    ],
+    ids=lambda change: "-".join(change),
+)
+def test_without_all_of_the_truth_or_of_the_lens_record_no_error_is_known(frame, change):
+    """This holds for answers near a gap and far from it, and for abstentions."""
+    verdict = judged(frame, **change)
+    assert (verdict.error, verdict.error_frames, verdict.error_dof, verdict.blur_px) == (None,) * 4
     assert verdict.success == (None, None, None)
-    assert (verdict.truth, verdict.truth_frame) == (0.5, 400.0)
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("frame", [700.0, 10.0, None])
-def test_a_track_that_is_not_known_in_every_frame_is_no_truth_for_answers_and_abstentions_alike(frame, value):
-    verdict = judged(frame, track=with_gaps(np.full(801, 0.5), 10, 700, value=value))
-    assert verdict.success == (None, None, None)
-    assert (verdict.truth, verdict.truth_frame, verdict.error, verdict.error_frames) == (None,) * 4
-    assert verdict.position == (None if frame is None else pytest.approx(frame / 800))
-    assert verdict.lens_travel == travel_to_answer(801, frame, focus_position=SWEEP)
-
-
-@pytest.mark.parametrize("frame", [480.0, None])
-def test_a_track_without_a_position_of_best_focus_is_no_truth(frame):
-    verdict = judged(frame, truth=math.nan, truth_frame=math.nan, track=np.full(801, 0.5))
-    assert (verdict.truth, verdict.error, verdict.success) == (None, None, (None,) * 3)
+    if "focus_position" in change:
+        assert (verdict.position, verdict.lens_travel) == (None, None)
+        assert (verdict.truth, verdict.truth_frame) == (0.5, 400.0)
+    else:
+        assert verdict.position == (None if frame is None else pytest.approx(frame / 800))
+        assert verdict.lens_travel == travel_to_answer(801, frame, focus_position=SWEEP)
+        assert verdict.truth is None
 
 
 def test_a_share_within_half_a_depth_of_focus_may_exceed_that_within_one():

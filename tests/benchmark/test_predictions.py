@@ -10,7 +10,6 @@ from refusals import refusal
 
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
 
@@ -159,17 +158,6 @@ def test_where_the_manifest_says_another_length_that_prediction_alone_fails(data
     assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")
     assert (one.status, one.frames_seen, one.success_2dof) == ("failed", 800, False)
     assert one.note == "frames_seen is 850, but 800 frames were recorded"
-
-
-@pytest.mark.parametrize("note", ["a\u2028b", "a\r\nb"])
-def test_a_note_may_contain_line_separators(dataset, tmp_path, note):
-    path = tmp_path / "p.jsonl"
-    lines = [json.dumps(line(name, 300, note=note), ensure_ascii=False) for name in ("one", "two")]
-    path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
-    records = evaluate(dataset, methods=[], predictions=path).records
-    assert [r.note for r in records] == [note, note]
-    (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
-    assert read_records(tmp_path) == list(records)
 
 
 def test_the_command_evaluates_predictions_on_the_recorded_track_only(dataset, tmp_path, call):

@@ -1,7 +1,6 @@
 """The protocol of the closed loop: frames of budget and sweep, limits of slow actuators, and its description."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +10,10 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.camera import get_sensor
-from saf_gen.leaderboard.merging import merge_records
-from saf_gen.optics import actuators
 from saf_gen.optics.actuators import ActuatedLens, actuator_names, get_actuator
 from saf_gen.stack.capture import Capture
 from saf_gen.stream.metadata import Truth
 
-PRESETS = Path(actuators.__file__).parent / "presets"
 STEPPER = 5151  # frames of a sweep: 1 ms of latency, 250 ms from end to end, 6.5 ms for the lens to follow
 STEPPER_RESTS = 3040  # frames from the middle until it rests at an end
 
@@ -81,11 +77,6 @@ def test_the_shortest_sweep_comes_to_the_far_end_from_wherever_the_lens_was(name
         assert positions[-1] > 0.97 - drive.backlash / 2
 
 
-def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
-    slow = get_actuator("stepper", speed=1e-3, acceleration=1e-3, resonance_hz=0.1, damping=0.05)
-    assert 500 < ClosedLoopProtocol(slow)._count_rest_frames(1000) / 1000 < 2000
-
-
 @pytest.mark.parametrize(
     ("name", "frames", "times", "problem", "allowed"),
     [
@@ -116,17 +107,11 @@ def test_times_that_no_recording_could_keep_are_refused(name, value):
     ClosedLoopProtocol(get_actuator("ideal"), **{f"{name}_s": 86_400})
 
 
-def test_methods_with_drives_of_one_name_and_other_numbers_do_not_merge(recording, tmp_path):
-    mine = tmp_path / "mine.yaml"
-    text = (PRESETS / "voice_coil.yaml").read_text(encoding="utf-8")
-    mine.write_text(text.replace("damping: 0.10 ", "damping: 1.0 "), encoding="utf-8")
-    ours, theirs = (
-        evaluate(recording, methods=[method], protocol=ClosedLoopProtocol(get_actuator(drive))).records
-        for method, drive in (("sd+golden_section", "voice_coil"), ("sd+fibonacci", mine))
-    )
-    message = str(refusal(merge_records, {"runs/a": ours, "runs/b": theirs}))
-    assert "voice_coil, 40 ms" in message
-    assert "voice_coil (own, " in message
+def test_records_distinguish_a_users_drive_from_the_preset_of_its_name():
+    own, other = (ClosedLoopProtocol(get_actuator("voice_coil", damping=d)).describe(recorded(4000)) for d in (1, 0.9))
+    assert own.startswith("voice_coil (own, ")
+    assert own.endswith("), 200 ms, sweep 100 ms")
+    assert own != other
 
 
 def test_a_slow_drive_runs_methods_that_command_it_and_no_sweep(recording, tmp_path, call):

@@ -53,12 +53,10 @@ def test_sensors_that_come_along_have_nothing_unlikely(name):
     ("change", "words"),
     [
         ({"pitch_m": 2e-4}, "pitch_m is 200 µm; usual: 5 to 50"),
-        ({"threshold_noise_rms": 0.15}, "threshold_noise_rms is 15 %"),
         ({"dark_rate": 0.2}, "dark_rate is 0.2 spikes per readout"),
         ({"dark_rate": 0.0}, "noise.dark is on, but dark_rate is 0"),
         ({"noise": {"response": False}}, "noise.response is off: response_column_rms"),
         ({"dark_log_sd": 0.9}, "dark_log_sd of 0.9 alone has 0.062"),
-        ({"saturation": "dead_readout"}, "reset_loss has no effect"),
         ({"reset": "hard"}, "rates are wrong by"),
         ({"threshold_e": 100}, "lux"),
     ],

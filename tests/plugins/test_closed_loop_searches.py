@@ -146,16 +146,6 @@ def test_coarse_to_fine_may_use_the_method_s_own_measure_alone():
     assert {name for _, _, name in view.scored} == {None}
 
 
-def test_coarse_to_fine_out_of_time_in_between_answers_with_the_coarse_position():
-    full = camera(0.42)
-    get_search("coarse_to_fine")(full)
-    eleventh = full.scored[10][1]
-    answer = get_search("coarse_to_fine")(camera(0.42, frames=eleventh + 64))
-    assert answer.note == "out of frames"
-    assert len(answer.trace) == 11
-    assert answer.position == pytest.approx(0.4, abs=1e-3)
-
-
 @pytest.mark.parametrize("name", PROMISES)
 def test_a_search_stops_at_its_budget_with_the_best_so_far(name):
     full = camera(0.7, start=0.1)

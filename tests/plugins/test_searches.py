@@ -323,16 +323,6 @@ def test_sgfs_causal_sees_frames_in_their_order_and_stops_a_little_after_the_cod
     assert max(stops) < 20_000 == max(stop for _, stop in code.windows)
 
 
-@pytest.mark.parametrize("peak", [0.35, 0.55])
-def test_sgfs_causal_ignores_everything_after_its_stop(peak):
-    values = focus_curve(10_000, peak)
-    answer = get_search("sgfs_causal")(Curve(values))
-    stop = int(answer.note.split()[2])
-    assert stop < 10_000
-    values[stop:] = 1e6
-    assert get_search("sgfs_causal")(Curve(values)) == answer
-
-
 @pytest.mark.parametrize("peak", [0.3, 0.9])
 def test_the_printed_algorithm_stops_in_its_first_control_period(peak):
     view = Peak(20_000, peak * 20_000)
