@@ -136,16 +136,6 @@ def test_the_lens_is_on_its_way_while_the_camera_runs(capture):
     assert refusal(camera.position, 104).allowed == "0 to 103"
 
 
-def test_what_was_seen_stays_as_it_was(capture):
-    camera = start(capture)
-    before = camera.run_until(10, 50).window(10, 50)
-    camera.move(0.7)
-    camera.wait(200)
-    camera.score(100, 200)
-    captured = camera.run_until(10, 50)
-    assert np.array_equal(captured.window(10, 50), before)
-
-
 def test_a_search_looks_at_the_counts_of_a_running_camera_as_a_measure_does(capture):
     """The sum of the counts is the score of er_count; reading counts makes the camera run, as scoring does."""
     camera, other = start(capture), start(capture)

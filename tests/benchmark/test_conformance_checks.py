@@ -441,9 +441,6 @@ def test_a_name_is_a_method_or_a_half_of_one(own, tmp_path):
     ("name", "problem", "nearest"),
     [
         ("sdd", "'sdd'", "sd"),
-        ("argmx", "'argmx'", "argmax"),
-        ("sd_tfl", "'sd_tfl'", ""),
-        ("sd+argmx", "'argmx'", "argmax"),
         ("@nowhere.json", "does not exist", ""),
         ("{own}:Nothing", "neither a measure nor a search", ""),
         ("{own}:Rnge", "AttributeError", ""),

@@ -53,9 +53,6 @@ def one(path, method, **options):
     return record
 
 
-# -- method names ------------------------------------------------------------------------------------
-
-
 def test_a_method_is_a_measure_a_search_and_their_options():
     method = parse_method("sd_code+argmax:window=50,refine=parabola")
     assert (method.measure_name, method.search_name) == ("sd_code", "argmax")
@@ -92,9 +89,6 @@ def test_a_wrong_name_option_or_region_is_named_with_the_nearest(spec, problem, 
     assert problem in error.problem
     assert error.nearest == nearest
     assert spec in str(error)
-
-
-# -- one stream ----------------------------------------------------------------------------------------
 
 
 def test_argmax_finds_the_planted_focus_within_a_block(stream_file):
@@ -369,9 +363,6 @@ def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, mon
     assert one(tmp_path / "out.h5", "sd+mine").success_1dof is True
 
 
-# -- datasets -------------------------------------------------------------------------------------------
-
-
 def test_every_method_meets_every_sequence_in_order(dataset):
     steps = []
     methods = ["sd+argmax", "er_count+argmax"]
@@ -432,9 +423,6 @@ def test_what_cannot_be_evaluated_is_refused(stream_file, tmp_path, name, option
     (tmp_path / "sweep.h5").symlink_to(stream_file)
     (tmp_path / "cut.h5").write_bytes(stream_file.read_bytes()[:3000])
     assert words in str(refusal(evaluate, tmp_path / name, methods=["sd+argmax"], **options))
-
-
-# -- score curves ---------------------------------------------------------------------------------------
 
 
 def test_a_score_curve_is_the_measure_of_consecutive_blocks(stream_file):

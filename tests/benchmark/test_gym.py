@@ -85,9 +85,6 @@ def with_truth(env, **changes):
     return env
 
 
-# --- Gymnasium --------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_gymnasiums_checker_finds_nothing(dataset):
     """Warnings are errors in tests, so the checker's recommendations count too."""
@@ -143,9 +140,6 @@ def test_memory_stays_flat_over_resets(dataset):
     assert not any(sequence() for sequence in loaded)
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.array([0.5, 0.0], np.float32))
-
-
-# --- observations -----------------------------------------------------------------------------------
 
 
 class VisitingSearch:
@@ -261,9 +255,6 @@ def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
     assert (average_observation(np.full(shape, 7), rows, columns=columns) == 7).all()
 
 
-# --- rewards ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("sequence", [PLANE, "plane-dynamic-constant-00"])
 def test_rewards_are_errors_over_time_and_a_bonus(dataset, sequence):
     """The return of an episode follows from the lens path, for a still and for a moving scene."""
@@ -277,14 +268,6 @@ def test_rewards_are_errors_over_time_and_a_bonus(dataset, sequence):
     bonus = 1.0 if rows[-1][2]["success_1dof"] else 0.0
     expected = bonus - away[STILL:].sum() / 800 - left * away[-1]
     assert sum(reward for _, reward, _ in rows) == pytest.approx(expected, abs=1e-12)
-
-
-@pytest.mark.parametrize(("away", "bonus"), [(0.03, 1.0), (0.06, 0.0)])
-def test_a_lens_within_one_depth_of_focus_earns_the_bonus(dataset, away, bonus):
-    env = with_truth(make_env(dataset), position=0.5, depth_of_focus=(0.48, 0.52))
-    _, reward, info = play(env, *[0.5 + away] * 4, options={"sequence": PLANE})[-1]
-    assert info["success_1dof"] is bool(bonus)
-    assert reward == pytest.approx(bonus - away * (800 - 5 * STILL) / 800, abs=0.003)
 
 
 def test_without_a_truth_nothing_is_earned(dataset):
@@ -332,9 +315,6 @@ def test_a_pickled_environment_must_be_reset(dataset):
     with pytest.raises(gymnasium.error.ResetNeeded):
         again.step(np.array([0.5, 0.0], np.float32))
     assert are_equal(play(again, 0.2, 0.6, seed=5), rows)
-
-
-# --- the benchmark ----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -441,9 +421,6 @@ def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatc
     monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
     with pytest.raises(BadInput, match=r"a\.exr: is cut short"):
         evaluate_policy(make_env(dataset, sequences=[PLANE]), visit(0.5), method="m", code="1")
-
-
-# --- bad input --------------------------------------------------------------------------------------
 
 
 def test_without_gymnasium_one_line_says_what_to_install():

@@ -181,17 +181,6 @@ def test_a_regular_train_gives_its_rate_exactly_wherever_the_window_lies():
         assert np.abs(counts.window(first, stop) - rate).max() < 1
 
 
-def test_light_that_changed_within_the_window_is_that_of_its_middle():
-    """Spikes in every 4th, then in every 10th readout: counts mix both rates, intervals round the middle do not."""
-    stream = InMemory(200, 1, 1)
-    stream.spikes = np.zeros((200, 1, 1), np.uint8)
-    stream.spikes[0:60:4] = stream.spikes[60::10] = 1
-    counts = WindowCounts(stream)
-    assert counts.intervals(0, 100) == 25
-    assert counts.intervals(50, 150) == 10
-    assert 10 < counts.window(0, 100) < 25
-
-
 def test_the_interval_between_two_lone_spikes_is_found_over_any_distance():
     stream = InMemory(20_000, 1, 3)
     stream.spikes = np.zeros((20_000, 1, 3), np.uint8)

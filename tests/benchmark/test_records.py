@@ -84,18 +84,12 @@ def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan(read):
     ("change", "problem", "allowed"),
     [
         ({"status": "lost"}, "status is 'lost'", "answered, abstained, failed"),
-        ({"track": "live"}, "track is 'live'", "recorded, closed_loop"),
         ({"frames": True}, "frames is True", "integer"),
         ({"error": "0.1"}, "error is '0.1'", "number"),
         ({"success_1dof": 1}, "success_1dof is 1", "boolean"),
-        ({"trace": 3}, "trace is 3", "tuple"),
         ({"method": None}, "method is None", "string"),
-        ({"frames": 0}, "frames is 0", "1"),
         ({"frames": 10**400}, "frames is 1000", "9007199254740992"),
-        ({"frames_seen": -1}, "frames_seen is -1", "0"),
-        ({"seconds": 10**400}, "seconds is 1000", "number"),
         ({"seconds": 1e300}, "seconds is 1e+300", "1000000000"),
-        ({"light_ratio": 0.5}, "light_ratio is 0.5", "1"),
         ({"focus_place": 1.2}, "focus_place is 1.2", "1"),
     ],
 )

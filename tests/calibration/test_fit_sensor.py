@@ -95,8 +95,6 @@ def test_a_camera_of_full_size_is_recovered(seed):
     assert fit.estimates["interval_noise"].high / fit.estimates["interval_noise"].low < 1.01
 
 
-# --- one camera, in a few seconds --------------------------------------------------------------------
-
 CAMERA = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_loss=0.01)
 SMALL = {"shape": (24, 40), "frames": 3000}
 

@@ -44,9 +44,6 @@ def instantaneous(light, seconds, duration_s=1.0):
     return after / 1e-8
 
 
-# --- every schedule ----------------------------------------------------------------------------------
-
-
 def test_every_registered_light_has_an_example_here():
     assert set(EXAMPLES) == set(registry.names("lights"))
 
@@ -95,9 +92,6 @@ def test_light_without_switches_is_continuous(name):
     assert jumps[1] < 0.5 * jumps[0] + 1e-6
 
 
-# --- ramp, steps, sine -------------------------------------------------------------------------------
-
-
 def test_a_ramp_runs_through_the_recording_or_through_its_own_length():
     gains = gains_at_readouts(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=20_000)
     assert np.allclose(gains, 0.5 + 1.5 * (np.arange(1000) + 0.5) / 1000, rtol=1e-5)
@@ -120,9 +114,6 @@ def test_a_sine_is_the_integral_of_what_its_docstring_says():
     light = get_light("sine", hz=3.0, swing=0.4, level=1.5, phase=1.0)
     expected, _ = quad(lambda t: 1.5 * (1 + 0.4 * np.sin(2 * np.pi * 3.0 * t + 1.0)), 0, 0.37)
     assert float(light.integral(np.array(0.37), 1.0)) == pytest.approx(expected, rel=1e-9)
-
-
-# --- flicker -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -179,9 +170,6 @@ def test_phase_shifts_the_whole_wave():
     assert instantaneous(early, times) == pytest.approx(instantaneous(late, times + 0.005), abs=1e-5)
 
 
-# --- pwm ---------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("duty", "phase"), [(0.0, 1.0), (0.37, 0.0), (0.37, -40.0), (1.0, 1.0)])
 def test_the_mean_of_pwm_is_its_duty(duty, phase):
     """400 Hz at 20 kHz: 50 readouts per period."""
@@ -209,9 +197,6 @@ def test_pwm_is_on_for_the_first_part_of_its_period():
     assert instantaneous(light, times) == pytest.approx(np.where(phase < 0.25, 2.0, 0.5), abs=1e-5)
 
 
-# --- flash -------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("rise_s", "decay_s"), [(1e-4, 1e-3), (5e-3, 1e-3), (1e-6, 2e-3)])
 def test_a_flash_reaches_its_peak_where_theory_says(rise_s, decay_s):
     light = get_light("flash", at_s=0.1, peak=9.0, base=0.5, rise_s=rise_s, decay_s=decay_s)
@@ -227,9 +212,6 @@ def test_a_flash_is_the_integral_of_what_its_docstring_says():
     area, _ = quad(lambda t: (1 - np.exp(-t / r)) * np.exp(-t / d), 0, 0.003)
     highest = (d / r) / (1 + d / r) ** (1 + r / d)
     assert float(light.integral(np.array(0.005), 1.0)) == pytest.approx(5.0 * area / highest, rel=1e-9)
-
-
-# --- random walk -------------------------------------------------------------------------------------
 
 
 LIMIT = stats.norm.isf(0.5e-4)
@@ -274,9 +256,6 @@ def test_a_walk_takes_its_numbers_from_its_own_named_stream():
     assert gain == pytest.approx(np.exp(0.3 * first - 0.3**2 / 2), rel=1e-4)
 
 
-# --- from_csv ----------------------------------------------------------------------------------------
-
-
 def table(*points):
     return {"path": "t.csv", "text": "time_s,gain\n" + "".join(f"{t},{g}\n" for t, g in points)}
 
@@ -293,9 +272,6 @@ def test_a_table_may_begin_before_the_recording_and_end_after_it():
     assert gains_at_readouts(light, 100, readout_hz=100.0) == pytest.approx(1 + (np.arange(100) + 0.5) / 100, rel=1e-5)
 
 
-# --- the keys that every schedule takes --------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_offset_is_light_that_stays_and_lux_are_divided_by_the_lux_of_gain_1(name):
     times = np.linspace(0, 1, 101)
@@ -303,9 +279,6 @@ def test_an_offset_is_light_that_stays_and_lux_are_divided_by_the_lux_of_gain_1(
     assert with_sky == pytest.approx(alone + 2.0 * times, abs=1e-12)
     lux = light_of(name, offset=2.0, unit="lux", lux_at_gain_1=400.0).integral(times, 1.0)
     assert lux == pytest.approx(with_sky / 400, rel=1e-12)
-
-
-# --- one group only ----------------------------------------------------------------------------------
 
 
 def test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp(tmp_path):
@@ -338,9 +311,6 @@ def test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp(tmp
     assert np.array_equal(then[:200], both[:200])
     # Then only the sky is left, which each of 384 pixels counts to within one spike of phase.
     assert abs(then[200:].sum(axis=0).astype(int) - without[200:].sum(axis=0)).max() <= 1
-
-
-# --- what is refused ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -26,9 +26,6 @@ def csv(text, path="lens.csv"):
     return {"path": path, "text": text}
 
 
-# -- straight lines ------------------------------------------------------------------------------------
-
-
 def test_a_sweep_goes_at_constant_speed_either_way_and_through_part_of_the_travel():
     assert lens("sweep", frames=8) == pytest.approx((np.arange(8) + 0.5) / 8, abs=1e-7)
     back = lens("sweep", frames=1000, **{"from": 0.9, "to": 0.4})
@@ -42,9 +39,6 @@ def test_there_and_back_is_symmetric_in_time_and_rests_at_the_turn():
     assert there.max() == pytest.approx(0.7, abs=1e-7)
     speed = np.diff(there[:7000]) * HZ
     assert speed == pytest.approx(0.6 / 0.4, rel=2e-3)  # 0.6 of the travel in (1 s - 0.2 s)/2
-
-
-# -- steps ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.999999, 1.0, 1.000001, 3.0])
@@ -108,9 +102,6 @@ def test_steps_share_the_recording_evenly_unless_their_rest_is_given():
     assert (quick[5000:] == 1).all()
 
 
-# -- by hand -------------------------------------------------------------------------------------------
-
-
 def speeds(seed, *, seconds=2.0, **options):
     """Speed over its mean, at 2 kHz, in the middle of the travel, so that no end cuts anything off."""
     ends = {"from": 0.2, "to": 0.8, "seed": seed}
@@ -156,9 +147,6 @@ def test_a_seed_names_the_motion_of_a_hand_at_any_readout_rate():
     assert np.abs(lens("hand", seed=5) - fast).max() > 0.01
 
 
-# -- from a file ---------------------------------------------------------------------------------------
-
-
 def test_a_table_is_followed_in_straight_lines():
     found = lens("from_csv", frames=2000, file=csv(TABLE))
     times = (np.arange(2000) + 0.5) / HZ
@@ -179,8 +167,6 @@ def test_a_table_is_followed_in_straight_lines():
 def test_a_table_that_does_not_fit_is_refused_in_one_line(text, message):
     assert_says(refusal(lens, "from_csv", frames=2000, file=csv(text)), message)
 
-
-# -- what is refused -----------------------------------------------------------------------------------
 
 STEP = {"count": 4, "natural_hz": 50, "damping": 0.3}
 

@@ -40,9 +40,6 @@ def gains_of(sequence, frames=20):
     return group_gains(sequence.schedule, ("lamp", "room"), frames=frames, readout_hz=20_000)
 
 
-# --- files -------------------------------------------------------------------------------------------
-
-
 def test_a_table_is_read_with_the_recipe_from_the_recipe_s_folder(recipe_of, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # a path is relative to the recipe, not to the working directory
     (tmp_path / "lamp.csv").write_text("time_s,gain\n0,9\n")
@@ -87,9 +84,6 @@ def test_a_table_that_does_not_fit_is_refused_in_one_line(recipe_of, light, mess
     assert_says(refusal(resolve_recipe, path), message)
 
 
-# --- open kinds --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("group", ["", "lamp"])
 def test_the_kind_itself_may_be_open(recipe_of, group):
     part = "{choice: [{kind: constant}, {kind: flicker, depth: {uniform: [0.1, 0.2]}}]}"
@@ -97,9 +91,6 @@ def test_the_kind_itself_may_be_open(recipe_of, group):
     drawn = [s.schedule[group] for s in plan]
     assert {part["kind"] for part in drawn} == {"constant", "flicker"}
     assert all(0.1 <= part["depth"] <= 0.2 for part in drawn if part["kind"] == "flicker")
-
-
-# --- seeds -------------------------------------------------------------------------------------------
 
 
 def test_every_sequence_walks_its_own_way_and_every_group_too_by_its_name_alone(recipe_of):
@@ -110,9 +101,6 @@ def test_every_sequence_walks_its_own_way_and_every_group_too_by_its_name_alone(
     seeds = [part["seed"] for s in plan for part in s.schedule.values()]
     assert len(set(seeds)) == 6
     assert len({column.tobytes() for s in plan for column in gains_of(s, 400).T}) == 6
-
-
-# --- offset and lux ----------------------------------------------------------------------------------
 
 
 def test_an_offset_may_be_open_and_belongs_to_any_kind(recipe_of):
@@ -167,9 +155,6 @@ def test_a_card_states_the_illuminance_of_all_groups_or_of_none(tmp_path, test_s
     (folder / "scene.yaml").write_text(card + f"illuminance_lux: {lux}\n")
     monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path))
     assert_says(refusal(find_scene, "plane"), "illuminance_lux above 0 for each of lamp, room, or for none")
-
-
-# --- keys --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
