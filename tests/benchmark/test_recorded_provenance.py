@@ -1,12 +1,16 @@
-"""The grain in records of sweeps with planted grain in their provenance, and of files without it."""
+"""What records take from the provenance of a recording: its grain, if it is planted there, and its sensor."""
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
+import yaml
 from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
 
 from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.tracks.sequence_fields import sensor_of
+from saf_gen.camera import get_sensor
 from saf_gen.stream.recorded_grain import GrainMoment, RecordedGrain
 from saf_gen.stream.stream_writer import write_stream
 
@@ -67,3 +71,21 @@ def test_a_recording_without_grain_is_evaluated_all_the_same(stream, provenance)
     record = evaluated(stream(provenance), "sd+argmax")["sd+argmax"]
     assert record.status == "answered"
     assert (record.grain_rms, record.grain_of_curve) == (None, None)
+
+
+def name_of(sensor):
+    return sensor_of({"sensor": yaml.safe_dump(asdict(sensor), sort_keys=False)})
+
+
+def test_a_sensor_has_its_name_and_one_of_other_numbers_a_digest_too():
+    assert name_of(get_sensor("vidar_400x250_noisy")) == "vidar_400x250_noisy"
+    quiet = name_of(get_sensor("vidar_400x250", noise={"dark": False}))
+    assert quiet.startswith("vidar_400x250#")
+    assert len(quiet) == len("vidar_400x250#") + 6
+    assert quiet != name_of(get_sensor("vidar_400x250", rows=100))
+
+
+def test_a_recording_without_a_sensor_or_with_one_that_cannot_be_read_has_none():
+    assert sensor_of({}) is None
+    assert sensor_of({"sensor": "pitch_m: ["}) is None
+    assert sensor_of({"sensor": "name: mine"}) is None
