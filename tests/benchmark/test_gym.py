@@ -28,6 +28,7 @@ from saf_gen.cli import app
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.charge_source import ChargeSource
 
 PROTOCOL = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.04, sweep_s=0.02)
@@ -142,27 +143,22 @@ def test_memory_stays_flat_over_resets(dataset):
         env.step(np.array([0.5, 0.0], np.float32))
 
 
-class VisitingSearch:
-    """A search that acts like ``visit``, and a measure that records counts."""
+def run_benchmark(sequence, look, *positions):
+    """Run a search of the benchmark that acts like ``visit``; return its run, and what it saw at each look."""
+    seen = []
 
-    commands = True
+    class Search:
+        commands = True
 
-    def __init__(self, *positions):
-        self.positions, self.counts = positions, []
+        def __call__(self, view):
+            seen.append(look(view))
+            for position in positions:
+                view.move(position)
+                seen.append(look(view))
+            return Answer(position=positions[-1])
 
-    def measure(self, counts):
-        self.counts.append(counts)
-        return 0.0
-
-    def __call__(self, view):
-        self._score(view)
-        for position in self.positions:
-            view.move(position)
-            self._score(view)
-        return Answer(position=self.positions[-1])
-
-    def _score(self, view):
-        view.score(view.now, view.now + STILL)
+    method = Method("sd+x", get_measure("sd"), Search(), "0" * 12)
+    return run_closed_loop(sequence.make_captured_frames(), method, protocol=PROTOCOL), seen
 
 
 def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
@@ -170,12 +166,10 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
     env = make_env(dataset)
     rows = play(env, 0.25, 0.75, 0.5, options={"sequence": PLANE})
     sequence = load(env)
-    search = VisitingSearch(0.25, 0.75, 0.5)
-    method = Method("sd+x", search.measure, search, "0" * 12)
-    run = run_closed_loop(sequence.make_captured_frames(), method, protocol=PROTOCOL)
+    run, pictures = run_benchmark(sequence, lambda view: view.counts(view.now, view.now + STILL), 0.25, 0.75, 0.5)
     assert np.array_equal(env.episode.run.path, run.path)
     assert env.episode.run.answer_frame == run.answer_frame
-    for (seen, _, _), counts in zip(rows, search.counts, strict=False):
+    for (seen, _, _), counts in zip(rows, pictures, strict=False):
         expected = (average_observation(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     info = rows[-1][2]
@@ -193,21 +187,16 @@ def test_the_rest_of_an_observation_is_the_sensor_and_the_time(dataset):
 
 def test_a_period_is_scored_as_a_search_would_score_it_whatever_the_threads(dataset):
     """So a wrapper can show a policy the same scores as the benchmark."""
-    env, sequence = make_env(dataset, threads=1), load(make_env(dataset))
+    env = make_env(dataset, threads=1)
     env.reset(options={"sequence": PLANE})
     env.step(np.array([0.75, 0], np.float32))
-    found, asked = env.episode.score("sd_calibrated"), []
 
-    class Asking(VisitingSearch):
-        def _score(self, view):
-            view.wait(STILL)
-            asked.append(view.score(view.now - STILL, view.now, "sd_calibrated"))
+    def look(view):
+        view.wait(STILL)
+        return view.score(view.now - STILL, view.now, "sd_calibrated")
 
-    search = Asking(0.75)
-    run_closed_loop(
-        sequence.make_captured_frames(), Method("sd+x", search.measure, search, "0" * 12), protocol=PROTOCOL
-    )
-    assert found == asked[1] != asked[0]
+    _, scores = run_benchmark(load(make_env(dataset)), look, 0.75)
+    assert env.episode.score("sd_calibrated") == scores[1] != scores[0]
     assert "sd_calibratd" in refusal(env.episode.score, "sd_calibratd").problem
 
 
