@@ -54,41 +54,6 @@ def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
     )  # fmt: skip
 
 
-class GoTo:
-    """A search that sends the lens to a position and answers with it."""
-
-    commands = True
-
-    def __init__(self, position, *, looks=3):
-        self.position, self.looks = position, looks
-
-    def __call__(self, view):
-        for _ in range(self.looks):
-            view.score(view.now, view.now + 40)
-        return Answer(position=self.position)
-
-
-class At:
-    """An estimating search that looks at the sweep up to a frame, and answers with that frame."""
-
-    def __init__(self, frame):
-        self.frame = frame
-
-    def __call__(self, view):
-        view.score(0, math.ceil(self.frame) + 1)
-        return Answer(self.frame)
-
-
-class Raises:
-    """A search of either kind, or a measure, that raises an error."""
-
-    def __init__(self, error, *, commands=False):
-        self.error, self.commands = error, commands
-
-    def __call__(self, view_or_counts):
-        raise self.error
-
-
 class Commands:
     """A lens-commanding search that calls a function."""
 
@@ -99,6 +64,36 @@ class Commands:
 
     def __call__(self, view):
         return self.function(view)
+
+
+def go_to(position, *, looks=3):
+    """Return a search that looks some times, and sends the lens to a position."""
+
+    def search(view):
+        for _ in range(looks):
+            view.score(view.now, view.now + 40)
+        return Answer(position=position)
+
+    return Commands(search)
+
+
+def at_frame(frame):
+    """Return an estimating search that looks at the sweep up to a frame, and answers with that frame."""
+
+    def search(view):
+        view.score(0, math.ceil(frame) + 1)
+        return Answer(frame)
+
+    return search
+
+
+def raises(error):
+    """Return an estimating search or a measure that raises an error."""
+
+    def part(view_or_counts):
+        raise error
+
+    return part
 
 
 def method(search, measure=None):
@@ -166,7 +161,7 @@ def test_the_lens_is_not_sent_out_of_its_travel(capture, to):
 
 
 def test_a_search_that_commands_ends_where_it_says(capture):
-    done = run(capture, GoTo(0.625))
+    done = run(capture, go_to(0.625))
     assert done.problem == ""
     assert done.answer_frame == 120
     assert done.path[-1] == pytest.approx(0.625, abs=1e-4)
@@ -174,7 +169,7 @@ def test_a_search_that_commands_ends_where_it_says(capture):
 
 @pytest.mark.parametrize("frame", [100.0, 250.5])
 def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(capture, frame):
-    done = run(capture, At(frame), sweep_s=0.016)
+    done = run(capture, at_frame(frame), sweep_s=0.016)
     assert done.problem == ""
     moves = np.diff(done.path[: done.answer_frame])
     begin = int(np.argmax(np.abs(done.path - done.path[done.answer_frame - 1]) > 0.02))
@@ -192,16 +187,16 @@ class Unprintable(Exception):
 @pytest.mark.parametrize(
     ("search", "problem"),
     [
-        (Raises(Unprintable()), "Unprintable"),
-        (GoTo(0.5, looks=30), "the budget of 800 frames was spent"),
-        (Raises(AssertionError(), commands=True), "AssertionError"),
-        (Raises(SystemExit(3), commands=True), "CodeStopped: its code called exit(3)"),
-        (Raises(GeneratorExit()), "CodeStopped: its code raised GeneratorExit"),
-        (Raises(BadInput("no light", where="x")), "BadInput: x: no light"),
-        (Raises(ValueError("a" * 400)), f"ValueError: {'a' * 287}…"),
+        (raises(Unprintable()), "Unprintable"),
+        (go_to(0.5, looks=30), "the budget of 800 frames was spent"),
+        (Commands(raises(AssertionError())), "AssertionError"),
+        (Commands(raises(SystemExit(3))), "CodeStopped: its code called exit(3)"),
+        (raises(GeneratorExit()), "CodeStopped: its code raised GeneratorExit"),
+        (raises(BadInput("no light", where="x")), "BadInput: x: no light"),
+        (raises(ValueError("a" * 400)), f"ValueError: {'a' * 287}…"),
         (lambda view: Answer(1e6), "answered frame 1000000.0, which is not in the sweep"),
         (lambda view: Answer(position=0.5), "it answers with a position, but does not command the lens; answer"),
-        (GoTo(math.nan), "it answers position nan; give a finite number, or None to abstain"),
+        (go_to(math.nan), "it answers position nan; give a finite number, or None to abstain"),
         (Commands(lambda view: Answer(5.0)), "it answers with a frame, but commands the lens; answer"),
         (Commands(lambda view: None), "it answers with NoneType None; return"),
     ],
@@ -218,24 +213,24 @@ def test_a_broken_method_fails_with_the_reason(capture, search, problem):
 
 
 def test_a_broken_measure_is_reported_like_a_broken_search(capture):
-    done = run_method(capture, method(GoTo(0.5), Raises(RuntimeError("no light"))))
+    done = run_method(capture, method(go_to(0.5), raises(RuntimeError("no light"))))
     assert done.problem == "RuntimeError: no light"
 
 
 def test_an_interrupt_stops_the_evaluation(capture):
     with pytest.raises(KeyboardInterrupt):
-        run(capture, Raises(KeyboardInterrupt(), commands=True))
+        run(capture, Commands(raises(KeyboardInterrupt())))
 
 
 def test_broken_methods_do_not_affect_others(dataset, monkeypatch):
     """Each broken method has a failed record of each sequence; the sound one answers on all."""
     searches = {
-        "sd+nowhere": GoTo(math.nan),
+        "sd+nowhere": go_to(math.nan),
         "sd+float": lambda view: 1234.5,
         "sd+trace": lambda view: Answer(5, trace=None),
-        "sd+sound": GoTo(0.5),
-        "sd+disk": Raises(OSError("no weights")),
-        "sd+exit": Raises(SystemExit(0)),
+        "sd+sound": go_to(0.5),
+        "sd+disk": raises(OSError("no weights")),
+        "sd+exit": raises(SystemExit(0)),
     }
     monkeypatch.setattr(sequence_evaluation, "parse_method", lambda name: replace(method(searches[name]), name=name))
     result = evaluate_module.evaluate(dataset, methods=list(searches), protocol=ClosedLoopProtocol(IDEAL))
@@ -259,14 +254,14 @@ def ignore_errors(view):
 @pytest.mark.parametrize(
     ("search", "error"),
     [
-        (GoTo(0.5), OSError("no such disk")),
-        (At(200.0), BadInput("is cut short", where="a.exr")),
+        (go_to(0.5), OSError("no such disk")),
+        (at_frame(200.0), BadInput("is cut short", where="a.exr")),
         (Commands(ignore_errors), OSError("no such disk")),
     ],
 )
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, monkeypatch, search, error):
     charge_source = capture.open_charge_source()
-    monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **options: Raises(error)(run))
+    monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **options: raises(error)(run))
     with pytest.raises(type(error), match=str(error)):
         run_method(capture, method(search), charge_source=charge_source)
 
@@ -411,7 +406,7 @@ def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(pos
     ],
 )
 def test_a_protocol_that_cannot_be_kept_is_refused(capture, protocol, problem, allowed):
-    error = refusal(run, capture, GoTo(0.5), **protocol)
+    error = refusal(run, capture, go_to(0.5), **protocol)
     assert problem in error.problem
     assert allowed in error.allowed
 
