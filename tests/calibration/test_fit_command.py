@@ -32,6 +32,7 @@ def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recordings")
     for name, rate in (("dim", 0.1), ("bright", 0.4)):
         write(folder / f"{name}.h5", cameras.flat(CAMERA, rate, shape=SHAPE, frames=3000))
+    write_stream(folder / "few.h5", np.zeros((100, 8, 8), np.uint8))
     write(folder / "dark.h5", cameras.dark(CAMERA, shape=SHAPE, frames=8000))
     return folder
 
@@ -140,19 +141,13 @@ def test_bounds_hold_whatever_the_light_does(moving):
         (("dim.h5",), {"name": "a/b"}, "--name is 'a/b'"),
         (("dim.h5",), {"threshold_e": 3}, "--threshold-e is 3 | at least 25"),
         (("dim.h5",), {"base": "vidr"}, "unknown sensor 'vidr'"),
+        (("few.h5",), {}, "fire 16 times or more"),
     ],
 )
 def test_what_cannot_be_fitted_is_refused_in_one_line(names, options, words, fit):
     code, _, err = fit(*names, **options)
     assert code == 2
     assert all(word in err.splitlines()[-1] for word in words.split(" | "))
-
-
-def test_too_few_spikes_give_no_bounds(tmp_path, call):
-    write_stream(tmp_path / "few.h5", np.zeros((100, 8, 8), np.uint8))
-    code, _, err = call("sensors", "fit", tmp_path / "few.h5")
-    assert code == 2
-    assert "fire 16 times or more" in err
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,12 @@ import pytest
 import synthetic_cameras as cameras
 from refusals import assert_says, refusal
 from scipy import stats
+from scipy.ndimage import gaussian_filter
 
 from saf_gen.calibration.fit_sensor import fit_sensor
+from saf_gen.calibration.flat_checks import light_variation
 from saf_gen.calibration.recordings import EncodedRecording
+from saf_gen.calibration.spike_statistics import measure_spikes
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 
@@ -96,11 +99,15 @@ def test_a_camera_of_full_size_is_recovered(seed):
 
 
 CAMERA = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_loss=0.01)
-SMALL = {"shape": (24, 40), "frames": 3000}
+
+
+def lit(rate, sensor=CAMERA, **options):
+    """Return a small flat field."""
+    return cameras.flat(sensor, rate, **{"shape": (24, 40), "frames": 3000} | options)
 
 
 def fit_small(flats=None, *, unlit=None, **options):
-    flats = flats if flats is not None else [cameras.flat(CAMERA, rate, **SMALL) for rate in (0.1, 0.4)]
+    flats = flats if flats is not None else [lit(rate) for rate in (0.1, 0.4)]
     unlit = unlit if unlit is not None else cameras.dark(CAMERA, shape=(24, 40), frames=8000)
     return fit_sensor(flats, unlit, base=BASE, **options)
 
@@ -134,7 +141,7 @@ def test_without_theta_shot_noise_and_threshold_noise_are_one():
 def test_reset_jitter_is_separated_from_threshold_noise(small):
     """Noise of 2 % and jitter of 0.05 readouts are each found to 6 %; without jitter its bound is below 0.025."""
     jittery = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_jitter=0.05, noise={"reset_jitter": True})
-    flats = [cameras.flat(jittery, rate, **SMALL) for rate in (0.1, 0.4)]
+    flats = [lit(rate, jittery) for rate in (0.1, 0.4)]
     fit = fit_small(flats, unlit=cameras.dark(jittery, shape=(24, 40), frames=8000), threshold_e=29_900)
     assert fit.sensor.reset_jitter == pytest.approx(0.05, rel=0.06)
     assert fit.sensor.threshold_noise_rms == pytest.approx(0.02, rel=0.06)
@@ -144,7 +151,7 @@ def test_reset_jitter_is_separated_from_threshold_noise(small):
 
 
 def test_one_level_gives_bounds_and_a_note():
-    fit = fit_small([cameras.flat(CAMERA, 0.3, **SMALL)])
+    fit = fit_small([lit(0.3)])
     assert "loss" not in fit.estimates
     words = "with one level the law of saturation and the reset loss cannot be determined"
     assert any(words in note for note in fit.notes)
@@ -160,7 +167,7 @@ def test_one_level_gives_bounds_and_a_note():
 )
 def test_light_that_flickers_or_drifts_is_noticed_and_divided_out(light, words):
     """Flicker of 5 % at 100 Hz, or drift of 6 %, would double the noise; it is found to 6 %, and their rms to 15 %."""
-    flats = [cameras.flat(CAMERA, 0.1, **SMALL), cameras.flat(CAMERA, 0.4, light=light, name="lamp.h5", **SMALL)]
+    flats = [lit(0.1), lit(0.4, light=light, name="lamp.h5")]
     fit = fit_small(flats, threshold_e=29_900)
     note = next(note for note in fit.notes if "lamp.h5" in note)
     assert words in note
@@ -171,67 +178,16 @@ def test_light_that_flickers_or_drifts_is_noticed_and_divided_out(light, words):
 
 def test_steady_light_is_seldom_taken_for_light_that_varies():
     """20 flat fields, two tests at 1e-4 each: the probability of a false alarm is 0.4 %."""
-    from saf_gen.calibration.flat_checks import light_variation
-    from saf_gen.calibration.spike_statistics import measure_spikes
-
-    found = [
-        light_variation(
-            measure_spikes(cameras.flat(CAMERA, rate, seed=seed, shape=(24, 40), frames=1600)),
-            noise=4e-4,
-            readout_hz=20_000,
-        )
-        for seed in range(10)
-        for rate in (0.11, 0.37)
-    ]
-    assert [variation.light for variation in found] == [None] * 20
+    for seed in range(10):
+        for rate in (0.11, 0.37):
+            shown = measure_spikes(lit(rate, seed=seed, frames=1600))
+            assert light_variation(shown, noise=4e-4, readout_hz=20_000).light is None
 
 
-def picture(shape=(24, 40)):
+def picture():
     """Return soft blobs of 20 % rms, like a scene far out of focus."""
-    from scipy.ndimage import gaussian_filter
-
-    blobs = gaussian_filter(make_generator("picture").standard_normal(shape), 3)
+    blobs = gaussian_filter(make_generator("picture").standard_normal((24, 40)), 3)
     return 1 + 0.2 * blobs / blobs.std()
-
-
-REFUSED = {
-    "saturated": (lambda: [cameras.flat(CAMERA, 0.1, **SMALL), saturated()], "is saturated | with less light"),
-    "scene": (
-        lambda: [cameras.flat(CAMERA, r, picture=picture(), name=f"scene_{r}.h5", **SMALL) for r in (0.1, 0.4)],
-        "scene_0.1.h5: shows a picture, or uneven light",
-    ),
-    "bars": (
-        lambda: [cameras.flat(CAMERA, 0.3, picture=1 + 0.5 * np.sin(np.arange(40) / 3), **SMALL)],
-        "its columns differ by | a picture, or uneven light",
-    ),
-    "same level": (
-        lambda: [cameras.flat(CAMERA, r, **SMALL) for r in (0.3, 0.31)],
-        "have the same level | by a factor of 1.2",
-    ),
-    "mixed sizes": (
-        lambda: [cameras.flat(CAMERA, 0.1, **SMALL), cameras.flat(CAMERA, 0.4, shape=(24, 32), frames=3000)],
-        "flat_0.4.h5: has 32×24 pixels, and flat_0.1.h5 has 40×24",
-    ),
-    "mixed rates": (
-        lambda: [cameras.flat(get_sensor("vidar_400x250_40khz"), 0.1, **SMALL)],
-        "has 20000 readouts per second, and flat_0.1.h5 has 40000",
-    ),
-    "too short": (
-        lambda: [cameras.flat(CAMERA, r, shape=(24, 40), frames=200) for r in (0.1, 0.4)],
-        "spikes per pixel in 200 readouts | record at least 501 readouts",
-    ),
-    "hardly lit": (lambda: [cameras.flat(CAMERA, 0.007, shape=(24, 40), frames=9000)], "times the dark | more light"),
-    "twice": (lambda: [cameras.flat(CAMERA, 0.1, **SMALL)] * 2, "a recording is given twice"),
-    "moving": (lambda: [moving()], "something moves"),
-    "hard reset": (
-        lambda: [cameras.flat(get_sensor("vidar_400x250", reset="hard", threshold_noise_rms=0.0), 0.2, **SMALL)],
-        "intervals of a whole number of readouts | reset: hard",
-    ),
-    "lamp": (
-        lambda: [cameras.flat(CAMERA, 0.3, light=1 + 0.5 * np.sin(np.arange(3000) / 20), **SMALL)],
-        "its light varies by 3 | direct current",
-    ),
-}
 
 
 def saturated():
@@ -249,6 +205,31 @@ def moving():
     )  # fmt: skip
 
 
+FAST = get_sensor("vidar_400x250_40khz")
+HARD = get_sensor("vidar_400x250", reset="hard", threshold_noise_rms=0.0)
+WAVE, LAMP = 1 + 0.5 * np.sin(np.arange(40) / 3), 1 + 0.5 * np.sin(np.arange(3000) / 20)
+REFUSED = {
+    "saturated": (lambda: [lit(0.1), saturated()], "is saturated | with less light"),
+    "scene": (
+        lambda: [lit(0.1, picture=picture()), lit(0.4, picture=picture())],
+        "flat_0.1.h5: shows a picture, or un",
+    ),
+    "bars": (lambda: [lit(0.3, picture=WAVE)], "its columns differ by | a picture, or uneven light"),
+    "same level": (lambda: [lit(0.3), lit(0.31)], "have the same level | by a factor of 1.2"),
+    "mixed sizes": (lambda: [lit(0.1), lit(0.4, shape=(24, 32))], "flat_0.4.h5: has 32×24 pixels, and flat_0.1.h5 has"),
+    "mixed rates": (lambda: [lit(0.1, FAST)], "has 20000 readouts per second, and flat_0.1.h5 has 40000"),
+    "too short": (
+        lambda: [lit(0.1, frames=200), lit(0.4, frames=200)],
+        "in 200 readouts | record at least 501 readouts",
+    ),
+    "hardly lit": (lambda: [lit(0.007, frames=9000)], "times the dark | more light"),
+    "twice": (lambda: [lit(0.1)] * 2, "a recording is given twice"),
+    "moving": (lambda: [moving()], "something moves"),
+    "hard reset": (lambda: [lit(0.2, HARD)], "intervals of a whole number of readouts | reset: hard"),
+    "lamp": (lambda: [lit(0.3, light=LAMP)], "its light varies by 3 | direct current"),
+}
+
+
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_bad_flat_field_is_refused_in_one_line(case):
     flats, words = REFUSED[case]
@@ -256,9 +237,8 @@ def test_a_bad_flat_field_is_refused_in_one_line(case):
 
 
 def test_a_dark_or_a_threshold_that_cannot_be_is_refused():
-    lit = cameras.flat(CAMERA, 0.4, name="lit.h5", **SMALL)
-    flats = [cameras.flat(CAMERA, 0.1, **SMALL)]
-    assert_says(refusal(fit_small, flats, unlit=lit), "flat_0.1.h5 | check whether the two recordings were swapped")
+    flats, bright = [lit(0.1)], lit(0.4, name="bright.h5")
+    assert_says(refusal(fit_small, flats, unlit=bright), "flat_0.1.h5 | check whether the two recordings were swapped")
     short = cameras.dark(CAMERA, shape=(24, 40), frames=160)
     assert_says(refusal(fit_small, flats, unlit=short), "spikes per pixel in 160 readouts | record at least")
     assert_says(refusal(fit_small, threshold_e=100.0), "more shot noise than the measured noise | at least 2")
