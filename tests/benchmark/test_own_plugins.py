@@ -19,7 +19,6 @@ def own(tmp_path):
 def test_parts_of_a_package_are_found_by_python(own, monkeypatch):
     monkeypatch.syspath_prepend(own.parent)
     assert type(get_measure("parts_of_a_test:Range")).__name__ == "Range"
-    assert parse_method("parts_of_a_test:Range_n+parts_of_a_test:Middle").search.causal
 
 
 @pytest.mark.parametrize(
