@@ -222,6 +222,19 @@ def test_a_centroid_near_an_end_is_not_pulled_inwards_by_the_side_that_is_cut_of
     assert centroid(bell[:7], near=near) == 6
 
 
+def test_the_centroid_moves_less_with_noise_than_the_parabola_does():
+    """200 bells, noise of 0.02 rms, a named stream: 1.51 and 0.095 blocks rms were measured, each to 5 %."""
+    noise = make_generator("searches", "centroid").normal(scale=0.02, size=(200, 200))
+    tops = 80 + np.arange(200) / 10
+    bells = np.exp(-(((np.arange(200) - tops[:, None]) / 20) ** 2)) + noise
+    off = {
+        refine: [get_search("argmax", window=1, refine=refine)(Curve(bell)).frame for bell in bells] - tops
+        for refine in ("parabola", "centroid")
+    }
+    spread = {refine: np.sqrt((error**2).mean()) for refine, error in off.items()}
+    assert spread["centroid"] < spread["parabola"] / 4
+
+
 # The project's own searches.
 
 
