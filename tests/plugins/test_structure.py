@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from planted_counts import BOARD, CONTRAST, dark_of, expected_score, halves_of
 
-from saf_gen import get_measure
+from saf_gen import encode, get_measure, get_sensor
 from saf_gen.core.seeds import make_generator
 
 
@@ -84,6 +84,21 @@ def test_the_score_is_the_structure_of_the_light_whatever_the_light(rate, frames
         expected.append(expected_score("structure_calibrated", rate, contrast=CONTRAST, seed=seed))
     assert np.mean(scores) == pytest.approx(np.mean(expected), rel=0.07)
     assert np.mean(expected) == pytest.approx(field_structure, rel=0.02 + 0.005 / rate / 5)
+
+
+def test_an_even_field_has_hardly_any_structure_in_little_light():
+    """The response and its part correlated with dark charge give 0.06, and chance 0.02 for each of 12 devices."""
+    rate, frames = 0.01, 1600
+    sensor, scores, expected = get_sensor("vidar_400x250"), [], []
+    charge = np.full((1, 64, 96), rate * sensor.threshold_e, np.float32)
+    for seed in range(12):
+        spikes = encode(charge, sensor, frames=frames, seed=seed)
+        shown = np.unpackbits(spikes, axis=2, bitorder="little")[:, :, :frames].astype(np.uint32)
+        halves = np.stack([half.sum(axis=2) for half in np.array_split(shown, 2, axis=2)])
+        scores.append(get_measure("structure_calibrated", **dark_of(seed))(halves, frames=frames))
+        expected.append(expected_score("structure_calibrated", rate, contrast=0.0, seed=seed))
+    assert np.mean(expected) < 0.08
+    assert np.mean(scores) == pytest.approx(np.mean(expected), abs=0.025)
 
 
 @pytest.mark.parametrize("name", ["structure_calibrated", "sd_calibrated"])
