@@ -73,11 +73,17 @@ def measure_of(call=sum_of_squares, *, frozen=True, **members):
     return plug_in_of({"degree": 2, "score_range": "from 0", "__call__": call} | members, frozen=frozen)
 
 
+class Plain:
+    """A class that is not a dataclass."""
+
+
 BROKEN_MEASURES = [
     ("described", "its dataclass is not frozen", measure_of(frozen=False)),
     ("described", "it has no docstring", measure_of(__doc__=None)),
     ("described", "it cites no source", measure_of(source=" ")),
+    ("described", "it is not a dataclass", Plain()),
     ("stated", "its degree is 0.5", measure_of(degree=0.5)),
+    ("stated", "its degree is -1, below 0", measure_of(degree=-1)),
     ("stated", "it states no range", measure_of(score_range="")),
     *(("stated", f"its cost is {cost!r}", measure_of(cost=cost)) for cost in (0.0, "cheap")),
     ("finite", "random counts is not a float: int", measure_of(lambda s, c: int((c.astype(int) ** 2).sum()))),
@@ -270,6 +276,7 @@ IN_TIME = "stays in travel and budget"
 BROKEN_LENS_SEARCHES = [
     ("not on a recording", "it answers Answer", commanding(lambda s, v: Answer(position=0.5))),
     (IN_TIME, "sent to 1.2; .*with hand and 40,000", commanding(lambda s, v: scan(s, v, positions=(0.5, 1.2)))),
+    (IN_TIME, "it answers with a frame", moving(lambda answer: Answer(1.0, position=0.5))),
     (IN_TIME, "exceeds the budget", commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)])),
     ("little time", "without a score", moving(lambda a: Answer(position=a.position or 0.5))),
     ("lights", f"ValueError: dark {HERE}, with voice_coil_hall", commanding(in_daylight)),

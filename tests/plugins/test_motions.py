@@ -175,6 +175,7 @@ STEP = {"count": 4, "natural_hz": 50, "damping": 0.3}
     ("kind", "options", "message"),
     [
         ("sweep", {"to": 1.2}, "to is 1.2 | 0 to 1"),
+        ("sweep_and_return", {"dwell_s": -1}, "dwell_s is -1 | 0 or more"),
         ("sweep", {"from": 0.5, "to": 0.5}, "does not move: from and to are both 0.5 | kind: hold"),
         ("sweep_and_return", {"dwell_s": 2}, "dwell_s is 2 in a recording of 1 s | record more frames"),
         ("hold", {}, "lens motion 'hold' | missing | 'position' | position"),

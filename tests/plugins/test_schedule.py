@@ -71,6 +71,7 @@ def test_a_choice_of_tables_is_drawn(recipe_of):
         ("{kind: from_csv, file: lampp.csv}", "small.yaml:7 | 'lampp.csv' | mean 'lamp.csv"),
         ("{kind: from_csv, file: ../lamp.csv}", "small.yaml:7 | '../lamp.csv' | outside"),
         ("{kind: from_csv, file: {choice: [lamp.csv, no.csv]}}", "small.yaml:7 | 'no.csv'"),
+        ("{kind: from_csv, file: {choice: lamp.csv}}", "choice is 'lamp.csv' | a list"),
         ("{kind: from_csv, file: 3}", "small.yaml:7 | file is 3 | CSV file"),
         ("{kind: from_csv}", "small.yaml:7 | light schedule 'from_csv' | missing | 'file'"),
         ("{kind: from_csv, file: negative.csv}", "small.yaml:7 | negative.csv: gain is -1 at 2 s"),
