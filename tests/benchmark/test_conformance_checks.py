@@ -180,6 +180,7 @@ BROKEN_SEARCHES = [
     ("ends", "did not end within 50,000 scores; the remaining", search_of(endless)),
     ("ends", "it refuses .*0 to 100001 were", search_of(lambda s, v: Answer(v.score(0, v.frames + 1)))),
     ("answers", "it answers with float", answering(lambda a, view: a.frame)),
+    ("answers", "it answers frame 2000 of 2,000", answering(lambda a, view: Answer(view.frames))),
     ("answers", "it answers frame nan", answering(lambda a, view: Answer(math.nan))),
     ("answers", "its trace is", answering(lambda a, view: Answer(0.0, (math.nan,)))),
     ("answers", "its note is", answering(lambda a, view: Answer(None, (), "one\ntwo"))),
@@ -276,6 +277,7 @@ IN_TIME = "stays in travel and budget"
 BROKEN_LENS_SEARCHES = [
     ("not on a recording", "it answers Answer", commanding(lambda s, v: Answer(position=0.5))),
     (IN_TIME, "sent to 1.2; .*with hand and 40,000", commanding(lambda s, v: scan(s, v, positions=(0.5, 1.2)))),
+    (IN_TIME, "position 1.5", moving(lambda answer: Answer(position=1.5))),
     (IN_TIME, "it answers with a frame", moving(lambda answer: Answer(1.0, position=0.5))),
     (IN_TIME, "exceeds the budget", commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)])),
     ("little time", "without a score", moving(lambda a: Answer(position=a.position or 0.5))),

@@ -9,7 +9,7 @@ from in_memory_stream import InMemory
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks import closed_loop
 from saf_gen.benchmark.tracks.search_run import run_search
-from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.benchmark.view import RecordingView, WindowCounts, recording
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.benchmark.view.running_camera import RunningCamera
 from saf_gen.core import stopwatch
@@ -154,6 +154,16 @@ def test_the_time_to_compile_is_not_paid(clock, monkeypatch):
     assert clock.now > COMPILES
     assert LOOKS_UP <= counts.textures_s < COUNTS
     np.testing.assert_array_equal(image, WindowCounts(InMemory(800, 4, 6)).intervals(0, 100))
+
+
+def test_a_texture_that_was_forgotten_is_timed_again(clock, monkeypatch):
+    monkeypatch.setattr(recording, "WINDOW_BYTES", 0)
+    monkeypatch.setattr(interval_texture, "_look_back", clock.takes(LOOKS_UP, interval_texture._look_back))
+    counts = slow_counts(clock)
+    for first in (0, 100, 0):
+        counts.intervals(first, first + 100)
+    assert counts.textures_s >= 3 * LOOKS_UP
+    assert len(counts._texture_seconds) == 1
 
 
 @pytest.mark.parametrize("frames", [160, 10_000], ids=["in time", "out of time"])
