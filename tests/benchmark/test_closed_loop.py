@@ -26,7 +26,6 @@ from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.capture import Capture
-from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stream.metadata import Truth
 
 IDEAL = get_actuator(
@@ -55,53 +54,6 @@ def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
     )  # fmt: skip
 
 
-@pytest.mark.slow
-def test_records_state_the_grain_of_the_pictures_at_rest(dataset):
-    """For a moving scene the file states only the grain of the recording's slices, not of those of the closed loop."""
-    protocol = ClosedLoopProtocol(IDEAL, budget_s=0.02)
-    found = {
-        r.scene_motion: r for r in evaluate_module.evaluate(dataset, methods=["sd+argmax"], protocol=protocol).records
-    }
-    assert 0.005 < found["static"].grain_rms < 0.5
-    assert found["dynamic"].grain_rms is None
-    assert found["static"].grain_of_curve is None
-
-
-class GoTo:
-    """A search that sends the lens to a position and answers with it."""
-
-    commands = True
-
-    def __init__(self, position, *, looks=3):
-        self.position, self.looks = position, looks
-
-    def __call__(self, view):
-        for _ in range(self.looks):
-            view.score(view.now, view.now + 40)
-        return Answer(position=self.position)
-
-
-class At:
-    """An estimating search that looks at the sweep up to a frame, and answers with that frame."""
-
-    def __init__(self, frame):
-        self.frame = frame
-
-    def __call__(self, view):
-        view.score(0, math.ceil(self.frame) + 1)
-        return Answer(self.frame)
-
-
-class Raises:
-    """A search of either kind, or a measure, that raises an error."""
-
-    def __init__(self, error, *, commands=False):
-        self.error, self.commands = error, commands
-
-    def __call__(self, view_or_counts):
-        raise self.error
-
-
 class Commands:
     """A lens-commanding search that calls a function."""
 
@@ -112,6 +64,36 @@ class Commands:
 
     def __call__(self, view):
         return self.function(view)
+
+
+def go_to(position, *, looks=3):
+    """Return a search that looks some times, and sends the lens to a position."""
+
+    def search(view):
+        for _ in range(looks):
+            view.score(view.now, view.now + 40)
+        return Answer(position=position)
+
+    return Commands(search)
+
+
+def at_frame(frame):
+    """Return an estimating search that looks at the sweep up to a frame, and answers with that frame."""
+
+    def search(view):
+        view.score(0, math.ceil(frame) + 1)
+        return Answer(frame)
+
+    return search
+
+
+def raises(error):
+    """Return an estimating search or a measure that raises an error."""
+
+    def part(view_or_counts):
+        raise error
+
+    return part
 
 
 def method(search, measure=None):
@@ -149,16 +131,6 @@ def test_the_lens_is_on_its_way_while_the_camera_runs(capture):
     assert refusal(camera.position, 104).allowed == "0 to 103"
 
 
-def test_what_was_seen_stays_as_it_was(capture):
-    camera = start(capture)
-    before = camera.run_until(10, 50).window(10, 50)
-    camera.move(0.7)
-    camera.wait(200)
-    camera.score(100, 200)
-    captured = camera.run_until(10, 50)
-    assert np.array_equal(captured.window(10, 50), before)
-
-
 def test_a_search_looks_at_the_counts_of_a_running_camera_as_a_measure_does(capture):
     """The sum of the counts is the score of er_count; reading counts makes the camera run, as scoring does."""
     camera, other = start(capture), start(capture)
@@ -189,7 +161,7 @@ def test_the_lens_is_not_sent_out_of_its_travel(capture, to):
 
 
 def test_a_search_that_commands_ends_where_it_says(capture):
-    done = run(capture, GoTo(0.625))
+    done = run(capture, go_to(0.625))
     assert done.problem == ""
     assert done.answer_frame == 120
     assert done.path[-1] == pytest.approx(0.625, abs=1e-4)
@@ -197,7 +169,7 @@ def test_a_search_that_commands_ends_where_it_says(capture):
 
 @pytest.mark.parametrize("frame", [100.0, 250.5])
 def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(capture, frame):
-    done = run(capture, At(frame), sweep_s=0.016)
+    done = run(capture, at_frame(frame), sweep_s=0.016)
     assert done.problem == ""
     moves = np.diff(done.path[: done.answer_frame])
     begin = int(np.argmax(np.abs(done.path - done.path[done.answer_frame - 1]) > 0.02))
@@ -207,33 +179,30 @@ def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(captur
     assert done.path[-1] == pytest.approx(swept, abs=0.03) or done.path[-1] == pytest.approx(1 - swept, abs=0.03)
 
 
+class Unprintable(Exception):
+    def __str__(self):
+        raise RuntimeError("and no words")
+
+
 @pytest.mark.parametrize(
     ("search", "problem"),
     [
-        (GoTo(0.5, looks=30), "the budget of 800 frames was spent"),
-        (lambda view: 1 / 0, "ZeroDivisionError: division by zero"),
-        (Raises(RuntimeError("no light")), "RuntimeError: no light"),
-        (Raises(AttributeError("two\nlines")), "AttributeError: two lines"),
-        (Raises(AssertionError(), commands=True), "AssertionError"),
-        (Raises(OSError("no weights"), commands=True), "OSError: no weights"),
-        (Raises(SystemExit(3), commands=True), "CodeStopped: its code called exit(3)"),
-        (Raises(SystemExit("no light")), "CodeStopped: its code called exit('no light')"),
-        (Raises(GeneratorExit()), "CodeStopped: its code raised GeneratorExit"),
-        (Raises(BadInput("no light", where="x")), "BadInput: x: no light"),
-        (Raises(ValueError("a" * 400)), f"ValueError: {'a' * 287}…"),
+        (raises(Unprintable()), "Unprintable"),
+        (go_to(0.5, looks=30), "the budget of 800 frames was spent"),
+        (Commands(raises(AssertionError())), "AssertionError"),
+        (Commands(raises(SystemExit(3))), "CodeStopped: its code called exit(3)"),
+        (raises(GeneratorExit()), "CodeStopped: its code raised GeneratorExit"),
+        (raises(BadInput("no light", where="x")), "BadInput: x: no light"),
+        (raises(ValueError("a" * 400)), f"ValueError: {'a' * 287}…"),
         (lambda view: Answer(1e6), "answered frame 1000000.0, which is not in the sweep"),
-        (lambda view: 1234.5, "it answers with float 1234.5; return saf_gen.parts.Answer(frame), or"),
-        (lambda view: np.zeros((2, 2)), "it answers with ndarray array([[0., 0.], [0., 0.]]); return"),
-        (lambda view: Answer(math.nan), "it answers frame nan; give a finite number, or None to abstain"),
-        (lambda view: Answer(5, trace=None), "its trace is None; give a tuple of finite numbers"),
-        (lambda view: Answer(5, note="one\ntwo"), r"its note is 'one\ntwo'; give one line of text"),
         (lambda view: Answer(position=0.5), "it answers with a position, but does not command the lens; answer"),
-        (GoTo(math.nan), "it answers position nan; give a finite number, or None to abstain"),
+        (go_to(math.nan), "it answers position nan; give a finite number, or None to abstain"),
         (Commands(lambda view: Answer(5.0)), "it answers with a frame, but commands the lens; answer"),
         (Commands(lambda view: None), "it answers with NoneType None; return"),
     ],
 )
 def test_a_broken_method_fails_with_the_reason(capture, search, problem):
+    """Other errors and answers, which both tracks treat alike, are tested in test_evaluate.py."""
     done = run(capture, search)
     assert problem in done.problem
     assert len(done.problem.splitlines()) == 1
@@ -243,42 +212,33 @@ def test_a_broken_method_fails_with_the_reason(capture, search, problem):
     assert "error" not in verdict
 
 
-class Unprintable(Exception):
-    def __str__(self):
-        raise RuntimeError("and no words")
-
-
-def test_an_exception_whose_text_fails_is_reported_by_its_class(capture):
-    assert run(capture, Raises(Unprintable())).problem == "Unprintable"
-
-
-@pytest.mark.parametrize("search", [GoTo(0.5), At(200.0)], ids=["commands", "estimates"])
-def test_a_broken_measure_is_reported_like_a_broken_search(capture, search):
-    broken = method(search, Raises(RuntimeError("no light")))
-    done = run_method(capture, broken)
+def test_a_broken_measure_is_reported_like_a_broken_search(capture):
+    done = run_method(capture, method(go_to(0.5), raises(RuntimeError("no light"))))
     assert done.problem == "RuntimeError: no light"
 
 
-@pytest.mark.parametrize("commands", [True, False])
-def test_an_interrupt_stops_the_evaluation(capture, commands):
+def test_an_interrupt_stops_the_evaluation(capture):
     with pytest.raises(KeyboardInterrupt):
-        run(capture, Raises(KeyboardInterrupt(), commands=commands))
+        run(capture, Commands(raises(KeyboardInterrupt())))
 
 
 def test_broken_methods_do_not_affect_others(dataset, monkeypatch):
     """Each broken method has a failed record of each sequence; the sound one answers on all."""
     searches = {
-        "sd+nowhere": GoTo(math.nan),
+        "sd+nowhere": go_to(math.nan),
         "sd+float": lambda view: 1234.5,
         "sd+trace": lambda view: Answer(5, trace=None),
-        "sd+sound": GoTo(0.5),
-        "sd+disk": Raises(OSError("no weights")),
-        "sd+exit": Raises(SystemExit(0)),
+        "sd+sound": go_to(0.5),
+        "sd+disk": raises(OSError("no weights")),
+        "sd+exit": raises(SystemExit(0)),
     }
     monkeypatch.setattr(sequence_evaluation, "parse_method", lambda name: replace(method(searches[name]), name=name))
     result = evaluate_module.evaluate(dataset, methods=list(searches), protocol=ClosedLoopProtocol(IDEAL))
     assert result.failures == ()
     assert len(result.records) == 4 * len(searches)
+    grain = {record.scene_motion: record.grain_rms for record in result.records}
+    assert 0.005 < grain["static"] < 0.5
+    assert grain["dynamic"] is None  # the file states only the grain of the recording's slices
     for record in result.records:
         assert record.status == ("answered" if record.method == "sd+sound" else "failed")
         assert bool(record.note) == (record.method != "sd+sound")
@@ -291,11 +251,17 @@ def ignore_errors(view):
     return Answer(position=0.5)
 
 
-@pytest.mark.parametrize("search", [GoTo(0.5), At(200.0), Commands(ignore_errors)])
-@pytest.mark.parametrize("error", [BadInput("is cut short", where="a.exr"), OSError("no such disk")])
+@pytest.mark.parametrize(
+    ("search", "error"),
+    [
+        (go_to(0.5), OSError("no such disk")),
+        (at_frame(200.0), BadInput("is cut short", where="a.exr")),
+        (Commands(ignore_errors), OSError("no such disk")),
+    ],
+)
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, monkeypatch, search, error):
     charge_source = capture.open_charge_source()
-    monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **options: Raises(error)(run))
+    monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **options: raises(error)(run))
     with pytest.raises(type(error), match=str(error)):
         run_method(capture, method(search), charge_source=charge_source)
 
@@ -316,22 +282,6 @@ def test_both_regions_are_seen(dataset):
     assert [done for done, _, _ in steps] == [1, 2, 3, 4, 5, 6]
 
 
-def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, monkeypatch):
-    encoder_inputs = ChargeSource.encoder_inputs
-
-    def torn(self, run, **options):
-        if self.time_stack.is_moving:
-            raise BadInput("is cut short", where="a.exr")
-        return encoder_inputs(self, run, **options)
-
-    monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
-    monkeypatch.setattr(sequence_evaluation, "parse_method", lambda _: method(GoTo(0.5)))
-    result = evaluate_module.evaluate(dataset, methods=["sd+x"], protocol=ClosedLoopProtocol(IDEAL))
-    assert [failure.problem for failure in result.failures] == ["a.exr: is cut short"] * 2
-    assert {record.scene_motion for record in result.records} == {"static"}
-    assert {record.status for record in result.records} == {"answered"}
-
-
 @pytest.mark.parametrize("kind", [Commands, lambda does: does], ids=["commands", "estimates"])
 def test_a_view_has_only_the_promised_members_and_they_are_read_only(capture, kind):
     held = []
@@ -350,7 +300,7 @@ def test_a_view_has_only_the_promised_members_and_they_are_read_only(capture, ki
             setattr(view, name, 0)
 
 
-@pytest.mark.parametrize("window", [(-50, 50), (10, 10), (300, 321), (0.5, 10), (-8, -1)])
+@pytest.mark.parametrize("window", [(-50, 50), (10, 10), (300, 321), (0.5, 10)])
 def test_a_window_outside_the_sweep_is_refused(capture, window):
     camera = start(capture)
     camera.wait(80)
@@ -370,14 +320,13 @@ def test_the_lens_before_a_sweep_is_hidden_from_its_view(capture):
     assert 0 <= view.position(0) < view.position(39) == pytest.approx(40 / 320, rel=1e-3)
 
 
-@pytest.mark.parametrize(("name", "budget"), [("voice_coil_hall", 800), ("liquid_lens", 800)])
-def test_a_sweep_ends_where_the_lens_is_at_the_far_end(capture, name, budget):
+@pytest.mark.parametrize("name", ["voice_coil_hall", "liquid_lens"])
+def test_a_sweep_ends_where_the_lens_is_at_the_far_end(capture, name):
     """If the command moved at the speed of the sweep, the lens would end 3 and 12 % short of the far end."""
-    camera = start(capture, actuator=get_actuator(name, position_noise_rms=0), budget=budget)
-    view = SweepView(camera, begin=0.0, end=1.0, frames=budget)
-    view.wait(budget)
+    camera = start(capture, actuator=get_actuator(name, position_noise_rms=0))
+    SweepView(camera, begin=0.0, end=1.0, frames=800).wait(800)
     assert camera.path[-1] == pytest.approx(1, abs=0.01)
-    assert camera.path[budget // 2] == pytest.approx(0.5, abs=0.1)
+    assert camera.path[400] == pytest.approx(0.5, abs=0.1)
 
 
 def test_an_answer_is_the_position_of_the_lens_even_if_the_sensor_is_at_the_motor(capture):
@@ -392,24 +341,17 @@ def test_an_answer_is_the_position_of_the_lens_even_if_the_sensor_is_at_the_moto
         assert view.position_at(frame) == pytest.approx(truly, abs=0.01)
 
 
-@pytest.mark.parametrize(("frames", "passed"), [(0, 0), (0.2, 8), (8, 8), (8.5, 16), (9, 16)])
+@pytest.mark.parametrize(("frames", "passed"), [(0, 0), (0.2, 8), (8, 8), (8.5, 16)])
 def test_a_wait_is_never_shorter_than_was_asked(capture, frames, passed):
     camera = start(capture)
     camera.wait(frames)
     assert camera.now == passed
 
 
-@pytest.mark.parametrize("before", [0, 80])
-def test_an_answer_without_a_look_is_the_current_lens_position(capture, before):
+def test_an_answer_without_a_look_is_the_current_lens_position(capture):
     camera = start(capture)
-    camera.wait(before)
+    camera.wait(80)
     assert SweepView(camera, begin=0.0, end=1.0, frames=320).position_at(100.0) == pytest.approx(0, abs=1e-6)
-
-
-def test_the_same_method_twice_gives_the_same_run(capture):
-    first, second = (run(capture, At(200.0), actuator=get_actuator("voice_coil")) for _ in range(2))
-    assert np.array_equal(first.path, second.path)
-    assert first.answer_frame == second.answer_frame
 
 
 def ran(path, *, answered=0, answer=None):
@@ -443,13 +385,9 @@ def test_an_abstention_is_right_where_the_focus_is_out_of_reach(best, right):
     verdict = judge_run(ran(np.full(10, 0.3), answer=Answer()), truth, readout_hz=20_000)
     assert verdict["status"] == "abstained"
     assert verdict["success_1dof"] is right
-
-
-def test_without_a_truth_a_run_has_a_position_but_no_success():
-    verdict = judge_run(ran(np.full(10, 0.3)), Truth(), readout_hz=20_000)
-    assert verdict["truth"] is None
-    assert verdict["success_1dof"] is None
-    assert verdict["position"] == pytest.approx(0.3)
+    unknown = judge_run(ran(np.full(10, 0.3)), Truth(), readout_hz=20_000)
+    assert (unknown["truth"], unknown["success_1dof"]) == (None, None)
+    assert unknown["position"] == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(
@@ -465,12 +403,10 @@ def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(pos
         ({"budget_s": 1.0}, "a budget of 1000 ms", "0.8 to 40 ms"),
         ({"budget_s": 1e-5}, "a budget of", "0.8 to 40 ms"),
         ({"budget_s": 0.02, "sweep_s": 0.03}, "a sweep of 30 ms", "0.8 ms to the budget of 20 ms"),
-        ({"budget_s": -1.0}, "the budget is -1 s", "above 0"),
-        ({"sweep_s": math.inf}, "the sweep is inf s", "above 0"),
     ],
 )
 def test_a_protocol_that_cannot_be_kept_is_refused(capture, protocol, problem, allowed):
-    error = refusal(run, capture, GoTo(0.5), **protocol)
+    error = refusal(run, capture, go_to(0.5), **protocol)
     assert problem in error.problem
     assert allowed in error.allowed
 
@@ -482,7 +418,3 @@ def test_a_protocol_that_no_sequence_can_keep_writes_nothing(dataset, tmp_path, 
     assert "none of 4 sequences can be evaluated" in err
     assert "a budget of 500 ms" in err
     assert not (tmp_path / "o").exists()
-
-
-def test_the_protocol_is_described_in_one_line(capture):
-    assert ClosedLoopProtocol(get_actuator("voice_coil")).describe(capture) == "voice_coil, 40 ms, sweep 10 ms"

@@ -11,18 +11,12 @@ from time import sleep
 
 import numpy as np
 import pytest
+from own_plugins import PARTS
 from refusals import refusal
 
 from saf_gen import get_measure, get_search
 from saf_gen.benchmark.conformance import CheckLimits, check_by_name, check_measure, check_method, check_search
-from saf_gen.benchmark.conformance._samples import (
-    BEST_FOCUS,
-    TARGET_RATE,
-    SyntheticRecording,
-    bell,
-    sample_texture,
-    write_recordings,
-)
+from saf_gen.benchmark.conformance._samples import BEST_FOCUS, TARGET_RATE, SyntheticRecording, bell, write_recordings
 from saf_gen.benchmark.method_spec import Method, TunedMethod, TuningTrial, format_tuned, parse_method, resolve_name
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
@@ -51,10 +45,6 @@ def scribble(self, counts):
     if counts.flags.writeable:
         counts[:] = 0
     return score
-
-
-def failing_at_400_frames(self, counts, frames=None):
-    return sum_of_squares(self, counts) / (frames - 400 if frames else 1)
 
 
 def warning(self, counts):
@@ -95,16 +85,12 @@ BROKEN_MEASURES = [
     ("stated", "its degree is 0.5", measure_of(degree=0.5)),
     ("stated", "its degree is -1, below 0", measure_of(degree=-1)),
     ("stated", "it states no range", measure_of(score_range="")),
-    *(("stated", f"its cost is {cost!r}", measure_of(cost=cost)) for cost in (0.0, math.inf, "cheap", True)),
+    *(("stated", f"its cost is {cost!r}", measure_of(cost=cost)) for cost in (0.0, "cheap")),
     ("finite", "random counts is not a float: int", measure_of(lambda s, c: int((c.astype(int) ** 2).sum()))),
-    ("finite", "the score of random counts is inf", measure_of(lambda s, c: math.inf)),
     ("finite", "empty counts is nan", measure_of(partialmethod(contrast, empty=math.nan), degree=0)),
-    ("finite", rf"ZeroDivisionError: .*{HERE}, for empty", measure_of(lambda s, c: 1 / int(c.max()))),
     ("finite", r"IndexError: .*for one-pixel counts \(1, 1\)", measure_of(lambda s, c: float(c[0, 1]))),
-    ("finite", "ZeroDivisionError", measure_of(failing_at_400_frames, timed=True)),
     ("finite", rf"CodeStopped: its code called exit\(3\) .*{HERE}, for random", measure_of(lambda s, c: exit(3))),
     ("zero when empty", "score 1.0", measure_of(partialmethod(contrast, empty=1.0), degree=0)),
-    ("repeatable", "get another score", measure_of(lambda s, c: sum_of_squares(s, c) * random.random())),
     ("repeatable", "get another score after others", measure_of(with_a_memory)),
     ("leaves input", "it changes the counts", measure_of(scribble)),
     ("number types", "uint8 changes the score", measure_of(lambda s, c: float((c * c).sum(dtype=float)))),
@@ -127,11 +113,11 @@ def assert_caught(results, name, level, words):
 # Estimating searches
 
 
-def best_block(self, view, *, size=50, answer=Answer):
+def best_block(self, view, *, size=50):
     if view.frames < size:
         raise BadInput("too short")
     scores = [view.score(first, first + size) for first in range(0, view.frames - size + 1, size)]
-    return answer(scores.index(max(scores)) * size + (size - 1) / 2)
+    return Answer(scores.index(max(scores)) * size + (size - 1) / 2)
 
 
 def crashing_when_short(self, view):
@@ -160,12 +146,6 @@ def first_fall(self, view):
     return Answer(view.frames - 1)
 
 
-def looks_ahead(self, view):
-    answer = first_fall(self, view)
-    view.score(view.frames - 1, view.frames)
-    return answer
-
-
 def asks_ahead(self, view):
     view.position(view.frames - 1)
     return first_fall(self, view)
@@ -184,24 +164,6 @@ def endless(self, view):
             continue
 
 
-def idle(self, view):
-    while True:
-        sleep(0.001)
-
-
-def endless_on_ties(self, view):
-    """Halve an interval by comparing its halves; loops for ever if they are equal."""
-    first, stop = 0, view.frames
-    while stop - first > 4:
-        middle = (first + stop) // 2
-        left, right = view.score(first, middle), view.score(middle, stop)
-        if left > right:
-            stop = middle
-        elif right > left:
-            first = middle
-    return Answer((first + stop - 1) / 2)
-
-
 def search_of(call=best_block, *, frozen=True, **members):
     return plug_in_of({"causal": False, "__call__": call} | members, frozen=frozen)
 
@@ -213,29 +175,20 @@ def answering(wrap):
 
 BROKEN_SEARCHES = [
     ("described", "its dataclass is not frozen", search_of(frozen=False)),
-    ("described", "it cites no source", search_of(source="")),
     ("stated", "whether it is causal: 'yes'", search_of(causal="yes")),
     ("stated", "it uses 'sdd': .*'sd'", search_of(measures=("sdd",))),
     ("ends", "did not end within 50,000 scores; the remaining", search_of(endless)),
-    ("answers", "did not end within 50,000 scores", search_of(endless_on_ties)),
-    ("ends", "it refuses .*frames 5 to 5 were", search_of(lambda s, v: Answer(v.score(5, 5)))),
     ("ends", "it refuses .*0 to 100001 were", search_of(lambda s, v: Answer(v.score(0, v.frames + 1)))),
-    ("ends", "it refuses .*0 to 50000.0 were", search_of(lambda s, v: Answer(v.score(0, v.frames / 2)))),
-    ("ends", "AttributeError: .*'truth'", search_of(lambda s, v: Answer(v.truth.frame))),
     ("answers", "it answers with float", answering(lambda a, view: a.frame)),
     ("answers", "it answers frame 2000 of 2,000", answering(lambda a, view: Answer(view.frames))),
     ("answers", "it answers frame nan", answering(lambda a, view: Answer(math.nan))),
     ("answers", "its trace is", answering(lambda a, view: Answer(0.0, (math.nan,)))),
-    ("answers", "its trace is", answering(lambda a, view: Answer(0.0, [1.0]))),
     ("answers", "its note is", answering(lambda a, view: Answer(None, (), "one\ntwo"))),
     ("answers", "it answers with a position, but does not", answering(lambda a, view: Answer(position=0.5))),
     ("flat", "ZeroDivisionError", search_of(centroid)),
     ("repeatable", "gets another answer", answering(lambda a, view: Answer(random.random()))),
     ("any unit", "times 1024", answering(lambda a, view: Answer(0.0 if view.score(0, 500) > 0.05 else 1.0))),
-    *(
-        ("stops early", "it states that it is causal.*1.000", search_of(call, causal=True))
-        for call in (best_block, looks_ahead, asks_ahead)
-    ),
+    ("stops early", "it states that it is causal.*1.000", search_of(asks_ahead, causal=True)),
     ("short", "ValueError: .*empty", search_of(crashing_when_short)),
 ]
 
@@ -315,19 +268,6 @@ def in_daylight(self, view):
     return scan(self, view)
 
 
-def too_long(self, view):
-    view.move(0.5)
-    view.score(view.now, view.now + 400)
-    return Answer(position=0.5)
-
-
-def crashing_in_haste(self, view):
-    if view.frames > 5000:
-        return scan(self, view)
-    view.move(0)
-    return Answer(position=max([]))
-
-
 def minding_the_unit(self, view):
     answer = scan(self, view)
     return Answer(position=0.2) if answer.position and view.score(0, 800) > 1 else answer
@@ -337,13 +277,10 @@ IN_TIME = "stays in travel and budget"
 BROKEN_LENS_SEARCHES = [
     ("not on a recording", "it answers Answer", commanding(lambda s, v: Answer(position=0.5))),
     (IN_TIME, "sent to 1.2; .*with hand and 40,000", commanding(lambda s, v: scan(s, v, positions=(0.5, 1.2)))),
-    (IN_TIME, "exceeds the budget", commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)])),
-    (IN_TIME, "it answers with a frame", moving(lambda answer: Answer(1.0, position=0.5))),
     (IN_TIME, "position 1.5", moving(lambda answer: Answer(position=1.5))),
-    (IN_TIME, "its trace is", moving(lambda answer: Answer(None, (math.inf,), position=0.5))),
+    (IN_TIME, "it answers with a frame", moving(lambda answer: Answer(1.0, position=0.5))),
+    (IN_TIME, "exceeds the budget", commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)])),
     ("little time", "without a score", moving(lambda a: Answer(position=a.position or 0.5))),
-    ("little time", "exceeds the budget, with voice_coil_hall and 32 frames", commanding(too_long)),
-    ("little time", f"ValueError: .*{HERE}", commanding(crashing_in_haste)),
     ("lights", f"ValueError: dark {HERE}, with voice_coil_hall", commanding(in_daylight)),
     ("repeatable", "another answer", moving(lambda a: Answer(position=a.position and random.random()))),
     ("any unit", "scores times 1024 change the answer", commanding(minding_the_unit)),
@@ -389,19 +326,9 @@ def wants_later_positions(self, view):
     return best_block(self, view)
 
 
-CALLS = []
-
-
-def first_then_other(self, view):
-    """Act like best_block on synthetic curves; on other views answer one frame later in each call."""
-    CALLS.append(1)
-    return best_block(self, view) if isinstance(view, SyntheticRecording) else Answer(len(CALLS))
-
-
 METHODS = [
     ("recordings", "ValueError: cannot convert float NaN", search_of(wants_positions)),
     ("running camera", r"BadInput: frame \d+ has not passed", search_of(wants_later_positions)),
-    ("recordings", "the empty stream gets another answer", search_of(first_then_other)),
 ]
 
 
@@ -412,14 +339,15 @@ def test_a_broken_method_is_caught(name, words, plug_in):
     assert {f.level for f in found if f.part != "method"} == {"ok"}
 
 
-def tenth(view):
-    return lambda frame: Answer(view.frames // 10)
-
-
 @pytest.mark.slow
 def test_a_method_that_misses_the_focus_of_a_sweep_is_warned_of():
-    plug_in = search_of(lambda s, v: best_block(s, v, answer=Answer if isinstance(v, SyntheticRecording) else tenth(v)))
-    found = assert_caught(check_method(method_of(plug_in)), "recordings", "warning", "swept 0.100; focus at 0.4")
+    def tenth(search, view):
+        answer = best_block(search, view)
+        return answer if isinstance(view, SyntheticRecording) else Answer(view.frames // 10)
+
+    found = assert_caught(
+        check_method(method_of(search_of(tenth))), "recordings", "warning", "swept 0.100; focus at 0.4"
+    )
     assert_caught(found, "running camera", "warning", "ends at a usual light: 0.(09|10)")
 
 
@@ -428,7 +356,7 @@ def test_a_method_is_not_tried_where_a_half_of_it_fails():
     assert [(f.check, f.level) for f in found if f.part == "method"] == [("whole", "warning")]
 
 
-@pytest.mark.parametrize("name", ["sd+argmax", "gradient_code_n_tfi+sgfs_causal", "sd_debiased+coarse_to_fine"])
+@pytest.mark.parametrize("name", ["gradient_code_n_tfi+sgfs_causal", "sd_debiased+coarse_to_fine"])
 @pytest.mark.slow
 def test_methods_of_ours_conform(name):
     found = list(check_by_name(name))
@@ -456,17 +384,6 @@ def test_recordings_of_the_test_scene_show_what_they_are_named_for(tmp_path):
     assert rates["swept"] == pytest.approx(TARGET_RATE, rel=0.05)
 
 
-def test_amplitudes_of_the_texture_fall_as_one_over_frequency():
-    picture = sample_texture(256, 256)
-    assert picture.mean() == pytest.approx(1, abs=0.01)
-    assert picture.min() >= 0.05
-    frequency = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.fftfreq(256))
-    amplitude = np.abs(np.fft.fft2(picture))
-    seen = (frequency > 4 / 256) & (frequency < 0.3)
-    slope = np.polyfit(np.log(frequency[seen]), np.log(amplitude[seen]), 1)[0]
-    assert slope == pytest.approx(-1, abs=0.05)
-
-
 def test_a_synthetic_recording_scores_the_mean_of_its_curve_and_named_measures_by_a_texture():
     view = SyntheticRecording(bell(1000, 0.4), unit=2.0)
     assert view.score(100, 500) == pytest.approx(2 * bell(1000, 0.4)[100:500].mean(), rel=1e-12)
@@ -481,7 +398,6 @@ def test_a_synthetic_recording_scores_the_mean_of_its_curve_and_named_measures_b
     ("findings", "name"),
     [
         (check_measure(measure_of(hang), BRIEF), "finite"),
-        (check_search(search_of(idle), BRIEF), "ends"),
         (check_search(commanding(hopeless), BRIEF), "stays in travel and budget"),
     ],
 )
@@ -507,15 +423,20 @@ def test_a_loop_without_end_is_stopped_by_the_number_of_scores_in_a_thread_too()
 # Names
 
 
-def test_a_name_is_a_method_or_a_half_of_one(tmp_path):
-    own = tmp_path / "own.py"
-    own.write_text(OWN)
+@pytest.fixture
+def own(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(PARTS + "\n\n@dataclass(frozen=True)\nclass Nothing:\n    pass\n")
+    return path
+
+
+def test_a_name_is_a_method_or_a_half_of_one(own, tmp_path):
     assert resolve_name("sd+argmax") == parse_method("sd+argmax")
     assert resolve_name("argmax:window=50") == ("searches", get_search("argmax", window=50))
     assert resolve_name("sd") == ("measures", get_measure("sd"))
     assert resolve_name("variance_n_tfi") == ("measures", get_measure("variance_n_tfi"))
     for suffix in ("", "_n", "_tfi"):
-        assert resolve_name(f"{own}:Total{suffix}")[0] == "measures"
+        assert resolve_name(f"{own}:Range{suffix}")[0] == "measures"
     assert resolve_name(f"{own}:Middle")[0] == "searches"
     tuned = tmp_path / "best.json"
     trial = TuningTrial("sd+argmax:window=50", 1.0, 0.1)
@@ -525,49 +446,17 @@ def test_a_name_is_a_method_or_a_half_of_one(tmp_path):
     assert resolve_name(f"@{tuned}").search.window == 50
 
 
-OWN = """\
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class Total:
-    degree = 1
-
-    def __call__(self, counts):
-        return float(counts.sum())
-
-
-@dataclass(frozen=True)
-class Middle:
-    causal = True
-
-
-@dataclass(frozen=True)
-class Nothing:
-    pass
-"""
-
-
 @pytest.mark.parametrize(
     ("name", "problem", "nearest"),
     [
         ("sdd", "'sdd'", "sd"),
-        ("argmx", "'argmx'", "argmax"),
-        ("sd_tfl", "'sd_tfl'", ""),
-        ("sd_n", "'sd_n'", "sd"),
-        ("argmax:windw=5", "'windw'", "window"),
-        ("argmax:5", "'5'", ""),
-        ("sd+", "", ""),
-        ("sd+argmx", "'argmx'", "argmax"),
         ("@nowhere.json", "does not exist", ""),
         ("{own}:Nothing", "neither a measure nor a search", ""),
-        ("{own}:Totl", "AttributeError", ""),
-        ("{own}:Totl_n", "AttributeError", ""),
+        ("{own}:Rnge", "AttributeError", ""),
         ("", "''", ""),
     ],
 )
-def test_a_name_that_is_neither_is_refused(tmp_path, name, problem, nearest):
-    (tmp_path / "own.py").write_text(OWN)
-    error = refusal(check_by_name, name.format(own=tmp_path / "own.py"))
+def test_a_name_that_is_neither_is_refused(own, name, problem, nearest):
+    error = refusal(check_by_name, name.format(own=own))
     assert problem in error.problem
     assert nearest in str(error)

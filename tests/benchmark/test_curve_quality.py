@@ -60,19 +60,9 @@ def test_a_second_peak_is_false_and_the_valley_between_them_ends_the_range():
     assert (found.false_maxima, found.false_peaks) == (1, 1)
     valley = X[np.abs(X - 0.5) < 0.1][y[np.abs(X - 0.5) < 0.1].argmin()]
     assert found.range == pytest.approx(valley, abs=1e-9)
-
-
-def test_an_end_that_rises_is_a_false_maximum():
-    found = assess_curve(X, gaussian() + 0.3 * (X > 0.9) * (X - 0.9) / 0.1)
-    assert (found.false_maxima, found.false_peaks) == (1, 1)
-    assert found.range == pytest.approx(0.9, abs=0.02)
+    rising_end = assess_curve(X, gaussian() + 0.3 * (X > 0.9) * (X - 0.9) / 0.1)
+    assert (rising_end.false_maxima, rising_end.false_peaks) == (1, 1)
     assert assess_curve(X, X**2).false_maxima == 0
-
-
-def test_a_curve_that_follows_a_brightening_light_is_wide_and_far_from_the_truth():
-    found = assess_curve(X, 1 + X, truth=0.4, depth=0.05)
-    assert (found.peak, found.width_50) == (1, None)
-    assert found.accuracy_dof == pytest.approx(12)
 
 
 @pytest.mark.parametrize("sigma", [0.01, 0.03])
@@ -118,7 +108,4 @@ def test_a_rise_of_just_less_than_the_limit_is_passed_over():
 )
 def test_where_there_is_no_curve_there_is_no_quality(position, scores):
     assert assess_curve(np.array(position), np.array(scores)) is None
-
-
-def test_few_blocks_have_no_noise():
-    assert assess_curve(np.linspace(0, 1, 5), np.array([0, 1, 3, 1, 0])).noise is None
+    assert assess_curve(np.linspace(0, 1, 5), np.array([0, 1, 3, 1, 0])).noise is None  # too few blocks

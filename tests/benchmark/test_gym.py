@@ -8,28 +8,27 @@ import sys
 import weakref
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from refusals import refusal
+from refusals import assert_says, refusal
 from typer.testing import CliRunner
 from windowed_dataset import make_windowed_dataset
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
-from saf_gen.benchmark.gym.episode import average_observation, draw_observation
+from saf_gen.benchmark.gym.episode import average_observation
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.benchmark.tracks.closed_loop import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.cli import app
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.merging import merge_records
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.charge_source import ChargeSource
 
 PROTOCOL = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.04, sweep_s=0.02)
@@ -87,9 +86,6 @@ def with_truth(env, **changes):
     return env
 
 
-# --- Gymnasium --------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_gymnasiums_checker_finds_nothing(dataset):
     """Warnings are errors in tests, so the checker's recommendations count too."""
@@ -110,40 +106,22 @@ def test_a_policy_learns_on_no_split_that_was_not_chosen(tmp_path):
     assert len(make_env(make_windowed_dataset(tmp_path / "one", splits=("train",))).tasks) == 1
 
 
-def test_a_seed_names_an_episode_bit_for_bit(dataset):
-    first, second = (play(make_env(dataset), 0.2, 0.7, seed=5) for _ in range(2))
-    env = make_env(dataset)
-    play(env, 0.1, seed=9)
-    again = play(env, 0.2, 0.7, seed=5)
-    assert are_equal(first, second)
-    assert are_equal(first, again)
-    assert not are_equal(first, play(env, 0.2, 0.7, seed=6))
-
-
-def test_episodes_after_a_seed_are_named_by_it_too(dataset):
-    env = make_env(dataset)
-    runs = []
-    for _ in range(2):
-        env.reset(seed=5)
-        runs.append([play(env, 0.3) for _ in range(3)])
-    assert all(are_equal(a, b) for a, b in zip(*runs, strict=True))
-    assert not are_equal(runs[0][0], runs[0][1])
+def test_a_seed_names_an_episode_and_those_after_it_bit_for_bit(dataset):
+    env, used = make_env(dataset), make_env(dataset)
+    play(used, 0.1, seed=9)
+    first, second = ([play(one, 0.2, 0.7, seed=5), play(one, 0.3), play(one, 0.3)] for one in (env, used))
+    assert all(map(are_equal, first, second))
+    assert not are_equal(first[1], first[2])
+    assert not are_equal(first[0], play(env, 0.2, 0.7, seed=6))
 
 
 def test_seeds_draw_every_sequence_and_positions_of_the_entire_travel(dataset):
     env = make_env(dataset)
-    drawn = [env.reset(seed=seed) for seed in range(40)]
+    drawn = [env.reset(seed=seed) for seed in range(20)]
     assert {info["sequence"] for _, info in drawn} == {task.id for task in env.tasks}
-    lens = [float(seen["lens"][0]) for seen, info in drawn if info["sequence"] == PLANE]
-    assert len(lens) >= 5
-    assert len(set(lens)) == len(lens)
+    lens = {float(seen["lens"][0]) for seen, _ in drawn}
+    assert len(lens) == 20
     assert max(lens) - min(lens) > 0.5
-
-
-def test_sequences_can_be_chosen(dataset):
-    env = make_env(dataset, sequences=[PLANE, PLANE], split="test")
-    assert {env.reset(seed=seed)[1]["sequence"] for seed in range(5)} == {PLANE}
-    assert [task.id for task in env.tasks] == [PLANE]
 
 
 @pytest.mark.slow
@@ -165,30 +143,22 @@ def test_memory_stays_flat_over_resets(dataset):
         env.step(np.array([0.5, 0.0], np.float32))
 
 
-# --- observations -----------------------------------------------------------------------------------
+def run_benchmark(sequence, look, *positions):
+    """Run a search of the benchmark that acts like ``visit``; return its run, and what it saw at each look."""
+    seen = []
 
+    class Search:
+        commands = True
 
-class VisitingSearch:
-    """A search that acts like ``visit``, and a measure that records counts."""
+        def __call__(self, view):
+            seen.append(look(view))
+            for position in positions:
+                view.move(position)
+                seen.append(look(view))
+            return Answer(position=positions[-1])
 
-    commands = True
-
-    def __init__(self, *positions):
-        self.positions, self.counts = positions, []
-
-    def measure(self, counts):
-        self.counts.append(counts)
-        return float(len(self.counts))
-
-    def __call__(self, view):
-        self._score(view)
-        for position in self.positions:
-            view.move(position)
-            self._score(view)
-        return Answer(position=self.positions[-1])
-
-    def _score(self, view):
-        view.score(view.now, view.now + STILL)
+    method = Method("sd+x", get_measure("sd"), Search(), "0" * 12)
+    return run_closed_loop(sequence.make_captured_frames(), method, protocol=PROTOCOL), seen
 
 
 def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
@@ -196,12 +166,10 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
     env = make_env(dataset)
     rows = play(env, 0.25, 0.75, 0.5, options={"sequence": PLANE})
     sequence = load(env)
-    search = VisitingSearch(0.25, 0.75, 0.5)
-    method = Method("sd+x", search.measure, search, "0" * 12)
-    run = run_closed_loop(sequence.make_captured_frames(), method, protocol=PROTOCOL)
+    run, pictures = run_benchmark(sequence, lambda view: view.counts(view.now, view.now + STILL), 0.25, 0.75, 0.5)
     assert np.array_equal(env.episode.run.path, run.path)
     assert env.episode.run.answer_frame == run.answer_frame
-    for (seen, _, _), counts in zip(rows, search.counts, strict=False):
+    for (seen, _, _), counts in zip(rows, pictures, strict=False):
         expected = (average_observation(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     info = rows[-1][2]
@@ -219,21 +187,16 @@ def test_the_rest_of_an_observation_is_the_sensor_and_the_time(dataset):
 
 def test_a_period_is_scored_as_a_search_would_score_it_whatever_the_threads(dataset):
     """So a wrapper can show a policy the same scores as the benchmark."""
-    env, sequence = make_env(dataset, threads=1), load(make_env(dataset))
+    env = make_env(dataset, threads=1)
     env.reset(options={"sequence": PLANE})
     env.step(np.array([0.75, 0], np.float32))
-    found, asked = env.episode.score("sd_calibrated"), []
 
-    class Asking(VisitingSearch):
-        def _score(self, view):
-            view.wait(STILL)
-            asked.append(view.score(view.now - STILL, view.now, "sd_calibrated"))
+    def look(view):
+        view.wait(STILL)
+        return view.score(view.now - STILL, view.now, "sd_calibrated")
 
-    search = Asking(0.75)
-    run_closed_loop(
-        sequence.make_captured_frames(), Method("sd+x", search.measure, search, "0" * 12), protocol=PROTOCOL
-    )
-    assert found == asked[1] != asked[0]
+    _, scores = run_benchmark(load(make_env(dataset)), look, 0.75)
+    assert env.episode.score("sd_calibrated") == scores[1] != scores[0]
     assert "sd_calibratd" in refusal(env.episode.score, "sd_calibratd").problem
 
 
@@ -266,14 +229,9 @@ def test_the_picture_shows_the_box_as_it_was_seen(dataset):
     assert shown.shape == (40, 64, 3)
     assert shown.dtype == np.uint8
     assert ((shown[..., 0] / 255.0) ** 2.2).mean() == pytest.approx(seen["image"].mean(), abs=0.005)
-    assert make_env(dataset).render_mode is None
 
 
-def test_grey_values_are_those_of_the_rate():
-    assert draw_observation(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [0, round(255 * 0.2 ** (1 / 2.2)), 255]
-
-
-@pytest.mark.parametrize("shape", [(6, 9), (5, 7), (2, 3), (40, 31)])
+@pytest.mark.parametrize("shape", [(5, 7), (40, 31)])
 def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
     """The slow reference repeats pixels until each area is a block of pixels."""
     rows, columns = 6, 9
@@ -284,9 +242,6 @@ def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
     assert found == pytest.approx(expected, abs=1e-9)
     assert found.mean() == pytest.approx(image.mean(), abs=1e-9)
     assert (average_observation(np.full(shape, 7), rows, columns=columns) == 7).all()
-
-
-# --- rewards ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sequence", [PLANE, "plane-dynamic-constant-00"])
@@ -304,29 +259,11 @@ def test_rewards_are_errors_over_time_and_a_bonus(dataset, sequence):
     assert sum(reward for _, reward, _ in rows) == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize(("away", "bonus"), [(0.0, 1.0), (0.03, 1.0), (0.06, 0.0)])
-def test_a_lens_within_one_depth_of_focus_earns_the_bonus(dataset, away, bonus):
-    env = with_truth(make_env(dataset), position=0.5, depth_of_focus=(0.48, 0.52))
-    _, reward, info = play(env, *[0.5 + away] * 4, options={"sequence": PLANE})[-1]
-    assert info["success_1dof"] is bool(bonus)
-    assert reward == pytest.approx(bonus - away * (800 - 5 * STILL) / 800, abs=0.003)
-
-
 def test_without_a_truth_nothing_is_earned(dataset):
     env = with_truth(make_env(dataset), position=np.nan, depth_of_focus=(np.nan, np.nan))
     rows = play(env, 0.2, 0.6, options={"sequence": PLANE})
     assert [reward for _, reward, _ in rows] == [0.0] * 4
     assert rows[-1][2]["truth"] is None
-
-
-def test_an_early_stop_is_not_cheaper_than_to_stay(dataset):
-    """A wrong answer costs the same at once as after some periods, except for the time to settle."""
-    env = make_env(dataset)
-    losses = [
-        sum(reward for _, reward, _ in play(env, *positions, options={"sequence": PLANE}))
-        for positions in ([0.0], [0.0] * 5)
-    ]
-    assert losses[0] == pytest.approx(losses[1], abs=0.01)
 
 
 def test_the_budget_ends_an_episode(dataset):
@@ -345,21 +282,19 @@ def test_the_budget_ends_an_episode(dataset):
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, if a process has threads
-@pytest.mark.parametrize(("method", "count"), [("fork", 2), pytest.param("spawn", 1, marks=pytest.mark.slow)])
-def test_environments_run_in_separate_processes(dataset, method, count):
+def test_environments_run_in_separate_processes(dataset):
     """Each gives the same results as in the parent for the same seed, even if the parent has used its own before."""
     here = make_env(dataset)
-    actions = np.array([[0.2, 0.0], [0.6, 0.0]], np.float32)
+    action = np.array([0.2, 0.0], np.float32)
     first, _ = here.reset(seed=5)
-    rows = [here.step(action) for action in actions]
-    apart = gymnasium.vector.AsyncVectorEnv([partial(make_env, dataset)] * count, context=method)
-    begun, _ = apart.reset(seed=[5] * count)
-    assert np.array_equal(begun["image"], [first["image"]] * count)
-    for action, (seen, reward, *_) in zip(actions, rows, strict=True):
-        others, rewards, *_ = apart.step(np.stack([action] * count))
-        assert np.array_equal(others["image"], [seen["image"]] * count)
-        assert rewards.tolist() == [reward] * count
+    seen, reward, *_ = here.step(action)
+    apart = gymnasium.vector.AsyncVectorEnv([partial(make_env, dataset)] * 2, context="fork")
+    begun, _ = apart.reset(seed=[5, 5])
+    others, rewards, *_ = apart.step(np.stack([action] * 2))
     apart.close()
+    assert np.array_equal(begun["image"], [first["image"]] * 2)
+    assert np.array_equal(others["image"], [seen["image"]] * 2)
+    assert rewards.tolist() == [reward] * 2
 
 
 def test_a_pickled_environment_must_be_reset(dataset):
@@ -371,37 +306,13 @@ def test_a_pickled_environment_must_be_reset(dataset):
     assert are_equal(play(again, 0.2, 0.6, seed=5), rows)
 
 
-# --- the benchmark ----------------------------------------------------------------------------------
-
-
-def climber():
-    """Return a policy that climbs by the contrast of the image, and turns round once."""
-    state = {"best": -1.0, "position": None, "step": 0.1, "turned": False}
-
-    def act(observation):
-        image, here = observation["image"], state["position"]
-        contrast = float(image.var() / image.mean() ** 2)
-        if here is None:
-            here = float(observation["lens"][0])
-        elif contrast < state["best"]:
-            state["step"] *= -1
-            if state["turned"] or observation["left"][0] < 0.3:
-                return np.array([min(max(here + state["step"], 0), 1), 1.0], np.float32)
-            state["turned"] = True
-        state["best"] = contrast
-        state["position"] = min(max(here + state["step"], 0.0), 1.0)
-        return np.array([state["position"], observation["left"][0] < 0.15], np.float32)
-
-    return act
-
-
 @pytest.fixture(scope="module")
 def folders(dataset, tmp_path_factory):
     """Two folders: with the records of two searches, and with those of a policy."""
     searches, policy = (tmp_path_factory.mktemp(name) for name in ("searches", "policy"))
     result = evaluate(dataset, methods=["sd+argmax", "sd+golden_section"], protocol=PROTOCOL)
     (searches / "records.jsonl").write_text(format_records(result.records))
-    evaluate_policy(make_env(dataset), climber, method="climber", out=policy)
+    evaluate_policy(make_env(dataset), visit(0.25, 0.75), method="visitor", out=policy)
     return searches, policy
 
 
@@ -410,7 +321,7 @@ def test_a_policy_is_in_one_table_with_searches(folders, tmp_path):
     done = CliRunner().invoke(app, ["leaderboard", *map(str, folders), "--out", str(both)])
     assert done.exit_code == 0, done.output
     rows = json.loads((both / "leaderboard.json").read_text())["rows"]
-    assert {row["method"] for row in rows} == {"sd+argmax", "sd+golden_section", "climber"}
+    assert {row["method"] for row in rows} == {"sd+argmax", "sd+golden_section", "visitor"}
 
 
 COMMON = ("track", "rig", "terms", "data", "region", "mean_rate", "truth_first", "focus_place", "light_ratio")
@@ -430,25 +341,10 @@ def test_the_record_of_a_policy_has_the_fields_of_that_of_a_search(folders):
         assert len(record.code) == 12
 
 
-def test_a_policy_run_is_the_same_again_but_for_the_seconds(dataset, folders):
-    again = evaluate_policy(make_env(dataset), climber, method="climber")
-    before = read_records(folders[1])
-    assert [replace(r, seconds=0.0) for r in again] == [replace(r, seconds=0.0) for r in before]
-
-
-def test_other_protocols_do_not_merge(dataset, folders):
-    shorter = make_env(dataset, protocol=replace(PROTOCOL, budget_s=0.03))
-    records = evaluate_policy(shorter, climber, method="climber")
-    error = refusal(merge_records, {"searches": read_records(folders[0]), "policy": records})
-    assert PLANE in error.problem
-
-
 def test_what_a_policy_sees_is_part_of_its_code(dataset, folders):
-    (finer, *_) = evaluate_policy(make_env(dataset, pixels=24), climber, method="climber")
+    (finer,) = evaluate_policy(make_env(dataset, pixels=24, sequences=[PLANE]), visit(0.5), method="visitor")
     (usual, *_) = read_records(folders[1])
     assert finer.code != usual.code
-    (named, *_) = evaluate_policy(make_env(dataset, sequences=[PLANE]), climber, method="climber", code="epoch 12")
-    assert named.code == "epoch 12"
 
 
 def test_a_policy_sees_and_acts_through_wrappers(dataset):
@@ -473,9 +369,6 @@ def test_a_policy_sees_and_acts_through_wrappers(dataset):
         (lambda seen: np.zeros(2) / np.array([0, 1]), "failed", "BadInput: the action is"),
         (lambda seen: np.array([1.2, 0.0]), "failed", "[position, stop], both 0 to 1"),
         (lambda seen: np.array([0.5]), "failed", "[position, stop]"),
-        (lambda seen: seen["focus"], "failed", "KeyError: 'focus'"),
-        (lambda seen: seen.image, "failed", "AttributeError: 'dict' object has no attribute 'image'"),
-        (lambda seen: Path("no_weights").read_bytes(), "failed", "FileNotFoundError: "),
         (lambda seen: (_ for _ in ()).throw(RuntimeError("two\nlines")), "failed", "RuntimeError: two lines"),
         (lambda seen: sys.exit(3), "failed", "CodeStopped: its code called exit(3)"),
         (lambda seen: "there", "failed", "ValueError: could not convert string to float: 'there'"),
@@ -491,17 +384,19 @@ def test_a_policy_that_breaks_fails_and_one_that_abstains_abstains(dataset, poli
     assert record.position is None
 
 
-def test_an_interrupt_of_a_policy_ends_the_evaluation(dataset):
+def test_an_interrupt_of_a_policy_ends_the_evaluation_and_an_exit_or_a_wrapper_fails(dataset):
+    env = make_env(dataset, sequences=[PLANE])
+
     def interrupt(seen):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: interrupt, method="m", code="1")
-
-
-def test_a_policy_that_exits_when_it_is_made_fails(dataset):
-    (record,) = evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: sys.exit("gone"), method="m", code="1")
+        evaluate_policy(env, lambda: interrupt, method="m", code="1")
+    (record,) = evaluate_policy(env, lambda: sys.exit("gone"), method="m", code="1")
     assert (record.status, record.note) == ("failed", "CodeStopped: its code called exit('gone')")
+    limited = gymnasium.wrappers.TimeLimit(env, 2)
+    (record,) = evaluate_policy(limited, lambda: lambda seen: np.array([0.5, 0.0]), method="m", code="1")
+    assert record.note == "a wrapper of the environment ended the episode"
 
 
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatch):
@@ -517,15 +412,6 @@ def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatc
         evaluate_policy(make_env(dataset, sequences=[PLANE]), visit(0.5), method="m", code="1")
 
 
-def test_an_episode_that_a_wrapper_ends_is_a_failure(dataset):
-    env = gymnasium.wrappers.TimeLimit(make_env(dataset, sequences=[PLANE]), 2)
-    (record,) = evaluate_policy(env, lambda: lambda seen: np.array([0.5, 0.0]), method="m", code="1")
-    assert record.note == "a wrapper of the environment ended the episode"
-
-
-# --- bad input --------------------------------------------------------------------------------------
-
-
 def test_without_gymnasium_one_line_says_what_to_install():
     code = (
         "import sys\n"
@@ -539,49 +425,35 @@ def test_without_gymnasium_one_line_says_what_to_install():
 
 
 @pytest.mark.parametrize(
-    ("more", "problem", "fix"),
+    ("more", "reset", "words"),
     [
-        ({"sequences": ["plane-constant-01"]}, "'plane-constant-01'", PLANE),
-        ({"sequences": []}, "sequences are []", "at least one id"),
-        ({"sequences": PLANE}, f"sequences are {PLANE!r}", "a list"),
-        ({"split": "train"}, "split 'train'", "test"),
-        ({"region": "whole"}, "region 'whole'", "frame, target"),
-        ({"control_s": 0.0}, "0 s", "above 0"),
-        ({"pixels": 0}, "pixels is 0", "1 to 1024"),
-        ({"pixels": 2.5}, "pixels is 2.5", "whole number"),
-        ({"keep": 0}, "keep is 0", "1 or more"),
-        ({"threads": 0}, "threads is 0", "1 or more"),
-        ({"render_mode": "human"}, "'human'", "rgb_array"),
+        ({"sequences": ["plane-constant-01"]}, {}, f"'plane-constant-01' | {PLANE}"),
+        ({"sequences": []}, {}, "sequences are [] | at least one id"),
+        ({"sequences": PLANE}, {}, f"sequences are {PLANE!r} | a list"),
+        ({"split": "train"}, {}, "split 'train' | test"),
+        ({"region": "whole"}, {}, "region 'whole' | frame, target"),
+        ({"control_s": 0.0}, {}, "0 s | above 0"),
+        ({"pixels": 2.5}, {}, "pixels is 2.5 | whole number, 1 to 1024"),
+        ({"threads": 0}, {}, "threads is 0 | 1 or more"),
+        ({"render_mode": "human"}, {}, "'human' | rgb_array"),
+        ({}, {"options": {"sequence": "x"}}, f"'x' | {PLANE}"),
+        ({}, {"options": {"scene": "plane"}}, "'scene' | sequence"),
+        ({"control_s": 0.03}, {}, "30 ms, the budget 40 ms | half the budget"),
+        ({"protocol": ClosedLoopProtocol(PROTOCOL.actuator, budget_s=1.0)}, {}, "1000 ms"),
     ],
 )
-def test_an_environment_that_cannot_be_is_refused(dataset, more, problem, fix):
-    error = refusal(make_env, dataset, **more)
-    assert problem in error.problem
-    assert fix in error.allowed
-
-
-@pytest.mark.parametrize(
-    ("more", "reset", "problem", "allowed"),
-    [
-        ({}, {"options": {"sequence": "x"}}, "'x'", PLANE),
-        ({}, {"options": {"scene": "plane"}}, "'scene'", "sequence"),
-        ({"control_s": 0.03}, {}, "30 ms, the budget 40 ms", "half the budget"),
-        ({"protocol": ClosedLoopProtocol(PROTOCOL.actuator, budget_s=1.0)}, {}, "1000 ms", "ms"),
-    ],
-)
-def test_an_episode_that_cannot_be_is_refused(dataset, more, reset, problem, allowed):
-    error = refusal(make_env(dataset, **more).reset, seed=1, **reset)
-    assert problem in error.problem
-    assert allowed in error.allowed
+def test_an_environment_or_an_episode_that_cannot_be_is_refused(dataset, more, reset, words):
+    assert_says(refusal(lambda: make_env(dataset, **more).reset(seed=1, **reset)), words)
 
 
 def test_a_policy_run_that_cannot_be_is_refused(dataset, monkeypatch):
     env = make_env(dataset, sequences=[PLANE])
-    assert "'my policy'" in refusal(evaluate_policy, env, climber, method="my policy").problem
+    policy = visit(0.5)
+    assert "'my policy'" in refusal(evaluate_policy, env, policy, method="my policy").problem
     other = gymnasium.make("CartPole-v1")
-    assert "AutofocusEnv" in refusal(evaluate_policy, other, climber, method="m").allowed
-    monkeypatch.setattr(climber, "__module__", "typed_in")
-    assert "code='1'" in refusal(evaluate_policy, env, climber, method="m").hint
+    assert "AutofocusEnv" in refusal(evaluate_policy, other, policy, method="m").allowed
+    monkeypatch.setattr(policy, "__module__", "typed_in")
+    assert "code='1'" in refusal(evaluate_policy, env, policy, method="m").hint
 
 
 def test_there_is_no_judgement_before_the_end(dataset):

@@ -6,12 +6,7 @@ import pytest
 from handmade_records import record
 
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.plugin_description import (
-    MAX_CODE_CHARACTERS,
-    describe_plugin,
-    describe_plugins,
-    describe_recorded,
-)
+from saf_gen.benchmark.plugin_description import describe_plugins, describe_recorded
 
 MEASURE = '''
 from dataclasses import dataclass
@@ -55,13 +50,6 @@ def test_a_measure_or_search_that_methods_share_is_described_once():
     assert [d.name for d in described] == ["sd", "cen", "argmax", "egs_code", "argmax:window=50"]
 
 
-def test_a_users_measure_is_described_with_its_file(own_file):
-    measure, _ = describe_plugins([parse_method(f"{own_file}:Sum+argmax")])
-    assert measure.name == f"{own_file}:Sum"
-    assert [name for name, _ in measure.code] == ["mine.py"]
-    assert dict(measure.facts)["source"] == "nobody, doi:10.1000/182"
-
-
 def test_recorded_methods_are_described_only_where_their_code_is_the_same():
     known, other = parse_method("sd+argmax"), parse_method("cen+argmax")
     records = [
@@ -96,12 +84,3 @@ def test_what_cannot_describe_itself_stops_no_evaluation():
     measure, search = describe_plugins([replace(known, measure=Sulking())])
     assert measure.facts == (("what", "it cannot be described: RuntimeError: no"),)
     assert search.name == "argmax"
-
-
-def test_of_a_long_file_the_beginning_is_shown(own_file):
-    with own_file.open("a") as file:
-        file.write("# " + "x" * MAX_CODE_CHARACTERS)
-    method = parse_method(f"{own_file}:Sum+argmax")
-    ((_, text),) = describe_plugin(f"{own_file}:Sum", "measures", plug_in=method.measure).code
-    assert len(text) < MAX_CODE_CHARACTERS + 50
-    assert text.endswith("more characters")

@@ -10,7 +10,6 @@ from refusals import refusal
 
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
 
@@ -69,22 +68,11 @@ def test_an_answer_beyond_the_recording_is_a_failure(dataset, tmp_path):
         ([{"method": "a", "sequence": "one"}], "'frame' is missing", ""),
         ([line("one", 3, frame_seen=5)], "unknown key 'frame_seen'", "frames_seen"),
         ([line("one", "early")], "frame is 'early'", "number"),
-        ([line("one", "12")], "frame is '12'", "number"),
-        ([line("one", False)], "frame is False", "number"),
-        ([line("one", [1])], "frame is [1]", "number"),
         ([line("one", 10**400)], "frame is 1000", "number"),
-        ([line("one", 3, frames_seen=10**400)], "frames_seen is 1000", "9007199254740992"),
-        ([line("one", 3, frames_seen=True)], "frames_seen is True", "integer"),
-        ([line("one", 3, frames_seen="9")], "frames_seen is '9'", "integer"),
         ([line("one", 3, frames_seen=9.0)], "frames_seen is 9.0", "integer"),
-        ([line("one", 3, frames_seen=0)], "frames_seen is 0", "1"),
-        ([line("one", 3, seconds=True)], "seconds is True", "number"),
         ([line("one", 3, seconds=1e300)], "seconds is 1e+300", "1000000000"),
-        ([line("one", 3, trace=[1, "2"])], "trace.1 is '2'", "number"),
-        ([line("one", 3, note=5)], "note is 5", "string"),
         ([line("one", 8213.5, frames_seen=1)], "frame is 8213.5, with frames_seen 1", "up to 0.5"),
         ([line("one", 3) | {"method": "a b"}], "method is 'a b'", "A-Z"),
-        ([line("one", 3) | {"method": "a" * 81}], "method is 'aaa", "80"),
         ([[1, 2]], "no keys", "method"),
         ([], "no prediction", "8213.5"),
     ],
@@ -96,28 +84,18 @@ def test_a_line_that_is_not_a_prediction_is_named(tmp_path, lines, problem, allo
     assert error.where.endswith("p.jsonl:1" if lines else "p.jsonl")
 
 
-def test_a_method_answers_a_sequence_once(tmp_path):
-    error = refusal(read_predictions, written(tmp_path / "p.jsonl", line("one", 3), line("one", 4)))
-    assert error.where.endswith("p.jsonl:2")
-    assert "my_net answers one twice" in error.problem
-
-
-@pytest.mark.parametrize("frame", ["nan", "NaN", "Infinity", "1e999", "[" * 100_000, "9" * 5000])
+@pytest.mark.parametrize("frame", ["nan", "NaN", "1e999", "[" * 100_000, "9" * 5000])
 def test_what_is_not_a_number_or_not_json_is_refused_by_its_line(tmp_path, frame):
     path = tmp_path / "p.jsonl"
     path.write_text(f'{{"method": "a", "sequence": "one", "frame": {frame}}}\n')
     assert refusal(read_predictions, path).where.endswith("p.jsonl:1")
 
 
-def test_a_file_that_is_not_there_is_named_with_the_nearest(tmp_path):
-    written(tmp_path / "mine.jsonl", line("one", 3))
-    assert refusal(read_predictions, tmp_path / "mime.jsonl").nearest.endswith("mine.jsonl")
-
-
 @pytest.mark.parametrize(
     ("lines", "methods", "problem"),
     [
         ([line("one", 3)], [], "my_net does not answer two"),
+        ([line("one", 3), line("two", 3, frames_seen=801)], [], "two: frames_seen is 801, but 800 frames were recor"),
         ([line("one", 3), line("too", 3)], [], "unknown sequence 'too'"),
         ([line(name, 3) | {"method": "sd+argmax"} for name in ("one", "two")], ["sd+argmax"],
          "the name 'sd+argmax' belongs to a method that is evaluated too"),
@@ -156,11 +134,11 @@ def test_predictions_of_one_stream_are_held_to_the_stream_itself(dataset, tmp_pa
     assert steps == []
 
 
-def test_no_more_can_be_seen_than_was_recorded(dataset, tmp_path):
-    path = written(tmp_path / "p.jsonl", line("one", 300), line("two", None, frames_seen=801))
-    error = refusal(evaluate, dataset, methods=[], predictions=path)
-    assert error.problem == "two: frames_seen is 801, but 800 frames were recorded"
-    assert error.allowed == "1 to 800, or null for all"
+def test_a_method_answers_a_sequence_once(tmp_path):
+    error = refusal(read_predictions, written(tmp_path / "p.jsonl", line("one", 3), line("one", 4)))
+    assert error.where.endswith("p.jsonl:2")
+    assert "my_net answers one twice" in error.problem
+    assert refusal(read_predictions, tmp_path / "pp.jsonl").nearest.endswith("p.jsonl")
 
 
 def test_where_the_manifest_says_another_length_that_prediction_alone_fails(dataset, tmp_path, monkeypatch):
@@ -174,17 +152,6 @@ def test_where_the_manifest_says_another_length_that_prediction_alone_fails(data
     assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")
     assert (one.status, one.frames_seen, one.success_2dof) == ("failed", 800, False)
     assert one.note == "frames_seen is 850, but 800 frames were recorded"
-
-
-@pytest.mark.parametrize("note", ["a\u2028b", "a\u0085b", "a\x1cb", "a\r\nb"])
-def test_a_note_may_contain_line_separators(dataset, tmp_path, note):
-    path = tmp_path / "p.jsonl"
-    lines = [json.dumps(line(name, 300, note=note), ensure_ascii=False) for name in ("one", "two")]
-    path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
-    records = evaluate(dataset, methods=[], predictions=path).records
-    assert [r.note for r in records] == [note, note]
-    (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
-    assert read_records(tmp_path) == list(records)
 
 
 def test_the_command_evaluates_predictions_on_the_recorded_track_only(dataset, tmp_path, call):
@@ -201,14 +168,9 @@ def test_the_command_evaluates_predictions_on_the_recorded_track_only(dataset, t
 def test_predictions_are_judged_where_the_evaluation_looks(dataset, tmp_path):
     """Regions that methods name do not matter, and the photon budget of a sequence is the same for all."""
     path = written(tmp_path / "p.jsonl", line("one", 300.0), line("two", 500.0))
-    for methods in ([], ["sd+argmax@target"], ["sd+argmax", "sd+argmax@target"]):
+    for methods in ([], ["sd+argmax", "sd+argmax@target"]):
         found = evaluate(dataset, methods=methods, predictions=path, region="frame")
         assert {r.region for r in found.records if r.method == "my_net"} == {"frame"}
         assert len(found.records) == 2 * (1 + len(methods))
         assert [sweep.sequence for sweep in found.sweeps] == ["one", "two"]
         assert len({(r.sequence, r.mean_rate) for r in found.records}) == 2
-
-
-def test_predictions_without_a_named_method_are_judged_alone(dataset, tmp_path):
-    path = written(tmp_path / "p.jsonl", line("one", 300), line("two", 500))
-    assert [r.method for r in evaluate(dataset, predictions=path).records] == ["my_net"] * 2

@@ -7,7 +7,7 @@ import pytest
 from in_memory_stream import InMemory
 from refusals import refusal
 
-from saf_gen import get_measure, get_search, open_stream, write_stream
+from saf_gen import get_measure, open_stream, write_stream
 from saf_gen.benchmark.view import RecordingView, WindowCounts, recording
 from saf_gen.core.seeds import make_generator
 
@@ -21,8 +21,8 @@ def list_windows(frames):
     return [(a, b) for a, b in pairs if a < b <= frames]
 
 
-@pytest.mark.parametrize("frames", [1, 7, 8, 63, 64, 65, 1000, 4099])
-@pytest.mark.parametrize("region", [None, (slice(1, 4), slice(2, 7)), (slice(None), slice(0, 1))])
+@pytest.mark.parametrize("frames", [1, 8, 63, 65, 4099])
+@pytest.mark.parametrize("region", [None, (slice(1, 4), slice(2, 7))])
 @pytest.mark.parametrize("knots", [256, 5, 1])
 def test_counts_are_the_frames_added_up(monkeypatch, frames, region, knots):
     monkeypatch.setattr(recording, "KNOTS", knots)
@@ -47,12 +47,14 @@ def test_long_windows_are_sums_of_knots_and_their_ends():
         stream.asked.clear()
 
 
-def test_a_window_counted_before_is_not_counted_again_and_cannot_be_changed():
-    counts = WindowCounts(InMemory(500, 3, 4))
-    window = counts.window(10, 300)
-    assert counts.window(10, 300) is window
+@pytest.mark.parametrize("kind", ["window", "intervals"])
+def test_a_window_counted_before_is_not_counted_again_and_cannot_be_changed(kind):
+    look = getattr(WindowCounts(InMemory(500, 3, 4)), kind)
+    window = look(10, 300)
+    assert look(10, 300) is window
     with pytest.raises(ValueError, match="read-only"):
         window += 1
+    assert "400 to 501" in refusal(look, 400, 501).problem
 
 
 def test_windows_kept_are_bounded_and_the_oldest_goes_first(monkeypatch):
@@ -83,28 +85,8 @@ def test_a_window_outside_the_recording_is_refused_and_costs_nothing():
     assert "0 to 101" in error.problem
     assert error.allowed.endswith("<= 100")
     assert (recording.scorer.windows, recording.now) == (0, 0)
-
-
-def test_a_region_without_pixels_is_refused():
     assert "rows" in refusal(WindowCounts, InMemory(10, 6, 9), (slice(5, 5), slice(None))).problem
-
-
-def test_a_recording_scores_the_counts_with_its_measure():
-    stream = InMemory(300, 20, 30)
-    recording = RecordingView(WindowCounts(stream), get_measure("sd_code"))
-    assert recording.frames == 300
-    assert recording.score(17, 217) == get_measure("sd_code")(stream.spikes[17:217].sum(axis=0))
-
-
-def test_a_recording_adds_up_the_windows_frames_and_time_of_a_method():
-    """Which time counts is tested in test_stopwatch.py."""
-    counts = WindowCounts(InMemory(300, 4, 4))
-    recording, other = (RecordingView(counts, get_measure("sd")) for _ in range(2))
-    for first, stop in [(0, 10), (100, 250), (5, 30), (100, 250)]:
-        recording.score(first, stop)
-    assert (recording.scorer.windows, recording.now) == (4, 250)
-    assert recording.scorer.seconds > 0
-    assert (other.scorer.windows, other.now, other.scorer.seconds) == (0, 0, 0.0)
+    assert np.isnan(recording.position(3))  # nothing recorded the lens
 
 
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
@@ -115,18 +97,20 @@ def test_a_score_that_is_no_number_is_refused(wrong):
     assert "finite number" in error.allowed
 
 
-@pytest.mark.parametrize("search", ["argmax", "egs_code", "sgfs_code"])
-@pytest.mark.parametrize("measure", ["sd", "sd_code", "er_sumsq_n", "gradient_code_n", "mfdct_lee"])
-@pytest.mark.parametrize("rate", [0.0, 1.0])
-def test_empty_and_saturated_streams_give_an_answer(search, measure, rate):
-    recording = RecordingView(WindowCounts(InMemory(1000, 9, 11, rate=rate)), get_measure(measure))
-    answer = get_search(search)(recording)
-    assert 0 <= answer.frame <= 999
-    assert answer == get_search(search)(recording)
+def test_a_recording_scores_what_its_measure_or_one_by_name_looks_at():
+    stream = InMemory(300, 20, 30)
+    recording = RecordingView(WindowCounts(stream), get_measure("sd"))
+    counts, texture = stream.spikes[17:217].sum(axis=0), plain_texture(stream.spikes, 17, 217)
+    assert recording.score(17, 217) == get_measure("sd")(counts)
+    assert recording.score(17, 217, "tenengrad_n") == get_measure("tenengrad_n")(counts)
+    assert recording.score(17, 217, "tenengrad_n_tfi") == get_measure("tenengrad_n")(texture)
+    assert (recording.scorer.windows, recording.now, recording.frames) == (3, 217, 300)
+    assert recording.scorer.seconds > 0
+    assert refusal(recording.score, 17, 217, "tenengrat").nearest == "tenengrad"
 
 
-def test_a_stream_file_gives_the_same_counts(tmp_path):
-    made = InMemory(2100, 12, 17)
+def test_a_stream_file_gives_the_same_counts_and_textures(tmp_path):
+    made = InMemory(2100, 12, 17, rate=0.05)
     write_stream(tmp_path / "made.h5", made.spikes)
     with open_stream(tmp_path / "made.h5") as stream:
         for region in (None, (slice(2, 9), slice(5, 17))):
@@ -134,6 +118,9 @@ def test_a_stream_file_gives_the_same_counts(tmp_path):
             for first, stop in list_windows(2100):
                 part = made.spikes[first:stop, *(region or (slice(None), slice(None)))]
                 np.testing.assert_array_equal(counts.window(first, stop), part.sum(axis=0))
+        for first, stop in [(0, 2100), (990, 1010), (7, 8)]:
+            part = made.spikes[:, 2:9, 5:17]
+            np.testing.assert_array_equal(counts.intervals(first, stop), plain_texture(part, first, stop))
 
 
 def test_a_recording_knows_its_time_and_the_lens_positions(tmp_path):
@@ -155,20 +142,6 @@ def test_a_recording_knows_its_time_and_the_lens_positions(tmp_path):
             assert "closed_loop" in error.hint
 
 
-def test_a_recording_without_a_lens_does_not_know_where_it_was():
-    assert np.isnan(RecordingView(WindowCounts(InMemory(8, 4, 4)), np.mean).position(3))
-
-
-def test_a_search_may_look_through_another_measure_by_name():
-    stream = InMemory(300, 20, 30)
-    recording = RecordingView(WindowCounts(stream), get_measure("sd"))
-    counts = stream.spikes[17:217].sum(axis=0)
-    assert recording.score(17, 217, "tenengrad_n") == get_measure("tenengrad_n")(counts)
-    assert recording.score(17, 217) == get_measure("sd")(counts)
-    assert recording.scorer.windows == 2
-    assert refusal(recording.score, 17, 217, "tenengrat").nearest == "tenengrad"
-
-
 # Texture from intervals.
 
 
@@ -183,8 +156,8 @@ def plain_texture(spikes, first, stop):
     return out
 
 
-@pytest.mark.parametrize("frames", [1, 7, 9, 65, 1000])
-@pytest.mark.parametrize("rate", [0.0, 0.02, 0.3, 1.0])
+@pytest.mark.parametrize("frames", [1, 9, 65, 1000])
+@pytest.mark.parametrize("rate", [0.02, 0.3])
 def test_texture_from_intervals_follows_its_definition(frames, rate):
     stream = InMemory(frames, 5, 8, rate=rate)
     for region in (None, (slice(1, 4), slice(2, 7))):
@@ -208,17 +181,6 @@ def test_a_regular_train_gives_its_rate_exactly_wherever_the_window_lies():
         assert np.abs(counts.window(first, stop) - rate).max() < 1
 
 
-def test_light_that_changed_within_the_window_is_that_of_its_middle():
-    """Spikes in every 4th, then in every 10th readout: counts mix both rates, intervals round the middle do not."""
-    stream = InMemory(200, 1, 1)
-    stream.spikes = np.zeros((200, 1, 1), np.uint8)
-    stream.spikes[0:60:4] = stream.spikes[60::10] = 1
-    counts = WindowCounts(stream)
-    assert counts.intervals(0, 100) == 25
-    assert counts.intervals(50, 150) == 10
-    assert 10 < counts.window(0, 100) < 25
-
-
 def test_the_interval_between_two_lone_spikes_is_found_over_any_distance():
     stream = InMemory(20_000, 1, 3)
     stream.spikes = np.zeros((20_000, 1, 3), np.uint8)
@@ -236,37 +198,6 @@ def test_no_more_is_read_than_the_intervals_need():
     stream.read.clear()
     WindowCounts(stream).intervals(1003, 1017)
     assert all(1003 // 8 <= first < stop <= 1017 // 8 + 1 for first, stop in stream.read)
-
-
-def test_textures_are_cached_and_cannot_be_changed():
-    counts = WindowCounts(InMemory(500, 3, 4))
-    image = counts.intervals(10, 300)
-    assert counts.intervals(10, 300) is image
-    assert counts.window(10, 300) is not image
-    with pytest.raises(ValueError, match="read-only"):
-        image += 1
-    assert "400 to 501" in refusal(counts.intervals, 400, 501).problem
-
-
-def test_a_measure_of_textures_scores_the_intervals():
-    stream = InMemory(300, 20, 30)
-    counts = WindowCounts(stream)
-    recording = RecordingView(counts, get_measure("tenengrad_n_tfi"))
-    image = plain_texture(stream.spikes, 17, 217)
-    assert recording.score(17, 217) == get_measure("tenengrad_n")(image)
-    assert recording.score(17, 217, "sd") == get_measure("sd")(counts.window(17, 217))
-    answer = get_search("egs")(recording)
-    assert 0 <= answer.frame <= 299
-
-
-def test_a_stream_file_gives_the_same_textures(tmp_path):
-    made = InMemory(4100, 12, 17, rate=0.05)
-    write_stream(tmp_path / "made.h5", made.spikes)
-    with open_stream(tmp_path / "made.h5") as stream:
-        region = (slice(2, 9), slice(5, 17))
-        for first, stop in [(0, 4100), (1990, 2010), (7, 8), (1000, 3500)]:
-            found = WindowCounts(stream, region).intervals(first, stop)
-            np.testing.assert_array_equal(found, plain_texture(made.spikes[:, *region], first, stop))
 
 
 def test_a_search_may_look_at_the_counts_that_a_measure_would_score():

@@ -47,6 +47,12 @@ def test_a_file_is_read_back_from_itself_or_from_its_folder(tmp_path):
     records = [BLANK, FULL, EMPTY]
     (tmp_path / "records.jsonl").write_text(format_records(records))
     assert read_records(tmp_path) == read_records(tmp_path / "records.jsonl") == records
+    assert format_records(records).startswith(f'{{"format": "{RECORD_FORMAT}", "method": "sd+argmax"')
+
+
+def test_numbers_of_numpy_and_whole_numbers_for_floats_are_read_back(read):
+    odd = replace(FULL, frame=np.float64(3.5), variant=np.int64(2), success_1dof=np.bool_(True))
+    assert read(record_to_json(odd) | {"seconds": 1}) == [replace(FULL, frame=3.5, seconds=1.0)]
 
 
 def test_texts_that_many_records_share_are_in_memory_once(tmp_path):
@@ -65,10 +71,6 @@ def test_a_very_long_line_is_refused_before_it_fills_the_memory(tmp_path, monkey
     assert error.where.endswith("records.jsonl:2")
 
 
-def test_every_line_names_its_format_first():
-    assert format_records([BLANK]).startswith(f'{{"format": "{RECORD_FORMAT}", "method": "sd+argmax"')
-
-
 def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan(read):
     line = record_to_json(replace(FULL, time_to_focus_s=math.nan, trace=(1.0, math.inf)))
     assert (line["time_to_focus_s"], line["trace"]) == (None, [1.0, None])
@@ -78,96 +80,48 @@ def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan(read):
     assert math.isnan(back.trace[1])
 
 
-def test_numpy_numbers_are_written_as_plain_ones(read):
-    odd = replace(FULL, frame=np.float64(3.5), variant=np.int64(2), success_1dof=np.bool_(True))
-    assert read(record_to_json(odd)) == [replace(FULL, frame=3.5)]
-
-
-def test_a_whole_number_will_do_for_a_float(read):
-    assert read({**record_to_json(FULL), "seconds": 1})[0].seconds == 1
+LINE = record_to_json(FULL)
+ANOTHER = 'not a record of this version | allowed: "format": "saf-gen record 8" | '
 
 
 @pytest.mark.parametrize(
-    ("change", "problem", "allowed"),
+    ("line", "words"),
     [
-        ({"status": "lost"}, "status is 'lost'", "answered, abstained, failed"),
-        ({"track": "live"}, "track is 'live'", "recorded, closed_loop"),
-        ({"frames": 10.5}, "frames is 10.5", "integer"),
-        ({"frames": None}, "frames is None", "integer"),
-        ({"frames": True}, "frames is True", "integer"),
-        ({"error": "0.1"}, "error is '0.1'", "number"),
-        ({"seconds": True}, "seconds is True", "number"),
-        ({"success_1dof": 1}, "success_1dof is 1", "boolean"),
-        ({"trace": [1, "x"]}, "trace.1 is 'x'", "number"),
-        ({"trace": 3}, "trace is 3", "tuple"),
-        ({"method": None}, "method is None", "string"),
-        ({"rig": None}, "rig is None", "string"),
-        ({"frames": 0}, "frames is 0", "1"),
-        ({"frames": 10**400}, "frames is 1000", "9007199254740992"),
-        ({"frames_seen": -1}, "frames_seen is -1", "0"),
-        ({"windows": -1}, "windows is -1", "0"),
-        ({"seconds": -0.5}, "seconds is -0.5", "0"),
-        ({"seconds": 10**400}, "seconds is 1000", "number"),
-        ({"seconds": 1e300}, "seconds is 1e+300", "1000000000"),
-        ({"lens_travel": -1.0}, "lens_travel is -1.0", "0"),
-        ({"light_ratio": 0.5}, "light_ratio is 0.5", "1"),
-        ({"focus_place": 1.2}, "focus_place is 1.2", "1"),
-        ({"focus_off_dof": -0.1}, "focus_off_dof is -0.1", "0"),
-        ({"trace": [10**400]}, "trace.0 is 1000", "number"),
+        (LINE | {"status": "lost"}, "status is 'lost' | answered, abstained, failed"),
+        (LINE | {"track": "live"}, "track is 'live' | recorded, closed_loop"),
+        (LINE | {"frames": True}, "frames is True | integer"),
+        (LINE | {"error": "0.1"}, "error is '0.1' | number"),
+        (LINE | {"success_1dof": 1}, "success_1dof is 1 | boolean"),
+        (LINE | {"trace": [1, "x"]}, "trace.1 is 'x' | number"),
+        (LINE | {"method": None}, "method is None | string"),
+        (LINE | {"frames": 0}, "frames is 0 | 1"),
+        (LINE | {"frames": 10**400}, "frames is 1000 | 9007199254740992"),
+        (LINE | {"seconds": 1e300}, "seconds is 1e+300 | 1000000000"),
+        (LINE | {"light_ratio": 0.5}, "light_ratio is 0.5 | 1"),
+        (LINE | {"focus_place": 1.2}, "focus_place is 1.2 | 1"),
+        (LINE | {"secnds": 1.0}, "'secnds' | did you mean 'seconds'"),
+        ({key: value for key, value in LINE.items() if key != "data"}, "'data' is missing"),
+        (LINE | {"format": "saf-gen record 6"}, ANOTHER + "'saf-gen record 6'"),
+        ({"a": 1}, ANOTHER + "no format"),
+        ([1], ANOTHER + "[1]"),
     ],
+    ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_a_value_that_is_not_right_is_refused_by_its_key(read, change, problem, allowed):
-    error = refusal(read, {**record_to_json(FULL), **change})
-    assert error.problem.startswith(problem)
-    assert allowed in error.allowed
+def test_a_line_that_is_no_record_is_refused_with_what_to_do(read, line, words):
+    error = refusal(read, line)
+    assert_says(error, words)
     assert error.where.endswith("records.jsonl:1")
     assert "saf-gen evaluate" in error.hint
-
-
-def test_keys_that_are_unknown_or_missing_are_named(read):
-    line = record_to_json(FULL)
-    error = refusal(read, {**line, "secnds": 1.0})
-    assert "'secnds'" in error.problem
-    assert error.nearest == "seconds"
-    for key in ("data", "rig"):
-        lacking = {name: value for name, value in line.items() if name != key}
-        assert f"'{key}' is missing" in refusal(read, lacking).problem
-
-
-@pytest.mark.parametrize(
-    ("line", "found"), [({"format": "saf-gen record 3"}, "'saf-gen record 3'"), ({"a": 1}, "no format"), ([1], "[1]")]
-)
-def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, found):
-    error = refusal(read, line)
-    assert "not a record of this version" in error.problem
-    assert found in error.problem
-    assert error.allowed == '"format": "saf-gen record 8"'
-    assert error.hint == "run saf-gen evaluate again"
-
-
-@pytest.mark.parametrize("number", [4, 5, 6])
-def test_a_record_of_an_earlier_version_is_refused(read, number):
-    error = refusal(read, {**record_to_json(FULL), "format": f"saf-gen record {number}"})
-    assert f"'saf-gen record {number}'" in error.problem
-    assert error.hint == "run saf-gen evaluate again"
-
-
-def test_a_missing_key_is_named(read):
-    lacking = {key: value for key, value in record_to_json(FULL).items() if key != "benchmark"}
-    assert "'benchmark' is missing" in refusal(read, lacking).problem
 
 
 @pytest.mark.parametrize(
     ("status", "note", "broke"),
     [
         ("failed", "CodeStopped: its code called exit(2)", True),
-        ("failed", "ZeroDivisionError: division by zero", True),
         ("failed", "it answers with NoneType None; return saf_gen.parts.Answer(frame)", True),
         ("failed", "BadInput: the recording has 5 frames", False),
         ("failed", "the budget of 800 frames was spent", False),
-        ("failed", "answered frame 900.0, which was not recorded", False),
         ("failed", "answered frame 900.0, which is not in the sweep", False),
-        ("abstained", "", False),
         ("abstained", "no peak", False),
     ],
 )
@@ -197,16 +151,8 @@ ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | di
         ({"truth": None}, "error is 0, but truth is null", "null if the truth is unknown"),
         ({"error": None}, "error_dof or blur_px is given, but error is null", "null in all three"),
         ({"error_dof": None}, "success is true, but error_dof is null", "success false or null"),
-        (
-            {"focus_place": 0.5, "focus_off_dof": 1.5},
-            "focus_place is 0.5, but the lens stays 1.5 DoF away",
-            "null beyond 1 DoF",
-        ),
-        (
-            {**ABSTAINED, "focus_off_dof": 1.5},
-            "abstained 1.5 DoF from the focus, but success is True, True, True",
-            "True, True, False",
-        ),
+        ({"focus_place": 0.5, "focus_off_dof": 1.5}, "but the lens stays 1.5 DoF away", "null beyond 1 DoF"),
+        ({**ABSTAINED, "focus_off_dof": 1.5}, "abstained 1.5 DoF from the focus, but suc", "True, True, False"),
     ],
 )
 def test_a_record_that_contradicts_itself_is_refused_with_its_line(read, change, problem, allowed):
@@ -293,7 +239,7 @@ def test_a_damaged_file_is_one_line_that_names_the_place(read, text, line, probl
     assert problem in error.problem
 
 
-@pytest.mark.parametrize("note", ["a\u2028b", "a\u0085b", "a\x1cb", "a\r\nb", "a\nb"])
+@pytest.mark.parametrize("note", ["a\u2028b", "a\r\nb", "a\nb"])
 def test_a_note_may_contain_line_separators(tmp_path, note):
     records = [replace(BLANK, note=note), FULL]
     (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
@@ -305,14 +251,10 @@ def test_a_file_without_its_last_line_end_or_with_those_of_windows_is_read(read,
     assert read(text) == [BLANK, FULL]
 
 
-def test_a_file_without_records_or_text_is_refused(read, tmp_path):
+def test_a_file_that_is_missing_or_holds_no_record_is_refused(read, tmp_path):
+    error = refusal(read_records, tmp_path)
+    assert "no records.jsonl" in error.problem
+    assert "saf-gen evaluate" in error.hint
     assert "no record" in refusal(read, "").problem
     (tmp_path / "records.jsonl").write_bytes(b"\xff\xfe")
     assert "cannot be read" in refusal(read_records, tmp_path).problem
-
-
-@pytest.mark.parametrize("what", ["nothing", ""])
-def test_missing_records_are_refused_with_how_to_make_them(tmp_path, what):
-    error = refusal(read_records, tmp_path / what)
-    assert "no records.jsonl" in error.problem
-    assert "saf-gen evaluate" in error.hint

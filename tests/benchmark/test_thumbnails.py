@@ -1,7 +1,7 @@
 import numpy as np
 
 import saf_gen
-from saf_gen.benchmark.thumbnails import MAX_WIDTH_PX, SPIKES_WIDTH_PX, THUMBNAIL_COUNT, make_thumbnails, select_to_show
+from saf_gen.benchmark.thumbnails import MAX_WIDTH_PX, THUMBNAIL_COUNT, make_thumbnails, select_to_show
 from saf_gen.benchmark.view import WindowCounts
 
 
@@ -14,31 +14,15 @@ def test_pictures_count_the_spikes_of_windows_side_by_side(tmp_path):
     frames = (np.random.default_rng(1).random((500, 12, 16)) < 0.3).astype(np.uint8)
     with stream_of(frames, tmp_path) as stream:
         made = make_thumbnails(stream, (slice(3, 9), slice(4, 16)))
+        expected = WindowCounts(stream).intervals(470, 480)
+    np.testing.assert_allclose(made.textures[47], expected, rtol=1e-6)
+    np.testing.assert_array_equal(made.spikes[[0, 47]], frames[[5, 475]])
     assert made.images.shape == (THUMBNAIL_COUNT, 12, 16)
     assert made.window == 500 // THUMBNAIL_COUNT == 10
     np.testing.assert_array_equal(made.images[1], frames[10:20].sum(axis=0))
     np.testing.assert_array_equal(made.images[47], frames[470:480].sum(axis=0))
     assert made.frames[:2].tolist() == [4.5, 14.5]
     assert made.box == (0.25, 0.25, 0.75, 1.0)
-
-
-def test_textures_are_those_from_intervals_and_spikes_are_single_readouts(tmp_path):
-    frames = (np.random.default_rng(1).random((500, 12, 16)) < 0.3).astype(np.uint8)
-    with stream_of(frames, tmp_path) as stream:
-        made = make_thumbnails(stream, None)
-        expected = WindowCounts(stream).intervals(470, 480)
-    np.testing.assert_allclose(made.textures[47], expected, rtol=1e-6)
-    np.testing.assert_array_equal(made.spikes[[0, 47]], frames[[5, 475]])
-
-
-def test_a_part_of_a_wide_sensor_is_shown_spike_by_spike_round_where_measures_look(tmp_path):
-    frames = (np.random.default_rng(3).random((48, 40, 4 * SPIKES_WIDTH_PX)) < 0.5).astype(np.uint8)
-    with stream_of(frames, tmp_path) as stream:
-        corner = make_thumbnails(stream, (slice(30, 40), slice(0, 20)))
-        middle = make_thumbnails(stream, (slice(10, 30), slice(200, 300)))
-    np.testing.assert_array_equal(corner.spikes, frames[:, 30:, :SPIKES_WIDTH_PX])
-    left = 250 - SPIKES_WIDTH_PX // 2
-    np.testing.assert_array_equal(middle.spikes, frames[:, 15:25, left : left + SPIKES_WIDTH_PX])
 
 
 def test_a_short_recording_has_fewer_pictures_and_a_wide_sensor_smaller_ones(tmp_path):

@@ -96,10 +96,3 @@ def test_the_dark_is_that_of_a_log_normal_with_hot_and_silent_pixels():
     assert found.hot_fraction == pytest.approx(tail, abs=4 * np.sqrt(tail / 1e5))
     rates[:10] = 0
     assert measure_dark(rates).silent_fraction == pytest.approx(10 / 250)
-
-
-def test_pixels_without_a_rate_count_as_the_mean():
-    map_ = 2 + 0.1 * make_generator("holes").standard_normal((20, 30))
-    map_[3, 4] = np.nan
-    assert np.isfinite(measure_pattern(map_).white_rms)
-    assert split_pattern(map_)[2][3, 4] == pytest.approx(0, abs=0.05)

@@ -78,9 +78,10 @@ class IdealCamera:
         assert 0 <= first < stop <= self.frames
         self.wait(max(stop - self.now, 0))
         curve = self._curve if measure is None else self._others[measure]
-        positions = self.positions[first:stop]
+        places, times = np.unique(self.positions[first:stop], return_counts=True)  # a lens at rest has one
         self.scored.append((first, stop, measure))
-        return math.fsum(curve(p) for p in positions) / len(positions) + self._noise * self._noise_source.normal()
+        score = float(np.average([curve(place) for place in places.tolist()], weights=times))
+        return score + self._noise * self._noise_source.normal()
 
 
 def bell_curve(peak, *, width=0.1, floor=0.3):

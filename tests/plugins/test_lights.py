@@ -44,9 +44,6 @@ def instantaneous(light, seconds, duration_s=1.0):
     return after / 1e-8
 
 
-# --- every schedule ----------------------------------------------------------------------------------
-
-
 def test_every_registered_light_has_an_example_here():
     assert set(EXAMPLES) == set(registry.names("lights"))
 
@@ -59,6 +56,9 @@ def test_an_integral_starts_at_zero_and_never_falls(name):
     assert integral.dtype == np.float64
     assert integral[0] == pytest.approx(0, abs=1e-15)
     assert (np.diff(integral) >= -1e-12).all()
+    gains = gains_at_readouts(light_of(name), 2000, readout_hz=2000.0)
+    assert gains.dtype == np.float32
+    assert gains.min() >= 0
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -85,14 +85,6 @@ def test_gains_are_means_over_readouts_however_finely_time_is_cut(name):
     assert np.allclose(fine, gains_at_readouts(light, 1000, readout_hz=1000.0), rtol=1e-5, atol=2e-6)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_gains_are_finite_and_not_negative(name):
-    gains = gains_at_readouts(light_of(name), 2000, readout_hz=2000.0)
-    assert gains.dtype == np.float32
-    assert np.isfinite(gains).all()
-    assert gains.min() >= 0
-
-
 @pytest.mark.parametrize("name", sorted(set(EXAMPLES) - {"steps", "pwm"}))
 def test_light_without_switches_is_continuous(name):
     """With a time step four times as fine the largest jump is less than half; a step would keep its height."""
@@ -100,15 +92,9 @@ def test_light_without_switches_is_continuous(name):
     assert jumps[1] < 0.5 * jumps[0] + 1e-6
 
 
-# --- ramp, steps, sine -------------------------------------------------------------------------------
-
-
-def test_a_ramp_runs_from_one_end_of_the_recording_to_the_other():
+def test_a_ramp_runs_through_the_recording_or_through_its_own_length():
     gains = gains_at_readouts(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=20_000)
     assert np.allclose(gains, 0.5 + 1.5 * (np.arange(1000) + 0.5) / 1000, rtol=1e-5)
-
-
-def test_a_ramp_with_a_length_stays_at_its_end():
     gains = gains_at_readouts(get_light("ramp", **{"from": 1, "to": 3, "over_s": 0.5}), 100, readout_hz=100)
     assert gains[:50] == pytest.approx(1 + 4 * (np.arange(50) + 0.5) / 100, rel=1e-5)
     assert gains[50:] == pytest.approx(3)
@@ -130,12 +116,10 @@ def test_a_sine_is_the_integral_of_what_its_docstring_says():
     assert float(light.integral(np.array(0.37), 1.0)) == pytest.approx(expected, rel=1e-9)
 
 
-# --- flicker -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("hz", "frames"), [(100.0, 200), (120.0, 500)])
-@pytest.mark.parametrize("harmonics", [[1.0], [1.0, -0.2, 0.0857], [0.3, 1.0]])
-@pytest.mark.parametrize("depth", [0.1, 1.0])
+@pytest.mark.parametrize(
+    ("hz", "frames", "harmonics", "depth"),
+    [(100.0, 200, [1.0], 1.0), (120.0, 500, [1.0, -0.2, 0.0857], 0.1), (100.0, 200, [0.3, 1.0], 0.5)],
+)
 def test_mains_flicker_sums_to_nothing_in_whole_periods(hz, frames, harmonics, depth):
     """At 20 kHz 200 frames are whole periods of 100 Hz, and 500 frames of 120 Hz: their mean is exactly the level."""
     light = get_light("flicker", hz=hz, depth=depth, harmonics=harmonics, level=0.8, phase=0.7)
@@ -146,13 +130,8 @@ def test_mains_flicker_sums_to_nothing_in_whole_periods(hz, frames, harmonics, d
     assert np.diff(light.integral(edges, 1.0)) == pytest.approx(0.8 * frames / 20_000, rel=1e-12)
 
 
-def test_120_hz_does_not_vanish_in_the_windows_of_100_hz():
-    gains = gains_at_readouts(get_light("flicker", hz=120.0, depth=0.5), 2000, readout_hz=20_000)
-    assert np.ptp(gains.reshape(10, 200).mean(axis=1)) > 0.05
-
-
-@pytest.mark.parametrize("harmonics", [[1.0], [-2.0], [1.0, -0.2, 0.0857], RECTIFIED, [0.0, 0.0, 1.0], [1, 1, 1]])
-@pytest.mark.parametrize("depth", [0.0, 0.35, 1.0])
+@pytest.mark.parametrize("harmonics", [[-2.0], [1.0, -0.2, 0.0857], RECTIFIED, [0.0, 0.0, 1.0]])
+@pytest.mark.parametrize("depth", [0.35, 1.0])
 def test_the_modulation_depth_is_the_one_asked_for(harmonics, depth):
     """(highest - lowest)/(highest + lowest), on a grid of 20,001 phases that finds the extremes to 1e-7."""
     light = get_light("flicker", hz=1.0, depth=depth, harmonics=harmonics, level=2.0, phase=0.3)
@@ -191,11 +170,7 @@ def test_phase_shifts_the_whole_wave():
     assert instantaneous(early, times) == pytest.approx(instantaneous(late, times + 0.005), abs=1e-5)
 
 
-# --- pwm ---------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("duty", [0.0, 0.1, 0.37, 1.0])
-@pytest.mark.parametrize("phase", [0.0, 1.0, -40.0])
+@pytest.mark.parametrize(("duty", "phase"), [(0.0, 1.0), (0.37, 0.0), (0.37, -40.0), (1.0, 1.0)])
 def test_the_mean_of_pwm_is_its_duty(duty, phase):
     """400 Hz at 20 kHz: 50 readouts per period."""
     light = get_light("pwm", hz=400.0, duty=duty, low=0.2, high=1.2, phase=phase)
@@ -222,15 +197,13 @@ def test_pwm_is_on_for_the_first_part_of_its_period():
     assert instantaneous(light, times) == pytest.approx(np.where(phase < 0.25, 2.0, 0.5), abs=1e-5)
 
 
-# --- flash -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("rise_s", "decay_s"), [(1e-4, 1e-3), (1e-3, 1e-3), (5e-3, 1e-3), (1e-6, 2e-3)])
+@pytest.mark.parametrize(("rise_s", "decay_s"), [(1e-4, 1e-3), (5e-3, 1e-3), (1e-6, 2e-3)])
 def test_a_flash_reaches_its_peak_where_theory_says(rise_s, decay_s):
     light = get_light("flash", at_s=0.1, peak=9.0, base=0.5, rise_s=rise_s, decay_s=decay_s)
     top = 0.1 + rise_s * np.log1p(decay_s / rise_s)
     assert instantaneous(light, [top])[0] == pytest.approx(9.0, rel=1e-4)
     assert instantaneous(light, 0.1 + np.linspace(0, 0.02, 5001)).max() <= 9.0 + 1e-4
+    assert instantaneous(light, [0.05, 0.4]) == pytest.approx(0.5, abs=1e-5)
 
 
 def test_a_flash_is_the_integral_of_what_its_docstring_says():
@@ -241,63 +214,39 @@ def test_a_flash_is_the_integral_of_what_its_docstring_says():
     assert float(light.integral(np.array(0.005), 1.0)) == pytest.approx(5.0 * area / highest, rel=1e-9)
 
 
-def test_before_a_flash_and_long_after_it_the_base_is_left():
-    gains = gains_at_readouts(get_light("flash", at_s=0.02, peak=30.0, base=0.25), 2000, readout_hz=20_000)
-    assert (gains[:400] == 0.25).all()
-    assert gains[400] > 0.25
-    assert gains[1000:] == pytest.approx(0.25, abs=1e-5)
-    late = np.log(gains[440:500] - 0.25)
-    assert np.diff(late) == pytest.approx(-1 / (1e-3 * 20_000), rel=1e-2)  # a decay of 1 ms
+LIMIT = stats.norm.isf(0.5e-4)
+"""Two-sided, at a significance of 1e-4; all tests of walks share the seeds 0 to 799."""
 
 
-# --- random walk -------------------------------------------------------------------------------------
-
-
-def walks(times, count=2000, **options):
-    """The gains of ``count`` walks at these times, (count, times)."""
-    lights = (get_light("random_walk", seed=seed, **options) for seed in range(count))
-    return np.array([instantaneous(light, times, 0.1) for light in lights])
+def walks(times, **options):
+    """Return the logarithms of the gains of 800 walks at these times, (walks, times), and test their mean."""
+    lights = (get_light("random_walk", seed=seed, **options) for seed in range(800))
+    gain = np.array([instantaneous(light, times, 0.1) for light in lights]) / options["level"]
+    error = gain[:, 1:].std(axis=0) / np.sqrt(len(gain))
+    assert (abs(gain[:, 1:].mean(axis=0) - 1) < LIMIT * error).all()
+    return np.log(gain)
 
 
 @pytest.mark.slow
 def test_a_returning_walk_is_stationary_log_normal_with_an_exponential_memory():
-    """2,000 walks (seeds 0 to 1,999), each test at 1e-4: mean, spread, distribution and memory of ln gain."""
-    gain = walks([0.0, 0.02, 0.09], sd=0.6, return_s=0.05, level=2.0)
-    y = np.log(gain / 2.0) + 0.6**2 / 2
+    """Mean of the gain; mean, spread, distribution and memory of its logarithm, also between the points of the walk."""
+    y = walks([0.0, 0.02025, 0.09], sd=0.6, return_s=0.05, level=2.0) + 0.6**2 / 2
     for at in y.T:
         assert stats.kstest(at / 0.6, "norm").pvalue > 1e-4
-        assert abs(at.mean()) < stats.norm.isf(0.5e-4) * 0.6 / np.sqrt(at.size)
-        assert abs(at.var() / 0.36 - 1) < stats.norm.isf(0.5e-4) * np.sqrt(2 / at.size)
-    for i, j, lag in [(0, 1, 0.02), (1, 2, 0.07), (0, 2, 0.09)]:
+        assert abs(at.mean()) < LIMIT * 0.6 / np.sqrt(at.size)
+        assert abs(at.var() / 0.36 - 1) < LIMIT * np.sqrt(2 / at.size)
+    for i, j, lag in [(0, 1, 0.02025), (1, 2, 0.06975), (0, 2, 0.09)]:
         seen = np.arctanh(np.corrcoef(y[:, i], y[:, j])[0, 1])
-        assert abs(seen - np.arctanh(np.exp(-lag / 0.05))) < stats.norm.isf(0.5e-4) / np.sqrt(y.shape[0] - 3)
+        assert abs(seen - np.arctanh(np.exp(-lag / 0.05))) < LIMIT / np.sqrt(y.shape[0] - 3)
 
 
 @pytest.mark.slow
 def test_a_free_walk_begins_at_its_level_and_spreads_as_the_root_of_time():
-    """2,000 walks (seeds 0 to 1,999), each test at 1e-4."""
-    gain = walks([0.0, 0.02, 0.08], sd=2.0, level=0.5)
-    assert gain[:, 0] == pytest.approx(0.5, rel=1e-4)
-    for at, seconds in zip(gain[:, 1:].T, (0.02, 0.08), strict=True):
+    y = walks([0.0, 0.02025, 0.08], sd=2.0, level=0.5)
+    assert y[:, 0] == pytest.approx(0, abs=1e-4)
+    for at, seconds in zip(y[:, 1:].T, (0.02025, 0.08), strict=True):
         spread = 2.0 * np.sqrt(seconds)
-        y = np.log(at / 0.5) + spread**2 / 2
-        assert stats.kstest(y / spread, "norm").pvalue > 1e-4
-
-
-@pytest.mark.parametrize("return_s", [None, 0.05])
-@pytest.mark.slow
-def test_the_expected_gain_of_a_walk_is_its_level(return_s):
-    """2,000 walks at three times, also between the points of the walk; 1e-4 two-sided."""
-    gain = walks([0.01025, 0.04, 0.0999], sd=0.8, return_s=return_s, level=1.5)
-    z = (gain.mean(axis=0) - 1.5) / (gain.std(axis=0) / np.sqrt(len(gain)))
-    assert abs(z).max() < stats.norm.isf(0.5e-4 / 3)
-
-
-def test_a_walk_is_its_seed():
-    one, same, other = (gains_at_readouts(light_of("random_walk", seed=s), 400, readout_hz=2000.0) for s in (1, 1, 2))
-    assert np.array_equal(one, same)
-    assert abs(np.corrcoef(one, other)[0, 1]) < 0.9
-    assert not np.array_equal(one, other)
+        assert stats.kstest((at + spread**2 / 2) / spread, "norm").pvalue > 1e-4
 
 
 def test_a_walk_takes_its_numbers_from_its_own_named_stream():
@@ -305,13 +254,6 @@ def test_a_walk_takes_its_numbers_from_its_own_named_stream():
     first = make_generator("random_walk", 7).standard_normal()
     gain = instantaneous(get_light("random_walk", sd=0.3, return_s=1.0, seed=7), [0.0])[0]
     assert gain == pytest.approx(np.exp(0.3 * first - 0.3**2 / 2), rel=1e-4)
-
-
-def test_a_walk_without_spread_is_constant():
-    assert (gains_at_readouts(get_light("random_walk", sd=0.0, level=0.75), 100, readout_hz=1000.0) == 0.75).all()
-
-
-# --- from_csv ----------------------------------------------------------------------------------------
 
 
 def table(*points):
@@ -322,18 +264,6 @@ def test_a_table_runs_in_straight_lines_and_is_level_at_its_ends():
     times = np.linspace(0, 1, 997)
     expected = np.interp(times, [0.1, 0.4, 0.5, 0.9], [0.5, 2.0, 0.0, 1.0])
     assert instantaneous(light_of("from_csv"), times) == pytest.approx(expected, abs=1e-5)
-
-
-def test_the_integral_of_a_table_is_that_of_trapezia():
-    integral = float(light_of("from_csv").integral(np.array([1.0]), 1.0)[0])
-    assert integral == pytest.approx(0.1 * 0.5 + 0.3 * 1.25 + 0.1 * 1.0 + 0.4 * 0.5 + 0.1 * 1.0, rel=1e-12)
-
-
-def test_a_table_of_two_points_is_a_ramp_and_of_one_a_constant():
-    ramp = gains_at_readouts(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=1000.0)
-    assert np.array_equal(
-        gains_at_readouts(get_light("from_csv", file=table((0, 0.5), (1, 2.0))), 1000, readout_hz=1000.0), ramp
-    )
     assert (gains_at_readouts(get_light("from_csv", file=table((0.3, 0.25))), 100, readout_hz=100.0) == 0.25).all()
 
 
@@ -342,25 +272,13 @@ def test_a_table_may_begin_before_the_recording_and_end_after_it():
     assert gains_at_readouts(light, 100, readout_hz=100.0) == pytest.approx(1 + (np.arange(100) + 0.5) / 100, rel=1e-5)
 
 
-# --- the keys that every schedule takes --------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_an_offset_is_light_that_stays(name):
+def test_an_offset_is_light_that_stays_and_lux_are_divided_by_the_lux_of_gain_1(name):
     times = np.linspace(0, 1, 101)
-    alone, with_sky = light_of(name).integral(times, 1.0), light_of(name, offset=0.3).integral(times, 1.0)
-    assert with_sky == pytest.approx(alone + 0.3 * times, abs=1e-12)
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_a_schedule_in_lux_is_divided_by_the_lux_of_gain_1(name):
-    times = np.linspace(0, 1, 101)
-    ratio = light_of(name, offset=2.0).integral(times, 1.0)
+    alone, with_sky = light_of(name).integral(times, 1.0), light_of(name, offset=2.0).integral(times, 1.0)
+    assert with_sky == pytest.approx(alone + 2.0 * times, abs=1e-12)
     lux = light_of(name, offset=2.0, unit="lux", lux_at_gain_1=400.0).integral(times, 1.0)
-    assert lux == pytest.approx(ratio / 400, rel=1e-12)
-
-
-# --- one group only ----------------------------------------------------------------------------------
+    assert lux == pytest.approx(with_sky / 400, rel=1e-12)
 
 
 def test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp(tmp_path):
@@ -395,41 +313,34 @@ def test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp(tmp
     assert abs(then[200:].sum(axis=0).astype(int) - without[200:].sum(axis=0)).max() <= 1
 
 
-# --- what is refused ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
         ("constant", {"level": -1}, "level is -1 | 0 or more"),
+        ("constant", {"unit": "lux", "lux_at_gain_1": 0}, "lux_at_gain_1 is 0 | lux, above 0"),
         ("ramp", {"from": -0.5, "to": 1}, "0 or more"),
+        ("flicker", {"depth": 0.5, "hz": 0}, "hz is 0 | above 0"),
+        ("flicker", {"depth": 0.5, "level": -1}, "level is -1 | 0 or more"),
+        ("flicker", {"depth": 0.5, "phase": float("nan")}, "phase is nan | radians"),
+        ("pwm", {"hz": -1, "duty": 0.5}, "hz is -1 | above 0"),
+        ("pwm", {"hz": 10, "duty": 0.5, "phase": float("inf")}, "phase is inf | radians"),
+        ("random_walk", {"sd": 0.1, "level": -1}, "level is -1 | 0 or more"),
         ("ramp", {"from": 0.5, "to": 1, "over_s": 0}, "over_s is 0 | seconds above 0"),
-        ("steps", {"every_s": 0, "levels": [1]}, "every_s is 0"),
-        ("steps", {"every_s": 1.0e-300, "levels": [1]}, "every_s is 1e-300 | 1e-06 s"),
         ("steps", {"every_s": 1e-10, "levels": [1]}, "every_s is 1e-10 | 1e-06 s"),
         ("steps", {"every_s": 1, "levels": []}, "levels are"),
         ("sine", {"hz": 1, "phase": "pi"}, "phase is 'pi' | radians"),
-        ("sine", {"hz": 1, "phase": "1e-3"}, "phase is '1e-3' | radians"),
-        ("sine", {"hz": 1, "phase": float("nan")}, "phase is nan | radians"),
         ("sine", {"hz": 0}, "hz is 0 | above 0"),
         ("sine", {"hz": 1, "swing": 1.5}, "swing is 1.5 | 0 to 1"),
         ("constant", {"level": "bright"}, "light schedule 'constant'"),
         ("flicker", {"depth": 1.1}, "depth is 1.1 | 0 to 1"),
-        ("flicker", {"depth": 0.5, "hz": 0}, "hz is 0 | above 0"),
         ("flicker", {"depth": 0.5, "harmonics": [0, 0]}, "harmonics are | a list of amplitudes"),
-        ("flicker", {"depth": 0.5, "harmonics": 3}, "light schedule 'flicker'"),
-        ("flicker", {"depth": 0.5, "level": -1}, "level is -1 | 0 or more"),
-        ("flicker", {"depth": 0.5, "phase": float("nan")}, "phase is nan | radians"),
-        ("pwm", {"hz": -1, "duty": 0.5}, "hz is -1 | above 0"),
         ("pwm", {"hz": 10, "duty": 1.5}, "duty is 1.5 | 0 to 1"),
         ("pwm", {"hz": 10, "duty": 0.5, "low": 2}, "low is 2, high 1.0 | 0 <= low <= high"),
-        ("pwm", {"hz": 10, "duty": 0.5, "phase": float("inf")}, "phase is inf | radians"),
         ("flash", {"at_s": -1, "peak": 5}, "at_s is -1 | 0 or more"),
         ("flash", {"at_s": 0, "peak": 0.5}, "base is 1.0, peak 0.5 | 0 <= base <= peak"),
         ("flash", {"at_s": 0, "peak": 5, "rise_s": 0}, "rise_s is 0 | 1e-7 to 10 seconds"),
         ("random_walk", {"sd": -0.1}, "sd is -0.1 | 0 to 3"),
         ("random_walk", {"sd": 0.1, "return_s": 0.001}, "return_s is 0.001 | 0.005"),
-        ("random_walk", {"sd": 0.1, "level": -1}, "level is -1 | 0 or more"),
         ("random_walk", {"sd": 0.1, "seed": -1}, "seed is -1 | 0 or more"),
         ("from_csv", {"file": "lamp.csv"}, "file is 'lamp.csv' | CSV file"),
         ("from_csv", {"file": table((0, 1), (1, -2))}, "t.csv | gain is -2 at 1 s | 0 or more"),
@@ -438,7 +349,6 @@ def test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp(tmp
         ("constant", {"offset": -0.1}, "offset is -0.1 | 0 or more"),
         ("constant", {"unit": "lx"}, "unit is 'lx' | ratio, lux"),
         ("constant", {"unit": "lux"}, "illuminance_lux"),
-        ("constant", {"unit": "lux", "lux_at_gain_1": 0}, "lux_at_gain_1 is 0 | lux, above 0"),
         ("constant", {"lux_at_gain_1": 100}, "lux_at_gain_1 is 100 | unit: lux"),
     ],
 )
@@ -450,19 +360,11 @@ def test_an_impossible_light_is_refused(name, options, message):
     "part",
     [
         {"kind": "constant", "level": 1e39},
-        {"kind": "constant", "level": 3e38, "offset": 3e38},
         {"kind": "constant", "unit": "lux", "lux_at_gain_1": 1e-300},
-        {"kind": "ramp", "from": 1, "to": 1e300},
         {"kind": "steps", "every_s": 0.004, "levels": [1, 1e39]},
-        {"kind": "from_csv", "file": {"path": "t.csv", "text": "time_s,gain\n0,1\n0.01,1e40\n"}},
     ],
     ids=str,
 )
 def test_a_gain_that_float32_cannot_hold_is_refused_in_one_line(part):
     error = refusal(group_gains, {"room": part}, ("lamp", "room"), frames=200, readout_hz=20_000)
     assert_says(error, "the gain of | is too large to be recorded | allowed: gains up to 3.4e+38")
-
-
-def test_the_shortest_steps_are_those_of_a_readout_at_1_mhz():
-    gains = gains_at_readouts(get_light("steps", every_s=1e-6, levels=[0.0, 1.0]), 4, readout_hz=1e6)
-    assert gains.tolist() == pytest.approx([0, 1, 0, 1], abs=1e-6)

@@ -13,10 +13,8 @@ from saf_gen import get_measure
 from saf_gen.core.seeds import make_generator
 from saf_gen.plugins.measures import wavelet_ratio
 
-SHAPES = [(37, 51), (24, 40), (9, 8), (4, 4), (3, 5), (1, 6), (6, 1), (1, 1)]
+SHAPES = [(37, 51), (9, 8), (4, 4), (3, 5), (1, 6), (6, 1), (1, 1)]
 ROWS, COLS = 40, 60
-N = ROWS * COLS
-INSIDE = (ROWS - 2) * (COLS - 2)
 FLAT = (
     "cen dct_energy_ratio energy_of_laplacian entropy gaussian_derivative mid_band_power modified_laplacian "
     "normalised_variance squared_gradient brenner tenengrad variance variance_of_laplacian vollath_f4 "
@@ -34,7 +32,7 @@ def stripes(period, width, *, mean=20.0, height=24):
 
 
 @pytest.mark.parametrize("name", FLAT)
-@pytest.mark.parametrize("level", [0, 7, 20_000])
+@pytest.mark.parametrize("level", [7, 20_000])
 def test_an_even_image_scores_nothing(name, level):
     even = np.full((ROWS, COLS), level, np.uint32)
     assert score(name, even) == pytest.approx(0.0, abs=1e-24 * (1 + level**2))
@@ -60,69 +58,17 @@ OF_A_RAMP = {
 }
 
 
-@pytest.mark.parametrize("sigma_px", [0.3, 0.5, 1.0, 2.5, 6.0])
+@pytest.mark.parametrize("name", OF_A_RAMP)
+def test_a_ramp_scores_as_worked_out(name):
+    assert score(name, RAMP) == pytest.approx(OF_A_RAMP[name], rel=1e-12, abs=1e-24)
+
+
+@pytest.mark.parametrize("sigma_px", [0.3, 1.0, 6.0])
 def test_a_gaussian_derivative_gives_a_ramp_its_slope_at_any_scale(sigma_px):
     assert score("gaussian_derivative", RAMP.T, sigma_px=sigma_px) == pytest.approx(SLOPE**2, rel=1e-12)
 
 
-K = 5
-SPIKE = np.zeros((ROWS, COLS), np.uint8)
-SPIKE[20, 30] = K
-OF_A_SPIKE = {
-    "tenengrad": 24 * K**2 / INSIDE,
-    "brenner": 2 * K**2 / (ROWS * (COLS - 2)),
-    "squared_gradient": 2 * K**2 / (ROWS * (COLS - 1)),
-    "energy_of_laplacian": 468 * K**2 / INSIDE,
-    "modified_laplacian": 8 * K / INSIDE,
-    "variance_of_laplacian": 20 / 36 * K**2 / INSIDE,
-    "variance": K**2 / N - (K / N) ** 2,
-    "normalised_variance": K * (N - 1) / N,
-    "vollath_f4": 0.0,
-    "vollath_f5": -((K / N) ** 2),
-    "entropy": -(1 / N) * log2(1 / N) - (1 - 1 / N) * log2(1 - 1 / N),
-    "dct_energy_ratio": 63 / (5 * 7),
-}
-
-
-def test_the_power_of_a_lone_pixel_is_even_over_all_frequencies():
-    radius = np.hypot(np.fft.fftfreq(ROWS)[:, None], np.fft.fftfreq(COLS)[None])
-    low = (radius > 0) & (radius <= 0.15)
-    assert score("cen", SPIKE) == pytest.approx(radius[low].mean(), rel=1e-12)
-    ring = (radius >= 0.125) & (radius <= 0.25)
-    assert score("mid_band_power", SPIKE) == pytest.approx(ring.sum() * (K / N) ** 2, rel=1e-12)
-
-
-MEAN, HALF = 10, 3
-BOARD = MEAN + HALF * (1 - 2 * (np.add.outer(np.arange(ROWS), np.arange(COLS)) % 2))
-OF_A_BOARD = {
-    "tenengrad": 0.0,  # its smoothing removes what alternates
-    "brenner": 0.0,
-    "squared_gradient": 4 * HALF**2,
-    "energy_of_laplacian": 1024 * HALF**2,
-    "modified_laplacian": 8 * HALF,
-    "variance_of_laplacian": 64 / 36 * HALF**2,
-    "variance": HALF**2,
-    "normalised_variance": HALF**2 / MEAN,
-    "vollath_f4": -2 * HALF**2,
-    "vollath_f5": -(HALF**2),
-    "entropy": 1.0,
-    "dct_energy_ratio": (HALF / MEAN) ** 2,
-    "wavelet_ratio": (HALF / MEAN) ** 2,
-    "cen": 0.0,  # no power below the bound
-    "mid_band_power": 0.0,
-}
-
-
-IMAGES = {"ramp": (RAMP, OF_A_RAMP), "spike": (SPIKE, OF_A_SPIKE), "board": (BOARD, OF_A_BOARD)}
-
-
-@pytest.mark.parametrize(("image", "name"), [(i, name) for i, (_, scores) in IMAGES.items() for name in scores])
-def test_a_simple_image_scores_as_worked_out(image, name):
-    counts, scores = IMAGES[image]
-    assert score(name, counts) == pytest.approx(scores[name], rel=1e-12, abs=1e-24)
-
-
-@pytest.mark.parametrize("period", [3, 4, 5, 8, 16])
+@pytest.mark.parametrize("period", [3, 4, 5, 16])
 def test_stripes_of_a_known_period_score_as_worked_out(period):
     w, v = 2 * pi / period, 3.0**2 / 2  # radians per pixel; variance
 
@@ -143,29 +89,6 @@ def test_stripes_of_a_known_period_score_as_worked_out(period):
     continuous = v * w**2 * exp(-((w * scale) ** 2))
     rel = 0.2 if period == 3 else 0.06  # the kernel is sampled, and cut off at 3 sigma
     assert scored("gaussian_derivative", 6, sigma_px=scale) == pytest.approx(continuous, rel=rel)
-
-
-def test_a_bent_surface_scores_by_its_bends():
-    y, x = np.mgrid[:20, :30]
-    bowl = 2 * x**2 + 3 * y**2  # second derivatives 4 and 6
-    assert score("energy_of_laplacian", bowl) == 36 * (4 + 6) ** 2
-    assert score("modified_laplacian", bowl) == 4 + 6
-    assert score("variance_of_laplacian", bowl) == 0.0  # an even bend
-    saddle = 2 * x**2 - 2 * y**2 + 2000
-    assert score("energy_of_laplacian", saddle) == 0.0
-    assert score("modified_laplacian", saddle) == 4 + 4  # the signs cannot cancel
-
-
-def test_second_differences_of_stripes_of_four_pixels_are_twice_their_extremes():
-    assert score("modified_laplacian", stripes(4, 26)) == pytest.approx(3.0, rel=1e-12)
-    assert score("modified_laplacian", stripes(4, 28), step=2) == pytest.approx(6.0, rel=1e-12)
-
-
-@pytest.mark.parametrize("name", ["brenner", "squared_gradient", "vollath_f4"])
-def test_what_works_along_rows_does_not_see_stripes_along_them(name):
-    lying = stripes(8, 48).T
-    assert score(name, lying) == 0.0
-    assert score(name, lying.T) > 1.0
 
 
 # Slow references: loops and full kernels, with no code in common with the measures.
@@ -283,17 +206,13 @@ def test_a_measure_agrees_with_its_slow_reference(name, shape, highest):
     assert score(name, c) == pytest.approx(REFERENCES[name](c.astype(float)), rel=1e-10, abs=1e-10)
 
 
-@pytest.mark.parametrize("shape", [(37, 51), (24, 40), (25, 16)])
-def test_all_frequencies_together_hold_the_variance(shape):
-    c = make_generator("forms", "power", *shape).integers(0, 60, shape)
-    assert score("mid_band_power", c, lowest=0.0, highest=0.75) == pytest.approx(c.var(), rel=1e-12)
-
-
-@pytest.mark.parametrize("orders", [1, 2, 7])
-def test_the_reduced_energy_ratio_is_that_of_the_lowest_orders(orders):
-    c = make_generator("forms", "orders").integers(0, 60, (24, 40))
-    expected = slow_dct_energy_ratio(c.astype(float), orders)
-    assert score("dct_energy_ratio", c, highest_order=orders) == pytest.approx(expected, rel=1e-12)
+def test_options_of_a_measure_agree_with_their_slow_reference():
+    c = make_generator("forms", "options").integers(0, 60, (24, 40))
+    for orders in (1, 7):
+        expected = slow_dct_energy_ratio(c.astype(float), orders)
+        assert score("dct_energy_ratio", c, highest_order=orders) == pytest.approx(expected, rel=1e-12)
+    assert score("mid_band_power", c, lowest=0.0, highest=0.75) == pytest.approx(c.var(), rel=1e-12)  # Parseval
+    assert score("modified_laplacian", stripes(4, 28), step=2) == pytest.approx(6.0, rel=1e-12)  # twice the extremes
 
 
 def test_the_full_energy_ratio_is_the_spike_dispersion_of_tiles():
@@ -301,12 +220,6 @@ def test_the_full_energy_ratio_is_the_spike_dispersion_of_tiles():
     tiles = [c[y : y + 8, x : x + 8] for y in range(0, 24, 8) for x in range(0, 40, 8)]
     expected = np.mean([score("sd", tile) for tile in tiles])
     assert score("dct_energy_ratio", c) == pytest.approx(expected, rel=1e-12)
-
-
-def test_a_tile_without_a_spike_counts_as_nothing():
-    half = np.zeros((8, 16), np.uint8)
-    half[3, 12] = 4
-    assert score("dct_energy_ratio", half) == pytest.approx(63 / 2, rel=1e-12)
 
 
 def test_the_wavelet_keeps_energy_and_has_three_vanishing_moments():
@@ -320,13 +233,6 @@ def test_the_wavelet_keeps_energy_and_has_three_vanishing_moments():
     for moment in range(3):
         assert high @ k.astype(float) ** moment == pytest.approx(0.0, abs=1e-13)
     assert abs(high @ k.astype(float) ** 3) > 0.1
-
-
-def test_more_levels_hold_the_details_of_coarser_octaves():
-    coarse = stripes(16, 128, height=128)
-    fine, three = (score("wavelet_ratio", coarse, levels=n) for n in (1, 3))
-    assert fine < 0.02 * three
-    assert three == pytest.approx(3.0**2 / 2 / 20.0**2, rel=0.25)  # most of the variance over squared mean
 
 
 def test_entropy_sees_levels_not_places():

@@ -12,18 +12,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
-from refusals import refusal
+from refusals import assert_says, refusal
 from scipy.ndimage import gaussian_filter, sobel
 from scipy.signal import convolve2d
 
-from saf_gen import get_measure, open_stream, write_stream
-from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen import get_measure
 from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
 from saf_gen.parts import cite_source, wants_halves, wants_intervals
 from saf_gen.plugins.measures import BrightnessNormalised, IntervalTexture, measure_names
 
-SHAPES = [(250, 400), (64, 64), (37, 51), (4, 4), (3, 5), (1, 1)]
+SHAPES = [(64, 64), (37, 51), (4, 4), (3, 5), (1, 1)]
 OF_IMAGES = [name for name in measure_names() if not wants_halves(get_measure(name))]
 PROMISE = "never rises when a periodic scene is blurred"
 PROMISING = [name for name in OF_IMAGES if PROMISE in " ".join(get_measure(name).__doc__.split())]
@@ -41,15 +40,6 @@ def test_sd_is_variance_over_squared_mean_and_sd_code_is_n_times_that(shape):
     assert get_measure("sd")(c) == pytest.approx(expected, rel=1e-12)
     assert get_measure("sd")(c.astype(np.uint32)) == pytest.approx(expected, rel=1e-12)
     assert get_measure("sd_code")(c.astype(np.uint32)) == pytest.approx(c.size * expected, rel=1e-12)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("highest", [60, 20_000])
-def test_sd_code_is_event_rate_over_squared_mean_less_the_number_of_pixels(shape, highest):
-    c = counts_of(shape, highest=highest)
-    event_rate = get_measure("er_sumsq")(c)
-    expected = event_rate / c.mean(dtype=float) ** 2 - c.size
-    assert get_measure("sd_code")(c) == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 def test_event_rates_are_the_sums_of_counts_and_of_their_squares():
@@ -71,11 +61,6 @@ def test_gradient_is_the_sum_of_sobel_magnitudes_with_replicated_borders(shape):
     assert get_measure("gradient_code")(c.astype(np.uint16)) == pytest.approx(expected, rel=1e-12)
 
 
-def test_gradient_of_a_ramp_has_the_gain_of_an_unnormalised_sobel():
-    ramp = np.tile(np.arange(10), (6, 1))
-    assert get_measure("gradient_code")(ramp) == 6 * (8 * 8 + 2 * 4)  # borders see half the step
-
-
 @pytest.mark.parametrize("shape", SHAPES)
 def test_mfdct_code_convolves_each_complete_tile_separately_and_in_full(shape):
     c = counts_of(shape).astype(np.int64)
@@ -92,31 +77,6 @@ def test_mfdct_lee_convolves_the_image_where_the_kernel_fits(shape):
     assert get_measure("mfdct_lee")(c) == expected
 
 
-def test_a_constant_image_of_seven_scores_as_the_closed_forms_say():
-    c = np.full((250, 400), 7, dtype=np.uint32)
-    assert get_measure("mfdct_code")(c) == 144 * 49 * 62 * 100 == 43_747_200
-    for name in ("mfdct_lee", "gradient_code", "sd", "sd_code"):
-        assert get_measure(name)(c) == 0.0
-    assert get_measure("er_count")(c) == 700_000
-    assert get_measure("er_sumsq")(c) == 4_900_000
-
-
-def test_rows_beyond_the_last_complete_tile_do_not_enter_mfdct_code():
-    c = counts_of((250, 402))
-    changed = c.copy()
-    changed[248:], changed[:, 400:] = 0, 0
-    assert get_measure("mfdct_code")(c) == get_measure("mfdct_code")(changed)
-    changed[247] += 1
-    assert get_measure("mfdct_code")(c) != get_measure("mfdct_code")(changed)
-
-
-@pytest.mark.parametrize("name", OF_IMAGES)
-@pytest.mark.parametrize("factor", [2, 7, 100])
-def test_counts_times_a_give_the_score_times_a_to_the_degree(name, factor):
-    measure, c = get_measure(name), counts_of((41, 60))
-    assert measure(c * factor) == pytest.approx(measure(c) * float(factor) ** measure.degree, rel=1e-12)
-
-
 def scene():
     """A periodic, sharp image: patches of seven pixels with random counts."""
     patches = make_generator("test_measures", "scene").integers(5, 60, (14, 16))
@@ -129,73 +89,6 @@ def test_a_measure_that_promises_it_falls_with_every_further_blur(name):
     blurs = [0, 0.4, 0.7, 1, 1.5, 2, 3, 4, 6, 9, 14]
     scores = [measure(gaussian_filter(scene(), blur, mode="wrap") if blur else scene()) for blur in blurs]
     assert all(sharper > softer for sharper, softer in pairwise(scores)), scores
-
-
-def test_all_but_these_promise_to_fall():
-    others = {"er_count", "mfdct_code", "entropy", "vollath_f4", "vollath_f5"}
-    others |= {"dct_energy_ratio", "wavelet_ratio", "octave_structure"}
-    ours = {name for name in OF_IMAGES if not name.endswith("_n")}
-    assert ours - set(PROMISING) == others
-
-
-@pytest.mark.parametrize(
-    ("name", "period"), [("vollath_f4", 2), ("octave_structure", 2), ("vollath_f5", 3), ("entropy", 10)]
-)
-def test_one_that_does_not_promise_may_rise_with_blur(name, period):
-    bars = np.tile(20.0 + 15 * np.sign(np.sin(2 * np.pi * (np.arange(90) + 0.25) / period)), (40, 1))
-    blurred = gaussian_filter(bars, 1.2, mode="wrap")
-    assert get_measure(name)(blurred) > get_measure(name)(bars)
-
-
-SMALLEST = {
-    "tenengrad": (3, 3),
-    "brenner": (1, 3),
-    "squared_gradient": (1, 2),
-    "gaussian_derivative": (7, 7),
-    "energy_of_laplacian": (3, 3),
-    "modified_laplacian": (3, 3),
-    "variance_of_laplacian": (3, 4),  # one number has no variance
-    "vollath_f4": (1, 3),
-    "vollath_f5": (1, 2),
-    "dct_energy_ratio": (8, 8),
-    "wavelet_ratio": (6, 6),
-    "mfdct_code": (4, 4),
-    "mfdct_lee": (4, 4),
-}
-
-
-@pytest.mark.parametrize("name", SMALLEST)
-def test_an_image_smaller_than_the_kernel_scores_nothing(name):
-    measure, (rows, cols) = get_measure(name), SMALLEST[name]
-    c = make_generator("test_measures", "small").integers(1, 60, (rows, cols))
-    assert measure(c) != 0.0
-    for small in (c[1:], c[:, 1:]):
-        assert not small.size or measure(small) == 0.0
-
-
-@pytest.mark.parametrize("name", OF_IMAGES)
-def test_a_measure_takes_a_region_of_a_recording_as_it_takes_an_image(name, recording):
-    frames, path = recording
-    with open_stream(path) as stream:
-        counts = WindowCounts(stream, (slice(3, 21), slice(5, 30)))
-        found = RecordingView(counts, get_measure(name)).score(10, 70)
-    image = frames[10:70, 3:21, 5:30].sum(axis=0, dtype=np.uint32)
-    assert found == get_measure(name)(image)
-    assert found != 0.0 or get_measure(name)(image) == 0.0
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    chance = make_generator("test_measures", "recording").random((80, 24, 32))
-    frames = (chance < 0.3).astype(np.uint8)
-    path = tmp_path_factory.mktemp("recording") / "s.h5"
-    write_stream(path, frames)
-    return frames, path
-
-
-@pytest.mark.parametrize("name", OF_IMAGES)
-def test_a_measure_scores_zero_where_there_is_no_spike(name):
-    assert get_measure(name)(np.zeros((20, 30), dtype=np.uint32)) == 0.0
 
 
 def test_every_measure_that_grows_with_brightness_is_listed_normalised_too_and_no_other():
@@ -237,24 +130,13 @@ def test_a_normalised_measure_is_its_measure_over_the_mean_to_its_degree(name):
     assert normalised.degree == 0
     assert normalised(c) == pytest.approx(measure(c) / c.mean(dtype=float) ** measure.degree, rel=1e-12)
     assert cite_source(measure) in cite_source(normalised)
-
-
-def test_both_variances_over_their_brightness_are_spike_dispersion():
-    c = counts_of((41, 60))
-    assert get_measure("variance_n")(c) == pytest.approx(get_measure("sd")(c), rel=1e-12)
-    assert get_measure("normalised_variance_n")(c) == pytest.approx(get_measure("sd")(c), rel=1e-12)
+    if name in ("variance_n", "normalised_variance_n"):
+        assert normalised(c) == pytest.approx(get_measure("sd")(c), rel=1e-12)
 
 
 def test_the_normalised_event_count_is_exactly_the_number_of_pixels():
     for highest in range(2, 40):
         assert get_measure("er_count_n")(counts_of((25, 40), highest=highest)) == 1000.0
-
-
-def test_an_unknown_measure_is_one_line_with_the_nearest_name():
-    error = refusal(get_measure, "mfdct_le")
-    assert str(error).startswith("unknown focus measure 'mfdct_le'; allowed: brenner, brenner_n, cen, ")
-    assert str(error).endswith("; did you mean 'mfdct_lee'?")
-    assert refusal(get_measure, "gradient_cod_n").nearest == "gradient_code_n"
 
 
 def test_any_measure_of_a_full_window_has_a_form_for_textures():
@@ -272,70 +154,43 @@ def test_any_measure_of_a_full_window_has_a_form_for_textures():
 
 
 @pytest.mark.parametrize(
-    ("name", "reason", "nearest"),
+    ("name", "options", "words"),
     [
-        ("sd_n", "does not grow with brightness", "sd"),
-        ("sd_n_tfi", "does not grow with brightness", "sd"),
-        ("sd_debiased_tfi", "it compares halves", "sd_debiased"),
-        ("sd_tfi_tfi", "it takes intervals already", "sd_tfi"),
-        ("tenengrat_tfi", "unknown focus measure 'tenengrat'", "tenengrad"),
-        ("tenengrad_tfi_n", "unknown focus measure 'tenengrad_tfi_n'", "tenengrad_n"),
+        ("sd_n", {}, "does not grow with brightness | mean 'sd'"),
+        ("sd_debiased_tfi", {}, "it compares halves | mean 'sd_debiased'"),
+        ("sd_tfi_tfi", {}, "it takes intervals already | mean 'sd_tfi'"),
+        ("mfdct_le", {}, "unknown focus measure 'mfdct_le' | mean 'mfdct_lee'"),
+        ("gradient_cod_n", {}, "unknown focus measure 'gradient_cod | mean 'gradient_code_n'"),
+        ("tenengrat_tfi", {}, "unknown focus measure 'tenengrat' | mean 'tenengrad'"),
+        ("tenengrad_tfi_n", {}, "unknown focus measure 'tenengrad_tfi_n' | mean 'tenengrad_n'"),
+        ("sd", {"window": 3}, "'window'"),
+        ("modified_laplacian", {"step": 0}, "step is 0 | 1 or more"),
+        ("gaussian_derivative", {"sigma_px": "fine"}, "sigma_px is 'fine' | pixels"),
+        ("gaussian_derivative", {"sigma_px": 0.1}, "sigma_px is 0.1 | 0.3 to 30 pixels"),
+        ("dct_energy_ratio", {"highest_order": 15}, "highest_order is 15 | 1 to 14"),
+        ("wavelet_ratio", {"levels": 0}, "levels is 0 | 1 to 8"),
+        ("cen", {"highest": 1.0}, "highest 1.0 | highest <= 0.75"),
+        ("cen", {"highest": True}, "highest is True | cycles per pixel"),
+        ("mid_band_power", {"lowest": 0.3}, "lowest is 0.3, highest 0.25 | lowest < highest"),
+        ("structure_calibrated", {"longest": 0}, "longest is 0 | 1 to 64"),
+        ("structure_calibrated", {"dark": 0.6}, "dark is 0.6 | 0 to 0.5"),
+        ("sd_calibrated", {"dark": True}, "dark is True | 0 to 0.5"),
+        ("sd_calibrated", {"dark_rms": math.nan}, "dark_rms is nan | 0 to 10"),
+        ("change_rate", {"contrast": 0}, "contrast is 0 | above 0, at most 10"),
     ],
 )
-def test_a_form_that_a_measure_does_not_have_is_refused_with_the_reason(name, reason, nearest):
-    error = refusal(get_measure, name)
-    assert reason in error.problem
-    assert error.nearest == nearest
+def test_a_name_or_an_option_that_makes_no_sense_is_refused(name, options, words):
+    assert_says(refusal(get_measure, name, **options), words)
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "problem", "allowed"),
+    ("counts", "words"),
     [
-        ("sd", {"window": 3}, "'window'", ""),
-        ("er_count_n", {"window": 3}, "'window'", ""),
-        ("modified_laplacian", {"step": 0}, "step is 0", "1 or more"),
-        ("modified_laplacian", {"step": 1.5}, "step is 1.5", "whole number of pixels"),
-        ("gaussian_derivative", {"sigma_px": "fine"}, "sigma_px is 'fine'", "pixels"),
-        ("gaussian_derivative", {"sigma_px": 0.1}, "sigma_px is 0.1", "0.3 to 30 pixels"),
-        ("dct_energy_ratio", {"highest_order": 15}, "highest_order is 15", "1 to 14"),
-        ("wavelet_ratio", {"levels": 0}, "levels is 0", "1 to 8"),
-        ("wavelet_ratio", {"levels": True}, "levels is True", "whole number"),
-        ("cen", {"highest": 1.0}, "highest 1.0", "highest <= 0.75"),
-        ("cen", {"highest": True}, "highest is True", "cycles per pixel"),
-        ("mid_band_power", {"lowest": 0.3}, "lowest is 0.3, highest 0.25", "lowest < highest"),
-        ("mid_band_power_n", {"lowest": -0.1}, "lowest is -0.1", "0 <= lowest"),
-        ("structure_calibrated", {"longest": 0}, "longest is 0", "1 to 64"),
-        ("structure_calibrated", {"longest": 65}, "longest is 65", "1 to 64"),
-        ("structure_calibrated", {"longest": 2.5}, "longest is 2.5", "whole number of pixels"),
-        *(
-            (name, {key: value}, f"{key} is {value}", allowed)
-            for name in ("sd_calibrated", "structure_calibrated")
-            for key, value, allowed in [
-                ("dark", -0.1, "0 to 0.5"),
-                ("dark", 0.6, "0 to 0.5"),
-                ("dark", True, "0 to 0.5"),
-                ("dark_rms", math.nan, "0 to 10"),
-            ]
-        ),
+        (np.zeros(5), "(5,) | (rows, columns)"),
+        (np.zeros((0, 3)), "(0, 3) | at least one pixel"),
+        (np.array([["a"]]), "<U1 | numbers"),
+        (np.array([[np.nan]]), "not finite | finite numbers"),
     ],
 )
-def test_an_option_that_makes_no_sense_is_refused(name, options, problem, allowed):
-    error = refusal(get_measure, name, **options)
-    assert problem in error.problem
-    assert allowed in error.allowed
-
-
-@pytest.mark.parametrize(
-    ("counts", "problem", "allowed"),
-    [
-        (np.zeros(5), "(5,)", "(rows, columns)"),
-        (np.zeros((2, 6, 8)), "(2, 6, 8)", "(rows, columns)"),
-        (np.zeros((0, 3)), "(0, 3)", "at least one pixel"),
-        (np.array([["a"]]), "<U1", "numbers"),
-        (np.array([[np.nan]]), "not finite", "finite numbers"),
-    ],
-)
-def test_what_is_no_image_of_counts_is_refused(counts, problem, allowed):
-    error = refusal(get_measure("gradient_code_n"), counts)
-    assert problem in error.problem
-    assert allowed in error.allowed
+def test_what_is_no_image_of_counts_is_refused(counts, words):
+    assert_says(refusal(get_measure("gradient_code_n"), counts), words)

@@ -1,5 +1,6 @@
 """Lens motions, against closed forms and the differential equation that they solve."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp, pi, sqrt
 
@@ -10,7 +11,6 @@ from scipy.integrate import solve_ivp
 from scipy.stats import norm
 
 from saf_gen import get_motion
-from saf_gen.core.config import registry
 from saf_gen.plugins import motions
 from saf_gen.plugins.motions import lens_positions
 
@@ -26,19 +26,8 @@ def csv(text, path="lens.csv"):
     return {"path": path, "text": text}
 
 
-def test_the_motions_of_the_issue_are_registered():
-    wanted = {"sweep", "sweep_and_return", "steps", "hand", "from_csv", "hold"}
-    assert wanted <= set(registry.names("motions"))
-
-
-# -- straight lines ------------------------------------------------------------------------------------
-
-
-def test_a_sweep_passes_the_full_travel_once_at_constant_speed():
+def test_a_sweep_goes_at_constant_speed_either_way_and_through_part_of_the_travel():
     assert lens("sweep", frames=8) == pytest.approx((np.arange(8) + 0.5) / 8, abs=1e-7)
-
-
-def test_a_sweep_goes_either_way_and_through_part_of_the_travel():
     back = lens("sweep", frames=1000, **{"from": 0.9, "to": 0.4})
     assert back == pytest.approx(0.9 - 0.5 * (np.arange(1000) + 0.5) / 1000, abs=1e-7)
 
@@ -52,16 +41,7 @@ def test_there_and_back_is_symmetric_in_time_and_rests_at_the_turn():
     assert speed == pytest.approx(0.6 / 0.4, rel=2e-3)  # 0.6 of the travel in (1 s - 0.2 s)/2
 
 
-def test_a_lens_that_holds_stays():
-    found = lens("hold", position=0.3)
-    assert found[0] == pytest.approx(0.3, abs=1e-7)
-    assert np.ptp(found) == 0
-
-
-# -- steps ---------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("damping", [0.1, 0.7, 0.999999, 1.0, 1.000001, 3.0])
+@pytest.mark.parametrize("damping", [0.1, 0.999999, 1.0, 1.000001, 3.0])
 def test_steps_solve_the_equation_of_a_mass_on_a_spring(damping):
     """Against a Runge-Kutta solution, with steps that begin before the previous one has settled."""
     options = {"from": 0.3, "to": 0.7, "count": 4, "natural_hz": 40.0, "damping": damping}
@@ -122,9 +102,6 @@ def test_steps_share_the_recording_evenly_unless_their_rest_is_given():
     assert (quick[5000:] == 1).all()
 
 
-# -- by hand -------------------------------------------------------------------------------------------
-
-
 def speeds(seed, *, seconds=2.0, **options):
     """Speed over its mean, at 2 kHz, in the middle of the travel, so that no end cuts anything off."""
     ends = {"from": 0.2, "to": 0.8, "seed": seed}
@@ -146,7 +123,7 @@ def test_a_hand_with_reversals_goes_back_for_the_stated_fraction_of_time():
     assert back == pytest.approx(norm.cdf(-1 / 0.8), abs=0.004)
 
 
-@pytest.mark.parametrize("sigma", [0.2, 0.6, 1.0])
+@pytest.mark.parametrize("sigma", [0.2, 1.0])
 def test_the_irregularity_is_the_standard_deviation_of_the_speed(sigma):
     exact = speeds(3, reversals=True, irregularity=sigma, bandwidth_hz=20.0)
     assert exact.mean() == pytest.approx(1, rel=1e-9)
@@ -170,20 +147,10 @@ def test_a_seed_names_the_motion_of_a_hand_at_any_readout_rate():
     assert np.abs(lens("hand", seed=5) - fast).max() > 0.01
 
 
-# -- from a file ---------------------------------------------------------------------------------------
-
-
 def test_a_table_is_followed_in_straight_lines():
     found = lens("from_csv", frames=2000, file=csv(TABLE))
     times = (np.arange(2000) + 0.5) / HZ
     assert found == pytest.approx(np.interp(times, [0, 0.05, 0.1], [0.2, 0.8, 0.5]), abs=1e-7)
-
-
-def test_a_table_of_the_readouts_themselves_reaches_far_enough():
-    times = (np.arange(200) + 0.5) / HZ
-    positions = np.linspace(0.1, 0.9, 200)
-    rows = "".join(f"{t:.6f},{p:.9f}\n" for t, p in zip(times, positions, strict=True))
-    assert lens("from_csv", frames=200, file=csv("time_s,position\n" + rows)) == pytest.approx(positions, abs=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -201,8 +168,6 @@ def test_a_table_that_does_not_fit_is_refused_in_one_line(text, message):
     assert_says(refusal(lens, "from_csv", frames=2000, file=csv(text)), message)
 
 
-# -- what is refused -----------------------------------------------------------------------------------
-
 STEP = {"count": 4, "natural_hz": 50, "damping": 0.3}
 
 
@@ -210,20 +175,14 @@ STEP = {"count": 4, "natural_hz": 50, "damping": 0.3}
     ("kind", "options", "message"),
     [
         ("sweep", {"to": 1.2}, "to is 1.2 | 0 to 1"),
-        ("sweep", {"from": "near"}, "from is 'near' | 0 to 1"),
-        ("sweep", {"from": float("nan")}, "from is nan"),
-        ("sweep", {"from": 0.5, "to": 0.5}, "does not move: from and to are both 0.5 | kind: hold"),
         ("sweep_and_return", {"dwell_s": -1}, "dwell_s is -1 | 0 or more"),
+        ("sweep", {"from": 0.5, "to": 0.5}, "does not move: from and to are both 0.5 | kind: hold"),
         ("sweep_and_return", {"dwell_s": 2}, "dwell_s is 2 in a recording of 1 s | record more frames"),
-        ("hold", {"position": -0.1}, "position is -0.1 | 0 to 1"),
         ("hold", {}, "lens motion 'hold' | missing | 'position' | position"),
         ("steps", STEP | {"count": 2.5}, "count is 2.5 | a whole number | choice: [4, 8]"),
         ("steps", STEP | {"natural_hz": 0}, "natural_hz is 0 | above 0, at most 100000 Hz"),
-        ("steps", STEP | {"damping": 0}, "damping is 0 | at most 10"),
-        ("steps", STEP | {"dwell_s": 0}, "dwell_s is 0 | above 0, at most 3600 s"),
         ("steps", STEP | {"dwell_s": 0.25}, "4 steps | 0.25 s | in a recording of 1 s | below 0.25"),
         ("hand", {"irregularity": 1.5}, "irregularity is 1.5 | at most 1"),
-        ("hand", {"bandwidth_hz": 0}, "bandwidth_hz is 0 | above 0, at most 1000 Hz"),
         ("hand", {"bandwidth_hz": 1}, "bandwidth_hz is 1 in a recording of 1 s | at least 2"),
         ("hand", {"reversals": "some"}, "reversals is 'some' | true, false"),
         ("hand", {"seed": -1}, "seed is -1 | 0 or more"),
@@ -235,33 +194,25 @@ def test_a_motion_that_does_not_fit_is_refused_in_one_line(kind, options, messag
 
 
 @dataclass(frozen=True)
-class TooFar:
-    """Leaves the travel."""
+class Given:
+    """A third-party motion that computes its positions by a function."""
+
+    of: Callable[[np.ndarray], np.ndarray]
 
     def positions(self, seconds, duration_s):
-        return seconds / duration_s * 1.5
+        return self.of(seconds / duration_s)
 
 
-def test_a_motion_that_leaves_the_travel_is_refused():
-    assert_says(
-        refusal(lens_positions, TooFar(), 2000, readout_hz=HZ),
-        "TooFar() moves the lens over | to 1.5 | 0 to 1 of the travel",
-    )
-
-
-@dataclass(frozen=True)
-class Broken:
-    """A third-party motion with a bug."""
-
-    answer: object
-
-    def positions(self, seconds, duration_s):
-        return seconds[:5] if self.answer == "short" else self.answer / 0
-
-
-@pytest.mark.parametrize(("answer", "message"), [("short", "Broken | (5,) | one number per time"), (1, "ZeroDiv")])
-def test_a_motion_that_fails_is_reported_in_one_line(answer, message):
-    assert_says(refusal(lens_positions, Broken(answer), 2000, readout_hz=HZ), message)
+@pytest.mark.parametrize(
+    ("of", "message"),
+    [
+        (lambda t: 1.5 * t, "moves the lens over | to 1.5 | 0 to 1 of the travel"),
+        (lambda t: t[:5], "Given | (5,) | one number per time"),
+        (lambda t: 1 / 0, "ZeroDiv"),
+    ],
+)
+def test_a_motion_that_fails_or_leaves_the_travel_is_refused_in_one_line(of, message):
+    assert_says(refusal(lens_positions, Given(of), 2000, readout_hz=HZ), message)
 
 
 @pytest.mark.parametrize("kind", ["sweep_and_return", "hand"])
@@ -269,9 +220,3 @@ def test_positions_do_not_depend_on_the_block_size(monkeypatch, kind):
     expected = lens(kind)
     monkeypatch.setattr(motions, "BLOCK_FRAMES", 777)
     assert np.array_equal(lens(kind), expected)
-
-
-@pytest.mark.parametrize("kind", ["sweep", "hand"])
-def test_a_file_holds_the_very_positions_that_made_its_spikes(kind):
-    position = lens(kind)
-    assert np.array_equal(position.astype(np.float32).astype(np.float64), position)

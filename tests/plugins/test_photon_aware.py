@@ -45,13 +45,13 @@ STEPS = np.where(np.arange(20_000) // 2_500 % 2, 0.02, 0.2)
 
 
 @pytest.mark.parametrize("light", [None, STEPS], ids=["constant", "sudden"])
-@pytest.mark.parametrize("at", [0.15, 0.5, 0.82])
+@pytest.mark.parametrize("at", [0.15, 0.82])
 def test_it_finds_the_focus_and_stops_behind_it(at, light):
     view = Sweep(bell(at), light)
     answer = get_search("photon_aware")(view)
     assert answer.frame == pytest.approx(at * 20_000, abs=0.2 * 0.08 * 20_000)
     assert view.now < 20_000 * min(at + 0.3, 1.0)
-    assert "stopped after" in answer.note
+    assert answer.note.startswith(f"stopped after {view.now} ")
 
 
 @pytest.mark.parametrize(("far", "found"), [(True, 0.7), (False, 0.2)])
@@ -88,9 +88,3 @@ def test_noise_at_the_start_does_not_stop_it():
     view = Sweep(bell(0.7, floor=1.0), noise=0.06)
     answer = get_search("photon_aware")(view)
     assert answer.frame == pytest.approx(0.7 * 20_000, abs=0.3 * 0.08 * 20_000)
-
-
-def test_it_looks_at_nothing_beyond_where_it_stops():
-    view = Sweep(bell(0.3))
-    answer = get_search("photon_aware")(view)
-    assert view.now == int(answer.note.split()[2])

@@ -1,15 +1,13 @@
 """Schedules in recipes: files, seeds and lux are filled in, and errors name the line."""
 
-import json
-
 import pytest
-import yaml
 from refusals import assert_says, refusal
 from small_dataset import SMALL_RECIPE
 
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import SceneFamily, draw_sequences, resolve_recipe
 from saf_gen.plugins.lights import group_gains
+from saf_gen.scene.scene_folder import find_scene
 
 TABLE = "time_s,gain\n0,1\n0.01,0.5\n"
 
@@ -42,9 +40,6 @@ def gains_of(sequence, frames=20):
     return group_gains(sequence.schedule, ("lamp", "room"), frames=frames, readout_hz=20_000)
 
 
-# --- files -------------------------------------------------------------------------------------------
-
-
 def test_a_table_is_read_with_the_recipe_from_the_recipe_s_folder(recipe_of, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # a path is relative to the recipe, not to the working directory
     (tmp_path / "lamp.csv").write_text("time_s,gain\n0,9\n")
@@ -63,13 +58,6 @@ def test_an_edited_table_is_another_sequence(recipe_of):
     assert fingerprints(path) == before
 
 
-def test_a_stored_recipe_does_not_need_the_table_file(recipe_of, tmp_path):
-    recipe = read_recipe(recipe_of("{kind: from_csv, file: lamp.csv}"))
-    alone = tmp_path / "alone.yaml"
-    alone.write_text(yaml.safe_dump(recipe.model_dump(mode="json"), sort_keys=False))
-    assert read_recipe(alone) == recipe
-
-
 def test_a_choice_of_tables_is_drawn(recipe_of):
     path = recipe_of("{kind: from_csv, file: {choice: [lamp.csv, other.csv]}}", repeats=12)
     path.with_name("other.csv").write_text("time_s,gain\n0,3\n")
@@ -82,26 +70,19 @@ def test_a_choice_of_tables_is_drawn(recipe_of):
     [
         ("{kind: from_csv, file: lampp.csv}", "small.yaml:7 | 'lampp.csv' | mean 'lamp.csv"),
         ("{kind: from_csv, file: ../lamp.csv}", "small.yaml:7 | '../lamp.csv' | outside"),
-        ("{kind: from_csv, file: /etc/hosts}", "small.yaml:7 | '/etc/hosts' | outside"),
         ("{kind: from_csv, file: {choice: [lamp.csv, no.csv]}}", "small.yaml:7 | 'no.csv'"),
         ("{kind: from_csv, file: {choice: lamp.csv}}", "choice is 'lamp.csv' | a list"),
         ("{kind: from_csv, file: 3}", "small.yaml:7 | file is 3 | CSV file"),
         ("{kind: from_csv}", "small.yaml:7 | light schedule 'from_csv' | missing | 'file'"),
         ("{kind: from_csv, file: negative.csv}", "small.yaml:7 | negative.csv: gain is -1 at 2 s"),
-        ("{kind: from_csv, file: back.csv}", "small.yaml:7 | back.csv:3 | time_s goes from 1 to 0"),
         ("{kind: from_csv, file: nan.csv}", "small.yaml:7 | nan.csv:2 | gain is 'nan'"),
-        ("{lamp: {kind: from_csv, file: nan.csv}}", "small.yaml:7 | nan.csv:2 | gain is 'nan'"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused_in_one_line(recipe_of, light, message):
     path = recipe_of(light)
     path.with_name("negative.csv").write_text("time_s,gain\n0,1\n2,-1\n")
-    path.with_name("back.csv").write_text("time_s,gain\n1,1\n0,1\n")
     path.with_name("nan.csv").write_text("time_s,gain\n0,nan\n")
     assert_says(refusal(resolve_recipe, path), message)
-
-
-# --- open kinds --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("group", ["", "lamp"])
@@ -113,35 +94,14 @@ def test_the_kind_itself_may_be_open(recipe_of, group):
     assert all(0.1 <= part["depth"] <= 0.2 for part in drawn if part["kind"] == "flicker")
 
 
-# --- seeds -------------------------------------------------------------------------------------------
-
-
-def test_every_sequence_walks_its_own_way_and_every_group_too(recipe_of):
-    path = recipe_of("{lamp: {kind: random_walk, sd: 0.5}, room: {kind: random_walk, sd: 0.5}}", repeats=3)
-    plan = draw_sequences(read_recipe(path))
+def test_every_sequence_walks_its_own_way_and_every_group_too_by_its_name_alone(recipe_of):
+    light = "{lamp: {kind: random_walk, sd: 0.5}, room: {kind: random_walk, sd: 0.5}}"
+    alone = draw_sequences(read_recipe(recipe_of(light)))
+    plan = draw_sequences(read_recipe(recipe_of(light, repeats=3)))
+    assert plan[:1] == alone
     seeds = [part["seed"] for s in plan for part in s.schedule.values()]
     assert len(set(seeds)) == 6
     assert len({column.tobytes() for s in plan for column in gains_of(s, 400).T}) == 6
-
-
-def test_a_walk_depends_on_names_alone(recipe_of):
-    alone = draw_sequences(read_recipe(recipe_of("{kind: random_walk, sd: 0.5}")))
-    among = draw_sequences(read_recipe(recipe_of("{kind: random_walk, sd: 0.5}", repeats=3)))
-    assert among[:1] == alone
-    assert json.loads(json.dumps(alone[0].schedule)) == alone[0].schedule
-
-
-def test_a_given_seed_holds_for_all_sequences(recipe_of):
-    plan = draw_sequences(read_recipe(recipe_of("{kind: random_walk, sd: 0.5, seed: 8}", repeats=3)))
-    assert [s.schedule[""]["seed"] for s in plan] == [8, 8, 8]
-
-
-def test_a_schedule_without_a_seed_gets_none(recipe_of):
-    (sequence,) = draw_sequences(read_recipe(recipe_of("{kind: constant}")))
-    assert sequence.schedule == {"": {"kind": "constant"}}
-
-
-# --- offset and lux ----------------------------------------------------------------------------------
 
 
 def test_an_offset_may_be_open_and_belongs_to_any_kind(recipe_of):
@@ -169,12 +129,6 @@ def test_levels_in_lux_are_divided_by_the_lux_that_the_scene_has_at_gain_1(recip
     assert sequence.schedule[light]["lux_at_gain_1"] == {"lamp": 300, "room": 100, "": 400}[light]
 
 
-def test_a_recipe_may_say_itself_how_many_lux_gain_1_is(recipe_of):
-    recipe = read_recipe(recipe_of("{lamp: {kind: constant, level: 100, unit: lux, lux_at_gain_1: 50}}"))
-    (sequence,) = draw_sequences(recipe, LUX)
-    assert gains_of(sequence)[0].tolist() == [2, 1]
-
-
 def test_lux_of_a_scene_that_states_none_is_refused_before_anything_is_made(recipe_of):
     path = recipe_of("{lamp: {kind: constant, level: 100, unit: lux}}")
     assert_says(refusal(resolve_recipe, path), "light 'it' on plane: the schedule is in lux")
@@ -193,27 +147,15 @@ def test_the_card_s_illuminance_reaches_the_sequence(recipe_of, tmp_path, test_s
     assert gains_of(work.sequences[0].planned)[0].tolist() == [0.5, 1]
 
 
-@pytest.mark.parametrize(
-    ("lux", "message"),
-    [
-        ("{lamp: 300}", "illuminance_lux above 0 for each of lamp, room, or for none"),
-        ("{lamp: 300, room: 0}", "illuminance_lux above 0"),
-        ("{lamp: 300, rom: 10}", "illuminance_lux above 0 for each of lamp, room"),
-    ],
-)
-def test_a_card_states_the_illuminance_of_all_groups_or_of_none(tmp_path, test_scenes, monkeypatch, lux, message):
-    from saf_gen.scene.scene_folder import find_scene
-
+@pytest.mark.parametrize("lux", ["{lamp: 300}", "{lamp: 300, room: 0}"])
+def test_a_card_states_the_illuminance_of_all_groups_or_of_none(tmp_path, test_scenes, monkeypatch, lux):
     folder = tmp_path / "plane"
     folder.mkdir()
     (folder / "scene.py").write_text("")
     card = (test_scenes / "plane" / "scene.yaml").read_text()
     (folder / "scene.yaml").write_text(card + f"illuminance_lux: {lux}\n")
     monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path))
-    assert_says(refusal(find_scene, "plane"), message)
-
-
-# --- keys --------------------------------------------------------------------------------------------
+    assert_says(refusal(find_scene, "plane"), "illuminance_lux above 0 for each of lamp, room, or for none")
 
 
 @pytest.mark.parametrize(
@@ -223,9 +165,6 @@ def test_a_card_states_the_illuminance_of_all_groups_or_of_none(tmp_path, test_s
         ("{choice: [{kind: constant}, {kind: flickr}]}", "small.yaml:7 | 'flickr'"),
         ("{lamp: {choice: [{kind: constant}, 3]}}", "small.yaml:7 | lamp is 3 | {kind: ..., ...}"),
         ("{kind: constant, offset: -1}", "small.yaml:7 | offset is -1 | 0 or more"),
-        ("{kind: constant, offset: {uniform: [-1, 1]}}", "offset is -1 | 0 or more"),
-        ("{kind: constant, unit: lumen}", "small.yaml:7 | unit is 'lumen' | ratio, lux"),
-        ("{kind: constant, lux_at_gain_1: 5}", "unit: lux"),
         ("{kind: random_walk, sd: 0.5, seed: x}", "seed is 'x' | a whole number"),
         ("{kind: flicker, depth: {uniform: [0.5, 1.5]}}", "depth is 1.5 | 0 to 1"),
     ],

@@ -81,56 +81,40 @@ def stop_by_falls(view, dt, falls):
     return n * dt
 
 
-LENGTHS = [12, 64, 333, 1000, 1001, 2047, 5000, 20_000]
-PEAKS = [0.03, 0.2, 0.5, 0.61, 0.97]
+PEAKS = [0.03, 0.5, 0.61, 0.97]
 
 
-@pytest.mark.parametrize("frames", LENGTHS)
-@pytest.mark.parametrize("peak", PEAKS)
-@pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_egs_code_takes_the_same_steps_as_its_reference(frames, peak, noise):
-    view = Curve(focus_curve(frames, peak, noise=noise))
-    answer = get_search("egs_code")(view)
-    assert list(answer.trace) == literal_egs(view, 1, frames)
-    assert answer.frame == answer.trace[-1] - 1
-
-
-@pytest.mark.parametrize(("threshold", "ratio"), [(1, 0.618), (2.5, 0.7), (50, 0.5), (10, 0.9)])
-def test_egs_code_takes_the_same_steps_for_other_thresholds_and_ratios(threshold, ratio):
+def curves(frames):
+    """Yield bells with and without noise, an even curve, and one that falls from its first frame on."""
     for peak in PEAKS:
-        view = Curve(focus_curve(1999, peak, noise=0.5))
-        answer = get_search("egs_code", threshold=threshold, ratio=ratio)(view)
-        assert list(answer.trace) == literal_egs(view, 1, 1999, threshold, ratio)
-
-
-BLOCKS = {333: (1,), 1000: (7,), 1001: (7, 50, 333), 4090: (50, 100, 333), 10_000: (100,), 20_000: (100,)}
+        for noise in (0.0, 1.0):
+            yield Curve(focus_curve(frames, peak, noise=noise))
+    yield Curve(np.ones(frames))
+    yield Curve(np.linspace(1, 0, frames))
 
 
 @pytest.mark.parametrize(
-    ("frames", "dt"),
+    ("frames", "threshold", "ratio"),
     [
-        pytest.param(frames, dt, marks=pytest.mark.slow if frames == 20_000 else ())
-        for frames, dts in BLOCKS.items()
-        for dt in dts
+        *((frames, 10, 0.618) for frames in (12, 333, 1001, 20_000)),
+        *((1999, *options) for options in ((1, 0.618), (2.5, 0.7), (50, 0.5), (10, 0.9))),
     ],
 )
+def test_both_golden_sections_take_the_same_steps_as_their_references(frames, threshold, ratio):
+    for view in curves(frames):
+        ours, code = (get_search(name, threshold=threshold, ratio=ratio)(view) for name in ("egs", "egs_code"))
+        assert list(ours.trace) == plain_egs(view, list(range(frames)), threshold, ratio)
+        assert ours.frame == ours.trace[-1]
+        assert list(code.trace) == literal_egs(view, 1, frames, threshold, ratio)
+        assert code.frame == code.trace[-1] - 1
+
+
+@pytest.mark.parametrize(("frames", "dt"), [(333, 1), (1001, 7), (1001, 50), (4090, 100)])
 def test_sgfs_code_takes_the_same_steps_as_its_reference(frames, dt):
-    for peak in PEAKS:
-        for noise in (0.0, 1.0):
-            view = Curve(focus_curve(frames, peak, noise=noise))
-            answer = get_search("sgfs_code", dt=dt)(view)
-            assert list(answer.trace) == literal_sgfs(view, dt)
-            assert answer.frame == answer.trace[-1] - 1
-
-
-def test_a_window_with_fractional_ends_takes_the_frames_nearest_to_its_steps():
-    view = Peak(1000, 700.0)
-    get_search("egs_code")(view)
-    # 1 ... 618.382 and 382.618 ... 1000; then 382.618 ... 764.13... and 618.48... ... 1000
-    assert view.windows[:2] == [(0, 618), (382, 1000)]
-    left = 1000 - 0.618 * 999
-    width = 1000 - left
-    assert view.windows[2] == (round(left) - 1, round(left) + math.floor(0.618 * width))
+    for view in curves(frames):
+        answer = get_search("sgfs_code", dt=dt)(view)
+        assert list(answer.trace) == literal_sgfs(view, dt)
+        assert answer.frame == answer.trace[-1] - 1
 
 
 PROMISES = {"argmax": 50, "naive": 5, "egs": 5, "egs_code": 10, "sgfs_code": 10, "sgfs_causal": 5}
@@ -138,47 +122,12 @@ PROMISES = {"argmax": 50, "naive": 5, "egs": 5, "egs_code": 10, "sgfs_code": 10,
 
 
 @pytest.mark.parametrize("search", PROMISES)
-@pytest.mark.parametrize("peak", [0.3, 0.45, 0.5, 0.7])
+@pytest.mark.parametrize("peak", [0.3, 0.5, 0.7])
 @pytest.mark.parametrize("frames", [3000, 20_000])
 def test_a_planted_peak_is_found_within_the_promise_of_the_search(search, peak, frames):
     answer = get_search(search)(Peak(frames, peak * frames))
     promise = PROMISES[search]
     assert abs(answer.frame - peak * frames) <= promise
-
-
-@pytest.mark.parametrize("peak", [0.001, 0.999])
-def test_egs_code_and_argmax_find_a_peak_at_either_end(peak):
-    assert abs(get_search("egs_code")(Peak(20_000, peak * 20_000)).frame - peak * 20_000) <= 20
-    assert abs(get_search("argmax")(Peak(20_000, peak * 20_000)).frame - peak * 20_000) <= 50
-
-
-def test_sgfs_code_cannot_answer_in_the_first_tenth_of_a_sweep():
-    for frames in (2000, 20_000):
-        view = Peak(frames, 0.03 * frames)
-        answer = get_search("sgfs_code")(view)
-        earliest = math.floor(frames / 4 - 0.618 * (frames / 4 - 1))
-        assert answer.frame + 1 >= earliest
-        assert earliest / frames == pytest.approx(0.0955, abs=1e-3)
-        assert abs(get_search("egs_code")(view).frame - 0.03 * frames) <= 15
-
-
-def test_sgfs_code_does_not_stop_where_the_later_half_never_scores_higher():
-    falling = Curve(np.linspace(1, 0, 2300))  # 23 blocks: block 5 has no feedback, the later ones have less
-    answer = get_search("sgfs_code")(falling)
-    assert answer.note == "stopped after 500 of 2300 frames"
-    assert list(answer.trace) == literal_sgfs(falling, 100)
-
-
-def test_the_first_window_must_be_larger_to_be_kept():
-    flat = Curve(np.ones(1000))
-    answer = get_search("egs_code")(flat)
-    assert all(later > earlier for earlier, later in zip(answer.trace, answer.trace[1:], strict=False))
-    assert answer.frame > 985
-
-
-def test_of_equal_blocks_the_first_wins():
-    assert get_search("argmax")(Curve(np.ones(1000))).frame == 49.5
-    assert get_search("sgfs_code")(Curve(np.ones(1000))).note == "stopped after 200 of 1000 frames"
 
 
 def test_argmax_answers_with_the_centre_of_the_block():
@@ -187,13 +136,8 @@ def test_argmax_answers_with_the_centre_of_the_block():
     assert get_search("argmax")(Curve(values)).frame == 349.5
     assert get_search("argmax", window=11)(Curve(values)).frame == 308 + 5
     assert get_search("argmax", window=1)(Curve(values)).frame == 310
-
-
-def test_argmax_leaves_out_a_partial_block():
-    values = np.zeros(1050)
-    values[1020:] = 1
-    values[500] = 0.1
-    assert get_search("argmax")(Curve(values)).frame == 549.5
+    assert get_search("argmax")(Curve(np.r_[values, np.ones(50)])).frame == 349.5  # without the partial block
+    assert get_search("argmax")(Curve(np.ones(1000))).frame == 49.5  # the first of equal blocks
 
 
 def test_refinement_finds_the_top_of_a_parabola():
@@ -203,17 +147,10 @@ def test_refinement_finds_the_top_of_a_parabola():
     assert coarse.frame == 849.5
     assert fine.frame == pytest.approx(peak, abs=1e-6)
     assert fine.trace == (849.5,)
-
-
-@pytest.mark.parametrize("peak", [0, 1999])
-def test_refinement_leaves_the_first_and_the_last_block_alone(peak):
-    view = Peak(2000, peak)
-    assert get_search("argmax", refine="parabola")(view) == get_search("argmax")(view)
-
-
-def test_refinement_of_a_plateau_stays_within_half_a_block():
-    search = get_search("argmax", window=10, refine="parabola")
-    assert search(Curve(np.repeat([0, 1, 1, 0.0], 10))).frame == 19.5
+    for end in (0, 1999):  # the first and the last block have one neighbour
+        assert get_search("argmax", refine="parabola")(Peak(2000, end)) == get_search("argmax")(Peak(2000, end))
+    plateau = Curve(np.repeat([0, 1, 1, 0.0], 10))
+    assert get_search("argmax", window=10, refine="parabola")(plateau).frame == 19.5
 
 
 # The centroid of the curve near its top, with blocks of one frame, so that scores are the curve itself.
@@ -301,45 +238,12 @@ def test_the_centroid_moves_less_with_noise_than_the_parabola_does():
 # The project's own searches.
 
 
-@pytest.mark.parametrize("frames", LENGTHS)
-@pytest.mark.parametrize("peak", PEAKS)
-@pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_egs_takes_the_same_steps_as_its_reference(frames, peak, noise):
-    view = Curve(focus_curve(frames, peak, noise=noise))
-    answer = get_search("egs")(view)
-    assert list(answer.trace) == plain_egs(view, list(range(frames)))
-    assert answer.frame == answer.trace[-1]
-
-
-@pytest.mark.parametrize(("threshold", "ratio"), [(1, 0.618), (2.5, 0.7), (50, 0.5), (10, 0.9)])
-def test_egs_leaves_no_more_frames_than_its_threshold(threshold, ratio):
-    view = Curve(focus_curve(1999, 0.37, noise=0.5))
-    search = get_search("egs", threshold=threshold, ratio=ratio)
-    assert list(search(view).trace) == plain_egs(view, list(range(1999)), threshold, ratio)
-    assert abs(search(Peak(1999, 700)).frame - 700) <= threshold / 2
-
-
-@pytest.mark.parametrize("frames", [64, 333, 1000, 5001])
+@pytest.mark.parametrize("frames", [64, 333, 5001])
 def test_a_recording_played_backwards_gives_egs_the_same_place(frames):
     for peak in PEAKS:
         forth = np.round(10 * focus_curve(frames, peak, noise=0.3))  # sums are exact, equal scores occur
         one, other = get_search("egs")(Curve(forth)), get_search("egs")(Curve(forth[::-1]))
         assert one.frame + other.frame == pytest.approx(frames - 1, abs=1e-9)
-
-
-def test_egs_keeps_the_middle_of_what_scores_alike():
-    answer = get_search("egs")(Curve(np.ones(1000)))
-    assert set(answer.trace) == {499.5}
-    assert len(answer.trace) > 5
-
-
-def test_the_code_s_conventions_put_egs_code_off_the_centre():
-    """One curve with its peak at each of 200 frames: our search has no bias, that of the released code has."""
-    frames, at = 2000, np.arange(900, 1100)
-    ours = [get_search("egs")(Peak(frames, peak)).frame for peak in at]
-    code = [get_search("egs_code")(Peak(frames, peak)).frame for peak in at]
-    assert abs(np.mean(ours - at)) < 0.5
-    assert abs(np.mean(code - at)) > abs(np.mean(ours - at))
 
 
 def test_naive_takes_the_best_of_all_moments():
@@ -362,17 +266,15 @@ def test_naive_with_steps_as_long_as_its_window_is_argmax():
 @pytest.mark.parametrize(("frames", "dt"), [(1000, 7), (1001, 50), (4090, 100)])
 @pytest.mark.parametrize("falls", [1, 3, 5])
 def test_sgfs_causal_stops_when_s_has_first_fallen_the_requested_number_of_times(frames, dt, falls):
-    for peak in PEAKS:
-        for noise in (0.0, 1.0):
-            view = Curve(focus_curve(frames, peak, noise=noise))
-            answer = get_search("sgfs_causal", dt=dt, falls=falls)(view)
-            stop = stop_by_falls(view, dt, falls)
-            assert answer.note == f"stopped after {stop} of {frames} frames"
-            listed = list(range(math.floor((1 - 0.618) * stop), stop))
-            assert list(answer.trace) == plain_egs(view, listed)
+    for view in curves(frames):
+        answer = get_search("sgfs_causal", dt=dt, falls=falls)(view)
+        stop = stop_by_falls(view, dt, falls)
+        assert answer.note == f"stopped after {stop} of {frames} frames"
+        listed = list(range(math.floor((1 - 0.618) * stop), stop))
+        assert list(answer.trace) == plain_egs(view, listed)
 
 
-@pytest.mark.parametrize("peak", [0.2, 0.3, 0.4, 0.5, 0.6])
+@pytest.mark.parametrize("peak", [0.2, 0.5])
 def test_sgfs_causal_sees_frames_in_their_order_and_stops_a_little_after_the_code(peak):
     causal, code = Peak(20_000, peak * 20_000), Peak(20_000, peak * 20_000)
     answer, other = get_search("sgfs_causal")(causal), get_search("sgfs_code")(code)
@@ -384,17 +286,7 @@ def test_sgfs_causal_sees_frames_in_their_order_and_stops_a_little_after_the_cod
     assert max(stops) < 20_000 == max(stop for _, stop in code.windows)
 
 
-@pytest.mark.parametrize("peak", [0.35, 0.55])
-def test_sgfs_causal_ignores_everything_after_its_stop(peak):
-    values = focus_curve(10_000, peak)
-    answer = get_search("sgfs_causal")(Curve(values))
-    stop = int(answer.note.split()[2])
-    assert stop < 10_000
-    values[stop:] = 1e6
-    assert get_search("sgfs_causal")(Curve(values)) == answer
-
-
-@pytest.mark.parametrize("peak", [0.3, 0.5, 0.7, 0.9])
+@pytest.mark.parametrize("peak", [0.3, 0.9])
 def test_the_printed_algorithm_stops_in_its_first_control_period(peak):
     view = Peak(20_000, peak * 20_000)
     answer = get_search("sgfs_printed")(view)
@@ -403,7 +295,7 @@ def test_the_printed_algorithm_stops_in_its_first_control_period(peak):
     assert abs(answer.frame - peak * 20_000) > 0.29 * 20_000
 
 
-@pytest.mark.parametrize("peak", [0.1, 0.25, 0.4, 0.49])
+@pytest.mark.parametrize("peak", [0.1, 0.4])
 def test_with_the_sign_turned_it_stops_at_twice_the_focus_and_looks_behind_it(peak):
     frames = 20_000
     view = Peak(frames, peak * frames)
@@ -444,19 +336,6 @@ def test_a_recording_too_short_for_the_option_is_refused(search, frames, allowed
     assert error.hint.startswith("choose ")
 
 
-def test_the_shortest_recordings_that_fit_are_searched():
-    assert get_search("argmax")(Peak(100, 50)).frame == 49.5
-    assert len(get_search("egs_code")(Peak(12, 3)).trace) == 2
-    assert get_search("sgfs_code", dt=3)(Peak(3, 1)).frame == 1
-    assert "three frames" in refusal(get_search("sgfs_code", dt=2), Peak(3, 1)).allowed
-
-
-def test_an_unknown_search_is_refused_with_the_nearest_name():
-    error = refusal(get_search, "egs_cod")
-    assert (error.problem, error.nearest) == ("unknown search 'egs_cod'", "egs_code")
-    assert error.allowed.startswith("argmax, coarse_to_fine, egs, egs_code, ")
-
-
 FRAMES, FRACTION = "whole number of frames, at least 1", "fraction of the travel, above 0 and below 1"
 
 
@@ -465,55 +344,39 @@ FRAMES, FRACTION = "whole number of frames, at least 1", "fraction of the travel
     [
         ("argmax", {"window": 0}, "window is 0", FRAMES),
         ("argmax", {"window": 2.5}, "window is 2.5", FRAMES),
-        ("argmax", {"window": True}, "window is True", FRAMES),
-        ("argmax", {"refine": "top"}, "refine is 'top'", "no, parabola, centroid"),
+        ("argmax", {"refine": "centriod"}, "refine is 'centriod'", "no, parabola, centroid"),
+        ("egs_cod", {}, "unknown search 'egs_cod'", "argmax, coarse_to_fine, egs, "),
         *(("argmax", {"near": near}, f"near is {near!r}", "above 0, at most 1") for near in (0, 1.5, "half")),
-        ("argmax", {"near": math.nan}, "near is nan", "above 0, at most 1"),
+        ("valley", {"weight": 2}, "weight is 2", "0 to 1"),
+        ("sign_change", {"window": 1}, "window is 1", "2 frames"),
+        ("sign_change", {"past": 0}, "past is 0", "at least 1"),
         ("naive", {"step": 0}, "step is 0", FRAMES),
         ("egs", {"threshold": 0}, "threshold is 0", "at least 1"),
-        ("egs_code", {"threshold": 0.5}, "threshold is 0.5", "at least 1"),
         ("egs_code", {"threshold": "ten"}, "search 'egs_code'", "threshold, ratio"),
         ("egs_code", {"ratio": 1.0}, "ratio is 1.0", "0.5 up to but not 1"),
         ("egs_code", {"dt": 5}, "'dt'", "ratio, threshold"),
         ("sgfs_code", {"dt": -5}, "dt is -5", FRAMES),
         ("sgfs_causal", {"falls": 0}, "falls is 0", FRAMES),
         ("sgfs_printed", {"turned": 1}, "turned is 1", "true, false"),
-        ("photon_aware", {"steps": 0}, "steps is 0", FRAMES),
         ("photon_aware", {"until": 1.5}, "until is 1.5", "0 to 1"),
         ("photon_aware", {"smooth": math.inf}, "smooth is inf", "0 to 100"),
-        ("photon_aware", {"counts": -1}, "counts is -1", "0 to 1e+06"),
         ("photon_aware", {"far": 1}, "far is 1", "true, false"),
-        ("peak_fit", {"steps": 0}, "steps is 0", FRAMES),
         ("peak_fit", {"reach": 11}, "reach is 11", "0 to 10"),
         ("peak_fit", {"rough": math.nan}, "rough is nan", "0 to 1"),
-        ("peak_fit", {"near": 1.5}, "near is 1.5", "0 to 1"),
         ("peak_fit", {"dark": 1}, "dark is 1", "true, false"),
         ("golden_section", {"tolerance": 0}, "tolerance is 0", FRACTION),
-        ("golden_section", {"tolerance": 1}, "tolerance is 1", FRACTION),
         ("fibonacci", {"tolerance": "a"}, "tolerance is 'a'", FRACTION),
-        ("ternary", {"tolerance": math.nan}, "tolerance is nan", FRACTION),
-        ("ternary", {"dt": 0}, "dt is 0", FRAMES),
         ("ternary", {"still": 2.0}, "still is 2.0", FRACTION),
         ("ternary", {"lag_s": -1}, "lag_s is -1", "seconds, 0 to 1"),
         ("ternary", {"timeout_s": 0}, "timeout_s is 0", "seconds, above 0"),
         ("hill_climb", {"fine": 0.2}, "fine is 0.2", "coarse, 0.1"),
-        ("hill_climb", {"falls": 0}, "falls is 0", FRAMES),
         ("rule_based", {"middle": 0.2}, "0.08, 0.2, 0.01", "coarse >= middle >= fine"),
         ("rule_based", {"gentle": 9.0}, "gentle is 9.0, steep 4.0", "0 < gentle <= steep"),
         ("rule_based", {"drop": 1.0}, "drop is 1.0", FRACTION),
         ("coarse_to_fine", {"far": 3}, "far is 3", "name of a focus measure"),
-        ("coarse_to_fine", {"far_dt": 0.5}, "far_dt is 0.5", FRAMES),
-        ("coarse_to_fine", {"fine": 0.2}, "fine is 0.2", "coarse, 0.1"),
     ],
 )
 def test_wrong_options_of_a_search_are_refused(search, options, problem, allowed):
     error = refusal(get_search, search, **options)
     assert problem in error.problem
     assert allowed in error.allowed
-
-
-@pytest.mark.parametrize(
-    ("refine", "nearest"), [("centriod", "centroid"), (True, "parabola"), (False, "no"), ("top", "")]
-)
-def test_an_unknown_refinement_is_refused_with_the_nearest(refine, nearest):
-    assert refusal(get_search, "argmax", refine=refine).nearest == nearest

@@ -2,20 +2,9 @@
 
 import numpy as np
 import pytest
-from refusals import refusal
+from lit_sweep import Sweep
 
 from saf_gen import get_measure, get_search
-
-
-class Curve:
-    """A view whose blocks of 10 frames have these scores."""
-
-    def __init__(self, scores):
-        self.scores, self.frames = scores, 10 * len(scores)
-
-    def score(self, first, stop):
-        assert stop - first == 10
-        return float(self.scores[first // 10])
 
 
 def two_peaks(first, second, *, blocks=200, width=12.0, heights=(1.0, 0.8)):
@@ -26,14 +15,14 @@ def two_peaks(first, second, *, blocks=200, width=12.0, heights=(1.0, 0.8)):
 
 def test_the_answer_is_the_lowest_block_between_the_two_highest_peaks():
     scores = two_peaks(60, 120, heights=(1.0, 1.0)) + 0.1 * two_peaks(170, 190, width=4.0)
-    answer = get_search("valley", window=10)(Curve(scores))
+    answer = get_search("valley", window=10)(Sweep(np.repeat(scores, 10)))
     assert answer.frame == pytest.approx(904.5, abs=10)
     assert answer.trace == pytest.approx((604.5, 1204.5), abs=10)
 
 
 def test_a_curve_with_one_peak_or_none_is_no_answer():
     for scores in (two_peaks(60, 60), np.ones(50), np.arange(50.0)):
-        assert get_search("valley", window=10)(Curve(scores)).frame is None
+        assert get_search("valley", window=10)(Sweep(np.repeat(scores, 10))).frame is None
 
 
 def test_a_jump_goes_to_the_mean_of_its_neighbours_by_the_weight():
@@ -63,13 +52,3 @@ def test_the_rate_has_a_valley_where_blur_turns_round():
     assert rates[focus] < 0.5 * max(rates[:focus])
     assert rates[focus] < 0.5 * max(rates[focus + 1 :])
     assert max(rates) > max(rates[0], rates[-1])
-
-
-@pytest.mark.parametrize(("name", "options"), [("valley", {"weight": 2}), ("valley", {"window": 0})])
-def test_options_out_of_range_are_refused(name, options):
-    assert "allowed" in str(refusal(get_search, name, **options))
-
-
-def test_a_contrast_out_of_range_is_refused():
-    for contrast in (0, -1, float("nan"), True, "much"):
-        assert "above 0, at most 10" in str(refusal(get_measure, "change_rate", contrast=contrast))

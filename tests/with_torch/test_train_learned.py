@@ -121,19 +121,6 @@ def test_the_network_that_is_exported_measures_windows_as_its_training_does(shot
     assert np.allclose(trained, torch.cat(exported), atol=1e-5)
 
 
-def test_half_of_the_pairs_are_mirrored_so_that_only_pictures_reveal_the_side(shot):
-    windows = shot.WINDOWS
-    flat = np.zeros((windows, shot.OCTAVES, shot.FILTERS), np.float32)
-    position = np.linspace(0, 1, windows)
-    away = (0.5 - position) / 0.05
-    example = {"position": position, "away": away, "alone": flat, "noise": flat, "both": np.stack([flat] * windows)}
-    random = np.random.default_rng(3)
-    drawn = [shot.draw_pair(example, random)[2] for _ in range(200)]
-    assert all(first > second for first, second in drawn)  # the focus is further ahead of the first window
-    middles = np.array([pair.sum() for pair in drawn])
-    assert abs((middles > 0).mean() - 0.5) < 0.15
-
-
 def test_a_small_network_trains_alike_with_the_same_seed(shot, dataset):
     for package in ("torch", "onnxscript"):
         pytest.importorskip(package, reason="the extra train is not installed")

@@ -141,22 +141,6 @@ def test_the_climber_that_is_cloned_passes_the_peak_to_either_side_and_answers_w
     assert explorer.turns <= 3
 
 
-def test_the_climber_looks_where_the_focus_is_rather_than_answer_with_a_wrong_peak(training):
-    explorer = explore(training, np.arange(0.105, 0.9, 0.05), peak=0.42)
-    assert training.choose_climbing_action(explorer, truth=0.42, depth=0.06) == 1
-    for truth, to in ((0.6, 0.48), (0.2, 0.36)):
-        explorer.target = 0.42
-        action = training.choose_climbing_action(explorer, truth=truth, depth=0.06)
-        assert explorer.command(action) == (pytest.approx(to, abs=1e-6), False)
-
-
-def test_a_policy_answers_before_its_time_is_spent(training, dataset):
-    env = training.PolicyView(AutofocusEnv(dataset, sequences=[PLANE], protocol=PROTOCOL, pixels=1), varied=False)
-    _, rewards, info = play(env, *[2] * 20, seed=1)
-    assert len(rewards) == 6  # of 7 periods in 40 ms
-    assert info["status"] == "answered"
-
-
 def test_the_reward_is_that_of_the_environment_less_time_reversals_and_blur(training, dataset):
     inner = AutofocusEnv(dataset, sequences=[PLANE], protocol=PROTOCOL, pixels=1)
     env = training.PolicyView(inner, varied=False)
@@ -172,17 +156,6 @@ def test_the_reward_is_that_of_the_environment_less_time_reversals_and_blur(trai
     costs = 0.1 * spent + 0.05 * (env.explorer.turns - 2) + min(abs(info["error_dof"]), 1)
     assert env.explorer.turns > 2
     assert sum(rewards) == pytest.approx(plain - costs, abs=1e-6)
-
-
-def test_the_ends_of_training_lie_on_both_sides_of_the_start_and_the_focus(training, dataset):
-    env = training.make_environment(dataset, "train", seed=0, varied=True)
-    truth, found = env.unwrapped.load_sequence(env.unwrapped.tasks[0]).capture.truth.position, []
-    for seed in range(6):
-        env.reset(seed=seed)
-        low, high = env.explorer.ends
-        assert 0 <= low <= min(env.explorer.here, truth) <= max(env.explorer.here, truth) <= high <= 1
-        found.append((low, high))
-    assert len(set(found)) == 6
 
 
 def test_what_cannot_be_trained_on_is_refused_in_one_line(training, captured_dataset, tmp_path, monkeypatch, capsys):
