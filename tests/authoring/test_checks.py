@@ -86,7 +86,6 @@ def only(scene, sensor, check):
 @pytest.mark.parametrize(
     ("licence", "level", "message"),
     [
-        ("Apache-2.0", "ok", "Apache-2.0"),
         ("MIT OR Apache-2.0", "ok", "MIT OR Apache-2.0"),
         ("CC-BY-NC-4.0", "warning", "forbids some uses or changes"),
         ("CC BY 4.0", "warning", "CC is not the SPDX name of a known open licence"),
@@ -106,40 +105,58 @@ def test_the_licence_is_one_that_lets_others_use_the_scene(skeleton, licence, le
         ("SOURCE.md", "Made by hand of nothing but a pencil, here, this very year.", "ok", "SOURCE.md"),
         ("SOURCE.md", "", "warning", "SOURCE.md says too little"),
         ("ORIGIN.md", "", "error", "ORIGIN.md does not exist"),
-        ("made here", "", "ok", "made here"),
+        ("made here", "", "warning", "photo.png has no documented origin"),
         ("''", "", "error", "source is empty: name SOURCE.md"),
     ],
 )
 def test_a_source_must_be_documented(skeleton, source, words, level, message):
     scene = skeleton(("source: SOURCE.md", f"source: {source}"))
     (scene.folder / "SOURCE.md").write_text(words)
+    if source == "made here":
+        shutil.copy(SCENES / "workbench/textures/print.png", scene.folder / "photo.png")
     finding = list(check_licence(scene))[1]
     assert finding.level == level
     assert message in finding.text
 
 
-def test_a_picture_without_documented_origin_is_reported(skeleton):
-    scene = skeleton(("source: SOURCE.md", "source: made here"))
-    shutil.copy(SCENES / "workbench/textures/print.png", scene.folder / "photo.png")
-    assert "photo.png has no documented origin" in list(check_licence(scene))[1].text
+@pytest.mark.parametrize(
+    ("pair", "check", "level", "message"),
+    [
+        ((), "units", "ok", "target 100 × 100 × 0 mm, 0.5 m away"),
+        (("WIDTH_M = 0.1\n", "WIDTH_M = 0.006\n"), "units", "warning", "pixels are too few to focus on"),
+        (('"radiance": 60.0', '"radiance": 6e5'), "exposure", "warning", "implausible"),
+    ],
+)
+def test_sizes_and_light_are_reported(skeleton, sensor, pair, check, level, message):
+    scene = skeleton(pair) if pair else skeleton()
+    assert any(f[0] == level and message in f[1] for f in findings(scene, sensor, check))
 
 
 # --- geometry and units -------------------------------------------------------------------------------
 
 
+NEVER = "motion: {card: {keyframes: [{time_s: 0, translate_m: [3, 0, 0]}, {time_s: 1, translate_m: [3, 1, 0]}]}}"
+
+
 @pytest.mark.parametrize(
-    ("pair", "message"),
+    ("pair", "check", "message"),
     [
-        (("target: [card]", "target: [cart]"), "did you mean 'card'"),
-        (("lamp: [lamp]", "lamp: [lump]"), "unknown emitter of light group 'lamp': 'lump'"),
-        (('"type": "rectangle",  # from', '"type": "rectangel",  # from'), "Mitsuba cannot load the scene"),
-        (("    t = mi", "    t = nix"), "scene.py failed: NameError"),
+        (("target: [card]", "target: [cart]"), "geometry", "did you mean 'card'"),
+        (("lamp: [lamp]", "lamp: [lump]"), "geometry", "unknown emitter of light group 'lamp': 'lump'"),
+        (('"type": "rectangle",  # from', '"type": "rectangel",  # from'), "geometry", "Mitsuba cannot load the scene"),
+        (("    t = mi", "    t = nix"), "geometry", "scene.py failed: NameError"),
+        (
+            ("origin_m: [0, 0, 0.5]", "origin_m: [0, 0, 500]"),
+            "reach",
+            "if camera.origin_m is in millimetres, multiply it and look_at_m by 0.001",
+        ),
+        (("target: [card]", NEVER + "\ntarget: [card]"), "reach", "is not visible to the camera"),
     ],
 )
-def test_geometry_that_cannot_be_built_ends_the_checks(skeleton, sensor, pair, message):
-    check, level, text = last_finding(skeleton(pair), sensor)
-    assert (check, level) == ("geometry", "error")
-    assert re.search(message, text)
+def test_geometry_that_cannot_be_built_or_seen_ends_the_checks(skeleton, sensor, pair, check, message):
+    found_check, level, text = last_finding(skeleton(pair), sensor)
+    assert (found_check, level) == (check, "error")
+    assert message in text
 
 
 IN_MM = (
@@ -152,13 +169,6 @@ IN_MM = (
 )
 
 
-def test_a_camera_in_millimetres_is_reported_with_the_factor(skeleton, sensor):
-    scene = skeleton(("origin_m: [0, 0, 0.5]", "origin_m: [0, 0, 500]"))
-    check, level, text = last_finding(scene, sensor)
-    assert (check, level) == ("reach", "error")
-    assert "if camera.origin_m is in millimetres, multiply it and look_at_m by 0.001" in text
-
-
 def test_geometry_in_millimetres_is_reported_with_the_factor(skeleton, sensor):
     """The target is off the world's origin, so that a wrong unit moves it out of the lens's reach."""
     away = ("t.rotate([0, 1, 0], params", "t.translate([0, 0, 50]).rotate([0, 1, 0], params")
@@ -168,18 +178,6 @@ def test_geometry_in_millimetres_is_reported_with_the_factor(skeleton, sensor):
     assert "if the geometry is in millimetres, write unit_m: 0.001 on the card" in text
     mended = skeleton(("id: mine", "unit_m: 0.001\nid: mine"))
     assert {level for level, _ in found(mended, sensor, "reach")} == {"ok"}
-
-
-def test_a_small_target_is_reported(skeleton, sensor):
-    level, text = only(skeleton(("WIDTH_M = 0.1\n", "WIDTH_M = 0.006\n")), sensor, "units")
-    assert level == "warning"
-    assert "pixels are too few to focus on" in text
-
-
-def test_sizes_and_distances_are_reported(skeleton, sensor):
-    ((level, text),) = found(skeleton(), sensor, "units")
-    assert level == "ok"
-    assert "target 100 × 100 × 0 mm, 0.5 m away" in text
 
 
 # --- reach and family ---------------------------------------------------------------------------------
@@ -244,12 +242,6 @@ def test_illuminance_is_reported_and_compared_with_the_card(skeleton, sensor):
     level, text = next(findings(skeleton((f"lamp: {lamp:g},", f"lamp: {2 * lamp:g},")), sensor, "exposure"))
     assert level == "warning"
     assert f"lux from 'lamp', the card says {2 * lamp:,g}: write illuminance_lux: {{lamp: {lamp:g}" in text
-
-
-def test_implausibly_bright_light_is_reported(skeleton, sensor):
-    level, text = next(findings(skeleton(('"radiance": 60.0', '"radiance": 6e5')), sensor, "exposure"))
-    assert level == "warning"
-    assert "implausible" in text
 
 
 def test_every_scene_here_states_its_illuminance_and_interpolation_error():
@@ -390,14 +382,6 @@ def test_motion_is_reported(skeleton, sensor, path, slices, level, message):
     assert any(f[0] == level and message in f[1] for f in found(moving(skeleton, path, slices), sensor, "motion"))
 
 
-def test_a_target_that_is_never_there_is_an_error(skeleton, sensor):
-    always = "{time_s: 0, translate_m: [3, 0, 0]}, {time_s: 1, translate_m: [3, 1, 0]}"
-    scene = skeleton(("target: [card]", f"motion: {{card: {{keyframes: [{always}]}}}}\ntarget: [card]"))
-    check, level, text = last_finding(scene, sensor)
-    assert (check, level) == ("reach", "error")
-    assert "is not visible to the camera" in text
-
-
 def test_a_motion_without_slices_and_slices_without_motion_are_reported(skeleton, sensor):
     scene = moving(skeleton, "[0.01, 0, 0]")
     card = scene.folder / "scene.yaml"
@@ -441,13 +425,6 @@ def test_a_lamp_without_a_body_may_move(lit_by, sensor, kind):
     assert found(scene, sensor, "motion")[1] == ("ok", "no shape moves, only 'lamp'; slices_per_s: 40")
 
 
-def test_a_lamp_that_moves_without_slices_is_reported(lit_by, sensor):
-    scene = lit_by(f"'type': 'spot', {LAMPS['spot']}", GLIDES % "lamp")
-    level, text = only(scene, sensor, "motion")
-    assert level == "warning"
-    assert "only 'lamp', but recordings show it at rest: write slices_per_s" in text
-
-
 def test_the_fastest_of_a_lamp_and_a_shape_is_the_shape(lit_by, sensor):
     both = "motion: {lamp: {keyframes: %s}, plane: {keyframes: %s}}\n"
     moves = "[{time_s: 0}, {time_s: 1, translate_m: [%s, 0, 0]}]"
@@ -464,14 +441,8 @@ def test_a_scene_in_the_dark_goes_through_all_checks(lit_by):
         " 'emitter': {'type': 'area', 'radiance': 5.0}"
     )
     scene = lit_by(lamp, GLIDES % "plane" + "slices_per_s: 100\n")
-    errors = {f.check: f.text for f in check_scene(scene, sensor, backend=VARIANT) if f.level == "error"}
-    assert errors == {
-        "exposure": "light group 'lamp' does not reach the target: move its lamps, or remove it",
-        "detail": "the target has almost no contrast (0): give it details of 0.38 to 1.9 mm; a pixel sees 0.38 mm",
-        "curve": "the target's box has no sharpness: it is dark or uniform",
-        "slices": "the target's box is black at 0 s, so slices cannot be compared: turn a lamp to it, or "
-        "give the scene light from all sides",
-    }
+    errors = {f.check for f in check_scene(scene, sensor, backend=VARIANT) if f.level == "error"}
+    assert errors == {"exposure", "detail", "curve", "slices"}
 
 
 def test_a_scene_that_is_dark_for_a_while_is_measured_where_it_is_not(lit_by, sensor):
@@ -514,12 +485,6 @@ def test_one_scene_with_a_broken_card_does_not_stop_the_others(call, skeleton, m
     assert code == 1
     assert "broken error card: " in out
     assert "mine error geometry: " in out
-
-
-def test_a_scene_that_is_not_there_is_bad_input(call, skeleton):
-    code, _, err = call("scenes", "check", "mein")
-    assert code == 2
-    assert "unknown scene 'mein'" in err
 
 
 def test_a_folder_may_be_named_and_its_script_is_not_run(call, tmp_path, monkeypatch, sensor_file):

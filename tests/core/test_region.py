@@ -17,9 +17,6 @@ def mask(rows, columns, *pixels):
 
 def test_the_box_holds_every_target_pixel_and_touches_them():
     assert bounding_box(mask(10, 20, (2, 5), (7, 3))) == (slice(2, 8), slice(3, 6))
-
-
-def test_a_mask_without_a_pixel_is_refused():
     assert_says(refusal(bounding_box, mask(4, 4)), "0 pixels | at least one pixel")
 
 

@@ -5,7 +5,7 @@ import yaml
 from refusals import assert_says, refusal
 
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.generate.resolve import SceneFamily, draw_sequences, recipe_fingerprint
+from saf_gen.generate.resolve import SceneFamily, draw_sequences
 
 BASE = {
     "name": "tiny",
@@ -95,17 +95,6 @@ def test_a_sequence_does_not_depend_on_its_neighbours():
     assert plan(splits=alone) == plan()[2:]
 
 
-def test_another_seed_draws_other_numbers():
-    assert plan(seed=2)[0].seed != plan()[0].seed
-
-
-def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
-    recipe = Recipe.model_validate(BASE)
-    turned = Recipe.model_validate(dict(reversed(BASE.items())))
-    assert recipe_fingerprint(recipe) == recipe_fingerprint(turned)
-    assert recipe_fingerprint(recipe) != recipe_fingerprint(Recipe.model_validate(BASE | {"seed": 2}))
-
-
 def test_a_scene_at_rest_is_static_alone_and_changes_nothing_of_the_others():
     families = {"camel": SceneFamily(moves=True), "bottle": SceneFamily(moves=True)}
     split = {"scenes": ["camel", "bottle"], "lights": ["fixed"], "scene_motion": ["static", "dynamic"]}
@@ -155,13 +144,10 @@ def member(**chosen):
     "chosen",
     [
         {"cup": "left"},
-        {"cup": {"choice": ["right"]}},
         {"blades": {"choice": [3, 5]}},
         {"shape": [3, 4]},
         {"distance_m": 0.45},
-        {"distance_m": 2},
         {"distance_m": {"log_uniform": [0.1, 9]}},
-        {"distance_m": {"choice": [0.1, 0.2]}},
         {"texels": {"choice": [32, 128]}},
         {"word": "another"},
     ],
@@ -183,15 +169,11 @@ def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_it
     [
         ({"cup": "lfet"}, 'scene_params.camel.cup is \'lfet\' | "left", "right" | mean \'left'),
         ({"cup": {"choice": ["left", "rihgt"]}}, "'rihgt' | mean 'right"),
-        ({"cup": 1}, 'cup is 1 | "left", "right"'),
-        ({"blades": 6}, "blades is 6 | 3, 4, 5"),
         ({"blades": True}, "blades is True | 3, 4, 5"),
         ({"blades": 3.0}, "blades is 3.0 | 3, 4, 5 | mean '3"),
         ({"blades": {"uniform": [3, 5]}}, "blades is {'uniform': [3, 5]} | 3, 4, 5"),
         ({"shape": [1, 4]}, "shape is [1, 4] | [1, 2], [3, 4]"),
-        ({"distance_m": "4e-1"}, "distance_m is '4e-1' | a number"),
         ({"distance_m": {"choice": [0.4, "far"]}}, "distance_m is 'far' | a number"),
-        ({"distance_m": True}, "distance_m is True | a number"),
         ({"texels": [64, 64]}, "texels is [64, 64] | a number"),
     ],
     ids=str,

@@ -7,7 +7,6 @@ import saf_gen
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.stream.description import describe_file
-from saf_gen.stream.metadata import Truth
 
 
 def test_a_stream_with_truth_is_described(tmp_path):
@@ -62,14 +61,6 @@ def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
     assert facts["true focus"] == f"0.25000 of the travel, {passed}"
 
 
-def test_a_stream_without_truth_says_so(tmp_path):
-    saf_gen.write_stream(tmp_path / "a.h5", np.zeros((8, 2, 2), dtype=np.uint8))
-    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_file(stream)
-    assert facts["true focus"] == "unknown"
-    assert facts["focus"] == "not recorded"
-
-
 def test_rates_are_described_over_time_and_over_pixels(tmp_path):
     frames = np.zeros((100, 10, 10), np.uint8)
     frames[50:, :, 5:] = 1  # half the pixels fire, in the second half
@@ -112,10 +103,3 @@ def test_a_notebook_shows_pictures_and_facts_and_says_when_the_stream_is_closed(
     assert "<lamp>" not in shown
     assert stream._repr_html_() is None
     assert repr(stream).endswith(", closed>")
-
-
-def test_a_truth_shows_numbers_and_the_shapes_of_arrays():
-    truth = Truth(0.5, (0.4, 0.6), depth=np.ones((3, 4), np.float32))
-    assert repr(truth) == "Truth(position=0.5, depth_of_focus=(0.4, 0.6), depth=float32 (3, 4))"
-    assert "<th>depth</th><td>float32 (3, 4)</td>" in truth._repr_html_()
-    assert repr(Truth()) == "Truth()"
