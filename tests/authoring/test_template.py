@@ -200,24 +200,29 @@ def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_numb
     assert lens.f_number == pytest.approx(expected, rel=5e-3)  # the card has three digits
 
 
-@pytest.mark.parametrize(("words", "focal_mm"), [('<string name="focal_length" value="85mm"/>', 85), ("", 50)])
-def test_a_focal_length_is_that_of_36_by_24_mm_with_the_same_diagonal_field(here, edited, words, focal_mm):
-    """The tangent is half the diagonal over the focal length, times 1.6/√(1.6² + 1) across our sensor of 8:5."""
-    path = edited(('<string name="fov_axis" value="x"/>', ""), ('<float name="fov" value="18.180556"/>', words))
+FOV_X = ('<string name="fov_axis" value="x"/>', '<float name="fov" value="18.180556"/>')
+FIELD = np.tan(np.radians(18.180556) / 2)
+DIAGONAL = np.hypot(36, 24) / 2 * 1.6 / np.hypot(1.6, 1)
+"""Half the diagonal of 36 × 24 mm, across our sensor of 8:5."""
+
+
+@pytest.mark.parametrize(
+    ("words", "tangent"),
+    [
+        (FOV_X[0].replace('"x"', '"y"') + FOV_X[1], 1.6 * FIELD),
+        (FOV_X[0].replace('"x"', '"smaller"') + FOV_X[1], 1.6 * FIELD),
+        (FOV_X[0].replace('"x"', '"larger"') + FOV_X[1], FIELD),
+        ('<string name="focal_length" value="85mm"/>', DIAGONAL / 85),
+        ("", DIAGONAL / 50),
+    ],
+    ids=["y", "smaller", "larger", "85 mm", "nothing"],
+)
+def test_the_field_is_that_of_the_files_axis_or_of_36_by_24_mm_with_its_focal_length(here, edited, words, tangent):
+    path = edited((FOV_X[0], ""), (FOV_X[1], words))
     scene_from_export(path, "bench", root=here / "scenes")
     scene = find_scene("bench")
     image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
-    across = np.hypot(36, 24) / 2 / focal_mm * 1.6 / np.hypot(1.6, 1)
-    assert 4e-3 / image == pytest.approx(across, rel=2e-3)
-
-
-@pytest.mark.parametrize(("axis", "across"), [("y", 1.6), ("smaller", 1.6), ("larger", 1.0)])
-def test_the_field_is_that_of_the_files_axis(here, edited, axis, across):
-    path = edited(('name="fov_axis" value="x"', f'name="fov_axis" value="{axis}"'))
-    scene_from_export(path, "bench", root=here / "scenes")
-    scene = find_scene("bench")
-    image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
-    assert 4e-3 / image == pytest.approx(across * np.tan(np.radians(18.180556) / 2), rel=2e-3)
+    assert 4e-3 / image == pytest.approx(tangent, rel=2e-3)
 
 
 @pytest.mark.parametrize(

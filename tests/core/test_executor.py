@@ -105,16 +105,6 @@ def followers(job, result):
     return [Square(result[0])] if result[0] < 10 else []
 
 
-def test_what_follows_from_a_job_runs_after_it():
-    order = []
-    for job, result, error in run_jobs(
-        [Square(3), Raises(MemoryError())], workers=1, report=lambda name, done: None, follow_up=followers
-    ):
-        order.append((job.name, error is None and result[0]))
-    assert set(order) == {("square 3", 9), ("square 9", 81), ("raises MemoryError", False)}
-    assert order.index(("square 3", 9)) < order.index(("square 9", 81))
-
-
 @pytest.mark.slow
 def test_a_job_that_takes_all_cores_runs_with_light_jobs_but_not_with_another(tmp_path):
     """The light job ends while the heavy ones, which wait for its end and run one after the other, are running."""
@@ -145,12 +135,12 @@ def test_what_follows_runs_although_a_process_has_died_before(tmp_path):
     assert "its process died twice" in str(results["dies"])
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(3, marks=pytest.mark.slow)])
-def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(tmp_path, workers):
+@pytest.mark.slow
+def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(tmp_path):
     """Jobs that ran in the pool when it died are run again, one at a time."""
     jobs = [Square(1), Dies(), *(Square(n) for n in range(2, 8)), DiesOnce(tmp_path / "mark"), Dies("dies too")]
     again = []
-    results = done(jobs, workers=workers, notify=again.append)
+    results = done(jobs, workers=3, notify=again.append)
     assert set(results) == {job.name for job in jobs}
     for n in range(1, 8):
         assert results[f"square {n}"][0][0] == n * n
@@ -161,7 +151,7 @@ def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(tmp_pat
         assert "its process died twice" in results[name][1]
         assert "run the same command again" in results[name][1]
         assert again.count(f"again: {name} ({DEATH})") == 1
-    assert len(again) <= 3 * workers
+    assert len(again) <= 3 * 3
 
 
 @pytest.mark.slow

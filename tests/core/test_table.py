@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 import re
 from html import unescape
 from operator import itemgetter
@@ -10,7 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from saf_gen.cli._tables import to_objects
 from saf_gen.core.plain_text import escape_latex, escape_markdown
 from saf_gen.core.table import Column, Table, percent
 from saf_gen.leaderboard.report.html import load_templates
@@ -124,8 +122,3 @@ def test_html_has_bars_intervals_links_and_marks_and_text_stays_text():
     assert '<td class="main">–</td>' in page
     assert "<b>" not in page
     assert NASTY in unescape(page)
-
-
-def test_the_terminals_json_has_the_texts_by_their_headings():
-    assert to_objects(TABLE)[0] == {"method": "sd+argmax", "≤1_DoF": "38%", "95_%": "0.1–0.6", "size": "12.50"}
-    assert json.loads(json.dumps(to_objects(TABLE)))[1]["size"] == "inf"

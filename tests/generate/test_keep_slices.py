@@ -137,25 +137,10 @@ def test_a_dry_run_says_what_each_choice_keeps(work, tmp_path, call):
     shown = " ".join(shown.split())
     assert f"time slices kept at the end: {sizes}; chosen: --keep-slices none" in shown
     assert "all positions" not in shown
+    code, _, shown = call("generate", recipe, "--out", folder, "--keep-slices", "some")
+    assert (code, "allowed: all, closed-loop, none" in " ".join(shown.split())) == (2, True)
+    assert_says(refusal(generate, work, folder, keep_slices="closed_loop"), "'closed_loop' | 'closed-loop'")
     assert not folder.exists()
-
-
-def test_an_unknown_choice_is_refused_before_anything_is_made(work, tmp_path, call):
-    assert_says(refusal(generate, work, tmp_path / "ds", keep_slices="closed_loop"), "'closed_loop' | 'closed-loop'")
-    assert not (tmp_path / "ds").exists()
-    code, _, shown = call("generate", tmp_path / "takes.yaml", "--keep-slices", "some")
-    assert code == 2
-    assert "allowed: all, closed-loop, none" in " ".join(shown.split())
-
-
-def test_the_closed_loop_runs_as_before_without_the_slices_of_recordings(work, made, copy):
-    run_again(work, copy, "closed-loop")
-    for name in MOVING:
-        with saf_gen.open_stream(copy / "test" / f"{name}.h5") as stream:
-            here, there = (Capture.from_stream(stream, folder / "stacks") for folder in (copy, made))
-        assert (here.frames, here.slices) == (there.frames, there.slices)
-        assert here.plane_source.digest == there.plane_source.digest
-        assert (here.plane_source.load_planes(3, 2, 4) == there.plane_source.load_planes(3, 2, 4)).all()
 
 
 @pytest.mark.parametrize(("whole", "frames"), [("true", 800), ("0.02", 400)])
@@ -181,7 +166,10 @@ def test_the_closed_loop_says_what_to_do_where_no_slices_were_kept(
     again = run_again(work, folder, "closed-loop")
     assert (again.rendered, len(again.kept)) == ([], 4)
     with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
-        assert Capture.from_stream(stream, folder / "stacks").frames == frames
+        here, there = (Capture.from_stream(stream, root / "stacks") for root in (folder, dataset))
+    assert (here.frames, here.slices) == (frames, there.slices)
+    assert here.plane_source.digest == there.plane_source.digest
+    assert (here.plane_source.load_planes(3, 2, 4) == there.plane_source.load_planes(3, 2, 4)).all()
 
 
 def test_a_shard_deletes_nothing_that_another_needs(work, made, copy, tmp_path):
@@ -316,12 +304,11 @@ run.generate(resolve_recipe(recipe), folder, variant=variant, keep_slices="close
 def test_a_killed_run_goes_on_and_renders_nothing_twice(work, made, tmp_path, file):
     """SIGKILL once this file exists, then the same run again. tests/generate/test_generate.py also kills workers.
 
-    If it is killed after a recording, the stacks of the recordings existed, and those of the closed loop are rendered
-    before it.
+    If it is killed after a recording, all slices existed.
     """
     folder = tmp_path / "killed"
     if file.startswith("test"):
-        for stack in {s.time_stack for s in work.all_sequences}:
+        for stack in {slices(work)[1], *(s.time_stack for s in work.all_sequences)}:
             put_slices(made, folder, stack)
     command = [sys.executable, "-c", IN_ONE_PROCESS, str(tmp_path / "takes.yaml"), str(folder), VARIANT]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}

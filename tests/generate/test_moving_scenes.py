@@ -8,11 +8,9 @@ import drjit as dr
 import numpy as np
 import pytest
 from capture_dataset import VARIANT
-from refusals import assert_says, refusal
 from small_dataset import SCENES
 
 import saf_gen
-from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics import ImageDistanceDrive
@@ -169,28 +167,10 @@ def test_between_two_slices_the_picture_is_a_render_of_that_time(made, scenes, m
     assert off(before) > 2 * off(blended)
 
 
-def test_dynamic_where_nothing_moves_is_refused(recipe):
-    still = "scenes: [usaf_target], lights: [constant]"
-    recipe.write_text(recipe.read_text().replace(still, still + ", scene_motion: [dynamic]"))
-    assert_says(refusal(resolve_recipe, recipe), "split 'train' asks for dynamic |  usaf_target")
-
-
-def test_more_variants_than_repeats_are_refused(recipe):
-    recipe.write_text(recipe.read_text().replace("variants: 2", "variants: 3"))
-    assert_says(refusal(resolve_recipe, recipe), "repeats, which are 2")
-
-
 def test_a_recipe_may_choose_parameters_by_name(recipe):
-    text = recipe.read_text()
-    recipe.write_text(text + "scene_params: {plane: {contrast: 0.5}}\n")
-    assert {s.planned.params["contrast"] for s in resolve_recipe(recipe).sequences if s.planned.scene == "plane"} == {
-        0.5
-    }
-    recipe.write_text(text + "scene_params: {plane: {contrats: 0.5}}\n")
-    assert_says(refusal(resolve_recipe, recipe), "'contrats' | 'contrast'")
-    recipe.write_text(text + "scene_params: {plain: {contrast: 0.5}}\n")
-    with pytest.raises(BadInput, match=r"moving.yaml:\d+: unknown scene of scene_params 'plain'.*'plane'"):
-        resolve_recipe(recipe)
+    recipe.write_text(recipe.read_text() + "scene_params: {plane: {contrast: 0.5}}\n")
+    of_plane = [s.planned for s in resolve_recipe(recipe).sequences if s.planned.scene == "plane"]
+    assert {planned.params["contrast"] for planned in of_plane} == {0.5}
 
 
 @pytest.mark.skipif(VARIANT == "scalar", reason="scalar writes no kernels")

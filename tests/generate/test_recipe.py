@@ -1,15 +1,17 @@
-"""Recipes: correct ones are read, wrong ones are refused with the line number."""
+"""Recipes: correct ones are read, wrong ones are refused with the line number, coarse sampling is warned of."""
 
 import math
+import re
 from pathlib import Path
 from typing import get_args
 
+import capture_dataset
 import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.generate.recipe import FocusSettings, read_recipe
-from saf_gen.generate.resolve import coarse_sampling, recipe_digest, resolve_recipe
+from saf_gen.generate.resolve import MIN_POSITIONS, coarse_sampling, recipe_digest, resolve_recipe
 from saf_gen.optics import DRIVES
 
 GOOD = """\
@@ -122,32 +124,32 @@ def test_a_wrong_lens_motion_is_refused_in_one_line(tmp_path, motion, message):
     assert_says(refusal(read, tmp_path, GOOD.replace("positions: 5", f"positions: 5, motion: {motion}")), message)
 
 
-MOTION, LIGHT = "positions: 5", "{kind: constant}"
+LIGHT = "{kind: constant}"
 LATE = "{kind: steps, every_s: 0.001, levels: [1, 1, 1, 1.0e+39, 1]}"
 """The fourth of five steps has a gain beyond float32; the first sixteen readouts are all in the first step."""
+
+
+def with_params(params):
+    return "[usaf_target]", f"[two_planes], lights: [constant]}}\nscene_params: {params} #"
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         (
-            MOTION,
+            "positions: 5",
             "positions: 5, motion: {kind: steps, count: {uniform: [2, 9]}, natural_hz: 900, damping: 1}",
-            "the lens motion of usaf_target-constant-00 | count is | a whole number",
+            "r.yaml | the lens motion of usaf_target-constant-00 | count is | a whole number",
         ),
-        (MOTION, "positions: 5, motion: {kind: sweep_and_return, dwell_s: 1}", "dwell_s is 1 in a recording of 0.005"),
-        (MOTION, "positions: 5, motion: {kind: hand}", "bandwidth_hz is 5 in a recording of 0.005 s | at least 400"),
-        (MOTION, "positions: 5, motion: {kind: from_csv, file: lens.csv}", "lens.csv | time_s goes from 0 to 0.001"),
         ("[usaf_target]", "[usaf_targt]", "'usaf_targt' | mean 'usaf_target"),
         ("{lamp: {kind", "{lmap: {kind", "light 'mixed' on usaf_target | 'lmap'"),
-        (LIGHT, "{kind: constant, level: 1.0e+39}", "light 'constant' on usaf_target: the gain of | is too large"),
-        (LIGHT, "{kind: constant, offset: 1.0e+300}", "light 'constant' on usaf_target: | is too large"),
+        (LIGHT, "{kind: constant, offset: 1.0e+300}", "light 'constant' on usaf_target: the gain of | is too large"),
         (LIGHT, LATE, "light 'constant' on usaf_target: | too large"),
-        (
-            "[usaf_target]",
-            "[two_planes], lights: [constant]}\nscene_params: {two_planes: {near_side: lfet}} #",
-            'r.yaml | scene_params.two_planes.near_side is \'lfet\' | "left", "right" | mean \'left',
-        ),
+        ("mixed]}", "mixed], scene_motion: [dynamic]}", "split 'test' asks for dynamic |  usaf_target"),
+        ("mixed]}", "mixed], variants: 2}", "repeats, which are 1"),
+        (*with_params("{two_planes: {near_side: lfet}}"), 'near_side is \'lfet\' | "left", "right" | mean \'left'),
+        (*with_params("{two_planes: {near_sid: left}}"), "'near_sid' | 'near_side'"),
+        (*with_params("{two_plane: {near_side: left}}"), "unknown scene of scene_params 'two_plane' | 'two_planes'"),
         (
             "{mean_rate: 0.2}",
             "{mean_rate: 0.2, f_number: 64}",
@@ -156,7 +158,6 @@ LATE = "{kind: steps, every_s: 0.001, levels: [1, 1, 1, 1.0e+39, 1]}"
     ],
 )
 def test_what_does_not_fit_its_scenes_is_refused_before_anything_is_made(tmp_path, old, new, message):
-    (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n0.001,1\n")
     path = tmp_path / "r.yaml"
     path.write_text(GOOD.replace(old, new))
     assert_says(refusal(resolve_recipe, path), message)
@@ -180,3 +181,49 @@ def test_stacks_have_the_sensors_waves_unless_they_are_switched_off(tmp_path, ke
     geometric = resolved.without_diffraction()
     assert {s.time_stack.specs[0].wavelength_m for s in geometric.sequences + geometric.all_sequences} == {0.0}
     assert geometric.recipe.render.diffraction is False
+
+
+# --- too few focus positions or time slices -----------------------------------------------------------
+
+
+@pytest.mark.usefixtures("test_scenes")
+def test_the_suggested_number_of_positions_is_the_smallest_without_a_warning(small_recipe, call):
+    text = small_recipe.read_text()
+    small_recipe.write_text(text.replace("positions: 9", "positions: 2"))
+    code, shown, _ = call("recipes", "check", small_recipe)
+    assert code == 0
+    (line,) = coarse_sampling(resolve_recipe(small_recipe))
+    assert f"warning: {line}" in " ".join(shown.split())
+    enough = int(re.search(r"use (\d+) or more", line)[1])
+    assert float(re.search(r"only ([\d.]+) of them", line)[1]) < MIN_POSITIONS
+    small_recipe.write_text(text.replace("positions: 9", f"positions: {enough}"))
+    assert coarse_sampling(resolve_recipe(small_recipe)) == []
+    small_recipe.write_text(text.replace("positions: 9", f"positions: {enough - 1}"))
+    assert len(coarse_sampling(resolve_recipe(small_recipe))) == 1
+
+
+def test_fewer_time_slices_than_the_card_has_are_warned_of_with_the_error_to_expect(tmp_path, monkeypatch, call):
+    """With slices four times as far apart, the error of an edge is eight times as large; a static scene needs none."""
+    card = capture_dataset.write_moving_plane(tmp_path, monkeypatch) / "scene.yaml"
+    card.write_text(card.read_text() + "interpolation_error: 0.02\n")
+    recipe = tmp_path / "takes.yaml"
+
+    def lines(slices_per_s, moves="static, dynamic"):
+        text = capture_dataset.RECIPE.replace("whole_slices: true", f"slices_per_s: {slices_per_s}")
+        recipe.write_text(text.replace("static, dynamic", moves))
+        return coarse_sampling(resolve_recipe(recipe))
+
+    assert lines(250) == lines(1000) == lines(62.5, moves="static") == []
+    (line,) = lines(62.5)
+    assert line == (
+        "render.slices_per_s is 62.5: half way between two time slices plane is shown as a mixture of both, with an "
+        "error of about 0.16 of the mean brightness; its card states 250, for an error of 0.02"
+    )
+    code, _, err = call("generate", recipe, "--dry-run")
+    assert code == 0
+    assert f"warning: {line}" in " ".join(err.split())
+    card.write_text(card.read_text().replace("interpolation_error: 0.02\n", ""))
+    assert lines(62.5) == [
+        "render.slices_per_s is 62.5: half way between two time slices plane is shown as a mixture of both; "
+        "its card states 250"
+    ]

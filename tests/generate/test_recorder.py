@@ -107,7 +107,6 @@ def test_a_target_out_of_reach_has_a_truth_that_no_frame_passes(tmp_path):
 MOTIONS = {
     "backwards": {"kind": "sweep", "from": 1.0, "to": 0.0},
     "there and back": {"kind": "sweep_and_return", "dwell_s": 0.02},
-    "steps": {"kind": "steps", "count": 5, "natural_hz": 400.0, "damping": 0.2},
     "hand": {"kind": "hand", "bandwidth_hz": 60.0, "reversals": True, "irregularity": 1.0, "seed": 3},
     "hold": {"kind": "hold", "position": 0.3},
 }

@@ -41,14 +41,11 @@ def test_open_numbers_are_drawn_within_their_range_and_differ_between_repeats():
     assert first.schedule[""]["to"] != second.schedule[""]["to"]
     assert 0.1 <= first.mean_rate <= 0.3
     assert first.seed != second.seed
+    assert [s.motion for s in plan()] == [{"kind": "sweep"}] * 4
 
 
 def drawn_motions(motion, **changes):
     return [s.motion for s in plan(focus={"positions": 5, "motion": motion}, **changes)]
-
-
-def test_a_lens_sweeps_by_default():
-    assert [s.motion for s in plan()] == [{"kind": "sweep"}] * 4
 
 
 def test_open_numbers_of_a_motion_are_drawn_for_each_repeat_and_are_the_same_under_every_light():
@@ -59,14 +56,6 @@ def test_open_numbers_of_a_motion_are_drawn_for_each_repeat_and_are_the_same_und
         starts.setdefault((sequence.scene, sequence.repeat), set()).add(motion["from"])
     assert {len(found) for found in starts.values()} == {1}
     assert len(set.union(*starts.values())) == len(starts) == 3
-
-
-def test_a_motion_may_be_drawn_among_several():
-    among = [{"kind": "sweep"}, {"kind": "hold", "position": {"uniform": [0.2, 0.4]}}]
-    drawn = drawn_motions({"choice": among}, splits={"test": BASE["splits"]["test"] | {"repeats": 20}})
-    assert {m["kind"] for m in drawn} == {"sweep", "hold"}
-    held = [m["position"] for m in drawn if m["kind"] == "hold"]
-    assert len(set(held)) > 5
 
 
 def test_a_hand_moves_differently_in_each_repeat_unless_the_recipe_names_its_seed():

@@ -67,17 +67,6 @@ def test_windows_that_are_not_there_are_refused(stream, firsts, window):
     assert "whole numbers" in refusal(lambda: stream.counts_of_windows(firsts, window)).allowed
 
 
-def test_a_damaged_stream_is_refused(tmp_path):
-    write_stream(tmp_path / "a.h5", FRAMES)
-    data = bytearray((tmp_path / "a.h5").read_bytes())
-    with open_stream(tmp_path / "a.h5") as whole:
-        at = whole._spikes.id.get_chunk_info(0).byte_offset
-    data[at + 20 : at + 60] = bytes(40)
-    (tmp_path / "a.h5").write_bytes(data)
-    with open_stream(tmp_path / "a.h5") as damaged:
-        assert "damaged" in refusal(lambda: list(damaged.counts_of_windows([0], 100))).problem
-
-
 def test_kept_counts_are_an_array_that_numpy_reads(tmp_path):
     counts = np.random.default_rng(2).integers(0, 256, (5, 3, 4), np.uint8)
     kept = keep_counts(tmp_path / "a.npy", [counts[:2], counts[2:]], shape=counts.shape, dtype=counts.dtype)

@@ -48,17 +48,11 @@ def test_a_stream_with_truth_is_described(tmp_path):
 )
 def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
     lens = lens_positions(motion, 80, readout_hz=80.0)
-    when = focus_crossings(lens, 0.25)
-    saf_gen.write_stream(
-        tmp_path / "a.h5",
-        np.zeros((80, 4, 6), dtype=np.uint8),
-        focus_position=lens,
-        truth={"position": 0.25, "frame": when[0] if when.size else np.nan},
-    )
+    truth = {"position": 0.25, "frame": min(focus_crossings(lens, 0.25), default=np.nan)}
+    saf_gen.write_stream(tmp_path / "a.h5", np.zeros((80, 4, 6), np.uint8), focus_position=lens, truth=truth)
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
         facts = describe_file(stream)
-    assert facts["focus"] == path
-    assert facts["true focus"] == f"0.25000 of the travel, {passed}"
+    assert (facts["focus"], facts["true focus"]) == (path, f"0.25000 of the travel, {passed}")
 
 
 def test_rates_are_described_over_time_and_over_pixels(tmp_path):

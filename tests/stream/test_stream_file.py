@@ -122,23 +122,15 @@ def test_plain_h5py_reads_the_documented_datasets(tmp_path):
     frames, metadata = random_frames(2_345), full_metadata(2_345)
     digest = write_stream(tmp_path / "a.h5", frames, readout_hz=40_000, **metadata)
     with h5py.File(tmp_path / "a.h5") as file:
-        digests = {"spikes_sha256", "provenance_sha256"}  # test_the_digest_is_as_documented computes them
-        attributes = {name: value for name, value in file.attrs.items() if name not in digests}
-        assert attributes == {"format": "saf-gen stream", "layout": 1, "content_sha256": digest}
-        assert digests <= set(file.attrs)
+        assert {"format": "saf-gen stream", "layout": 1, "content_sha256": digest}.items() <= dict(file.attrs).items()
         assert dict(file["spikes"].attrs) == {"frames": 2_345, "readout_hz": 40_000.0}
         unpacked = np.unpackbits(file["spikes"][:], axis=2, bitorder="little")
         assert np.array_equal(unpacked[:, :, :2_345].transpose(2, 0, 1), frames)
         assert not unpacked[:, :, 2_345:].any()
-        assert np.array_equal(file["focus/position"], metadata["focus_position"])
         assert file["focus/image_distance"].dtype == file["focus/object_distance"].dtype == np.float32
-        assert np.array_equal(file["light/gain"], metadata["gain"])
         assert file["light/names"].asstr()[:].tolist() == ["sun", "lámpara"]
-        assert file["truth/position"][()] == 0.4
-        assert file["truth/frame"][()] == 12.5
-        assert file["truth/depth_of_focus"][:].tolist() == [0.3, 0.5]
+        assert (file["truth/position"][()], file["truth/frame"][()]) == (0.4, 12.5)
         assert file["truth/target"].dtype == bool
-        assert file["truth/depth"].shape == file["truth/best_position"].shape == (6, 9)
         assert file["truth/sharpness"].dtype == np.float64
         assert file["provenance/recipe"].asstr()[()] == "name: x\n"
 
@@ -248,20 +240,15 @@ def test_a_chunk_that_hdf5_did_not_deflate_reads_the_same(tmp_path):
 
 @pytest.mark.parametrize("shape", [(3,), (0, 2, 2), (2, 0, 2), (1, 2, 3, 4)])
 def test_frames_must_have_three_axes_that_are_not_empty(tmp_path, shape):
-    error = refusal(write_stream, tmp_path / "a.h5", np.zeros(shape))
-    assert str(shape) in error.problem
-    assert "(T, H, W)" in error.allowed
+    assert_says(refusal(write_stream, tmp_path / "a.h5", np.zeros(shape)), f"{shape} | (T, H, W)")
 
 
-@pytest.mark.parametrize("value", [2, -1, 0.5, np.nan])
+@pytest.mark.parametrize("value", [np.uint8(2), 2.0, -1.0, 0.5, np.nan])
 def test_frames_must_hold_zero_and_one(tmp_path, value):
-    frames = np.zeros((9, 2, 2))
+    """Frames of bytes, the usual ones, are checked separately."""
+    frames = np.zeros((9, 2, 2), np.asarray(value).dtype)
     frames[8, 1, 1] = value
-    error = refusal(write_stream, tmp_path / "a.h5", frames)
-    assert repr(float(value)) in error.problem
-    assert error.allowed == "0 and 1, or bool"
-    if value == 2:  # frames of bytes, the usual ones, are checked separately
-        assert f"value {value}" in refusal(write_stream, tmp_path / "a.h5", frames.astype(np.uint8)).problem
+    assert_says(refusal(write_stream, tmp_path / "a.h5", frames), f"{value} | allowed: 0 and 1, or bool")
     assert not list(tmp_path.iterdir())
 
 
@@ -429,6 +416,7 @@ def test_a_changed_byte_in_a_chunk_is_found(tmp_path):
     with open_stream(tmp_path / "a.h5") as stream:
         for read in (stream.verify, lambda: stream.counts(0, 9), lambda: stream.packed(0, 250)):
             assert "truncated, damaged" in str(refusal(read))
+        assert "truncated, damaged" in str(refusal(lambda: list(stream.counts_of_windows([0], 100))))
 
 
 @pytest.mark.parametrize("kept", [1, 100, 0.5, -1])
