@@ -129,28 +129,12 @@ def member(**chosen):
     return sequence.params
 
 
-@pytest.mark.parametrize(
-    "chosen",
-    [
-        {"cup": "left"},
-        {"blades": {"choice": [3, 5]}},
-        {"shape": [3, 4]},
-        {"distance_m": 0.45},
-        {"distance_m": {"log_uniform": [0.1, 9]}},
-        {"texels": {"choice": [32, 128]}},
-        {"word": "another"},
-    ],
-    ids=str,
-)
-def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_its_range(chosen):
-    ((key, value),) = chosen.items()
-    drawn = member(**chosen)[key]
-    if not isinstance(value, dict):
-        assert drawn == value
-    elif "choice" in value:
-        assert drawn in value["choice"]
-    else:
-        assert 0.1 <= drawn <= 9
+def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_its_range():
+    for chosen in ({"cup": "left"}, {"shape": [3, 4]}, {"distance_m": 0.45}, {"word": "another"}):
+        assert chosen.items() <= member(**chosen).items()
+    assert member(blades={"choice": [3, 5]})["blades"] in (3, 5)
+    assert member(texels={"choice": [32, 128]})["texels"] in (32, 128)
+    assert 0.1 <= member(distance_m={"log_uniform": [0.1, 9]})["distance_m"] <= 9
 
 
 @pytest.mark.parametrize(
