@@ -51,10 +51,10 @@ def grey(path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("light", [1, 0])
-def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, light):
+@pytest.mark.parametrize(("drive", "light"), [("stage", 1), ("focal_length", 0)])
+def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, drive, light):
     """Also of a dark one whose target is nowhere."""
-    stack = stack_of(*DRIVES["stage"], target=None if light else np.zeros((20, 32), bool))
+    stack = stack_of(*DRIVES[drive], target=None if light else np.zeros((20, 32), bool))
     stack.radiance[:] *= light
     assert np.isfinite(ContactSheet("it", stack, SENSOR).true_focus) == bool(light)
     write_preview(stack, SENSOR, path=tmp_path / "preview" / "plane.png")

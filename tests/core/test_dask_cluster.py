@@ -14,7 +14,7 @@ import pytest
 from dask_processes import scheduler_process, wait_until, worker_processes
 from pool_jobs import DiesOnce, Exits, Light, Raises, Square
 from refusals import assert_says, refusal
-from test_executor import done, followers
+from test_executor import done
 
 from saf_gen.core.execution import Cluster, SchedulerLost, dask_cluster, run_jobs
 from saf_gen.core.extras import installed_versions
@@ -24,6 +24,11 @@ from saf_gen.errors import BadInput
 @pytest.fixture
 def cluster(cluster_address, tmp_path):
     return Cluster(cluster_address, tmp_path, writes=True)
+
+
+def followers(job, result):
+    """Square a one-digit result again."""
+    return [Square(result[0])] if result[0] < 10 else []
 
 
 def test_a_cluster_gives_what_cores_give_and_names_what_failed(cluster):

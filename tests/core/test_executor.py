@@ -100,11 +100,6 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
     assert done([]) == {}
 
 
-def followers(job, result):
-    """Square a one-digit result again."""
-    return [Square(result[0])] if result[0] < 10 else []
-
-
 @pytest.mark.slow
 def test_a_job_that_takes_all_cores_runs_with_light_jobs_but_not_with_another(tmp_path):
     """The light job ends while the heavy ones, which wait for its end and run one after the other, are running."""
