@@ -407,6 +407,13 @@ def test_a_lamp_without_a_body_may_move(lit_by, sensor, kind):
     assert found(scene, sensor, "motion")[1] == ("ok", "no shape moves, only 'lamp'; slices_per_s: 40")
 
 
+def test_a_lamp_that_moves_without_slices_is_reported(lit_by, sensor):
+    scene = lit_by(f"'type': 'spot', {LAMPS['spot']}", GLIDES % "lamp")
+    level, text = only(scene, sensor, "motion")
+    assert level == "warning"
+    assert "only 'lamp', but recordings show it at rest: write slices_per_s" in text
+
+
 def test_a_scene_in_the_dark_goes_through_all_checks(lit_by):
     """The scene moves, and its only lamp faces away."""
     sensor = get_sensor("vidar_400x250", rows=20, columns=32)

@@ -5,7 +5,7 @@ import yaml
 from refusals import assert_says, refusal
 
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.generate.resolve import SceneFamily, draw_sequences
+from saf_gen.generate.resolve import SceneFamily, draw_sequences, recipe_fingerprint
 
 BASE = {
     "name": "tiny",
@@ -82,6 +82,13 @@ def test_an_edited_table_of_a_motion_makes_other_sequences(tmp_path):
 def test_a_sequence_does_not_depend_on_its_neighbours():
     alone = {"test": BASE["splits"]["test"]}
     assert plan(splits=alone) == plan()[2:]
+
+
+def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
+    recipe = Recipe.model_validate(BASE)
+    turned = Recipe.model_validate(dict(reversed(BASE.items())))
+    assert recipe_fingerprint(recipe) == recipe_fingerprint(turned)
+    assert recipe_fingerprint(recipe) != recipe_fingerprint(Recipe.model_validate(BASE | {"seed": 2}))
 
 
 def test_a_scene_at_rest_is_static_alone_and_changes_nothing_of_the_others():

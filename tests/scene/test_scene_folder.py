@@ -183,6 +183,7 @@ def test_open_parameters_are_drawn_by_name(family):
     assert one.params["seed"] in (1, 2, 3)
     assert one.params["texels"] == 64
     assert one.digest == other.digest
+    assert find_scene("plane").params == scene.params
 
 
 def test_parameters_can_be_chosen_by_name_only(family):

@@ -7,6 +7,7 @@ import saf_gen
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.stream.description import describe_file
+from saf_gen.stream.metadata import Truth
 
 
 def test_a_stream_with_truth_is_described(tmp_path):
@@ -62,6 +63,7 @@ def test_rates_are_described_over_time_and_over_pixels(tmp_path):
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
         facts = describe_file(stream)
     assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
+    assert (facts["true focus"], facts["focus"]) == ("unknown", "not recorded")
     assert facts["rate over time"] == "0 to 0.5, in 50 parts of the recording"
     assert facts["rate of pixels"] == "0 to 0.5 for 98 % of them, 50 of 100 never fire"
 
@@ -81,6 +83,13 @@ def test_the_content_of_a_stream_is_described_before_its_making(tmp_path, call):
     assert digest in making
     saf_gen.write_stream(tmp_path / "b.h5", np.ones((8, 2, 2), np.uint8), provenance={"sequence": "[] no JSON"})
     assert call("inspect", tmp_path / "b.h5")[0] == 0
+
+
+def test_a_truth_shows_numbers_and_the_shapes_of_arrays():
+    truth = Truth(0.5, (0.4, 0.6), depth=np.ones((3, 4), np.float32))
+    assert repr(truth) == "Truth(position=0.5, depth_of_focus=(0.4, 0.6), depth=float32 (3, 4))"
+    assert "<th>depth</th><td>float32 (3, 4)</td>" in truth._repr_html_()
+    assert repr(Truth()) == "Truth()"
 
 
 def test_a_notebook_shows_pictures_and_facts_and_says_when_the_stream_is_closed(tmp_path):

@@ -20,9 +20,9 @@ from saf_gen.benchmark.evaluate import score_blocks
 from saf_gen.core.figure_style import assign_styles, use_plot_style
 from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.pictures import write_view
-from saf_gen.stream.pictures.movie import MovieCanvas, write_mp4
+from saf_gen.stream.pictures.movie import CURSOR, MovieCanvas, write_mp4
 from saf_gen.stream.pictures.panels import draw_panels, stream_legends_height
-from saf_gen.stream.pictures.timeline import BINS, choose_windows, read_timeline
+from saf_gen.stream.pictures.timeline import BINS, choose_windows, describe_moment, read_timeline
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
@@ -129,6 +129,12 @@ def test_a_flash_of_one_readout_is_drawn_however_long_the_view(stream):
     assert timeline.depth_of_focus == pytest.approx((-0.05, 0.05))
 
 
+def test_a_moment_is_described_in_words(stream, bare):
+    # Frames 540 to 639: the lens is at 590/1,200, which is 0.0917 travels or 0.9 depths of focus from 0.4.
+    assert describe_moment(stream, first=540, window=100) == "frames 540–639 · lens 0.492 · +0.9 DoF · from 27.0 ms"
+    assert describe_moment(bare, first=3, window=1) == "frame 3 · from 0.1 ms"
+
+
 @pytest.mark.slow
 def test_each_kind_of_figure_is_one_column_wide_and_the_same_again(stream, tmp_path):
     for name in ("a.png", "b.png", "a.svg", "b.svg", "a.pdf"):
@@ -200,6 +206,18 @@ def test_the_names_of_lights_are_in_the_picture_above_a_plot_of_useful_size(tmp_
     assert (legend.x1 <= figure.bbox.x1, legend.y1 <= figure.bbox.y1) == (True, True)
     assert plot.width > 0.6 * figure.bbox.width
     assert plot.height > 0.3 * figure.dpi
+
+
+def test_the_cursor_goes_as_frames_go(stream):
+    pictures = choose_windows(stream, window=100, count=5)
+    canvas = MovieCanvas(pictures, read_timeline(stream, first=0, stop=FRAMES, window=100), region=None)
+    assert canvas.size[0] % 2 == canvas.size[1] % 2 == 0
+    seen = []
+    for image in canvas:
+        assert image.shape == (canvas.size[1], canvas.size[0], 3)
+        seen.append(np.flatnonzero((image == CURSOR).all(axis=2).sum(axis=0) > 50).min())
+    steps = np.diff(seen) / np.diff(pictures.centres)
+    assert steps == pytest.approx(steps.mean(), rel=0.02)
 
 
 @pytest.fixture
