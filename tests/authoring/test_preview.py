@@ -50,38 +50,18 @@ def grey(path):
         return np.asarray(picture.convert("L")), picture.size
 
 
-@pytest.mark.parametrize("kind", [pytest.param("image_distance", marks=pytest.mark.long), "focal_length", "stage"])
 @pytest.mark.slow
-def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
-    """The labels fit with each drive; other tests below draw the sheet of the first."""
-    write_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
+@pytest.mark.parametrize(("drive", "light"), [("stage", 1), ("focal_length", 0)])
+def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, drive, light):
+    """Also of a dark one whose target is nowhere."""
+    stack = stack_of(*DRIVES[drive], target=None if light else np.zeros((20, 32), bool))
+    stack.radiance[:] *= light
+    assert np.isfinite(ContactSheet("it", stack, SENSOR).true_focus) == bool(light)
+    write_preview(stack, SENSOR, path=tmp_path / "preview" / "plane.png")
     picture, size = grey(tmp_path / "preview" / "plane.png")
     assert size[0] == 1600
-    assert picture.std() > 20
+    assert picture.std() > 20 * light
     assert [p.name for p in (tmp_path / "preview").iterdir()] == ["plane.png"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("everywhere", [False, True])
-def test_a_target_that_is_nowhere_or_everywhere_is_drawn_all_the_same(tmp_path, everywhere):
-    stack = stack_of(*DRIVES["image_distance"], target=np.full((20, 32), everywhere))
-    assert np.isnan(ContactSheet("it", stack, SENSOR).true_focus) != everywhere
-    write_preview(stack, SENSOR, path=tmp_path / "it.png")
-    assert grey(tmp_path / "it.png")[1][0] == 1600
-
-
-def test_a_dark_stack_is_drawn_all_the_same(tmp_path):
-    stack = stack_of(*DRIVES["image_distance"])
-    stack.radiance[:] = 0
-    write_preview(stack, SENSOR, path=tmp_path / "it.png")
-    assert grey(tmp_path / "it.png")[1][0] == 1600
-
-
-def sheet_with(small):
-    """Return a stack, and its sheet with this number of small images."""
-    stack = stack_of(*DRIVES["image_distance"])
-    pictures = [(f"member {n}", stack.radiance[0, 0]) for n in range(small)]
-    return stack, ContactSheet("it", stack, SENSOR, stack.radiance[0, 2], pictures)
 
 
 def test_three_to_five_images_are_in_a_row_and_at_most_two_are_missing():
@@ -89,34 +69,6 @@ def test_three_to_five_images_are_in_a_row_and_at_most_two_are_missing():
     assert set(columns.values()) == {3, 4, 5}
     assert all(-count % across <= 2 for count, across in columns.items())
     assert [columns[count] for count in (4, 5, 6, 7, 8, 9, 10, 12)] == [4, 5, 3, 4, 4, 3, 5, 4]
-
-
-@pytest.mark.parametrize("small", range(8))
-def test_so_many_images_are_listed_that_they_fill_their_rows(small):
-    cells = _list_cells(sheet_with(small)[1])
-    assert len(cells) % choose_columns(len(cells)) == 0
-    # The target alone fills the gaps that 7, 11, 13 or 14 images would leave.
-    assert len(cells) - 7 - small == {0: 1, 4: 1, 6: 2, 7: 1}.get(small, 0)
-
-
-MORE = (1, 2, 3, 5, 6)
-DRAWN = [4, pytest.param(0, marks=pytest.mark.slow), *(pytest.param(n, marks=pytest.mark.long) for n in MORE)]
-"""First twelve images, one of them added to fill a row; then eight, one of them added; then the others."""
-
-
-@pytest.mark.parametrize("small", DRAWN)
-def test_images_leave_no_gap_in_their_grid(tmp_path, small):
-    """Every row has the same number of images, as wide as the sheet, and none is white, the colour of the paper."""
-    _, sheet = sheet_with(small)
-    draw_sheet(sheet, tmp_path / "it.png")
-    picture, (width, height) = grey(tmp_path / "it.png")
-    boxes = [axes.get_position() for axes in drawn(sheet, _list_cells(sheet)).axes if axes.images]
-    rows = [[box for box in boxes if box.y0 == y] for y in dict.fromkeys(box.y0 for box in boxes)]
-    assert {len(row) for row in rows} == {choose_columns(len(boxes))}
-    assert [(row[0].x0, 1 - row[-1].x1) for row in rows] == [pytest.approx((0.06 / 7.16,) * 2)] * len(rows)
-    for box in boxes:
-        x, y = width * (box.x0 + box.x1) / 2, height * (1 - (box.y0 + box.y1) / 2)
-        assert picture[int(y) - 4 :, int(x) - 4 :][:8, :8].min() < 250
 
 
 def drawn(sheet, cells):
@@ -146,8 +98,10 @@ def longest():
     return max(titles, key=len), max((light for card in cards for light in card.lights), key=len)
 
 
-@pytest.mark.parametrize("more", ["", "_at_the_far_end_of_the_long_bench.001" + " in words" * 20], ids=["", "longer"])
-@pytest.mark.parametrize("panels", range(1, 10))
+LONGER = "_at_the_far_end_of_the_long_bench.001" + " in words" * 20
+
+
+@pytest.mark.parametrize(("panels", "more"), [(5, ""), (3, LONGER), (9, LONGER)], ids=["5", "3 longer", "9 longer"])
 def test_no_title_overlaps_another_or_leaves_the_sheet(longest, panels, more):
     title, light = longest
     captions = [
@@ -160,8 +114,7 @@ def test_no_title_overlaps_another_or_leaves_the_sheet(longest, panels, more):
     assert_legible(drawn(ContactSheet(title + more, stack_of(*DRIVES["stage"]), SENSOR), cells))
 
 
-@pytest.mark.parametrize("sharp", [True, False], ids=["scene", "dataset"])
-@pytest.mark.parametrize(("lights", "contrast"), [(1, 1), (2, 0.02), (3, 0.001), (8, 1)])
+@pytest.mark.parametrize(("lights", "contrast", "sharp"), [(2, 0.02, True), (3, 0.001, False), (8, 1, True)])
 def test_the_sheet_of_any_scene_is_legible(longest, lights, sharp, contrast):
     """Sheets of datasets lack the image with everything sharp; three lights make seven images then.
 
@@ -227,17 +180,9 @@ def test_a_sheet_of_a_scene_that_moves_shows_moments(mine):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [("[0.65, 0.40]", "[2.0, 1.0]"), ("origin_m: [0, 0, 0.5]", "origin_m: [0, 5, 0.5]")],
-    ids=["out of reach", "out of sight"],
-)
-def test_a_scene_whose_target_is_not_where_it_should_be_is_drawn(mine, tmp_path, old, new):
+def test_a_scene_whose_target_is_out_of_reach_is_drawn(mine, tmp_path):
     """Its author needs the picture to see what is wrong."""
-    scene = mine(old, new) if "origin" not in old else mine(old, new + "\n  # aside")
-    if "origin" in old:
-        scene = mine("look_at_m: [0, 0, 0]", "look_at_m: [0, 5, 0]")
-    preview_scene(scene, SENSOR, path=tmp_path / "it.png", backend=VARIANT)
+    preview_scene(mine("[0.65, 0.40]", "[2.0, 1.0]"), SENSOR, path=tmp_path / "it.png", backend=VARIANT)
     assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
@@ -262,7 +207,6 @@ def test_new_then_preview(call, call_scenes, tmp_path, monkeypatch):
     code, out, err = call("scenes", "new", "mine")
     assert (code, err) == (0, "")
     assert re.findall(r"scenes/mine/(\S+)", out) == ["SOURCE.md", "scene.py", "scene.yaml"]
-    assert "next: saf-gen scenes check mine; saf-gen scenes preview mine; then write its licence into scene.yaml" in out
     before = find_scene("mine").digest
     code, out, err = call_scenes("preview", "mine")
     assert (code, err) == (0, "")

@@ -153,7 +153,5 @@ def test_a_scene_that_stands_still_or_is_recorded_so_has_nothing_to_check(stripe
         assert list(check_slices(SceneUnderTest(find_scene("made"), SENSOR, backend=VARIANT))) == []
 
 
-@pytest.mark.parametrize("value", ["0", "1", "a"])
-def test_an_error_that_is_not_a_fraction_is_refused(stripes, value):
-    error = refusal(stripes, 0.9, more=f"interpolation_error: {value}\n")
-    assert "interpolation_error is" in error.problem
+def test_an_error_that_is_not_a_fraction_is_refused(stripes):
+    assert "interpolation_error is" in refusal(stripes, 0.9, more="interpolation_error: 1\n").problem

@@ -14,8 +14,7 @@ def planes_of(frames):
     return np.packbits(frames, axis=0, bitorder="little")
 
 
-@pytest.mark.parametrize("count", [1, 7, 8, 9, 64, 67])
-@pytest.mark.parametrize("dtype", [np.uint8, bool, np.float32, np.int64])
+@pytest.mark.parametrize(("count", "dtype"), [(1, bool), (8, np.float32), (64, np.uint8), (67, np.uint8)])
 def test_packing_is_numpys_along_time(count, dtype):
     frames = random_frames(count).astype(dtype)
     assert np.array_equal(bits.pack_bits(frames), planes_of(frames != 0).transpose(1, 2, 0))

@@ -2,8 +2,6 @@
 
 import json
 
-from refusals import assert_says, refusal
-
 from saf_gen.core.config import components
 from saf_gen.core.config.yaml_document import read_yaml
 
@@ -29,13 +27,6 @@ def test_a_part_is_read_as_it_was_written_but_for_its_files(tmp_path):
     assert among == {"choice": [table, table]}
     again = json.dumps({"kind": "from_csv", "file": table})  # as in the recipe of a recording
     assert read_motion(tmp_path, again)["file"] == table
-
-
-def test_a_corner_that_no_draw_may_hit_is_found(tmp_path):
-    assert_says(
-        refusal(read_motion, tmp_path, "{kind: sweep, from: {uniform: [0, 0.1]}, to: {choice: [0.5, 1.5, 0.7]}}"),
-        "r.yaml:1: to is 1.5 | 0 to 1",
-    )
 
 
 def test_a_part_is_resolved_by_the_names_of_recording_and_purpose():

@@ -14,7 +14,7 @@ import pytest
 from dask_processes import scheduler_process, wait_until, worker_processes
 from pool_jobs import DiesOnce, Exits, Light, Raises, Square
 from refusals import assert_says, refusal
-from test_executor import done, followers
+from test_executor import done
 
 from saf_gen.core.execution import Cluster, SchedulerLost, dask_cluster, run_jobs
 from saf_gen.core.extras import installed_versions
@@ -26,27 +26,26 @@ def cluster(cluster_address, tmp_path):
     return Cluster(cluster_address, tmp_path, writes=True)
 
 
+def followers(job, result):
+    """Square a one-digit result again."""
+    return [Square(result[0])] if result[0] < 10 else []
+
+
 def test_a_cluster_gives_what_cores_give_and_names_what_failed(cluster):
-    heard = []
-    results = done(
-        [Square(3), Raises(BadInput("no such group")), Raises(OSError(28, "No space left")), Exits()],
-        cluster=cluster,
-        follow_up=followers,
-        report=lambda name, done: heard.append((name, done)),
-    )
-    assert {name: result[0] for name, (result, _) in results.items() if result} == {"square 3": 9, "square 9": 81}
+    raised = BadInput("no such group"), OSError(28, "No space left"), ZeroDivisionError()
+    jobs = [Square(3), *map(Raises, raised), Exits()]
+    heard, results, codes = [], {}, {}
+    for job, result, error in run_jobs(
+        jobs, workers=1, report=lambda name, done: heard.append((name, done)), cluster=cluster, follow_up=followers
+    ):
+        results[job.name], codes[job.name] = (result[0], "") if error is None else (None, str(error)), error
+    assert (results["square 3"], results["square 9"]) == ((9, ""), (81, ""))
     assert results["raises BadInput"] == (None, "no such group")
     assert "No space left" in results["raises OSError"][1]
     assert results["exits"] == (None, "CodeStopped: its code called exit(0)")
+    assert [codes[f"raises {name}"].exit_code for name in ("BadInput", "ZeroDivisionError")] == [2, 1]
     assert ("square 9", 1.0) in heard
     assert not list(cluster.folder.iterdir())
-
-
-def test_bad_input_of_a_job_on_a_cluster_keeps_its_exit_code(cluster):
-    jobs = [Raises(BadInput("gain -1")), Raises(ZeroDivisionError("division by zero"))]
-    ended = run_jobs(jobs, workers=1, report=lambda name, done: None, cluster=cluster)
-    codes = {job.name: error.exit_code for job, _, error in ended}
-    assert codes == {"raises BadInput": 2, "raises ZeroDivisionError": 1}
 
 
 @dataclass(frozen=True)
@@ -70,28 +69,24 @@ def test_jobs_that_want_a_gpu_go_to_the_worker_that_offers_one(cluster):
     assert "plain" in {results[f"where {n}"][0] for n in range(4, 12)}
 
 
-def test_workers_with_another_version_are_refused_in_one_line(cluster, monkeypatch):
+def other_version(patch):
     """The first versions that are read are those of this machine, which hands out the jobs."""
     asked = iter([installed_versions() | {"numpy": "1.0"}])
-    monkeypatch.setattr(dask_cluster, "installed_versions", lambda: next(asked, installed_versions()))
-    problem = refusal(done, [Square(1)], cluster=cluster)
-    assert_says(problem, f"2 of 2 workers | has numpy {installed_versions()['numpy']}, not 1.0 | constraints.txt")
+    patch.setattr(dask_cluster, "installed_versions", lambda: next(asked, installed_versions()))
 
 
-def test_workers_that_do_not_see_the_folder_are_refused_in_one_line(cluster, monkeypatch):
-    monkeypatch.setattr(dask_cluster, "_digest_file", lambda path: os.urandom(4).hex())
-    assert_says(refusal(done, [Square(1)], cluster=cluster), f"2 of 2 workers | does not see {cluster.folder}")
+def other_folder(patch):
+    patch.setattr(dask_cluster, "_digest_file", lambda path: os.urandom(4).hex())
 
 
-def test_a_worker_whose_file_system_cannot_rename_is_refused_in_one_line(cluster, monkeypatch):
+def no_renaming(patch):
     def refuse(self, target):
         raise OSError(errno.ENOSYS, "")
 
-    monkeypatch.setattr(Path, "replace", refuse)
-    assert_says(refusal(done, [Square(1)], cluster=cluster), "replace a file by another | atomic renaming")
+    patch.setattr(Path, "replace", refuse)
 
 
-def test_a_scheduler_with_another_dask_is_refused_in_one_line(cluster, monkeypatch):
+def other_dask(patch):
     real = distributed.Client.get_versions
 
     def older(self, **options):
@@ -99,12 +94,25 @@ def test_a_scheduler_with_another_dask_is_refused_in_one_line(cluster, monkeypat
         found["scheduler"]["packages"] |= {"distributed": "2024.1.0"}
         return found
 
-    monkeypatch.setattr(distributed.Client, "get_versions", older)
-    problem = refusal(done, [Square(1)], cluster=cluster)
-    assert_says(problem, f"the scheduler at {cluster.address} has distributed 2024.1.0")
+    patch.setattr(distributed.Client, "get_versions", older)
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "tcp://no.such.host:8786", "nonsense://x", "", "tls://a:1"])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (other_version, f"2 of 2 workers | has numpy {installed_versions()['numpy']}, not 1.0 | constraints.txt"),
+        (other_folder, "2 of 2 workers | does not see FOLDER"),
+        (no_renaming, "replace a file by another | atomic renaming"),
+        (other_dask, "the scheduler at ADDRESS has distributed 2024.1.0"),
+    ],
+)
+def test_a_cluster_that_cannot_work_on_the_folder_is_refused_in_one_line(cluster, monkeypatch, change, message):
+    change(monkeypatch)
+    message = message.replace("FOLDER", str(cluster.folder)).replace("ADDRESS", cluster.address)
+    assert_says(refusal(done, [Square(1)], cluster=cluster), message)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x", ""])
 def test_a_scheduler_that_does_not_answer_is_one_line(address, tmp_path, monkeypatch):
     monkeypatch.setattr(dask_cluster, "CONNECT_S", "0.3s")
     problem = refusal(done, [Square(1)], cluster=Cluster(address, tmp_path))
@@ -115,14 +123,6 @@ def test_a_cluster_without_dask_is_one_line_with_what_to_install(monkeypatch, tm
     monkeypatch.setattr("saf_gen.core.extras.find_spec", lambda name: None)
     problem = refusal(done, [Square(1)], cluster=Cluster("tcp://here:8786", tmp_path))
     assert_says(problem, "--cluster needs the package distributed | pip install 'saf-gen[cluster]'")
-
-
-def test_a_command_with_a_cluster_that_is_not_there_ends_in_one_line(
-    small_recipe, test_scenes, tmp_path, call, monkeypatch
-):
-    monkeypatch.setattr(dask_cluster, "CONNECT_S", "0.3s")
-    code, _, err = call("generate", small_recipe, "--out", tmp_path / "ds", "--cluster", "tcp://127.0.0.1:1")
-    assert (code, len(err.splitlines())) == (2, 1)
 
 
 # Workers and a scheduler in separate processes.

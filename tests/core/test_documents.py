@@ -3,6 +3,7 @@
 import itertools
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -54,15 +55,10 @@ def test_a_good_document_becomes_a_frozen_value_that_knows_its_lines(tmp_path):
             "doc.yaml:3: unknown key 'innr'; allowed: name, inner, many; did you mean 'inner'?",
         ),
         (
-            "name: x\ninner:\n  size: 3\n  kid: round\n",
-            "doc.yaml:4: unknown key 'kid' in inner; allowed: size, kind; did you mean 'kind'?",
-        ),
-        (
             "name: x\ninner: {size: 3}\nmany:\n  a:\n    sise: 1\n",
             "doc.yaml:5: unknown key 'sise' in many.a; allowed: size, kind; did you mean 'size'?; (1 more "
             "after this one)",
         ),
-        ("name: x\ninner: {size: 12}\n", "doc.yaml:2: inner.size is 12; allowed: less than or equal to 9"),
         ("name: x\ninner: {size: big}\n", "doc.yaml:2: inner.size is 'big'; allowed: a valid integer"),
         (
             "name: x\ninner:\n  size: 2\n  kind: sqare\n",
@@ -108,7 +104,6 @@ class Drawing(FrozenModel):
             "doc.yaml:4: unknown key 'edges' in part; allowed: shape, radius",
         ),
         ("part:\n  shape: disc\n", "doc.yaml:1: the key 'part.radius' is missing"),
-        ("part:\n  edges: [1, wide]\n", "doc.yaml:2: part.edges.1 is 'wide'; allowed: a valid number"),
         ("part: 3\n", "doc.yaml:1: part.shape is 'none'; allowed: disc, box"),
     ],
 )
@@ -120,16 +115,19 @@ def test_a_value_that_does_not_fit_one_of_several_kinds_is_reported_by_that_kind
     assert str(caught.value).replace(str(tmp_path) + "/", "") == message
 
 
-def test_a_missing_file_is_refused_with_the_nearest_one(tmp_path):
+def test_a_file_that_is_missing_not_text_or_too_large_is_refused(tmp_path):
     (tmp_path / "quickstart.yaml").write_text("name: x")
-    with pytest.raises(BadInput, match=r"quickstrt.yaml does not exist; did you mean '.*quickstart.yaml'\?"):
-        read_yaml(tmp_path / "quickstrt.yaml")
-
-
-def test_a_file_that_is_not_text_is_refused(tmp_path):
-    (tmp_path / "doc.yaml").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(BadInput, match="doc.yaml cannot be read"):
-        read_yaml(tmp_path / "doc.yaml")
+    (tmp_path / "tuned.json").write_bytes(b"\xff\xfe\x00\x01")
+    with (tmp_path / "long.yaml").open("wb") as file:
+        file.truncate(1 << 23)
+    for read, name, message in (
+        (read_yaml, "quickstrt.yaml", "quickstrt.yaml does not exist; did you mean ' | quickstart.yaml'?"),
+        (read_yaml, "tuned.json", "tuned.json cannot be read"),
+        (read_yaml, "long.yaml", "8,388,608 bytes | at most 4,194,304"),
+        (partial(read_json, hint="make it again"), "tuned.json", "tuned.json cannot be read: | ; make it again"),
+        (read_json, "tune.json", "tune.json does not exist; did you mean ' | tuned.json'?"),
+    ):
+        assert_says(refusal(read, tmp_path / name), message)
 
 
 TOO_MANY = "1" * 5000  # more digits than Python converts
@@ -152,7 +150,6 @@ TOO_MANY = "1" * 5000  # more digits than Python converts
         ("x: 1\n" + "y: " + "[" * 700 + "]" * 700, "doc.yaml:2: this is nested too deep, or contains itself"),
         ("y: 1\nx: &a [1, *a]\nz: 2\n", "doc.yaml:2: this is nested too deep, or contains itself"),
         ("x: 1\n? [a, b]\n: 2\n", "doc.yaml:2: a key must be a name"),  # not hashable in Python
-        ("x: 1\n? {a: b}\n: 2\n", "doc.yaml:2: a key must be a name"),
         ("x: 1\ny: =\n", "doc.yaml:2: this is not YAML: could not determine a constructor"),
         ("x: 1\ny: !!binary é\n", "doc.yaml:2: this is not YAML: failed to convert base64"),
     ],
@@ -197,11 +194,9 @@ def test_a_json_document_knows_its_lines(tmp_path):
     ("text", "message"),
     [
         ('{"name": "x",\n"scor": 1}', "r.jsonl:8: unknown key 'scor'; allowed: name, score; did you mean"),
-        ('{"score":\n 1}', "r.jsonl:7: the key 'name' is missing; make it again"),
         ('{"name": "x",\n "score": "high"}', "r.jsonl:8: score is 'high'; allowed: a valid number; make it"),
         ('{"name": "x",\n "score": 1e999}', "r.jsonl:8: score is inf; allowed: a finite number"),
         ('{"name": "x",\n "score": NaN}', "r.jsonl:8: NaN is not a JSON number; make it again"),
-        ('{"name": "x",\n "score": -Infinity}', "r.jsonl:8: -Infinity is not a JSON number"),
         ('{"name": "NaN",\n "name": {"b": 1, "b": 2}', "r.jsonl:8: the key 'name' is given twice; make it"),
         ('{"name": "x",\n "score": -' + TOO_MANY, "r.jsonl:8: -11111111111… has too many digits"),
         ('{"name": "x",\n "score"}', "r.jsonl:8: this is not JSON: Expecting ':' delimiter; make it again"),
@@ -216,14 +211,6 @@ def test_json_that_does_not_fit_is_refused_with_its_line(text, message):
         validate_document(Row, parse_json(text, "r.jsonl", first_line=7, hint="make it again"), hint="make it again")
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
-
-
-def test_a_json_file_that_cannot_be_read_is_refused(tmp_path):
-    (tmp_path / "tuned.json").write_bytes(b"\xff")
-    with pytest.raises(BadInput, match=r"tuned.json cannot be read: .*; make it again"):
-        read_json(tmp_path / "tuned.json", hint="make it again")
-    with pytest.raises(BadInput, match=r"tune.json does not exist; did you mean '.*tuned.json'\?"):
-        read_json(tmp_path / "tune.json")
 
 
 def test_a_few_lines_that_hold_millions_of_values_are_refused(tmp_path):
@@ -244,9 +231,3 @@ def test_what_is_no_file_on_a_disk_is_refused_before_it_is_read(tmp_path, read):
     for path in (tmp_path / "pipe.yaml", Path("/dev/zero")):
         assert_says(refusal(read, path), f"{path} is not a file on a disk")
     assert_says(refusal(read, tmp_path), f"{tmp_path} is a folder")
-
-
-def test_a_document_that_nobody_wrote_is_refused_by_its_size(tmp_path):
-    with (tmp_path / "a.yaml").open("wb") as file:
-        file.truncate(1 << 23)
-    assert_says(refusal(read_yaml, tmp_path / "a.yaml"), "8,388,608 bytes | at most 4,194,304")

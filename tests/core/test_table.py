@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 import re
 from html import unescape
 from operator import itemgetter
@@ -10,7 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from saf_gen.cli._tables import to_objects
 from saf_gen.core.plain_text import escape_latex, escape_markdown
 from saf_gen.core.table import Column, Table, percent
 from saf_gen.leaderboard.report.html import load_templates
@@ -64,21 +62,12 @@ def test_no_text_in_a_csv_is_a_formula_and_numbers_stay_numbers(text):
     assert not re.match(r"[=+@\t\r\n-]", cell)
 
 
-def test_readers_get_the_columns_that_say_something():
-    assert [column.header for column in TABLE.shown] == ["method", "≤1 DoF", "95 %", "size"]
-    assert [column.header for column in TABLE.up_to(2).shown] == ["method", "≤1 DoF", "95 %"]
-    noted = Table(TABLE.columns, [*ROWS, SimpleNamespace(**{**vars(ROWS[0]), "note": "late"})])
-    assert noted.shown[-1].header == "note"
-    assert TABLE.groups == [("", 1), ("success", 2), ("", 1)]
-    assert Table.of(["a", "b"], []).groups == []
-
-
 def test_a_text_is_formatted_from_the_value_and_a_dash_where_it_is_unknown():
-    method, rate, interval, size = TABLE.shown
+    _, rate, interval, size = TABLE.shown  # not the note, which nobody has
+    assert [column.header for column in TABLE.up_to(2).shown] == ["method", "≤1 DoF", "95 %"]
     assert [rate.text(row) for row in ROWS] == ["38%", "–", "100%"]
     assert [interval.text(row) for row in ROWS] == ["0.1–0.6", "–", "–"]
     assert [size.text(row) for row in ROWS] == ["12.50", "inf", "-2.00"]
-    assert [column.justify for column in (method, rate, interval, size)] == ["left", "right", "right", "right"]
     assert Column("part", "inner.name").text(SimpleNamespace(inner=ROWS[0])) == "sd+argmax"
     assert (Column("a heading", itemgetter(1)).name, Column("a", "b").name) == ("a_heading", "b")
 
@@ -93,10 +82,8 @@ def test_a_percentage_that_ends_in_a_half_is_rounded_up(fraction, text):
 def test_markdown_has_as_many_cells_in_every_line_whatever_names_hold():
     lines = TABLE.to_markdown().splitlines()
     assert lines[0] == "| method | ≤1 DoF | 95 % | size |"
-    assert lines[1] == "| --- | ---: | ---: | ---: |"
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {5}
     assert r"a\|b_c &amp; &lt;b&gt;x&lt;/b&gt; \[y\](z) =1+1 50 %" in lines[3]
-    assert TABLE.to_markdown(explain=True).startswith("| method<br>A method. | ≤1 DoF<br>Success. | 95 % |")
     assert escape_markdown("sd_code+sgfs_code:dt=50@frame") == "sd_code+sgfs_code:dt=50@frame"
 
 
@@ -119,16 +106,10 @@ def test_latex_escapes_what_means_something_to_it(plain, latex):
 def test_latex_has_a_cell_for_each_column_in_every_line(rows):
     lines = Table(TABLE.columns, rows).to_latex().splitlines()
     assert lines[1] == r"\begin{tabular}{lrrr}"
-    assert lines[3:5] == [
-        r"\multicolumn{1}{c}{} & \multicolumn{2}{c}{success} & \multicolumn{1}{c}{} \\",
-        r"\cmidrule(lr){2-3}",
-    ]
     body = lines[lines.index(r"\midrule") + 1 : lines.index(r"\bottomrule")]
     assert len(body) == len(rows)
     assert all(line.endswith(r" \\") and line.count(" & ") == 3 for line in [lines[5], *body])
-    assert [lines.count(rf"\{rule}rule") for rule in ("top", "mid", "bottom")] == [1, 1, 1]
     assert "".join(lines).isascii()
-    assert r"\multicolumn" not in Table.of(["a"], [["b"]]).to_latex()
 
 
 def test_html_has_bars_intervals_links_and_marks_and_text_stays_text():
@@ -136,18 +117,8 @@ def test_html_has_bars_intervals_links_and_marks_and_text_stays_text():
     page = str(macros.table(TABLE, [ROWS, ROWS[:1]], "board"))
     assert page.count("<tbody") == 2 == page.count("</tbody>")
     assert page.count("<tbody hidden>") == 1
-    assert '<table class="sortable" id="board"><caption>A table</caption>' in page
-    assert '<th scope="col" class="left" title="A method.">method</th><th scope="col" title="Success.">' in page
     assert '<td class="name"><a href="#x">sd+argmax</a></td>' in page
     assert '<td class="main" style="--v:0.375;--lo:0.1;--hi:0.6">38%</td><td>0.1–0.6</td><td>12.50</td>' in page
     assert '<td class="main">–</td>' in page
-    assert '<tr class="first"><td class="name"><a href="#x">=SUM(A1)</a></td><td class="main" style="--v:1">' in page
     assert "<b>" not in page
     assert NASTY in unescape(page)
-    assert '<tr class="groups">' in page
-    assert "groups" not in str(macros.table(Table.of(["a"], [])))
-
-
-def test_the_terminals_json_has_the_texts_by_their_headings():
-    assert to_objects(TABLE)[0] == {"method": "sd+argmax", "≤1_DoF": "38%", "95_%": "0.1–0.6", "size": "12.50"}
-    assert json.loads(json.dumps(to_objects(TABLE)))[1]["size"] == "inf"

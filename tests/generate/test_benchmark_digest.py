@@ -10,21 +10,13 @@ from small_dataset import SCENES
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.tracks import sequence_fields
 from saf_gen.benchmark.tracks.sequence_fields import benchmark_of
-from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_digests
+from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark
 from saf_gen.generate import resolve
 from saf_gen.generate.resolve import recipe_digest, resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.leaderboard import notes, rank_methods
 from saf_gen.scene.trusted_folders import register_folder
 from saf_gen.stream.stream_file import open_stream
-
-
-@pytest.mark.parametrize("name", sorted(read_frozen_digests()))
-def test_a_frozen_recipe_gives_the_spikes_that_it_gave(name):
-    resolved, frozen = resolve_recipe(name), read_frozen_digests()[name]
-    assert recipe_digest(resolved) == frozen.digest, "a benchmark with other spikes needs another name"
-    counted = [s.planned.split for s in resolved.all_sequences]
-    assert {split: counted.count(split) for split in counted} == frozen.sequences
 
 
 def test_the_digest_moves_with_what_decides_the_spikes_and_with_nothing_else(small_recipe, tmp_path, own_folder):

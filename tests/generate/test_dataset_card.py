@@ -24,20 +24,13 @@ def card(tmp_path, motion, sequences=()):
 @pytest.mark.parametrize(
     ("motion", "words"),
     [
-        ("{kind: sweep}", "`sweep`"),
-        ("{kind: sweep_and_return, dwell_s: 0.001}", "`sweep_and_return` (dwell_s 0.001)"),
         ("{kind: hold, position: {uniform: [0.2, 0.8]}}", "`hold` (position uniform 0.2, 0.8)"),
         ("{choice: [{kind: sweep, to: 0.5}, {kind: sweep}]}", "`sweep` (to 0.5) or `sweep`"),
-        ("{kind: from_csv, file: lens.csv}", "`from_csv` (file lens.csv)"),
         ("{kind: from_csv, file: {choice: [lens.csv]}}", "`from_csv` (file choice lens.csv)"),
     ],
 )
 def test_the_card_states_the_lens_motion_in_one_row(tmp_path, motion, words):
     assert f"| lens motion | {words} |\n" in card(tmp_path, motion)
-
-
-def test_the_card_promises_no_sweep_that_was_not_made(tmp_path):
-    assert "sweep" not in card(tmp_path, "{kind: hold, position: 0.5}")
 
 
 @pytest.mark.parametrize(

@@ -95,18 +95,6 @@ def test_each_choice_keeps_what_it_says_and_the_recordings(work, made, copy, cho
     assert (once_more.rendered, once_more.recorded, once_more.freed_bytes) == ([], [], 0)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("choice", ["closed-loop", "none"])
-def test_a_dataset_made_with_a_choice_has_the_recordings_of_any_other(work, made, tmp_path, choice):
-    result = run_again(work, tmp_path / "fresh", choice)
-    assert digests(tmp_path / "fresh") == digests(made)
-    assert result.freed_bytes > 0
-    recorded_from, for_closed_loop = slices(work)
-    assert pictures(tmp_path / "fresh", recorded_from) == []
-    assert len(pictures(tmp_path / "fresh", for_closed_loop)) == {"closed-loop": 18, "none": 0}[choice]
-    assert any("all positions" in piece for piece in result.rendered) == (choice == "closed-loop")
-
-
 def test_with_no_slices_to_keep_none_are_rendered_for_the_closed_loop_alone(work, made, tmp_path):
     """Like the case ``none`` above, but the stacks of the recordings exist and are not rendered."""
     folder = tmp_path / "fresh"
@@ -149,55 +137,24 @@ def test_a_dry_run_says_what_each_choice_keeps(work, tmp_path, call):
     shown = " ".join(shown.split())
     assert f"time slices kept at the end: {sizes}; chosen: --keep-slices none" in shown
     assert "all positions" not in shown
+    code, _, shown = call("generate", recipe, "--out", folder, "--keep-slices", "some")
+    assert (code, "allowed: all, closed-loop, none" in " ".join(shown.split())) == (2, True)
+    assert_says(refusal(generate, work, folder, keep_slices="closed_loop"), "'closed_loop' | 'closed-loop'")
     assert not folder.exists()
 
 
-def test_an_unknown_choice_is_refused_before_anything_is_made(work, tmp_path, call):
-    assert_says(refusal(generate, work, tmp_path / "ds", keep_slices="closed_loop"), "'closed_loop' | 'closed-loop'")
-    assert not (tmp_path / "ds").exists()
-    code, _, shown = call("generate", tmp_path / "takes.yaml", "--keep-slices", "some")
-    assert code == 2
-    assert "allowed: all, closed-loop, none" in " ".join(shown.split())
-
-
-def test_the_closed_loop_runs_as_before_without_the_slices_of_recordings(work, made, copy):
-    run_again(work, copy, "closed-loop")
-    for name in MOVING:
-        with saf_gen.open_stream(copy / "test" / f"{name}.h5") as stream:
-            here, there = (Capture.from_stream(stream, folder / "stacks") for folder in (copy, made))
-        assert (here.frames, here.slices) == (there.frames, there.slices)
-        assert here.plane_source.digest == there.plane_source.digest
-        assert (here.plane_source.load_planes(3, 2, 4) == there.plane_source.load_planes(3, 2, 4)).all()
-
-
-@pytest.mark.parametrize("whole", [pytest.param("true", marks=pytest.mark.long), "0.02"])
+@pytest.mark.parametrize(("whole", "frames"), [("true", 800), ("0.02", 400)])
 def test_the_closed_loop_says_what_to_do_where_no_slices_were_kept(
-    made, captured_dataset, tmp_path, monkeypatch, whole
+    made, captured_dataset, tmp_path, monkeypatch, whole, frames
 ):
-    """The same command with another choice then renders the missing slices; the recordings stay."""
+    """The next run with another choice would render only the missing slices; here they are copied back."""
     monkeypatch.setenv("SAF_GEN_SCENES", str(made.parent / "scenes"))
     path, folder = tmp_path / "takes.yaml", tmp_path / "takes"
     path.write_text(RECIPE.replace("whole_slices: 0.02", f"whole_slices: {whole}"))
-    shutil.copytree({"true": captured_dataset, "0.02": made}[whole], folder)
-    run_again(resolve_recipe(path), folder, "none")
-    with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
-        error = refusal(Capture.from_stream, stream, folder / "stacks")
-    assert_says(error, "were not kept | generate again with --keep-slices closed-loop, or use --track recorded")
-    again = run_again(resolve_recipe(path), folder, "closed-loop")
-    assert {piece.split(" · ")[0] for piece in again.rendered} == {"plane, dynamic, all positions"}
-    assert len(again.kept) + len(again.recorded) == 4
-    with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
-        assert Capture.from_stream(stream, folder / "stacks").frames == {"true": 800, "0.02": 400}[whole]
-
-
-def test_if_all_slices_are_whole_only_they_would_be_rendered(captured_dataset, tmp_path, monkeypatch):
-    """Like the case ``true`` above, which renders them: here they are copied back; the closed loop runs to its end."""
-    monkeypatch.setenv("SAF_GEN_SCENES", str(captured_dataset.parent / "scenes"))
-    path, folder = tmp_path / "takes.yaml", tmp_path / "takes"
-    path.write_text(capture_dataset.RECIPE)
-    shutil.copytree(captured_dataset, folder)
+    dataset = {"true": captured_dataset, "0.02": made}[whole]
+    shutil.copytree(dataset, folder)
     work = resolve_recipe(path)
-    assert run_again(work, folder, "none").freed_bytes > 0
+    run_again(work, folder, "none")
     with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
         error = refusal(Capture.from_stream, stream, folder / "stacks")
     assert_says(error, "were not kept | generate again with --keep-slices closed-loop, or use --track recorded")
@@ -205,10 +162,14 @@ def test_if_all_slices_are_whole_only_they_would_be_rendered(captured_dataset, t
     (needed,) = make_plan(work, folder, keep_slices="closed-loop").to_render
     assert needed == slices(work)[1]
     assert {spec.rendered_count for spec in needed.specs} == {9}
-    put_slices(captured_dataset, folder, needed)
-    assert make_plan(work, folder, keep_slices="closed-loop").to_render == {}
+    put_slices(dataset, folder, needed)
+    again = run_again(work, folder, "closed-loop")
+    assert (again.rendered, len(again.kept)) == ([], 4)
     with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
-        assert Capture.from_stream(stream, folder / "stacks").frames == 800
+        here, there = (Capture.from_stream(stream, root / "stacks") for root in (folder, dataset))
+    assert (here.frames, here.slices) == (frames, there.slices)
+    assert here.plane_source.digest == there.plane_source.digest
+    assert (here.plane_source.load_planes(3, 2, 4) == there.plane_source.load_planes(3, 2, 4)).all()
 
 
 def test_a_shard_deletes_nothing_that_another_needs(work, made, copy, tmp_path):
@@ -260,26 +221,21 @@ def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(mad
     assert verify_dataset(folder) == (len(work.all_sequences), {})
 
 
-def test_a_damaged_recording_has_its_slices_rendered_again(work, copy):
-    """They are then deleted again; the other recordings are read, and kept if the slices have the same bits."""
-    before = digests(copy)
+def test_a_damaged_recording_needs_its_slices_again(work, made, copy):
+    """They are copied back, and deleted again at the end; the other recordings are kept."""
     run_again(work, copy, "closed-loop")
     damaged = copy / "test" / f"{MOVING[0]}.h5"
     content = bytearray(damaged.read_bytes())
-    with saf_gen.open_stream(damaged) as stream:
-        fingerprint = stream.metadata.provenance["fingerprint"]
     middle = len(content) * 3 // 4
     content[middle : middle + 64] = bytes(64)
     damaged.write_bytes(content)
+    needed = slices(work)[0]
+    put_slices(made, copy, needed)
     again = run_again(work, copy, "closed-loop")
-    assert len(again.rendered) == 33
-    assert MOVING[0] in again.recorded
-    assert sorted(again.recorded + again.kept) == sorted(before)
-    assert pictures(copy, slices(work)[0]) == []
+    assert (again.rendered, again.recorded, len(again.kept)) == ([], [MOVING[0]], 3)
+    assert pictures(copy, needed) == []
+    assert digests(copy) == digests(made)
     assert verify_dataset(copy) == (4, {})
-    with saf_gen.open_stream(damaged) as stream:
-        if stream.metadata.provenance["fingerprint"] == fingerprint:
-            assert digests(copy) == before
 
 
 def test_more_repeats_need_the_slices_again(work, made, copy, tmp_path):
@@ -342,30 +298,23 @@ run._write_previews = lambda *_: None
 recipe, folder, variant = sys.argv[1:]
 run.generate(resolve_recipe(recipe), folder, variant=variant, keep_slices="closed-loop")
 """
-KILLED = {
-    "after the first recording": ["test/*dynamic*.h5"],
-    "after the first slice": ["stacks/*/lamp.exr"],
-    "after the last recording": [f"test/{name}.h5" for name in MOVING],
-}
-SHORT, *OTHERS = (pytest.param(files, id=name) for name, files in KILLED.items())
 
 
-@pytest.mark.parametrize("files", [SHORT, *(pytest.param(*p.values, id=p.id, marks=pytest.mark.long) for p in OTHERS)])
-def test_a_killed_run_goes_on_and_renders_nothing_twice(work, made, tmp_path, files):
-    """SIGKILL once these files exist, then the same run again. tests/generate/test_generate.py also kills workers.
+@pytest.mark.parametrize("file", ["test/*dynamic*.h5", pytest.param("stacks/*/lamp.exr", marks=pytest.mark.long)])
+def test_a_killed_run_goes_on_and_renders_nothing_twice(work, made, tmp_path, file):
+    """SIGKILL once this file exists, then the same run again. tests/generate/test_generate.py also kills workers.
 
-    If it is killed after a recording, the stacks of the recordings existed, and those of the closed loop are rendered
-    before it.
+    If it is killed after a recording, all slices existed.
     """
     folder = tmp_path / "killed"
-    if "stacks/*/lamp.exr" not in files:
-        for stack in {s.time_stack for s in work.all_sequences}:
+    if file.startswith("test"):
+        for stack in {slices(work)[1], *(s.time_stack for s in work.all_sequences)}:
             put_slices(made, folder, stack)
     command = [sys.executable, "-c", IN_ONE_PROCESS, str(tmp_path / "takes.yaml"), str(folder), VARIANT]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     run = subprocess.Popen(command, env=environment)
     deadline = time.monotonic() + 120
-    while not all(list(folder.glob(name)) for name in files) and run.poll() is None and time.monotonic() < deadline:
+    while not list(folder.glob(file)) and run.poll() is None and time.monotonic() < deadline:
         time.sleep(0.001)
     run.kill()
     assert run.wait() == -signal.SIGKILL, "it ended before it was killed"

@@ -8,11 +8,9 @@ import drjit as dr
 import numpy as np
 import pytest
 from capture_dataset import VARIANT
-from refusals import assert_says, refusal
 from small_dataset import SCENES
 
 import saf_gen
-from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics import ImageDistanceDrive
@@ -169,40 +167,17 @@ def test_between_two_slices_the_picture_is_a_render_of_that_time(made, scenes, m
     assert off(before) > 2 * off(blended)
 
 
-def test_dynamic_where_nothing_moves_is_refused(recipe):
-    still = "scenes: [usaf_target], lights: [constant]"
-    recipe.write_text(recipe.read_text().replace(still, still + ", scene_motion: [dynamic]"))
-    assert_says(refusal(resolve_recipe, recipe), "split 'train' asks for dynamic |  usaf_target")
-
-
-def test_more_variants_than_repeats_are_refused(recipe):
-    recipe.write_text(recipe.read_text().replace("variants: 2", "variants: 3"))
-    assert_says(refusal(resolve_recipe, recipe), "repeats, which are 2")
-
-
 def test_a_recipe_may_choose_parameters_by_name(recipe):
-    text = recipe.read_text()
-    recipe.write_text(text + "scene_params: {plane: {contrast: 0.5}}\n")
-    assert {s.planned.params["contrast"] for s in resolve_recipe(recipe).sequences if s.planned.scene == "plane"} == {
-        0.5
-    }
-    recipe.write_text(text + "scene_params: {plane: {contrats: 0.5}}\n")
-    assert_says(refusal(resolve_recipe, recipe), "'contrats' | 'contrast'")
-    recipe.write_text(text + "scene_params: {plain: {contrast: 0.5}}\n")
-    with pytest.raises(BadInput, match=r"moving.yaml:\d+: unknown scene of scene_params 'plain'.*'plane'"):
-        resolve_recipe(recipe)
+    recipe.write_text(recipe.read_text() + "scene_params: {plane: {contrast: 0.5}}\n")
+    of_plane = [s.planned for s in resolve_recipe(recipe).sequences if s.planned.scene == "plane"]
+    assert {planned.params["contrast"] for planned in of_plane} == {0.5}
 
 
 @pytest.mark.skipif(VARIANT == "scalar", reason="scalar writes no kernels")
 def test_all_moments_are_traced_by_the_same_kernels(recipe, tmp_path, monkeypatch):
-    # At each moment the lens passes other positions, and the scene is loaded again for each light.
-    monkeypatch.delenv("SAF_GEN_SCENES")
-    scenes = "test: {scenes: [usaf_microscope], lights: [constant], scene_motion: [dynamic]}"
-    text = recipe.read_text().replace("frames: 400", "frames: 8000").replace("slice_samples: 64", "slice_samples: 4")
-    text = text.split("  train:")[0]
-    recipe.write_text(f"{text}  {scenes}\n")
-    work = resolve_recipe(recipe)
-    moments = work.sequences[0].time_stack.specs[::16]
+    """At each moment the lens passes other positions, and the scene is loaded again for each light."""
+    sequence = resolve_recipe(recipe).sequences[-1]
+    moments = sequence.time_stack.specs[1::4]
     assert len({moment.window for moment in moments}) == len(moments) == 3
     render, used = estimators.render_groups, []
 
@@ -215,7 +190,7 @@ def test_all_moments_are_traced_by_the_same_kernels(recipe, tmp_path, monkeypatc
 
     monkeypatch.setattr(estimators, "render_groups", spied)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        render_missing(work.sequences[0].scene, moments, root=tmp_path, backend_name=VARIANT)
+        render_missing(sequence.scene, moments, root=tmp_path, backend_name=VARIANT)
     assert len(used) == len(moments)
     assert all(kernels for kernels in used)
     assert len(set(used[1:])) == 1  # the first moment also loads what all moments share

@@ -1,14 +1,17 @@
-"""Recipes: correct ones are read, wrong ones are refused with the line number."""
+"""Recipes: correct ones are read, wrong ones are refused with the line number, coarse sampling is warned of."""
 
 import math
+import re
 from pathlib import Path
 from typing import get_args
 
+import capture_dataset
 import pytest
 from refusals import assert_says, refusal
 
+from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.generate.recipe import FocusSettings, read_recipe
-from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.resolve import MIN_POSITIONS, coarse_sampling, recipe_digest, resolve_recipe
 from saf_gen.optics import DRIVES
 
 GOOD = """\
@@ -45,8 +48,14 @@ def test_a_recipe_is_read(tmp_path):
 
 @pytest.mark.parametrize("path", sorted(Path("recipes").glob("*.yaml")), ids=lambda p: p.name)
 def test_every_recipe_of_the_project_is_right(path):
+    resolved = resolve_recipe(path)
     assert read_recipe(path).name == path.stem
-    assert resolve_recipe(path).sequences
+    assert resolved.sequences
+    assert coarse_sampling(resolved) == [], "no recipe that comes along is warned of"
+    if frozen := read_frozen_digests().get(path.stem):
+        assert recipe_digest(resolved) == frozen.digest, "a benchmark with other spikes needs another name"
+        counted = [s.planned.split for s in resolved.all_sequences]
+        assert {split: counted.count(split) for split in counted} == frozen.sequences
 
 
 @pytest.mark.parametrize(
@@ -58,34 +67,25 @@ def test_every_recipe_of_the_project_is_right(path):
         ("{mean_rate: 0.2}", "{mean_rate: 1.2}", "r.yaml:3 | camera.exposure is | above 0 and below 1"),
         ("{mean_rate: 0.2}", "{}", "either mean_rate | or absolute: true"),
         ("drive: image_distance", "drive: imagedistance", "r.yaml:4 | focus.drive is 'imagedistance'"),
+        ("samples: 4", "samples: 4, whole_slices: 0", "render.whole_slices is | seconds above 0"),
+        ("samples: 4", "samples: 4, whole_slices: .inf", "render.whole_slices is | seconds above 0"),
+        ("samples: 4", "samples: 4, whole_slices: sometimes", "render.whole_slices is | seconds above 0"),
         ("kind: constant", "kind: constnt", "r.yaml:7 | 'constnt' | mean 'constant"),
         ("from: 0.5", "form: 0.5", "r.yaml:8 | 'ramp' | 'form' | mean 'from"),
         ("from: 0.5", "from: -0.5", "r.yaml:8 | from -0.5 to 1 | 0 or more"),
         ("[1, 2]", "[2, 1]", "r.yaml:8 | uniform is [2, 1] | [low, high] with low < high"),
-        ("[constant, mixed]", "[constant, mixd]", "r.yaml:10 | 'mixd' | mean 'mixed"),
         ("{lamp: {kind", "{lamp: {kin", "r.yaml:8 | light group 'lamp' has no kind"),
-        (
-            "[constant, mixed]",
-            "[constant, constant]",
-            "r.yaml:10 | splits.test.lights is ['constant', 'constant'] | each name once",
-        ),
+        ("[constant, mixed]", "[constant, mixd]", "r.yaml:10 | 'mixd' | mean 'mixed"),
+        ("[constant, mixed]", "[constant, constant]", "r.yaml:10 | splits.test.lights is | each name once"),
         ("[usaf_target]", "[camel, camel]", "r.yaml:10 | splits.test.scenes is | each name once"),
+        ("mixed]}", "mixed], scene_motion: [static, static]}", "r.yaml:10 | scene_motion is | each name once"),
+        ("mixed]}", "mixed], at_rest: [fan]}", "r.yaml:10 | unknown scene of test in at_rest: 'fan' | usaf_target"),
         (
-            "lights: [constant, mixed]",
-            "lights: [constant], scene_motion: [static, static]",
-            "r.yaml:10 | splits.test.scene_motion is | each name once",
-        ),
-        (
-            "lights: [constant, mixed]",
-            "lights: [constant], at_rest: [fan]",
-            "r.yaml:10 | unknown scene of test in at_rest: 'fan' | allowed: usaf_target",
-        ),
-        (
-            "lights: [constant, mixed]",
-            "lights: [constant], scene_motion: [dynamic], at_rest: [usaf_target]",
+            "mixed]}",
+            "mixed], scene_motion: [dynamic], at_rest: [usaf_target]}",
             "r.yaml:10 | splits.test is | scene_motion: [static, dynamic] if scenes are at_rest",
         ),
-        ("[1, 2]}", "[1, .inf]}", "r.yaml:8 | uniform is [1, inf] | finite numbers"),
+        ("splits:", "splits:\n  a: {scenes: [usaf_target], lights: [mixed]}", "r.yaml:11: scene 'usaf_target'"),
         (
             "{kind: constant}",
             "{choice: [{kind: constant}, {choice: [{kind: constant}]}]}",
@@ -93,6 +93,11 @@ def test_every_recipe_of_the_project_is_right(path):
         ),
         ("name: tiny", "name: Tiny set", "r.yaml:1 | name is 'Tiny set'"),
         ("  mixed:", "  Mixed/up:", "'Mixed/up'"),
+        (
+            "lights:\n",
+            "scene_params: {usaf_target: {made: 2024-05-01}}\nlights:\n",
+            "r.yaml:6 | scene_params.usaf_target.made is the date 2024-05-01",
+        ),
     ],
 )
 def test_a_wrong_recipe_is_refused_in_one_line(tmp_path, old, new, message):
@@ -108,12 +113,9 @@ def test_a_wrong_recipe_is_refused_in_one_line(tmp_path, old, new, message):
         ("{kind: swep}", "r.yaml:4 | 'swep' | mean 'sweep"),
         ("{kind: sweep, form: 0.1}", "r.yaml:4 | 'sweep' | 'form' | mean 'from"),
         ("{kind: sweep, to: 1.5}", "r.yaml:4 | to is 1.5 | 0 to 1"),
-        ("{kind: sweep, to: {uniform: [0.5, 1.5]}}", "r.yaml:4 | to is 1.5 | 0 to 1"),
-        ("{kind: sweep, to: {uniform: [0.5, 0.5]}}", "r.yaml:4 | uniform is [0.5, 0.5] | low < high"),
         ("{choice: [{kind: sweep}, {kind: hold}]}", "r.yaml:4 | lens motion 'hold' | missing"),
         ("{choice: [sweep]}", "r.yaml:4 | motion is 'sweep' | {kind: ...,"),
         ("{kind: from_csv, file: lns.csv}", "r.yaml:4 | 'lns.csv' | mean 'lens.csv"),
-        ("{kind: from_csv, file: ../lens.csv}", "r.yaml:4 | '../lens.csv' | outside"),
         ("{kind: from_csv, file: lens.csv}", "lens.csv:3 | time_s goes from 0 to 0 | a column that rises"),
     ],
 )
@@ -122,91 +124,49 @@ def test_a_wrong_lens_motion_is_refused_in_one_line(tmp_path, motion, message):
     assert_says(refusal(read, tmp_path, GOOD.replace("positions: 5", f"positions: 5, motion: {motion}")), message)
 
 
+LIGHT = "{kind: constant}"
+LATE = "{kind: steps, every_s: 0.001, levels: [1, 1, 1, 1.0e+39, 1]}"
+"""The fourth of five steps has a gain beyond float32; the first sixteen readouts are all in the first step."""
+
+
+def with_params(params):
+    return "[usaf_target]", f"[two_planes], lights: [constant]}}\nscene_params: {params} #"
+
+
 @pytest.mark.parametrize(
-    ("motion", "message"),
+    ("old", "new", "message"),
     [
-        ("{kind: steps, count: {uniform: [2, 9]}, natural_hz: 900, damping: 1}", "count is | a whole number"),
-        ("{kind: sweep_and_return, dwell_s: 1}", "dwell_s is 1 in a recording of 0.005 s"),
-        ("{kind: hand}", "bandwidth_hz is 5 in a recording of 0.005 s | at least 400"),
-        ("{kind: from_csv, file: lens.csv}", "lens.csv | time_s goes from 0 to 0.001"),
+        (
+            "positions: 5",
+            "positions: 5, motion: {kind: steps, count: {uniform: [2, 9]}, natural_hz: 900, damping: 1}",
+            "r.yaml | the lens motion of usaf_target-constant-00 | count is | a whole number",
+        ),
+        ("[usaf_target]", "[usaf_targt]", "'usaf_targt' | mean 'usaf_target"),
+        ("{lamp: {kind", "{lmap: {kind", "light 'mixed' on usaf_target | 'lmap'"),
+        (LIGHT, "{kind: constant, offset: 1.0e+300}", "light 'constant' on usaf_target: the gain of | is too large"),
+        (LIGHT, LATE, "light 'constant' on usaf_target: | too large"),
+        ("mixed]}", "mixed], scene_motion: [dynamic]}", "split 'test' asks for dynamic |  usaf_target"),
+        ("mixed]}", "mixed], variants: 2}", "repeats, which are 1"),
+        (*with_params("{two_planes: {near_side: lfet}}"), 'near_side is \'lfet\' | "left", "right" | mean \'left'),
+        (*with_params("{two_planes: {near_sid: left}}"), "'near_sid' | 'near_side'"),
+        (*with_params("{two_plane: {near_side: left}}"), "unknown scene of scene_params 'two_plane' | 'two_planes'"),
+        (
+            "{mean_rate: 0.2}",
+            "{mean_rate: 0.2, f_number: 64}",
+            "r.yaml | scene usaf_target: | 555 nm | 0.547 mm | 7.48 times the travel | diffraction: false",
+        ),
     ],
 )
-def test_a_motion_that_does_not_fit_the_recording_is_refused_before_anything_is_made(tmp_path, motion, message):
-    (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n0.001,1\n")
+def test_what_does_not_fit_its_scenes_is_refused_before_anything_is_made(tmp_path, old, new, message):
     path = tmp_path / "r.yaml"
-    path.write_text(GOOD.replace("positions: 5", f"positions: 5, motion: {motion}"))
-    error = refusal(resolve_recipe, path)
-    assert_says(error, message)
-    assert (error.where, error.problem.split(": ")[0]) == (str(path), "the lens motion of usaf_target-constant-00")
-
-
-def test_a_scene_in_two_splits_is_refused(tmp_path):
-    text = GOOD + "  train: {scenes: [usaf_target], lights: [constant]}\n"
-    assert_says(refusal(read, tmp_path, text), "r.yaml:11: scene 'usaf_target'")
-
-
-@pytest.mark.parametrize(
-    ("params", "message"),
-    [
-        ("{made: 2024-05-01}", "r.yaml:11 | scene_params.usaf_target.made is the date 2024-05-01"),
-        ("{ink: .nan}", "r.yaml:11 | scene_params.usaf_target.ink is nan | a finite number"),
-        ("{ink: {uniform: [0, .inf]}}", "r.yaml:11 | uniform is [0, inf]"),
-        ("{ink: {choice: [{uniform: [0, 1]}, 1]}}", "r.yaml:11 | a choice holds the range"),
-        ("{ink: {unifrm: [0, 1]}}", "r.yaml:11 | mean 'uniform"),
-    ],
-)
-def test_a_parameter_that_no_file_could_store_is_refused_with_its_line(tmp_path, params, message):
-    assert_says(refusal(read, tmp_path, GOOD + f"scene_params: {{usaf_target: {params}}}\n"), message)
-
-
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ("lfet", 'r.yaml | scene_params.two_planes.near_side is \'lfet\' | "left", "right" | mean \'left'),
-        ("{choice: [left, rihgt]}", "near_side is {'choice' | mean 'right"),
-    ],
-)
-def test_a_value_that_is_not_in_the_card_s_choice_is_refused_before_anything_is_made(tmp_path, value, message):
-    path = tmp_path / "r.yaml"
-    text = GOOD.replace("[usaf_target]", "[two_planes]")
-    path.write_text(f"{text}scene_params: {{two_planes: {{near_side: {value}}}}}\n")
+    path.write_text(GOOD.replace(old, new))
     assert_says(refusal(resolve_recipe, path), message)
-
-
-@pytest.mark.parametrize("light", ["{kind: constant, level: 1.0e+39}", "{kind: constant, offset: 1.0e+300}"])
-def test_a_gain_that_cannot_be_recorded_is_refused_before_anything_is_made(tmp_path, light):
-    path = tmp_path / "r.yaml"
-    path.write_text(GOOD.replace("{kind: constant}", light))
-    assert_says(refusal(resolve_recipe, path), "light 'constant' on usaf_target: the gain of | is too large")
-
-
-def test_a_gain_is_checked_over_the_complete_recording(tmp_path):
-    """The fourth of five steps has a gain beyond float32; the first sixteen readouts are all in the first step."""
-    path = tmp_path / "r.yaml"
-    late = "{kind: steps, every_s: 0.001, levels: [1, 1, 1, 1.0e+39, 1]}"
-    path.write_text(GOOD.replace("{kind: constant}", late))
-    assert_says(refusal(resolve_recipe, path), "light 'constant' on usaf_target: | too large")
 
 
 @pytest.mark.parametrize(("value", "seconds"), [("false", 0), ("true", math.inf), ("0.3", 0.3), ("1", 1), ("1.0", 1)])
 def test_whole_slices_cover_the_stated_seconds(tmp_path, value, seconds):
     text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {value}}}")
     assert read(tmp_path, text).render.all_positions_s == seconds
-
-
-@pytest.mark.parametrize("value", ["0", "-0.3", "sometimes", ".inf"])
-def test_whole_slices_for_no_time_is_refused(tmp_path, value):
-    text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {value}}}")
-    assert_says(refusal(read, tmp_path, text), "render.whole_slices is | seconds above 0")
-
-
-def test_a_lens_that_diffraction_keeps_in_focus_is_refused_before_anything_is_rendered(tmp_path):
-    path = tmp_path / "r.yaml"
-    path.write_text(GOOD.replace("{mean_rate: 0.2}", "{mean_rate: 0.2, f_number: 64}"))
-    message = "r.yaml | scene usaf_target: | 555 nm | 0.547 mm | 7.48 times the travel | diffraction: false"
-    assert_says(refusal(resolve_recipe, path), message)
-    path.write_text(path.read_text().replace("samples: 4", "samples: 4, diffraction: false"))
-    assert resolve_recipe(path).sequences
 
 
 @pytest.mark.parametrize(
@@ -221,3 +181,49 @@ def test_stacks_have_the_sensors_waves_unless_they_are_switched_off(tmp_path, ke
     geometric = resolved.without_diffraction()
     assert {s.time_stack.specs[0].wavelength_m for s in geometric.sequences + geometric.all_sequences} == {0.0}
     assert geometric.recipe.render.diffraction is False
+
+
+# --- too few focus positions or time slices -----------------------------------------------------------
+
+
+@pytest.mark.usefixtures("test_scenes")
+def test_the_suggested_number_of_positions_is_the_smallest_without_a_warning(small_recipe, call):
+    text = small_recipe.read_text()
+    small_recipe.write_text(text.replace("positions: 9", "positions: 2"))
+    code, shown, _ = call("recipes", "check", small_recipe)
+    assert code == 0
+    (line,) = coarse_sampling(resolve_recipe(small_recipe))
+    assert f"warning: {line}" in " ".join(shown.split())
+    enough = int(re.search(r"use (\d+) or more", line)[1])
+    assert float(re.search(r"only ([\d.]+) of them", line)[1]) < MIN_POSITIONS
+    small_recipe.write_text(text.replace("positions: 9", f"positions: {enough}"))
+    assert coarse_sampling(resolve_recipe(small_recipe)) == []
+    small_recipe.write_text(text.replace("positions: 9", f"positions: {enough - 1}"))
+    assert len(coarse_sampling(resolve_recipe(small_recipe))) == 1
+
+
+def test_fewer_time_slices_than_the_card_has_are_warned_of_with_the_error_to_expect(tmp_path, monkeypatch, call):
+    """With slices four times as far apart, the error of an edge is eight times as large; a static scene needs none."""
+    card = capture_dataset.write_moving_plane(tmp_path, monkeypatch) / "scene.yaml"
+    card.write_text(card.read_text() + "interpolation_error: 0.02\n")
+    recipe = tmp_path / "takes.yaml"
+
+    def lines(slices_per_s, moves="static, dynamic"):
+        text = capture_dataset.RECIPE.replace("whole_slices: true", f"slices_per_s: {slices_per_s}")
+        recipe.write_text(text.replace("static, dynamic", moves))
+        return coarse_sampling(resolve_recipe(recipe))
+
+    assert lines(250) == lines(1000) == lines(62.5, moves="static") == []
+    (line,) = lines(62.5)
+    assert line == (
+        "render.slices_per_s is 62.5: half way between two time slices plane is shown as a mixture of both, with an "
+        "error of about 0.16 of the mean brightness; its card states 250, for an error of 0.02"
+    )
+    code, _, err = call("generate", recipe, "--dry-run")
+    assert code == 0
+    assert f"warning: {line}" in " ".join(err.split())
+    card.write_text(card.read_text().replace("interpolation_error: 0.02\n", ""))
+    assert lines(62.5) == [
+        "render.slices_per_s is 62.5: half way between two time slices plane is shown as a mixture of both; "
+        "its card states 250"
+    ]

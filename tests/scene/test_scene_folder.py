@@ -12,7 +12,7 @@ from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.plugins.lights import RESERVED_GROUP_NAMES, split_schedule
 from saf_gen.render import backend, mitsuba_scene
 from saf_gen.scene import library
-from saf_gen.scene.scene_folder import find_scene, scene_names
+from saf_gen.scene.scene_folder import find_scene
 from saf_gen.scene.trusted_folders import forget_folder, register_folder
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
@@ -38,18 +38,9 @@ def edited(plane):
     return edit
 
 
-def test_the_projects_scenes_are_found_with_cards_that_fit():
-    assert {"camel", "usaf_target"} <= set(scene_names())
-    for name in ("camel", "usaf_target"):
-        card = find_scene(name).card
-        assert len(card.lights) >= 2
-        assert card.licence
-
-
-def test_an_unknown_scene_is_refused_with_the_nearest(test_scenes):
-    error = refusal(find_scene, "plain")
-    assert "'plain'" in error.problem
-    assert error.nearest == "plane"
+MACRO = "{focal_length_mm: 25, f_number: 2.0, drive: image_distance, focus_range_m: [0.60, 0.42]}"
+LIQUID = "{drive: focal_length, image_distance_mm: 26, f_number: 2.0, focus_range_m: [0.60, 0.42]}"
+STAGE = "{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 20, travel_m: [-3.0e-5, 3e-5]}"
 
 
 @pytest.mark.parametrize(
@@ -62,6 +53,23 @@ def test_an_unknown_scene_is_refused_with_the_nearest(test_scenes):
         ("room: [room]", "room: [lamp]", 7, "'lamp' is in two light groups"),
         ("id: plane", "id: plane\nunit_m: 0", 2, "unit_m is 0; allowed: greater than 0"),
         ("target: [plane]", "target: []", 10, "target is []"),
+        ("  room: [room]", "  room: []", 9, "light group 'room' is empty"),
+        ("id: plane", "id: plane\nlibrary: {letters: broad_pen}", 2, "did you mean 'broad_pen_1'?"),
+        ("id: plane", "id: plane\nparams: {made: 2024-05-01}", 2, "params.made is the date 2024-05-01"),
+        ("id: plane", "id: plane\nparams: {ink: {uniform: [0, .inf]}}", 2, "uniform is [0, inf]"),
+        (MACRO, LIQUID.replace("image_distance_mm", "focal_length_mm"), 6, "'focal_length_mm'"),
+        (
+            MACRO,
+            LIQUID.replace("focal_length,", "focal_lenght,"),
+            6,
+            "lens.drive is 'focal_lenght'; allowed: image_distance, focal_length, stage; did you mean 'focal_length'?",
+        ),
+        (MACRO, STAGE.replace("travel_m: [-3.0e-5, 3e-5]", "focus_range_m: [0.6, 0.4]"), 6, "'focus_range_m'"),
+        (MACRO, STAGE.replace("magnification: 20, ", ""), 6, "'lens.magnification' is missing"),
+        (MACRO, STAGE.replace("3e-5]", "-3.0e-5]"), 6, "the stage does not move"),
+        (MACRO, STAGE.replace("3e-5]", "4.5e-3]"), 6, "0.00453 m"),
+        (MACRO, LIQUID.replace("0.42", "0"), 6, "cannot focus at 0 m"),
+        (MACRO, LIQUID.replace("0.42", "0.60"), 6, "the lens does not change"),
     ],
 )
 def test_a_wrong_card_is_refused_with_its_line(edited, old, new, line, message):
@@ -69,11 +77,6 @@ def test_a_wrong_card_is_refused_with_its_line(edited, old, new, line, message):
     error = refusal(find_scene, "plane")
     assert f"scene.yaml:{line}" in str(error)
     assert message in str(error)
-
-
-MACRO = "{focal_length_mm: 25, f_number: 2.0, drive: image_distance, focus_range_m: [0.60, 0.42]}"
-LIQUID = "{drive: focal_length, image_distance_mm: 26, f_number: 2.0, focus_range_m: [0.60, 0.42]}"
-STAGE = "{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 20, travel_m: [-3.0e-5, 3e-5]}"
 
 
 @pytest.mark.parametrize(
@@ -93,34 +96,6 @@ def test_a_card_has_the_words_of_its_drive(edited, lens, drive, words):
     assert scene.card.lens.summary == words
 
 
-@pytest.mark.parametrize(
-    ("lens", "message"),
-    [
-        (LIQUID.replace("image_distance_mm", "focal_length_mm"), "'focal_length_mm'"),
-        (STAGE.replace("travel_m: [-3.0e-5, 3e-5]", "focus_range_m: [0.6, 0.4]"), "'focus_range_m'"),
-        (STAGE.replace("magnification: 20, ", ""), "'lens.magnification' is missing"),
-        (STAGE.replace("20", "-20"), "lens.magnification is -20; allowed: greater than 0"),
-        (STAGE.replace("3e-5]", "-3.0e-5]"), "the stage does not move"),
-        (STAGE.replace("3e-5]", "4.5e-3]"), "0.00453 m"),
-        (LIQUID.replace("0.42", "0"), "cannot focus at 0 m"),
-        (LIQUID.replace("0.42", "0.60"), "the lens does not change"),
-    ],
-)
-def test_a_wrong_drive_is_refused_with_its_line(edited, lens, message):
-    edited(MACRO, lens)
-    error = str(refusal(find_scene, "plane"))
-    assert "scene.yaml:6" in error
-    assert message in error
-
-
-def test_a_misspelt_drive_is_refused_with_the_nearest(edited):
-    edited(MACRO, LIQUID.replace("focal_length,", "focal_lenght,"))
-    error = refusal(find_scene, "plane")
-    assert (error.problem, error.nearest) == ("lens.drive is 'focal_lenght'", "focal_length")
-    assert error.allowed == "image_distance, focal_length, stage"
-    assert error.where.endswith("scene.yaml:6")
-
-
 def test_a_scene_without_geometry_is_refused(plane):
     (plane / "scene.py").unlink()
     assert "neither scene.py nor scene.xml" in refusal(find_scene, "plane").problem
@@ -128,22 +103,17 @@ def test_a_scene_without_geometry_is_refused(plane):
 
 def test_the_digest_sees_geometry_and_not_prose(edited, plane):
     before = find_scene("plane").digest
+    edited("title: ", "title: Another name, not ")
+    assert find_scene("plane").card.title.startswith("Another name")
+    (plane / "SOURCE.md").write_text("made here")
+    (plane / "preview.png").write_text("a sheet")
+    (plane / "parts" / "__pycache__").mkdir(parents=True)
+    (plane / "parts" / "__pycache__" / "x.pyc").write_text("compiled")
+    assert find_scene("plane").digest == before
     edited("scale(60)", "scale(50)", "scene.py")
     changed = find_scene("plane").digest
-    assert changed != before
-    (plane / "SOURCE.md").write_text("made here")
-    assert find_scene("plane").digest == changed
-
-
-def test_a_title_leaves_the_digest_and_a_unit_changes_it(plane):
-    before = find_scene("plane").digest
-    card = plane / "scene.yaml"
-    title = next(line for line in card.read_text().splitlines() if line.startswith("title:"))
-    card.write_text(card.read_text().replace(title, "title: Another name  # and a remark"))
-    assert find_scene("plane").card.title == "Another name"
-    assert find_scene("plane").digest == before
-    card.write_text(card.read_text() + "\nunit_m: 0.5\n")
-    assert find_scene("plane").digest != before
+    edited("title: ", "unit_m: 0.5\ntitle: ")
+    assert len({before, changed, find_scene("plane").digest}) == 3
 
 
 # --- the library --------------------------------------------------------------------------------------
@@ -165,9 +135,7 @@ def test_a_library_module_never_changes():
     ("name", "digest"),
     [
         ("bookshelf", "67a1018e6974c2d68aea581cf02d1b393afd52b4a8c6e20cab676eebd83e8d3e"),
-        ("bottle", "e8789a07c55bb0cb1068282e293ef321e2b74c25d51775d2eb8cb0107956fe1d"),
         ("fan", "16e860b9de757ba966460fffe9dfc11d9dbcb36f7b3f383d75648f9da5caf2e1"),
-        ("speculars", "cb8718c38e03902076c7c6cb19bbfad6e28d7892c2366443398e1c40aee9d86f"),
         ("two_planes", "6fe7c14ebc150e3b634207a1d7c24d7419aba92c31b75e04928ccfc1d0ae0569"),
     ],
 )
@@ -193,13 +161,6 @@ def test_a_library_module_is_the_file_that_the_script_imports(plane, module):
     assert set(mitsuba_scene.scene_dict(shared)) == described
 
 
-def test_an_unknown_library_module_is_refused_with_its_line(edited):
-    edited("id: plane", "id: plane\nlibrary: {letters: broad_pen}")
-    error = refusal(find_scene, "plane")
-    assert error.where.endswith("scene.yaml:2")
-    assert error.nearest == "broad_pen_1"
-
-
 # --- a scene is a family ----------------------------------------------------------------------------
 
 
@@ -222,10 +183,7 @@ def test_open_parameters_are_drawn_by_name(family):
     assert one.params["seed"] in (1, 2, 3)
     assert one.params["texels"] == 64
     assert one.digest == other.digest
-
-
-def test_a_scene_looked_at_twice_is_the_same(family):
-    assert find_scene("plane").params == find_scene("plane").params
+    assert find_scene("plane").params == scene.params
 
 
 def test_parameters_can_be_chosen_by_name_only(family):
@@ -234,24 +192,6 @@ def test_parameters_can_be_chosen_by_name_only(family):
     error = refusal(scene.with_params, {"sead": 3})
     assert "'sead'" in error.problem
     assert error.nearest == "seed"
-
-
-@pytest.mark.parametrize(
-    ("params", "message"),
-    [
-        ("{made: 2024-05-01}", "params.made is the date 2024-05-01"),
-        ("{ink: .nan}", "params.ink is nan"),
-        ("{ink: {uniform: [0.5, 0.5]}}", "uniform is [0.5, 0.5]; allowed: [low, high]"),
-        ("{ink: {uniform: [0, .inf]}}", "uniform is [0, inf]"),
-        ("{ink: {choice: [{uniform: [0, 1]}]}}", "a choice holds the range"),
-        ("{ink: {chioce: [1, 2]}}", "did you mean 'choice'?"),
-    ],
-)
-def test_a_parameter_of_a_card_that_no_file_could_store_is_refused(edited, params, message):
-    edited("id: plane", f"id: plane\nparams: {params}")
-    error = str(refusal(find_scene, "plane"))
-    assert "scene.yaml:2: " in error
-    assert message in error
 
 
 # --- light groups -----------------------------------------------------------------------------------
@@ -276,12 +216,7 @@ def test_the_reserved_names_are_a_stack_s_other_piece_and_what_begins_a_schedule
         assert set(split_schedule({name: {"kind": "constant"}})) == {""}
 
 
-def test_a_light_group_without_emitters_is_refused(edited):
-    edited("  room: [room]", "  room: []")
-    assert "scene.yaml:9: light group 'room' is empty" in str(refusal(find_scene, "plane"))
-
-
-@pytest.mark.parametrize("name", ["lamp-2", "0", "ring_0", "a-b_c"])
+@pytest.mark.parametrize("name", ["0", "a-b_c"])
 def test_letters_digits_and_dashes_make_a_light_group(edited, name):
     edited("  room: [room]", f"  '{name}': [room]")
     assert set(find_scene("plane").card.lights) == {"lamp", name}
@@ -290,7 +225,7 @@ def test_letters_digits_and_dashes_make_a_light_group(edited, name):
 # --- what the digest sees ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["preview_card.png", "previews/a.png", "textures/preview.png", "preview.jpg"])
+@pytest.mark.parametrize("name", ["preview_card.png", "textures/preview.png", "preview.jpg"])
 def test_a_picture_that_is_called_like_a_preview_is_part_of_the_scene(plane, name):
     path = plane / name
     path.parent.mkdir(exist_ok=True)
@@ -299,14 +234,6 @@ def test_a_picture_that_is_called_like_a_preview_is_part_of_the_scene(plane, nam
         path.write_text(content)
         digests.add(find_scene("plane").digest)
     assert len(digests) == 2
-
-
-def test_the_scene_s_own_preview_and_caches_are_no_part_of_it(plane):
-    before = find_scene("plane").digest
-    (plane / "preview.png").write_text("a sheet")
-    (plane / "parts" / "__pycache__").mkdir(parents=True)
-    (plane / "parts" / "__pycache__" / "x.pyc").write_text("compiled")
-    assert find_scene("plane").digest == before
 
 
 def test_a_linked_folder_counts_with_what_is_in_it(plane, tmp_path):

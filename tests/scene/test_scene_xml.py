@@ -49,7 +49,7 @@ def written(tmp_path):
 # --- what exporters write -----------------------------------------------------------------------------
 
 
-def test_the_exported_folder_is_what_its_script_makes(tmp_path):
+def test_the_exported_meshes_are_what_their_script_makes(tmp_path):
     write_exported_scene(tmp_path)
     for path in (p for p in tmp_path.rglob("*") if p.is_file() and p.suffix != ".png"):
         assert (SCENES / "workbench" / path.relative_to(tmp_path)).read_bytes() == path.read_bytes(), path
@@ -71,6 +71,8 @@ def test_an_exported_scene_goes_in_as_it_is(test_scenes):
     scene = find_scene("workbench")
     loaded, seen = seen_of(scene, "lamp")
     assert {s.id() for s in loaded.shapes()} == {"emit-Lamp", "mesh-Bench", "mesh-Crate.001", "mesh-Ball"}
+    assert [s.id() for s in loaded.shapes() if s.is_emitter()] == ["emit-Lamp"]
+    assert loaded.environment() is None
     axis = np.array([0, 0.157 - 0.2, 0.39 - 0.55])
     axis /= np.linalg.norm(axis)
     assert seen.target[20, 32]
@@ -78,11 +80,10 @@ def test_an_exported_scene_goes_in_as_it_is(test_scenes):
     assert scene.build_drive().focusing_range_m[0] < seen.depth[20, 32] < scene.build_drive().focusing_range_m[1]
 
 
-@pytest.mark.parametrize(("group", "burning"), [("lamp", {"emit-Lamp"}), ("world", {"World"})])
-def test_one_light_group_burns_at_a_time(test_scenes, group, burning):
-    loaded, _ = seen_of(find_scene("workbench"), group)
-    around = {loaded.environment().id()} if loaded.environment() else set()
-    assert {s.id() for s in loaded.shapes() if s.is_emitter()} | around == burning
+def test_one_light_group_burns_at_a_time(test_scenes):
+    loaded, _ = seen_of(find_scene("workbench"), "world")
+    assert loaded.environment().id() == "World"
+    assert not any(s.is_emitter() for s in loaded.shapes())
     assert "emit-Lamp" in {s.id() for s in loaded.shapes()}
 
 
@@ -117,22 +118,17 @@ def test_a_shape_of_a_file_moves_by_its_name(exported):
     assert depths == pytest.approx([0.5, 0.55], abs=1e-6)
 
 
-def test_sensors_integrators_and_films_do_not_count(written):
+def test_objects_get_a_name_and_keep_their_lines_but_for_sensors_and_integrators(written, tmp_path):
     text = written(
-        '<integrator type="whatever"/><sensor type="none" id="a"><film type="x"/></sensor>'
-        '<shape type="sphere" id="a"><sensor type="irradiancemeter"/></shape>'
+        '<shape type="cube"/>\n<integrator type="whatever"/><sensor type="none" id="a"><film type="x"/></sensor>\n'
+        '<shape type="cube" name="elm__3"><sensor type="irradiancemeter"/></shape>\n<emitter type="constant"/>'
     )
-    assert "whatever" not in text
-    assert "none" not in text
-    assert "irradiancemeter" not in text
-
-
-def test_every_object_gets_a_name_and_keeps_its_line(written):
-    text = written('<shape type="cube"/>\n\n<shape type="cube" name="elm__3"/>\n<emitter type="constant"/>')
+    assert not any(gone in text for gone in ("whatever", "none", "irradiancemeter"))
     lines = text.splitlines()
     assert 'id="shape_1"' in lines[1]
     assert 'id="elm__3"' in lines[3]
     assert 'id="emitter_1"' in lines[4]
+    assert 'id="a"' in read_scene_xml(tmp_path / "scene.xml", {}).cameras.splitlines()[2]
 
 
 def test_a_lamp_that_is_shared_burns_in_each_shape_that_names_it(written, tmp_path):
@@ -176,7 +172,7 @@ def test_the_first_default_wins_and_the_longest_name(written):
     assert 'value="1.51"' in text
 
 
-@pytest.mark.parametrize(("value", "as_xml"), [(True, "true"), (3, "3"), ([1, 2.5], "1, 2.5"), ("ab", "ab")])
+@pytest.mark.parametrize(("value", "as_xml"), [(True, "true"), ([1, 2.5], "1, 2.5")])
 def test_a_parameter_is_written_as_xml_has_it(written, value, as_xml):
     text = written('<default name="p" value="0"/><shape type="cube" id="$p"/>', {"p": value})
     assert f'id="{as_xml}"' in text
@@ -193,10 +189,6 @@ def test_an_include_within_the_folder_is_put_in_place(written, tmp_path):
     )
     assert text.index('id="grey"') < text.index('id="shape_1"')
     assert 'value="0.25"' in text
-
-
-def test_an_include_in_a_circle_is_refused(written):
-    assert "includes itself" in refusal(written, '<include filename="scene.xml"/>').problem
 
 
 def test_includes_that_multiply_are_refused(written, tmp_path, monkeypatch):
@@ -236,7 +228,6 @@ FILES = {
     "meshes/../../outside.ply": OUT,
     "meshes/link.ply": OUT,
     "up/outside.ply": OUT,
-    "deep/../../scene/meshes/Bench.ply": OUT,
     "\\etc\\passwd": ABSOLUTE,
     "..\\outside.ply": OUT,
     "/etc/passwd": ABSOLUTE,
@@ -251,11 +242,8 @@ FILES = {
 @pytest.mark.parametrize(
     "element",
     [
-        '<shape type="ply" id="it"><string name="filename" value="{}"/></shape>',
         '<bsdf type="diffuse" id="it"><spectrum name="reflectance" filename="{}"/></bsdf>',
         '<default name="f" value="{}"/><shape type="ply"><string name="filename" value="$f"/></shape>',
-        '<bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="{}"/>'
-        "</texture></bsdf>",
         '<include filename="{}"/>',
     ],
 )
@@ -265,23 +253,13 @@ def test_a_file_out_of_the_folder_or_missing_is_refused(neighbours, name, elemen
     assert FILES[name] in str(error)
 
 
-@pytest.mark.parametrize("name", ["meshes/Bench.ply", "meshes\\Bench.ply", "meshes/../meshes/Bench.ply"])
-def test_a_file_in_the_folder_gets_its_absolute_path(neighbours, name, tmp_path):
-    text = neighbours(f'<shape type="ply"><string name="filename" value="{name}"/></shape>')
-    assert f'value="{(tmp_path / "scene/meshes/Bench.ply").resolve()}"' in text
-
-
-def test_files_keep_the_names_that_the_scene_calls_them_by(neighbours, tmp_path):
+def test_files_get_their_absolute_paths_and_keep_the_names_that_the_scene_calls_them_by(neighbours, tmp_path):
     names = ["deep\\Bench.ply", "./meshes/Bench.ply", "deep/Bench.ply"]
-    neighbours("".join(f'<shape type="ply"><string name="filename" value="{n}"/></shape>' for n in names))
+    text = neighbours("".join(f'<shape type="ply"><string name="filename" value="{n}"/></shape>' for n in names))
     path = (tmp_path / "scene/meshes/Bench.ply").resolve()
+    assert text.count(f'value="{path}"') == 3
     read = read_scene_xml(tmp_path / "scene/scene.xml", {})
     assert read.files == (("deep/Bench.ply", path), ("meshes/Bench.ply", path))
-
-
-def test_cameras_keep_their_lines(tmp_path):
-    (tmp_path / "scene.xml").write_text(f'{HEAD}\n\n<sensor type="perspective" id="eye"/>\n</scene>')
-    assert 'id="eye"' in read_scene_xml(tmp_path / "scene.xml", {}).cameras.splitlines()[2]
 
 
 BOMB = """<?xml version="1.0"?>
@@ -303,8 +281,6 @@ def test_a_doctype_is_refused(written, text):
     [
         ('<shape type="blender"><integer name="loop_tris" value="1"/></shape>', "it reads Blender's memory"),
         ('<shape type="../../../tmp/evil"/>', "<shape>: unknown type '../../../tmp/evil'; allowed: bspl"),
-        ('<shape type="evil" id="it"/>', "<shape it>: unknown type 'evil'"),
-        ('<bsdf type="difuse"/>', "did you mean 'diffuse'?"),
         ('<bsdf type="twosided"><bsdf type="mine"/></bsdf>', "scene.xml:2: <bsdf>: unknown type 'mine'"),
         ("<shape/>", "<shape>: type is missing"),
         ('<path value="/tmp"/>', "<path>: a search path is not allowed"),
@@ -315,6 +291,7 @@ def test_a_doctype_is_refused(written, text):
         ('<shape type="cube" id="a"/>\n<shape type="cube" id="a"/>', ":3: <shape a>: the id occurs twice"),
         ('<shape type="sphere"><float name="radius" value="$r"/></shape>', "unknown parameter 'r'"),
         ("<bsdf>" * 80 + "</bsdf>" * 80, "at most 64 levels"),
+        ('<include filename="scene.xml"/>', "includes itself"),
     ],
 )
 def test_what_is_not_known_to_be_harmless_is_refused(written, elements, message):
@@ -325,7 +302,6 @@ def test_what_is_not_known_to_be_harmless_is_refused(written, elements, message)
     ("text", "message"),
     [
         ("<scene version='3.0.0'>\n<shape>\n</scene>", "scene.xml:3: this is not XML: mismatched tag"),
-        ("", "no element found"),
         ("<scene></scene>", "scene.xml:1: <scene>: the version is missing"),
         ('<shape type="cube"/>', "the outermost element is not a scene; allowed: <scene>"),
     ],
@@ -337,10 +313,8 @@ def test_a_file_that_is_no_scene_is_refused(written, text, message):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("gbk", "multi-byte encodings are not supported"),
         ("shift_jis", "multi-byte encodings are not supported"),
         ("foo", "unknown encoding: foo"),
-        ("hex", "'hex' is not a text encoding"),
         ("undefined", "undefined encoding"),
     ],
 )
@@ -353,7 +327,7 @@ def test_an_encoding_that_cannot_be_read_is_refused(written, tmp_path, name, mes
     assert refusal(written, '<include filename="part.xml"/>').where.endswith("part.xml:1")
 
 
-@pytest.mark.parametrize("name", ["utf-8", "utf-16", "latin-1", "cp1252"])
+@pytest.mark.parametrize("name", ["utf-16", "latin-1"])
 def test_an_encoding_that_python_knows_is_read(tmp_path, name):
     text = f'<?xml version="1.0" encoding="{name}"?>\n{HEAD}<shape type="cube" id="Würfel"/></scene>'
     (tmp_path / "scene.xml").write_text(text, encoding=name)
@@ -375,11 +349,10 @@ def test_an_error_of_mitsuba_is_reported_with_its_line(written, tmp_path, elemen
 
 
 @pytest.mark.parametrize("name", ["meshes/Crate.001.ply", "textures/print.png"])
-@pytest.mark.parametrize("kept", [0, 100], ids=["empty", "cut short"])
-def test_a_mesh_or_picture_that_is_broken_is_one_line(exported, name, kept):
+def test_a_mesh_or_picture_that_is_cut_short_is_one_line(exported, name):
     scene = exported()
     file = scene.folder / name
-    file.write_bytes(file.read_bytes()[:kept])
+    file.write_bytes(file.read_bytes()[:100])
     backend.activate_backend("scalar")
 
     def load():
@@ -420,13 +393,6 @@ def test_a_script_elsewhere_is_not_run(scripted, tmp_path, monkeypatch):
     assert not (tmp_path / "ran").exists()
 
 
-def test_a_script_in_a_folder_that_the_user_named_is_run(scripted, tmp_path, monkeypatch):
-    monkeypatch.setenv("SAF_GEN_SCENES", str(scripted.parent))
-    backend.activate_backend("scalar")
-    mitsuba_scene.scene_dict(load_scene(scripted))
-    assert (tmp_path / "ran").exists()
-
-
 def test_scenes_of_the_working_directory_are_found_once_it_is_registered(scripted, tmp_path, monkeypatch):
     here = scripted.parent.parent
     (scripted.parent).rename(here / "scenes")
@@ -444,6 +410,10 @@ def test_scenes_of_the_working_directory_are_found_once_it_is_registered(scripte
     forget_folder(here / "scenes")
     assert "is code" in refusal(load_scene, here / "scenes/plane").problem
     assert not (tmp_path / "ran").exists()
+    monkeypatch.setenv("SAF_GEN_SCENES", str(here / "scenes"))
+    backend.activate_backend("scalar")
+    mitsuba_scene.scene_dict(load_scene(here / "scenes/plane"))
+    assert (tmp_path / "ran").exists(), "the user named the folder"
 
 
 @pytest.mark.parametrize("name", ["../downloads/plane", "downloads/../downloads/plane", "absolute"])
@@ -454,18 +424,9 @@ def test_a_name_in_a_recipe_leads_to_no_other_place(scripted, monkeypatch, name)
     assert "unknown scene" in refusal(find_scene, name).problem
 
 
-def test_an_xml_scene_may_lie_anywhere(exported):
-    assert exported().id == "workbench"
-
-
-def test_a_folder_with_both_kinds_of_geometry_is_refused(exported):
+def test_a_folder_with_both_kinds_of_geometry_is_refused(exported, monkeypatch):
     folder = exported().folder
     (folder / "scene.py").write_text("raise SystemExit")
     assert "is code" in refusal(load_scene, folder).problem
-
-
-def test_a_trusted_folder_with_both_kinds_of_geometry_is_refused(exported, monkeypatch):
-    folder = exported().folder
-    (folder / "scene.py").write_text("raise SystemExit")
     monkeypatch.setenv("SAF_GEN_SCENES", str(folder.parent))
     assert "has scene.py and scene.xml" in refusal(find_scene, "workbench").problem

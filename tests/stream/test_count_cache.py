@@ -25,10 +25,12 @@ def stream(tmp_path_factory):
             yield stream
 
 
-@pytest.mark.parametrize("region", [None, REGION])
 @pytest.mark.parametrize(
-    ("first", "window", "stride"),
-    [(0, 16, 16), (0, 64, 64), (5, 100, 100), (3, 100, 7), (0, 1, 1), (13, 300, 250), (40, 9, 200), (0, 1_003, 1)],
+    ("first", "window", "stride", "region"),
+    [
+        *((0, 64, 64, None), (3, 100, 7, REGION), (0, 1, 1, REGION)),
+        *((13, 300, 250, None), (40, 9, 200, REGION), (0, 1_003, 1, None)),
+    ],
 )
 def test_windows_in_one_pass_are_those_read_alone(stream, region, first, window, stride):
     """Inside a block, over several, overlapping, with blocks that none needs, at both ends."""
@@ -47,7 +49,7 @@ def test_a_count_of_every_frame_fits(tmp_path):
             assert (counts == window).all()
 
 
-@pytest.mark.parametrize("size", [(1, 1, 1), (2, 3, 5), (3, 5, 8)])
+@pytest.mark.parametrize("size", [(1, 1, 1), (2, 3, 5)])
 def test_trains_of_any_length_are_counted(size):
     trains = np.random.default_rng(1).integers(0, 256, size, np.uint8)
     frames = np.unpackbits(trains, axis=2, bitorder="little")
@@ -63,17 +65,6 @@ def test_trains_of_any_length_are_counted(size):
 )
 def test_windows_that_are_not_there_are_refused(stream, firsts, window):
     assert "whole numbers" in refusal(lambda: stream.counts_of_windows(firsts, window)).allowed
-
-
-def test_a_damaged_stream_is_refused(tmp_path):
-    write_stream(tmp_path / "a.h5", FRAMES)
-    data = bytearray((tmp_path / "a.h5").read_bytes())
-    with open_stream(tmp_path / "a.h5") as whole:
-        at = whole._spikes.id.get_chunk_info(0).byte_offset
-    data[at + 20 : at + 60] = bytes(40)
-    (tmp_path / "a.h5").write_bytes(data)
-    with open_stream(tmp_path / "a.h5") as damaged:
-        assert "damaged" in refusal(lambda: list(damaged.counts_of_windows([0], 100))).problem
 
 
 def test_kept_counts_are_an_array_that_numpy_reads(tmp_path):

@@ -49,25 +49,11 @@ def test_a_stream_with_truth_is_described(tmp_path):
 )
 def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
     lens = lens_positions(motion, 80, readout_hz=80.0)
-    when = focus_crossings(lens, 0.25)
-    saf_gen.write_stream(
-        tmp_path / "a.h5",
-        np.zeros((80, 4, 6), dtype=np.uint8),
-        focus_position=lens,
-        truth={"position": 0.25, "frame": when[0] if when.size else np.nan},
-    )
+    truth = {"position": 0.25, "frame": min(focus_crossings(lens, 0.25), default=np.nan)}
+    saf_gen.write_stream(tmp_path / "a.h5", np.zeros((80, 4, 6), np.uint8), focus_position=lens, truth=truth)
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
         facts = describe_file(stream)
-    assert facts["focus"] == path
-    assert facts["true focus"] == f"0.25000 of the travel, {passed}"
-
-
-def test_a_stream_without_truth_says_so(tmp_path):
-    saf_gen.write_stream(tmp_path / "a.h5", np.zeros((8, 2, 2), dtype=np.uint8))
-    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_file(stream)
-    assert facts["true focus"] == "unknown"
-    assert facts["focus"] == "not recorded"
+    assert (facts["focus"], facts["true focus"]) == (path, f"0.25000 of the travel, {passed}")
 
 
 def test_rates_are_described_over_time_and_over_pixels(tmp_path):
@@ -77,6 +63,7 @@ def test_rates_are_described_over_time_and_over_pixels(tmp_path):
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
         facts = describe_file(stream)
     assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
+    assert (facts["true focus"], facts["focus"]) == ("unknown", "not recorded")
     assert facts["rate over time"] == "0 to 0.5, in 50 parts of the recording"
     assert facts["rate of pixels"] == "0 to 0.5 for 98 % of them, 50 of 100 never fire"
 
@@ -98,6 +85,13 @@ def test_the_content_of_a_stream_is_described_before_its_making(tmp_path, call):
     assert call("inspect", tmp_path / "b.h5")[0] == 0
 
 
+def test_a_truth_shows_numbers_and_the_shapes_of_arrays():
+    truth = Truth(0.5, (0.4, 0.6), depth=np.ones((3, 4), np.float32))
+    assert repr(truth) == "Truth(position=0.5, depth_of_focus=(0.4, 0.6), depth=float32 (3, 4))"
+    assert "<th>depth</th><td>float32 (3, 4)</td>" in truth._repr_html_()
+    assert repr(Truth()) == "Truth()"
+
+
 def test_a_notebook_shows_pictures_and_facts_and_says_when_the_stream_is_closed(tmp_path):
     path = tmp_path / "<b>.h5"
     frames = np.random.default_rng(5).integers(0, 2, (300, 6, 9), np.uint8)
@@ -112,10 +106,3 @@ def test_a_notebook_shows_pictures_and_facts_and_says_when_the_stream_is_closed(
     assert "<lamp>" not in shown
     assert stream._repr_html_() is None
     assert repr(stream).endswith(", closed>")
-
-
-def test_a_truth_shows_numbers_and_the_shapes_of_arrays():
-    truth = Truth(0.5, (0.4, 0.6), depth=np.ones((3, 4), np.float32))
-    assert repr(truth) == "Truth(position=0.5, depth_of_focus=(0.4, 0.6), depth=float32 (3, 4))"
-    assert "<th>depth</th><td>float32 (3, 4)</td>" in truth._repr_html_()
-    assert repr(Truth()) == "Truth()"

@@ -36,7 +36,7 @@ def test_a_manifest_comes_back_as_it_was_written(tmp_path):
 def test_a_flipped_bit_is_found_and_an_older_manifest_is_read(tmp_path):
     write_manifest(tmp_path, Manifest("tiny", "abc", "llvm", (ENTRY,)))
     path, content = tmp_path / MANIFEST_NAME, (tmp_path / MANIFEST_NAME).read_bytes()
-    for at in range(0, len(content), 5):  # each bit of a byte in turn
+    for at in range(0, len(content), 11):  # each bit of a byte in turn
         path.write_bytes(content[:at] + bytes([content[at] ^ 1 << at % 8]) + content[at + 1 :])
         assert str(path) in str(refusal(read_manifest, tmp_path))
     path.write_text(content.decode().replace("llvm", "cuda"))
@@ -49,30 +49,21 @@ def test_a_flipped_bit_is_found_and_an_older_manifest_is_read(tmp_path):
     assert read_manifest(tmp_path).sequences == (ENTRY,)
 
 
-def test_splits_are_listed_in_the_order_of_the_sequences():
-    assert MANIFEST_.splits == ("test", "train")
-
-
-def test_a_missing_folder_names_the_nearest(tmp_path):
-    (tmp_path / "sad_synthetic").mkdir()
-    assert refusal(read_manifest, tmp_path / "sad_syntetic").nearest == "sad_synthetic"
-
-
 def test_a_folder_without_a_manifest_is_not_a_dataset(tmp_path):
     error = refusal(read_manifest, tmp_path)
     assert (error.where, error.hint) == (str(tmp_path), "make the dataset with saf-gen generate")
     (tmp_path / "x").write_text("")
     assert refusal(read_manifest, tmp_path / "x").allowed == "a dataset folder"
+    (tmp_path / "sad_synthetic").mkdir()
+    assert refusal(read_manifest, tmp_path / "sad_syntetic").nearest == "sad_synthetic"
 
 
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
         ("", "not JSON"),
-        ("{", "not JSON"),
         ("\x00", "not JSON"),
         ("[]", "not the manifest of a dataset"),
-        ("{}", "not the manifest of a dataset"),
         ('{"format": "else"}', "not the manifest of a dataset"),
     ],
 )
@@ -90,12 +81,10 @@ def test_a_file_that_is_not_a_manifest_is_refused(tmp_path, text, problem):
         (lambda d: d.update(sequences=3), ["sequences is 3"]),
         (lambda d: d.pop("sequences"), ["'sequences' is missing"]),
         (lambda d: d.update(nmae="x"), ["unknown key 'nmae'", "did you mean 'name'"]),
-        (lambda d: d.pop("variant"), ["'variant' is missing"]),
         (lambda d: d["sequences"].append(3), ["sequences.2 is 3", "id, split, scene"]),
         (lambda d: d["sequences"][0].pop("seed"), ["'sequences.0.seed' is missing"]),
         (lambda d: d["sequences"][0].update(frames="7"), ["sequences.0.frames is '7'", "integer"]),
         (lambda d: d["sequences"][0].update(frames=True), ["sequences.0.frames is True", "integer"]),
-        (lambda d: d["sequences"][0].update(scene=3), ["sequences.0.scene is 3", "string"]),
         (lambda d: d["sequences"][0].update(id="a-2"), ["'a-2'", "each id once"]),
         (lambda d: d["sequences"][0].update(file="../x.h5"), ["inside the dataset folder"]),
         (lambda d: d["sequences"][0].update(file="/x.h5"), ["inside the dataset folder"]),

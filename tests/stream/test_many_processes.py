@@ -2,7 +2,6 @@
 
 import gc
 import multiprocessing
-import pickle
 
 import numpy as np
 import pytest
@@ -26,8 +25,9 @@ def count_and_send(stream, pipe):
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, in a process that has threads
-@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("threads", [None, 2])
+@pytest.mark.parametrize(
+    ("method", "threads"), [("fork", None), ("fork", 2), pytest.param("spawn", 2, marks=pytest.mark.slow)]
+)
 def test_a_stream_that_the_parent_opened_and_read_is_read_in_another_process(path, method, threads):
     """Threads do not survive a fork, so that a reader that waited for those of its parent would hang."""
     context = multiprocessing.get_context(method)
@@ -45,14 +45,6 @@ def test_a_stream_that_the_parent_opened_and_read_is_read_in_another_process(pat
         assert np.array_equal(frames, FRAMES[1_990:2_010])
         assert np.array_equal(packed, stream.packed(0, 2))
         assert np.array_equal(stream.counts(100, 4_900), counts)
-
-
-def test_a_pickled_stream_is_opened_by_its_path(path):
-    with open_stream(path) as stream:
-        with pickle.loads(pickle.dumps(stream)) as again:
-            assert again.shape == stream.shape
-            assert np.array_equal(again.counts(7, 77), FRAMES[7:77].sum(axis=0))
-        assert np.array_equal(stream.counts(7, 77), FRAMES[7:77].sum(axis=0))
 
 
 def kept_bytes():

@@ -109,35 +109,21 @@ def read_and_send(windows, numbers, pipe):
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, in a process that has threads
-@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
-def test_windows_are_read_in_other_processes(dataset, method):
-    context = multiprocessing.get_context(method)
-    windows = SpikeWindows(dataset, window=100)
-    expected = [windows[number] for number in (0, 25, 13)]
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=read_and_send, args=(windows, (0, 25, 13), sender))
-    process.start()
-    sender.close()
-    assert receiver.poll(60), "the other process does not answer"
-    for (counts, error), (other_counts, other_error) in zip(expected, receiver.recv(), strict=True):
-        assert np.array_equal(counts, other_counts)
-        assert error == other_error
-    process.join(60)
-    assert len(pickle.dumps(windows)) < 100_000
-
-
-@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_processes_that_count_the_same_sequences_at_once_agree(dataset):
+    """tests/stream/test_many_processes.py: a stream in a process that was spawned."""
     context = multiprocessing.get_context("fork")
     windows, numbers = SpikeWindows(dataset, window=50), range(60)
+    assert len(pickle.dumps(windows)) < 100_000
     pipes = [context.Pipe(duplex=False) for _ in range(4)]
     processes = [context.Process(target=read_and_send, args=(windows, numbers, sender)) for _, sender in pipes]
     for process in processes:
         process.start()
-    assert all(receiver.poll(60) for receiver, _ in pipes)
-    first, *others = (receiver.recv() for receiver, _ in pipes)
-    for found in others:
-        assert np.array_equal([counts for counts, _ in found], [counts for counts, _ in first])
+    assert all(receiver.poll(60) for receiver, _ in pipes), "another process does not answer"
+    expected = [windows[number] for number in numbers]
+    for receiver, _ in pipes:
+        for (counts, error), (other_counts, other_error) in zip(expected, receiver.recv(), strict=True):
+            assert np.array_equal(counts, other_counts)
+            assert error == other_error
     for process in processes:
         process.join(60)
     assert sorted(path.suffix for path in windows.counts.iterdir()) == [".npy"] * 3

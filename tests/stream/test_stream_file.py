@@ -1,6 +1,5 @@
 """The stream file: data are read as written, plain h5py agrees, and no incomplete file is accepted."""
 
-import errno
 import hashlib
 import os
 import re
@@ -52,11 +51,12 @@ def small_time_blocks(monkeypatch):
     monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 0)
 
 
-@pytest.mark.parametrize("count", [1, 8, 63, 64, 2_000, 2_001, 4_013])
+@pytest.mark.parametrize("count", [1, 64, 2_001])
 def test_frames_counts_and_bytes_come_back(tmp_path, count):
     frames = random_frames(count)
-    digest = write_stream(tmp_path / "a.h5", frames)
-    with open_stream(tmp_path / "a.h5") as stream:
+    digest = write_stream(tmp_path / "new" / "a.h5", frames.astype(bool))
+    assert digest == write_stream(tmp_path / "a.h5", frames.astype(np.float32).tolist())
+    with open_stream(tmp_path / "new" / "a.h5") as stream:
         assert stream.shape == frames.shape
         assert stream.readout_hz == 20_000
         assert stream.content_sha256 == digest
@@ -77,7 +77,7 @@ def test_any_window_and_region_equals_slicing(tmp_path, monkeypatch):
     with open_stream(tmp_path / "a.h5") as stream:
         with h5py.File(tmp_path / "a.h5") as file:
             assert file["spikes"].chunks == (2, 9, 8)
-        for _ in range(200):
+        for _ in range(60):
             a, b = sorted(draw.choice(334, 2, replace=False))
             p, q = sorted(draw.choice(43, 2, replace=False))
             (r0, r1), (c0, c1) = (sorted(draw.choice(n + 1, 2, replace=False)) for n in (6, 9))
@@ -85,15 +85,6 @@ def test_any_window_and_region_equals_slicing(tmp_path, monkeypatch):
             assert np.array_equal(stream.frames(a, b, region=region), frames[a:b, r0:r1, c0:c1])
             assert np.array_equal(stream.counts(a, b, region=region), frames[a:b, r0:r1, c0:c1].sum(axis=0))
             assert np.array_equal(stream.packed(p, q, region=region), packed[r0:r1, c0:c1, p:q])
-
-
-def test_a_sweep_of_windows_equals_slicing(tmp_path, monkeypatch):
-    small_time_blocks(monkeypatch)
-    frames = random_frames(1_000)
-    write_stream(tmp_path / "a.h5", frames)
-    with open_stream(tmp_path / "a.h5") as stream:
-        for a in range(0, 950, 10):
-            assert np.array_equal(stream.counts(a, a + 50), frames[a : a + 50].sum(axis=0))
 
 
 def chunks_read(stream, monkeypatch):
@@ -131,23 +122,15 @@ def test_plain_h5py_reads_the_documented_datasets(tmp_path):
     frames, metadata = random_frames(2_345), full_metadata(2_345)
     digest = write_stream(tmp_path / "a.h5", frames, readout_hz=40_000, **metadata)
     with h5py.File(tmp_path / "a.h5") as file:
-        digests = {"spikes_sha256", "provenance_sha256"}  # test_the_digest_is_as_documented computes them
-        attributes = {name: value for name, value in file.attrs.items() if name not in digests}
-        assert attributes == {"format": "saf-gen stream", "layout": 1, "content_sha256": digest}
-        assert digests <= set(file.attrs)
+        assert {"format": "saf-gen stream", "layout": 1, "content_sha256": digest}.items() <= dict(file.attrs).items()
         assert dict(file["spikes"].attrs) == {"frames": 2_345, "readout_hz": 40_000.0}
         unpacked = np.unpackbits(file["spikes"][:], axis=2, bitorder="little")
         assert np.array_equal(unpacked[:, :, :2_345].transpose(2, 0, 1), frames)
         assert not unpacked[:, :, 2_345:].any()
-        assert np.array_equal(file["focus/position"], metadata["focus_position"])
         assert file["focus/image_distance"].dtype == file["focus/object_distance"].dtype == np.float32
-        assert np.array_equal(file["light/gain"], metadata["gain"])
         assert file["light/names"].asstr()[:].tolist() == ["sun", "lámpara"]
-        assert file["truth/position"][()] == 0.4
-        assert file["truth/frame"][()] == 12.5
-        assert file["truth/depth_of_focus"][:].tolist() == [0.3, 0.5]
+        assert (file["truth/position"][()], file["truth/frame"][()]) == (0.4, 12.5)
         assert file["truth/target"].dtype == bool
-        assert file["truth/depth"].shape == file["truth/best_position"].shape == (6, 9)
         assert file["truth/sharpness"].dtype == np.float64
         assert file["provenance/recipe"].asstr()[()] == "name: x\n"
 
@@ -181,7 +164,7 @@ def test_a_stream_without_metadata_has_none(tmp_path):
 def test_the_digest_covers_content_and_not_blocks_or_provenance(tmp_path):
     frames, metadata = random_frames(4_321), full_metadata(4_321)
     packed, digests = pack_bits(frames), set()
-    for step in (1, 37, 250, 251, 541):
+    for step in (37, 251, 541):
         described = Metadata(**{**metadata, "provenance": {"step": str(step)}})
         with StreamWriter(tmp_path / "a.h5", shape=frames.shape, metadata=described) as writer:
             for first in range(0, 541, step):
@@ -255,22 +238,17 @@ def test_a_chunk_that_hdf5_did_not_deflate_reads_the_same(tmp_path):
         assert np.array_equal(stream.frames(0, 2_000), frames)
 
 
-@pytest.mark.parametrize("shape", [(3,), (2, 2), (0, 2, 2), (2, 0, 2), (1, 2, 3, 4)])
+@pytest.mark.parametrize("shape", [(3,), (0, 2, 2), (2, 0, 2), (1, 2, 3, 4)])
 def test_frames_must_have_three_axes_that_are_not_empty(tmp_path, shape):
-    error = refusal(write_stream, tmp_path / "a.h5", np.zeros(shape))
-    assert str(shape) in error.problem
-    assert "(T, H, W)" in error.allowed
+    assert_says(refusal(write_stream, tmp_path / "a.h5", np.zeros(shape)), f"{shape} | (T, H, W)")
 
 
-@pytest.mark.parametrize("value", [2, 255, -1, 0.5, np.nan])
+@pytest.mark.parametrize("value", [np.uint8(2), 2.0, -1.0, 0.5, np.nan])
 def test_frames_must_hold_zero_and_one(tmp_path, value):
-    frames = np.zeros((9, 2, 2))
+    """Frames of bytes, the usual ones, are checked separately."""
+    frames = np.zeros((9, 2, 2), np.asarray(value).dtype)
     frames[8, 1, 1] = value
-    error = refusal(write_stream, tmp_path / "a.h5", frames)
-    assert repr(float(value)) in error.problem
-    assert error.allowed == "0 and 1, or bool"
-    if value in (2, 255):  # frames of bytes, the usual ones, are checked separately
-        assert f"value {value}" in refusal(write_stream, tmp_path / "a.h5", frames.astype(np.uint8)).problem
+    assert_says(refusal(write_stream, tmp_path / "a.h5", frames), f"{value} | allowed: 0 and 1, or bool")
     assert not list(tmp_path.iterdir())
 
 
@@ -289,39 +267,25 @@ def test_frames_must_hold_zero_and_one(tmp_path, value):
         ("provenance", {"a/b": ""}, "provenance has the name 'a/b'"),
         ("provenance", {"a": 3}, "provenance/a holds 3; allowed: Unicode text"),
         ("light_names", ("a\0",), "light_names holds"),
+        ("light_names", ("a",), "gain has 2 lights, light_names has 1"),
+        ("readout_hz", 0, "readout_hz is 0"),
+        ("readout_hz", np.nan, "readout_hz is nan"),
     ],
 )
 def test_a_wrong_field_is_named(tmp_path, field, value, message):
     with pytest.raises(BadInput, match=message):
-        write_stream(tmp_path / "a.h5", np.zeros((10, 2, 3)), **{field: value})
+        write_stream(tmp_path / "a.h5", np.zeros((10, 2, 3)), **{"gain": np.zeros((10, 2)), field: value})
 
 
-@pytest.mark.parametrize(
-    ("field", "optional"),
-    [
-        ("focus_position", lambda held: {"focus_position": held}),
-        ("track", lambda held: {"truth": {"position": 0.5, "track": held}}),
-    ],
-)
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_a_lens_and_a_track_are_known_in_every_frame_or_refused(tmp_path, field, optional, value):
+@pytest.mark.parametrize("field", ["focus_position", "track"])
+def test_a_lens_and_a_track_are_known_in_every_frame_or_refused(tmp_path, field):
     held = np.linspace(0, 1, 10)
-    held[[4, 7, 8]] = value
-    error = refusal(write_stream, tmp_path / "a.h5", np.zeros((10, 2, 3)), **optional(held))
+    held[[4, 7, 8]] = np.nan, np.inf, -np.inf
+    optional = {field: held} if field == "focus_position" else {"truth": {"position": 0.5, field: held}}
+    error = refusal(write_stream, tmp_path / "a.h5", np.zeros((10, 2, 3)), **optional)
     assert error.problem == f"{field} is not finite in 3 of 10 frames, first in frame 4"
     assert error.allowed == "a finite position in every frame"
     assert not list(tmp_path.iterdir())
-
-
-def test_lights_and_names_must_agree(tmp_path):
-    lights = {"gain": np.zeros((3, 2)), "light_names": ("a",)}
-    error = refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)), **lights)
-    assert_says(error, "gain has 2 lights, light_names has 1")
-
-
-@pytest.mark.parametrize("readout_hz", [0, -1, np.nan, np.inf])
-def test_the_rate_must_be_above_zero(tmp_path, readout_hz):
-    assert "readout_hz is" in str(refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)), readout_hz=readout_hz))
 
 
 def written(path, pieces, shape=(20, 2, 3)):
@@ -399,21 +363,6 @@ for limit, frames in ((600, 40), (6_000, 40), (100_000, 4_000)):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_disk_without_space_is_reported(tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "x")
-
-    monkeypatch.setattr(os, "fsync", full)
-    error = refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)))
-    assert_says(error, "No space left on device | free disk space")
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_is_not_there_is_made(tmp_path):
-    write_stream(tmp_path / "none" / "a.h5", np.zeros((3, 1, 1)))
-    assert [p.name for p in (tmp_path / "none").iterdir()] == ["a.h5"]
-
-
 def test_an_error_of_the_caller_is_not_reported_as_one_of_the_stream(tmp_path):
     with pytest.raises(FileNotFoundError), StreamWriter(tmp_path / "a.h5", shape=(8, 1, 1)):
         (tmp_path / "frames.dat").read_bytes()
@@ -428,16 +377,6 @@ def test_writer_and_reader_use_the_threads_they_are_given(tmp_path):
     with open_stream(tmp_path / "a.h5", threads=1) as stream:
         stream.verify()
         assert sum(t.name.startswith("inflate") for t in set(threading.enumerate()) - before) == 1
-
-
-def test_a_name_that_the_disk_refuses_is_reported(tmp_path):
-    assert "File name too long" in str(refusal(write_stream, tmp_path / ("a" * 300), np.zeros((3, 1, 1))))
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_without_write_permission_is_reported(tmp_path):
-    tmp_path.chmod(0o500)
-    assert "Permission denied" in str(refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1))))
 
 
 def test_what_the_disk_changed_is_found_before_the_rename(tmp_path, monkeypatch):
@@ -477,9 +416,10 @@ def test_a_changed_byte_in_a_chunk_is_found(tmp_path):
     with open_stream(tmp_path / "a.h5") as stream:
         for read in (stream.verify, lambda: stream.counts(0, 9), lambda: stream.packed(0, 250)):
             assert "truncated, damaged" in str(refusal(read))
+        assert "truncated, damaged" in str(refusal(lambda: list(stream.counts_of_windows([0], 100))))
 
 
-@pytest.mark.parametrize("kept", [1, 8, 100, 2_000, 0.5, 0.99, -1])
+@pytest.mark.parametrize("kept", [1, 100, 0.5, -1])
 def test_a_truncated_file_is_refused(tmp_path, kept):
     write_stream(tmp_path / "a.h5", random_frames(2_000, 20, 20), **full_metadata(2_000, 20, 20))
     raw = (tmp_path / "a.h5").read_bytes()
@@ -506,16 +446,10 @@ def test_a_file_of_another_kind_is_refused(tmp_path):
     assert_says(refusal(open_stream, path), "not a saf-gen stream | attribute format")
 
 
-def test_a_newer_layout_is_refused(tmp_path):
-    write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)))
-    with h5py.File(tmp_path / "a.h5", "r+") as file:
-        file.attrs["layout"] = 2
-    assert_says(refusal(open_stream, tmp_path / "a.h5"), "has layout 2 | layout 1 | update saf_gen")
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        (lambda f: f.attrs.__setitem__("layout", 2), "has layout 2; allowed: layout 1; update saf_gen"),
         (lambda f: f.__delitem__("spikes"), "truncated, damaged"),
         (lambda f: f["spikes"].attrs.__delitem__("frames"), "/spikes does not state frames and readout_hz"),
         (lambda f: f["spikes"].attrs.__setitem__("frames", 9), r"/spikes is uint8 \(1, 1, 1\) for 9 frames"),
@@ -544,14 +478,6 @@ def test_reads_outside_say_the_range(tmp_path):
             assert "slice" in refusal(stream.counts, 0, 1, region=region).problem
 
 
-def test_anything_that_slices_along_time_can_be_written(tmp_path):
-    frames = random_frames(4_100)
-    np.save(tmp_path / "f.npy", frames)
-    digest = write_stream(tmp_path / "a.h5", np.load(tmp_path / "f.npy", mmap_mode="r"))
-    assert digest == write_stream(tmp_path / "a.h5", frames.astype(bool))
-    assert digest == write_stream(tmp_path / "a.h5", frames.astype(np.float32).tolist())
-
-
 def test_the_example_in_the_docs_runs(tmp_path, monkeypatch):
     frames = random_frames(2_345)
     write_stream(tmp_path / "sequence.h5", frames)
@@ -559,7 +485,6 @@ def test_the_example_in_the_docs_runs(tmp_path, monkeypatch):
     code = re.search(r"```python\n(import h5py.*?)```", DOCS.read_text(), re.DOTALL)[1]
     names = {}
     exec(code, names)
-    assert len(code.splitlines()) <= 12
     assert np.array_equal(names["frames"], frames)
     assert np.array_equal(names["counts"], frames[1_000:1_100].sum(axis=0))
     with open_stream("sequence.h5") as stream:

