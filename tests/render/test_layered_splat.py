@@ -126,8 +126,7 @@ def smooth(plane, sigma):
     return correlate1d(correlate1d(plane, taps, axis=0, mode="constant"), taps, axis=1, mode="constant")
 
 
-@pytest.mark.parametrize("windowed", [False, True])
-@pytest.mark.parametrize("distance", [0.0, FOCUSED])
+@pytest.mark.parametrize(("distance", "windowed"), [(0.0, False), (FOCUSED, True)])
 def test_what_is_not_blurred_is_summed_as_it_was_traced(distance, windowed):
     """The sums are those of the plain splat, bit for bit; the means are rounded in another order."""
     shape, count = (9, 11, 13), 20_000
@@ -196,8 +195,7 @@ def test_an_even_light_stays_even_whatever_is_in_front():
     assert add_all(shape, *layers) == pytest.approx(np.round(0.37 * SCALE) / SCALE, rel=1e-6)
 
 
-@pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize("blur", [3.0, 4.3, 6.1, 10.0, 23.0, 47.0, 90.0])
+@pytest.mark.parametrize(("blur", "side"), [(3.0, -1), (4.3, 1), (23.0, -1), (90.0, 1)])
 def test_the_picture_of_a_point_keeps_its_width_and_its_light(blur, side):
     """A point on a dark surface: its flux, and the variance blur²/16 of its disc along each axis, within 1 %.
 
@@ -228,7 +226,7 @@ def test_the_picture_of_a_point_keeps_its_width_and_its_light(blur, side):
         assert variance - 1 / 6 == pytest.approx(blur**2 / 16, rel=0.01)
 
 
-@pytest.mark.parametrize("blur", [8.0, 30.0, 90.0])
+@pytest.mark.parametrize("blur", [8.0, 90.0])
 def test_a_sharp_edge_before_a_blurred_wall_stays_sharp(blur):
     """Both keep their radiance up to the pixels near the edge in which paths of both are drawn.
 
@@ -244,7 +242,7 @@ def test_a_sharp_edge_before_a_blurred_wall_stays_sharp(blur):
     assert picture[:, 40 + reach :].min() > 3
 
 
-@pytest.mark.parametrize("blur", [-25.0, -49.0, 69.0])
+@pytest.mark.parametrize("blur", [-25.0, 69.0])
 def test_noise_of_a_wide_blurred_surface_falls_with_the_area_of_the_gaussian(blur):
     """It falls to 1/(4πσ²) of its variance; 160 × 160 pixels, 16 paths each, one seed.
 
@@ -308,7 +306,7 @@ def test_paths_above_the_maximum_radiance_count_as_the_maximum():
     assert sums.mean_radiance() == pytest.approx(1.5)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 0.1875, 0.265, 0.375, 0.4999, 0.5, 0.53, 0.75, 1.06, 1.5, 2.12, 3.0, 4.24])
+@pytest.mark.parametrize("sigma", [0.0, 0.1875, 0.4999, 0.5, 0.75, 4.24])
 def test_taps_add_up_to_one_and_have_the_variance(sigma):
     """Three taps have it exactly. A Gaussian that is cut off at three standard deviations lacks 3 %.
 
@@ -331,13 +329,6 @@ def test_layers_fit_the_window_of_a_time_slice_but_not_a_full_travel():
     assert not LayeredSums.sums_in_layers((MAX_POSITIONS + 1, 4, 4), 1)
     assert LayeredSums.sums_in_layers((MAX_POSITIONS, 4, 4), 1)
     assert not LayeredSums.sums_in_layers((2, 4000, 4000), 1)
-
-
-def test_the_bytes_of_a_worker_are_those_of_its_sums():
-    shape = (3, 10, 12)
-    sums = LayeredSums(shape, blur=blur_scale(3), scale=np.ones(2), max_radiance=np.ones(2))
-    workers = min(nb.get_num_threads(), host_splat.ACCUMULATOR_BYTES // LayeredSums.bytes_needed(shape, 2))
-    assert sums._sums.nbytes == workers * LayeredSums.bytes_needed(shape, 2)
 
 
 def test_behind_clear_sheets_a_path_is_as_sharp_as_the_sharpest_of_all_that_it_passes():
