@@ -111,10 +111,7 @@ FAULTS = {
     "threshold noise per readout": Fault(
         "A threshold is drawn at each readout instead of at each spike.",
         (Change("camera.encoder_kernel", "fresh if fired else threshold,", "fresh,"),),
-        (
-            "camera/test_encoder.py::test_threshold_noise_alone_has_its_own_variance",
-            f"{EACH_LAW}[noise_intervals]",
-        ),
+        ("camera/test_encoder.py::test_threshold_noise_alone_has_its_own_variance", f"{EACH_LAW}[noise_intervals]"),
     ),
     "response on dark": Fault(
         "The photo-response of a pixel also multiplies its dark charge, which is not due to light.",
@@ -156,10 +153,7 @@ FAULTS = {
     "angle doubled": Fault(
         "Waves bend a path at the aperture by twice the correct angle.",
         (Change("render.diffraction", "self.wavelength_m / (2 * math.pi))", "self.wavelength_m / math.pi)"),),
-        (
-            "render/test_diffraction.py::test_bent_paths_have_the_transfer_of_the_lens",
-            f"{EACH_LAW}[optics_transfer]",
-        ),
+        ("render/test_diffraction.py::test_bent_paths_have_the_transfer_of_the_lens", f"{EACH_LAW}[optics_transfer]"),
     ),
     "dark twice": Fault(
         "Dark charge is collected twice.",
@@ -208,10 +202,7 @@ FAULTS = {
     "residue halved": Fault(
         "After a spike, a pixel keeps only half of its charge above the threshold.",
         (Change("camera.encoder_kernel", "kept = excess if", "kept = np.float32(0.5) * excess if"),),
-        (
-            "camera/test_encoder.py::test_adjacent_half_windows_share_the_residue",
-            f"{EACH_LAW}[noise_independence]",
-        ),
+        ("camera/test_encoder.py::test_adjacent_half_windows_share_the_residue", f"{EACH_LAW}[noise_independence]"),
     ),
     "import flipped": Fault(
         "Raw frames are read upside down, both those whose top row comes first and those whose bottom row does.",
