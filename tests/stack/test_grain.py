@@ -86,7 +86,7 @@ def uneven(random, shape):
 def test_an_interval_holds_the_truth_as_often_as_it_says(kind):
     """200 draws, seed 4, 64 × 96 pixels, noise of half the amplitude; significance 10⁻⁴.
 
-    A 95 % interval then contains the truth at least 176 times, and that of the rms in white noise at most 199 times.
+    A 95 % interval then contains the truth at least 177 times, and that of the rms in white noise at most 199 times.
     Uneven noise may only widen it.
     """
     draws, clean, random = 200, stripes(), make_generator("coverage", 4)
