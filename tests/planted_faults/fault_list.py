@@ -202,7 +202,10 @@ FAULTS = {
     "residue halved": Fault(
         "After a spike, a pixel keeps only half of its charge above the threshold.",
         (Change("camera.encoder_kernel", "kept = excess if", "kept = np.float32(0.5) * excess if"),),
-        ("camera/test_encoder.py::test_adjacent_half_windows_share_the_residue", f"{EACH_LAW}[noise_independence]"),
+        (
+            "camera/test_counting_law.py::test_the_covariance_of_adjacent_half_windows_obeys_the_law",
+            f"{EACH_LAW}[noise_independence]",
+        ),
     ),
     "import flipped": Fault(
         "Raw frames are read upside down, both those whose top row comes first and those whose bottom row does.",
