@@ -31,11 +31,6 @@ def test_a_lens_at_rest_crosses_its_position_in_every_readout():
     assert focus_crossings(np.array([0.1, 0.2, 0.2, 0.3]), 0.2).tolist() == [1, 2]
 
 
-def test_one_readout_and_none_are_no_special_case():
-    assert focus_crossings(np.array([0.2]), 0.2).tolist() == [0]
-    assert focus_crossings(np.array([]), 0.2).size == 0
-
-
 def test_float32_as_in_a_file_gives_the_same_frames():
     grid = np.round((np.arange(1000) + 0.5) / 1000 * 2**24) / 2**24
     assert np.array_equal(focus_crossings(grid, 0.37), focus_crossings(grid.astype(np.float32), 0.37))
