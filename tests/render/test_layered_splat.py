@@ -242,47 +242,6 @@ def test_a_sharp_edge_before_a_blurred_wall_stays_sharp(blur):
     assert picture[:, 40 + reach :].min() > 3
 
 
-@pytest.mark.parametrize("blur", [-25.0, 69.0])
-def test_noise_of_a_wide_blurred_surface_falls_with_the_area_of_the_gaussian(blur):
-    """It falls to 1/(4πσ²) of its variance; 160 × 160 pixels, 16 paths each, one seed.
-
-    With 220 to 1,800 independent regions 4 standard errors are at most 38 %.
-    """
-    shape, random = (1, 200, 200), np.random.default_rng(6)
-    line, lens = even_paths(random, shape, 16)
-    radiance = random.gamma(1, 1, line.first_x.size)
-    plain, smoothed = (
-        add_all(shape, (line, lens, distance, radiance))[0, 0, 20:-20, 20:-20] for distance in (0.0, distance_of(blur))
-    )
-    sigma = sigma_of(SIDE_LAYERS + 1 + int(np.log2(abs(blur) / MIN_BLUR) * LAYERS_PER_OCTAVE))
-    assert sigma > 1
-    assert smoothed.mean() == pytest.approx(1, abs=0.01)
-    ratio = smoothed.var() / plain.var()
-    assert ratio == pytest.approx(1 / (4 * np.pi * sigma**2), rel=0.38)
-
-
-def test_a_weight_counts_a_path_as_often():
-    shape, random = (2, 20, 20), np.random.default_rng(7)
-    line, lens = even_paths(random, shape, 1)
-    distance = distance_of(random.choice([0.0, 12.0, -30.0], line.first_x.size))
-    radiance = random.random((2, line.first_x.size))
-    weight = random.integers(0, 5, line.first_x.size).astype(np.uint32)
-    often = np.repeat(np.arange(weight.size), weight)
-    weighted = add_all(shape, (line._replace(weight=weight), lens, distance, radiance), groups=2)
-    one_by_one = add_all(
-        shape,
-        (
-            TracedPaths(*(array[often] for array in line[:4]), None),
-            (lens[0][often], lens[1][often]),
-            distance[often],
-            radiance[:, often],
-        ),
-        groups=2,
-    )
-    assert np.array_equal(weighted, one_by_one)
-    assert (add_all(shape, (line._replace(weight=0 * weight), lens, distance, radiance), groups=2) == 0).all()
-
-
 def test_the_number_of_workers_changes_no_bit():
     shape, random = (3, 30, 30), np.random.default_rng(8)
     line, lens = even_paths(random, shape, 4)

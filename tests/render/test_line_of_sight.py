@@ -122,7 +122,7 @@ ABOVE = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_mean_of_a_picture_through_clear_surfaces_is_that_of_plain_paths(tmp_path, monkeypatch):
     """Chrome on glass, under a lamp and a sky; test_filtered_pass.py has a ball of glass.
 

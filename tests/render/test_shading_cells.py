@@ -240,28 +240,6 @@ def test_where_nothing_is_alike_the_cells_keep_their_own_means():
     assert np.mean((found - true) ** 2) < 1.05 * np.mean((own - true) ** 2)
 
 
-def test_more_paths_bring_the_edge_of_a_shadow_nearer():
-    """Bias near an edge from 1 to 4, as a fraction of the step; the mean over 128 rows and four seeds.
-
-    At least a pixel from the edge it is below the first bound, which falls as the number of paths grows; from four
-    pixels on it is below the second. If 16 pixels shared one shading it would be a half. At most 0.23 and 0.061, and
-    0.035 and 0.014, were measured.
-    """
-    side = 64
-    for per_pixel, near, far in ((16, 0.4, 0.06), (64, 0.12, 0.03)):
-        profile = np.zeros(2 * side)
-        for seed in range(4):
-            random = np.random.default_rng(20 + seed)
-            hits = scatter(random, side, per_pixel)
-            radiance = noisy(random, SHADINGS["edge of a shadow"](hits.column, hits.row), 1.0)
-            profile += reflect(gather((hits, radiance)), middles(side))[0].reshape(2 * side, -1).mean(axis=0) / 4
-        column = (np.arange(2 * side) + 0.5) * FINEST
-        away = np.abs(column - 33.3)
-        bias = np.abs(profile - SHADINGS["edge of a shadow"](column, 0 * column)) / 3
-        assert bias[away >= 1].max() < near
-        assert bias[away >= 4].max() < far
-
-
 def estimate_slowly(hits, radiance):
     """Both parts of the shading of the smallest cells, for one depth and normal, by (shape, row, column)."""
     paths = [{} for _ in range(LEVELS)]
