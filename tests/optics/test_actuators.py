@@ -3,7 +3,7 @@
 import hashlib
 import re
 from dataclasses import fields, replace
-from math import exp, log, pi, sqrt
+from math import log, pi, sqrt
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from saf_gen.optics.actuators import ActuatedLens, actuator_names, get_actuator
-from saf_gen.optics.actuators.actuated_lens import move_fastest, propagator, trajectory_at
+from saf_gen.optics.actuators.actuated_lens import propagator
 
 HZ = 20_000.0
 SIGNIFICANCE = 1e-3
@@ -148,20 +148,6 @@ def test_the_turn_of_the_oscillator_is_the_matrix_exponential(angle, damping):
     assert np.reshape(propagator(angle, damping), (2, 2)) == pytest.approx(expm(system * angle), abs=1e-12)
 
 
-@pytest.mark.parametrize(("damping", "sign"), [(0.1, 1), (0.3, -1)])
-def test_overshoot_and_ringing_are_those_of_an_oscillator(damping, sign):
-    """Overshoot exp(-πζ/√(1 - ζ²)); crossings every half period of f·√(1 - ζ²)."""
-    hz, slowing = 200_000.0, sqrt(1 - damping**2)
-    moved = lens(start=0.5, hz=hz, resonance_hz=85, damping=damping)
-    moved.command(0.5 + 0.2 * sign)
-    off = sign * (moved.run(6_000) - (0.5 + 0.2 * sign)) / 0.2
-    assert off.max() == pytest.approx(exp(-pi * damping / slowing), rel=1e-4)
-    at_sign = np.nonzero(np.diff(np.sign(off)))[0]
-    crossings = (at_sign + off[at_sign] / (off[at_sign] - off[at_sign + 1])) / hz
-    assert np.diff(crossings) == pytest.approx(np.full(len(crossings) - 1, 0.5 / (85 * slowing)), rel=1e-4)
-    assert len(crossings) >= 4
-
-
 def reference_lens(part, commands, seconds, start, step=1e-6):
     """The lens by brute force: motor by its acceleration, play by clipping, small steps of the ODE."""
     motor = seat = position = start
@@ -243,17 +229,6 @@ def test_speed_and_acceleration_stay_within_their_limits_whatever_is_commanded()
     assert abs(np.diff(speed) * HZ).max() == pytest.approx(300, rel=1e-6)
     assert (positions >= 0).all()
     assert (positions <= 1).all()
-
-
-def test_a_motor_on_the_move_brakes_before_it_turns():
-    """At speed 1 away from its target it stops after a time 1/a, 1/(2a) further on, and returns from there."""
-    course = move_fastest(0.2, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
-    assert trajectory_at(course, 5.1) == pytest.approx((0.55, 0.0))
-    assert course[-1] == (pytest.approx(5.1 + 2 * sqrt(0.35 / 10)), 0.2, 0.0, 0.0)
-    # too near to stop in time
-    nearer = move_fastest(0.52, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
-    assert trajectory_at(nearer, 5.1) == pytest.approx((0.55, 0.0))
-    assert nearer[-1] == (pytest.approx(5.1 + 2 * sqrt(0.03 / 10)), 0.52, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("begin", [0, 333])

@@ -91,21 +91,6 @@ def test_paths_on_borders_and_corners_and_beyond_the_frame_are_those_of_the_core
     assert (host[1] > 0).all()
 
 
-@needs_llvm
-def test_bands_of_rows_are_the_rows_of_the_stack(llvm, monkeypatch):
-    shape = (17, 9, 13)
-    arrays = paths(6, 20_000, shape)
-    (_, stack, clipped), _ = both(arrays, (), shape)
-    monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8 * 17 * 13 * 4)
-    parts = []
-    for band in DeviceAccumulator.split_into_bands(shape):
-        sums = DeviceAccumulator(shape, band, scale=SCALE, max_radiance=MAX_RADIANCE)
-        assert sums.add(traced(arrays)) == clipped
-        parts.append(sums.mean_radiance())
-    assert [part.shape for part in parts] == [(17, 3, 13)] * 3
-    assert np.array_equal(np.concatenate(parts, axis=1), stack)
-
-
 @pytest.mark.parametrize(("shape", "count"), [((129, 250, 400), 1), ((1025, 1000, 1000), 4), ((513, 1100, 1000), 3)])
 def test_bands_cover_all_rows_once_and_fit(shape, count):
     bands = DeviceAccumulator.split_into_bands(shape)

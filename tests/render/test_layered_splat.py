@@ -7,7 +7,6 @@ from random_paths import paths, windows
 from scipy.ndimage import correlate1d
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.render import host_splat
 from saf_gen.render.host_splat import TracedPaths
 from saf_gen.render.layered_splat import (
     LAYERS,
@@ -124,19 +123,6 @@ def smooth(plane, sigma):
     half = gaussian_taps(sigma)
     taps = np.concatenate([half[:0:-1], half])
     return correlate1d(correlate1d(plane, taps, axis=0, mode="constant"), taps, axis=1, mode="constant")
-
-
-@pytest.mark.parametrize(("distance", "windowed"), [(0.0, False), (FOCUSED, True)])
-def test_what_is_not_blurred_is_summed_as_it_was_traced(distance, windowed):
-    """The sums are those of the plain splat, bit for bit; the means are rounded in another order."""
-    shape, count = (9, 11, 13), 20_000
-    *line, radiance = paths(5, count, shape)
-    more = windows(8, count, shape) if windowed else ()
-    plain = host_splat.allocate_sums(2, shape)
-    host_splat.splat_paths(plain, TracedPaths(*line, radiance, *more), scale=SCALE, max_radiance=MAX_RADIANCE)
-    lens = on_disc(np.random.default_rng(1), count)
-    found = add_all(shape, (TracedPaths(*line, None, *more), lens, distance, radiance))
-    assert found[0] == pytest.approx(host_splat.mean_radiance_of(plain, SCALE), rel=1e-6)
 
 
 @pytest.mark.parametrize("windowed", [False, True])

@@ -3,8 +3,6 @@
 import importlib
 import json
 import math
-import subprocess
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +14,7 @@ from written_scenes import needs_llvm
 
 from saf_gen.camera import get_sensor
 from saf_gen.errors import BadInput
-from studies.speed import bench, bias_maps, chunks, error, grain, growth, public_encoders, synthetic
-from studies.speed.__main__ import main
+from studies.speed import bench, bias_maps, error, grain, growth, public_encoders
 from studies.speed.bench import Figure, Size
 
 SMALL = Size(
@@ -90,19 +87,6 @@ def test_the_grain_of_a_moving_scene_is_measured_at_rest_and_in_slices(tmp_path,
     assert all(figure.low <= figure.value <= figure.high for figure in found.values() if figure.low is not None)
 
 
-@needs_llvm
-def test_a_scene_whose_grain_cannot_be_measured_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(grain, "fresh", lambda function, *arguments: function(*arguments))
-    folder = write_moving_plane(tmp_path, monkeypatch)
-    (folder / "scene.py").write_text("def build(params):\n    return {}\n")
-    found = grain.run(replace(SMALL, scenes=("plane",)))
-    assert next(found).startswith("plane is left out: ")
-    with pytest.raises(BadInput):  # the only one
-        next(found)
-    with pytest.raises(BadInput, match="did you mean 'camel'"):
-        measured("grain", replace(SMALL, scenes=("camell",)))
-
-
 @pytest.mark.slow
 def test_a_fresh_process_has_its_own_peak_memory_and_its_errors_are_raised_here():
     held = np.ones(1 << 29, np.uint8)
@@ -128,19 +112,6 @@ def test_a_bench_prints_its_figures_and_memory_or_why_it_cannot_run(capsys):
     assert lines[3].startswith("peak memory of a process: ")
     assert bench.main(broken, []) == 2
     assert "no LLVM" in capsys.readouterr().err
-
-
-def test_the_other_benches_run_after_one_that_fails(monkeypatch, capsys):
-    ran = []
-
-    def run(command):
-        ran.append(command[2:])
-        return subprocess.CompletedProcess(command, int("encode" in command[2]))
-
-    monkeypatch.setattr(subprocess, "run", run)
-    assert main(["encode", "grain", "--scene", "fan"]) == 1
-    assert ran == [["studies.speed.encode"], ["studies.speed.grain", "--scene=fan"]]
-    assert "encode failed" in capsys.readouterr().err
 
 
 # Public encoders.
@@ -257,21 +228,3 @@ def test_bias_maps_are_drawn_and_plain_renders_kept(tmp_path, test_scenes, monke
     bias_maps.main(arguments, plan=plan)
     again = json.loads((tmp_path / "out" / "bias.json").read_text())["plane-quarter"]
     assert again["all"]["mean"] == pytest.approx((1 + first["all"]["mean"]) / 1.5 - 1, abs=0.02)
-
-
-def test_every_chunk_shape_counts_the_same_spikes(tmp_path):
-    camera = replace(get_sensor("vidar_400x250"), rows=90, columns=90)
-    charge = synthetic.sweep_charge(camera, 5)
-    spikes = np.concatenate(list(synthetic.encode_sweep(camera, charge, frames=2_080)), axis=2)
-    box = (slice(3, 67), slice(20, 84), slice(13, 156))
-    ones = np.unpackbits(spikes[box], axis=2)
-    expected = ones.reshape(64, 64, -1, 8 * chunks.WINDOW).sum(axis=3).transpose(2, 0, 1)
-    with ThreadPoolExecutor(2) as pool:
-        for shape in ((10, 90, 250), (1, 90, 260), (16, 16, 33)):
-            path = tmp_path / "trial.h5"
-            chunk = tuple(min(c, n) for c, n in zip(shape, spikes.shape, strict=True))
-            chunks.store(path, spikes, chunk=chunk, pool=pool)
-            assert np.array_equal(chunks.counts(path, box, pool=pool), expected)
-    found = chunks.measure(spikes, (10, 90, 250), folder=tmp_path)
-    assert 0.1 < found["bits"] < 0.6
-    assert min(found.values()) > 0
