@@ -289,6 +289,15 @@ def test_a_device_is_its_seed(pattern):
     assert not np.array_equal(pattern.response, draw_fixed_pattern(VIDAR, SHAPE, seed=2).response)
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (17, 64)])
+def test_any_shape_has_a_pattern(shape):
+    pattern = draw_fixed_pattern(VIDAR, shape, seed=1)
+    for map_ in (pattern.response, pattern.dark, pattern.threshold):
+        assert map_.shape == shape
+        assert map_.dtype == np.float32
+        assert (map_ > 0).all()
+
+
 def test_no_dark_rate_and_no_spread_are_flat():
     flat = draw_fixed_pattern(replace(VIDAR, dark_rate=0, threshold_spread_rms=0), (5, 6), seed=1)
     assert not flat.dark.any()

@@ -99,6 +99,22 @@ def test_commands_to_a_lens_on_a_spring_end_6_zeta_over_omega_before_the_sweep(n
     assert position_after_sweep(name, frames) == pytest.approx(reaches, abs=5e-4)
 
 
+@pytest.mark.parametrize("damping", [0.1, 0.7, 1.9])
+def test_what_a_sensor_at_the_motor_does_not_see_falls_to_1_e_in_its_time(damping):
+    """The largest deviations in two periods six lags apart, once the quicker root has died out."""
+    drive = {"damping": damping, "resonance_hz": 50, "place_rms": 0, "latency_s": 0, "backlash": 0}
+    moved = lens("voice_coil", start=0.1, **drive)
+    lag = get_actuator("voice_coil", **drive).lag_s
+    moved.command(0.9)
+    off = abs(moved.run(round(12 * lag * HZ)) - moved.resting_position())
+    cycle = round(HZ / 50 * (1 / sqrt(1 - damping**2) if damping < 1 else 1))  # the two peaks are in phase
+    later = round(6 * lag * HZ / cycle) * cycle if damping < 1 else round(6 * lag * HZ)
+    first = round(3 * lag * HZ)
+    fell = off[first + later : first + later + cycle].max() / off[first : first + cycle].max()
+    assert log(fell) == pytest.approx(-later / HZ / lag, rel=0.01)
+    assert get_actuator("voice_coil", reads="lens", **drive).lag_s == 0
+
+
 def test_another_drive_is_labelled_by_a_digest_of_its_numbers():
     """The digest covers every number and no source; 1 and 1.0 are the same number."""
     coil = get_actuator("voice_coil")

@@ -34,6 +34,18 @@ def test_what_is_read_is_what_openexr_reads(tmp_path):
     assert all(np.array_equal(ours[name], theirs[name].pixels) for name in theirs)
 
 
+def test_some_planes_of_many(tmp_path):
+    planes = {f"focus.{k:04d}": np.full((5, 7), k, np.float32) for k in range(12)}
+    write_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
+    back, attributes = read_planes(tmp_path / "a.exr", ["focus.0010", "focus.0003"])
+    assert list(back) == ["focus.0010", "focus.0003"]
+    assert all(np.array_equal(back[name], planes[name]) for name in back)
+    assert attributes["unit"] == "m"
+    error = refusal(read_planes, tmp_path / "a.exr", ["focus.0012"])
+    assert "focus.0012" in error.problem
+    assert error.hint.startswith("delete it")
+
+
 def image_bytes(path, plane, compression=OpenEXR.NO_COMPRESSION):
     header = {"compression": compression, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, {"depth": plane}).write(str(path))
