@@ -18,8 +18,8 @@ PER_SPIKE = 1 / THETA + THRESHOLD_NOISE**2  # relative variance of a threshold
 EVEN = 1.5  # noise, in units of the phase, that leaves 10⁻¹⁹ of any unevenness of the phase
 BEFORE = 8 * int(2 * EVEN**2 / PER_SPIKE / 8)  # readouts at half a threshold each
 FAR = stats.norm.isf(0.5e-4)  # standard deviations, at a two-sided significance of 1e-4
-RATES = [0.05, 0.08, 0.13, 0.17, 0.21, 0.29, 0.37, 0.43, 0.5, 0.61, 0.7, 0.77]
-MEANS = [0.3, 0.8, 1.0, 1.25, 2.0, 2.5, 3.3, 5.0, 7.5, 10.0, 20.5]
+RATES = [0.05, 0.13, 0.29, 0.43, 0.61, 0.77]
+MEANS = [0.3, 1.0, 2.5, 3.3, 7.5, 20.5]
 
 
 def spikes(charge, *, frames, seed, before=0):
@@ -38,8 +38,8 @@ def spikes(charge, *, frames, seed, before=0):
     return np.unpackbits(packed, axis=-1, bitorder="little", count=len(gain)).reshape(-1, len(gain))[:, before:]
 
 
-@pytest.mark.parametrize("sd", [0.02, 0.1, 0.3, 1.0])
-@pytest.mark.parametrize("mean", [0.37, 1.0, 2.5, 7.81])
+@pytest.mark.parametrize("sd", [0.02, 0.3, 1.0])
+@pytest.mark.parametrize("mean", [0.37, 1.0, 7.81])
 def test_the_law_has_the_moments_of_its_probabilities(mean, sd):
     """The variance by a series is that of the probabilities (second differences of an integral); the mean is exact."""
     n, p = count_probabilities(mean, sd**2)
@@ -63,7 +63,7 @@ def test_the_law_has_its_limits():
 
 @pytest.mark.parametrize("rate", RATES)
 def test_intervals_obey_the_exact_law(rate):
-    """Pearson's χ² and the variance of 40,000 intervals at each of 12 rates; significance 1e-4 each, seed 9.
+    """Pearson's χ² and the variance of 40,000 intervals at each of 6 rates; significance 1e-4 each, seed 9.
 
     Each interval comes after enough spikes to make the phase uniform.
     """
@@ -81,7 +81,7 @@ def test_intervals_obey_the_exact_law(rate):
 
 @pytest.mark.parametrize("mean", MEANS)
 def test_counts_obey_the_exact_law(mean):
-    """Pearson's χ² and the variance of 40,000 counts at each of 11 means; significance 1e-4 each, seed 3."""
+    """Pearson's χ² and the variance of 40,000 counts at each of 6 means; significance 1e-4 each, seed 3."""
     frames = 200
     charge = np.float32(mean * THETA / frames)
     mean = float(charge) * frames / THETA
@@ -91,9 +91,9 @@ def test_counts_obey_the_exact_law(mean):
     assert abs(count_deviations(seen, mean, variance=variance)) < FAR
 
 
-@pytest.mark.parametrize(("values", "noise_grows_as", "rejected"), [(RATES, 2, 7), (MEANS, 1, 10)])
+@pytest.mark.parametrize(("values", "noise_grows_as", "rejected"), [(RATES, 2, 4), (MEANS, 1, 6)])
 def test_the_tests_above_can_reject_the_average_law(values, noise_grows_as, rejected):
-    """s² + 1/6 is off by more than 3 times what they allow, at 7 of the 12 rates and 10 of the 11 means."""
+    """s² + 1/6 is off by more than 3 times what they allow, at 4 of the 6 rates and all 6 means."""
     off = []
     for value in values:
         mean = 1 / value if noise_grows_as == 2 else value
@@ -105,7 +105,7 @@ def test_the_tests_above_can_reject_the_average_law(values, noise_grows_as, reje
     assert sum(one > 3 * FAR for one in off) == rejected
 
 
-@pytest.mark.parametrize("mean", [0.5, 0.8, 1.0, 1.5, 2.25, 3.0, 4.4, 6.5])
+@pytest.mark.parametrize("mean", [0.5, 1.0, 2.25, 6.5])
 def test_the_covariance_of_adjacent_half_windows_obeys_the_law(mean):
     """cov(A, B) = (Var(A + B) − Var A − Var B)/2, from 0 to −1/4, on average −1/12; 40,000 pixels, 1e-4, seed 8.
 

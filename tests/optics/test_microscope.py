@@ -50,14 +50,13 @@ def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, mo
     assert abs(find_peak(curve) - 20 * drive.best_position(FOCUS_M)) < 0.25
 
 
-@pytest.mark.parametrize("unit_m", [1e-7, 0.001, 1.0])
 @pytest.mark.slow
-def test_mitsubas_thin_lens_sees_the_same_in_any_unit(tmp_path, monkeypatch, unit_m):
-    """Widths of the edge as Mitsuba's thin lens renders it, at three positions: within 2 % of c (4 million paths)."""
+def test_mitsubas_thin_lens_sees_the_same_in_a_tiny_unit(tmp_path, monkeypatch):
+    """Widths of the edge as Mitsuba's thin lens renders it, at both ends: within 2 % of c (4 million paths)."""
     grid = SensorGrid(rows=16, columns=96, pitch_m=PITCH)
-    scene = write_edge_scene(tmp_path, monkeypatch, lens=OBJECTIVE, distance_m=FOCUS_M, unit_m=unit_m)
+    scene = write_edge_scene(tmp_path, monkeypatch, lens=OBJECTIVE, distance_m=FOCUS_M, unit_m=1e-7)
     setup = load_setup(scene, ("glow",), grid=grid)
-    for position in (0.0, 0.35, 1.0):
+    for position in (0.0, 1.0):
         image = thin_lens.render_position(setup, position=position, samples=2500, seed=1)
         expected = float(setup.drive.blur_diameter(position, FOCUS_M))
         assert measure_edge(image, PITCH)[0] == pytest.approx(expected, rel=0.02)

@@ -55,7 +55,6 @@ FAULTS = {
         ),
         (
             "optics/test_focus_drives.py::test_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus",
-            "stack/test_true_focus.py::test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths[image_distance]",
             "optics/test_microscope.py::test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms",
         ),
     ),
@@ -64,7 +63,6 @@ FAULTS = {
         (Change("camera.exposure", "/ v2 * cos2 * cos2", "/ v2 * cos2**0"),),
         (
             "camera/test_exposure.py::test_irradiance_falls_with_the_fourth_power_of_the_cosine",
-            "camera/test_exposure.py::test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows",
             f"{EACH_LAW}[radiometry_field_angle]",
         ),
     ),
@@ -73,8 +71,6 @@ FAULTS = {
         (Change("camera.exposure", "distance[None],", "image_distance[:1],"),),
         (
             "camera/test_exposure.py::test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows",
-            "generate/test_recorder.py::test_the_rate_over_the_sweep_follows_bellows_and_the_fourth_power_of_the_cosine",
-            "generate/test_recorder.py::test_absolute_exposure_counts_the_scenes_own_electrons",
             f"{EACH_LAW}[radiometry_bellows]",
         ),
     ),
@@ -86,8 +82,6 @@ FAULTS = {
         ),
         (
             "optics/test_focus_drives.py::test_the_ends_of_the_travel_focus_where_the_card_says",
-            "stack/test_time_resolved.py::test_the_truth_follows_a_target_that_comes_nearer",
-            "generate/test_recorded_spikes.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
             f"{EACH_LAW}[truth_depths]",
         ),
     ),
@@ -103,9 +97,6 @@ FAULTS = {
         ),
         (
             "optics/test_focus_drives.py::test_the_ends_of_the_travel_focus_where_the_card_says",
-            "optics/test_focus_drives.py::test_a_stage_keeps_the_lens_and_is_linear_in_z",
-            "optics/test_focus_drives.py::test_a_point_that_the_lens_has_reached_has_no_finite_blur",
-            "render/test_render.py::test_a_stage_that_runs_into_the_lens_is_refused",
             f"{EACH_LAW}[optics_breathing]",
         ),
     ),
@@ -114,26 +105,19 @@ FAULTS = {
         (Change("camera.encoder", "variance += level\n", "variance += level / 2\n"),),
         (
             "camera/test_encoder.py::test_shot_noise_makes_the_variance_of_an_interval_the_threshold",
-            "camera/test_encoder.py::test_the_contrast_of_counts_is_light_plus_shot_noise_plus_phase",
-            "camera/test_counting_law.py::test_intervals_obey_the_exact_law[0.29]",
             f"{EACH_LAW}[noise_photon_transfer]",
         ),
     ),
     "threshold noise per readout": Fault(
         "A threshold is drawn at each readout instead of at each spike.",
         (Change("camera.encoder_kernel", "fresh if fired else threshold,", "fresh,"),),
-        (
-            "camera/test_encoder.py::test_threshold_noise_alone_has_its_own_variance",
-            "camera/test_encoder.py::test_intervals_are_independent_in_time_and_between_pixels",
-            "camera/test_counting_law.py::test_counts_obey_the_exact_law[3.3]",
-            f"{EACH_LAW}[noise_intervals]",
-        ),
+        ("camera/test_encoder.py::test_threshold_noise_alone_has_its_own_variance", f"{EACH_LAW}[noise_intervals]"),
     ),
     "response on dark": Fault(
         "The photo-response of a pixel also multiplies its dark charge, which is not due to light.",
         (Change("camera.encoder", "[pattern.dark.ravel(),", "[(pattern.dark * pattern.response).ravel(),"),),
         (
-            "camera/test_encoder.py::test_the_bits_are_those_of_the_scalar_reference[changes4]",
+            "camera/test_encoder.py::test_the_bits_are_those_of_the_scalar_reference[pattern]",
             "camera/test_independent_noise.py::test_dark_charge_does_not_depend_on_the_response_to_light",
         ),
     ),
@@ -148,8 +132,6 @@ FAULTS = {
         ),
         (
             "render/test_camera_rays.py::test_a_ray_meets_its_own_pixel_at_the_middle_of_the_travel",
-            "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
-            "optics/test_microscope.py::test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms",
             f"{EACH_LAW}[optics_breathing]",
         ),
     ),
@@ -165,27 +147,20 @@ FAULTS = {
         ),
         (
             "render/test_camera_rays.py::test_a_small_lamp_keeps_its_light_in_focus_and_out_of_it",
-            "render/test_render.py::test_light_groups_alone_add_up_to_all_together",
-            "render/test_render.py::test_the_scalar_variant_renders_the_same_scene",
             f"{EACH_LAW}[optics_occlusion]",
         ),
     ),
     "angle doubled": Fault(
         "Waves bend a path at the aperture by twice the correct angle.",
         (Change("render.diffraction", "self.wavelength_m / (2 * math.pi))", "self.wavelength_m / math.pi)"),),
-        (
-            "render/test_diffraction.py::test_bent_paths_have_the_transfer_of_the_lens",
-            "render/test_diffraction.py::test_angles_spread_by_heisenbergs_relation",
-            f"{EACH_LAW}[optics_transfer]",
-        ),
+        ("render/test_diffraction.py::test_bent_paths_have_the_transfer_of_the_lens", f"{EACH_LAW}[optics_transfer]"),
     ),
     "dark twice": Fault(
         "Dark charge is collected twice.",
         (Change("camera.encoder", "[pattern.dark.ravel(),", "[2 * pattern.dark.ravel(),"),),
         (
             "camera/test_encoder.py::test_with_all_noise_on_the_mean_rate_is_light_plus_dark",
-            "camera/test_encoder.py::test_each_noise_term_changes_only_what_it_should[dark]",
-            "camera/test_exposure.py::test_the_scale_makes_the_encoder_fire_at_the_mean_rate[True-subtract-0.2]",
+            "camera/test_exposure.py::test_the_scale_makes_the_encoder_fire_at_the_mean_rate[subtract-0.2]",
         ),
     ),
     "gains sampled": Fault(
@@ -203,7 +178,6 @@ FAULTS = {
         (
             "plugins/test_lights.py::test_gains_are_means_over_readouts_however_finely_time_is_cut",
             "plugins/test_lights.py::test_a_step_within_a_readout_counts_in_proportion",
-            "plugins/test_lights.py::test_a_readout_of_pwm_is_a_mean_and_not_a_point",
         ),
     ),
     "a group twice": Fault(
@@ -221,8 +195,6 @@ FAULTS = {
             ),
         ),
         (
-            "plugins/test_lights.py::test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp",
-            "generate/test_recorder.py::test_the_mean_rate_is_the_one_asked_for_at_best_focus",
             "stack/test_time_resolved.py::test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track",
             f"{EACH_LAW}[light_additivity]",
         ),
@@ -231,9 +203,7 @@ FAULTS = {
         "After a spike, a pixel keeps only half of its charge above the threshold.",
         (Change("camera.encoder_kernel", "kept = excess if", "kept = np.float32(0.5) * excess if"),),
         (
-            "camera/test_encoder.py::test_adjacent_half_windows_share_the_residue",
-            "camera/test_encoder.py::test_charge_between_knots_is_a_straight_line",
-            "camera/test_sensor.py::test_ideal_counts_charge_to_the_last_spike",
+            "camera/test_counting_law.py::test_the_covariance_of_adjacent_half_windows_obeys_the_law",
             f"{EACH_LAW}[noise_independence]",
         ),
     ),
@@ -257,8 +227,6 @@ FAULTS = {
         ),
         (
             "render/test_camera_rays.py::test_the_rays_of_a_position_fill_its_aperture_evenly",
-            "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
-            "render/test_render.py::test_an_edge_is_blurred_and_placed_by_the_closed_forms[image_distance]",
             f"{EACH_LAW}[optics_blur]",
         ),
     ),
@@ -273,7 +241,6 @@ FAULTS = {
         ),
         (
             "render/test_camera_rays.py::test_the_rays_of_a_position_fill_its_aperture_evenly",
-            "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
             f"{EACH_LAW}[optics_transfer]",
         ),
     ),
@@ -282,7 +249,6 @@ FAULTS = {
         (Change("camera.encoder_kernel", "_mixed(U(key) + block * STRIDE)", "_mixed(U(key) + start * U(0))"),),
         (
             "camera/test_independent_noise.py::test_pixels_that_fire_together_draw_independent_thresholds",
-            "camera/test_counting_law.py::test_counts_obey_the_exact_law[3.3]",
             f"{EACH_LAW}[noise_independence]",
         ),
     ),
@@ -291,8 +257,6 @@ FAULTS = {
         (Change("camera.exposure", "return energy * sensor", "return 1.01 * energy * sensor"),),
         (
             "camera/test_exposure.py::test_electrons_are_photons_times_quantum_efficiency_and_fill_factor",
-            "camera/test_sensor.py::test_the_fill_factor_gives_rate_one_half_at_1700_lux",
-            "generate/test_recorder.py::test_absolute_exposure_counts_the_scenes_own_electrons",
             f"{EACH_LAW}[radiometry_f_number]",
         ),
     ),
@@ -330,7 +294,6 @@ FAULTS = {
         ),
         (
             "stack/test_true_focus.py::test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths",
-            "generate/test_recorded_spikes.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
             f"{EACH_LAW}[truth_depths]",
         ),
     ),

@@ -48,8 +48,7 @@ def at(setup, position):
     return depth_and_target.trace_depth_at(setup, ("glow",), position=position)
 
 
-@pytest.mark.parametrize("offset", [0.82, 0.9, 0.96])
-@pytest.mark.parametrize("passing", [False, True])
+@pytest.mark.parametrize(("offset", "passing"), [(0.82, False), (0.9, True), (0.96, False)])
 def test_a_target_that_is_in_the_frame_only_where_it_is_in_focus_is_seen(patch, offset, passing):
     """In focus at 0.9 m the frame sees 1.31 times as much as at the middle of the travel."""
     best = float(MACRO.best_position(0.9))

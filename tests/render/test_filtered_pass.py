@@ -74,21 +74,6 @@ def test_the_mean_of_a_picture_is_that_of_the_plain_estimator(still_life):
             assert (difference <= allowed).all(), (window, name, (difference / allowed).max())
 
 
-def test_shared_shading_leaves_a_fourth_of_the_noise_of_twice_the_light_paths(still_life):
-    """Squared differences of two renders each, filtered with 16 samples and plain with 32; seeds are fixed.
-
-    The median over pixels is that of the wall; the mean would be that of a few paths that meet the lamp through glass.
-    With four pairs of seeds it was 8.0 to 10.0 times smaller.
-    """
-    variance = lambda one, other: float(np.median((one - other) ** 2))  # noqa: E731
-    shared = [sum(filtered(still_life, seed=s).values()) for s in (1, 2)]
-    plain = [
-        sum(one_pass.render_stack(setup, positions=5, samples=32, seed=s)[0] for setup in still_life.values())
-        for s in (1, 2)
-    ]
-    assert variance(*shared) < variance(*plain) / 4
-
-
 def test_a_light_group_has_the_same_bits_alone(still_life):
     together = filtered(still_life)
     for name in still_life:

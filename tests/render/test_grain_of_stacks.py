@@ -102,11 +102,6 @@ def test_slices_that_see_no_target_are_left_out(tmp_path):
     assert stacks_to_repeat(unseen, tmp_path) == []
 
 
-def test_a_still_scene_has_its_one_stack(tmp_path):
-    (spec,) = store_geometry(tmp_path, [True], [0.5], [None])
-    assert stacks_to_repeat([spec], tmp_path) == [spec]
-
-
 def test_a_long_stack_is_measured_at_some_positions_and_in_focus():
     spec = replace(SPEC, positions=513)
     chosen = _choose_positions(spec, 0.2512)

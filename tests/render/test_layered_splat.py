@@ -7,7 +7,6 @@ from random_paths import paths, windows
 from scipy.ndimage import correlate1d
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.render import host_splat
 from saf_gen.render.host_splat import TracedPaths
 from saf_gen.render.layered_splat import (
     LAYERS,
@@ -127,20 +126,6 @@ def smooth(plane, sigma):
 
 
 @pytest.mark.parametrize("windowed", [False, True])
-@pytest.mark.parametrize("distance", [0.0, FOCUSED])
-def test_what_is_not_blurred_is_summed_as_it_was_traced(distance, windowed):
-    """The sums are those of the plain splat, bit for bit; the means are rounded in another order."""
-    shape, count = (9, 11, 13), 20_000
-    *line, radiance = paths(5, count, shape)
-    more = windows(8, count, shape) if windowed else ()
-    plain = host_splat.allocate_sums(2, shape)
-    host_splat.splat_paths(plain, TracedPaths(*line, radiance, *more), scale=SCALE, max_radiance=MAX_RADIANCE)
-    lens = on_disc(np.random.default_rng(1), count)
-    found = add_all(shape, (TracedPaths(*line, None, *more), lens, distance, radiance))
-    assert found[0] == pytest.approx(host_splat.mean_radiance_of(plain, SCALE), rel=1e-6)
-
-
-@pytest.mark.parametrize("windowed", [False, True])
 def test_the_stack_is_that_of_the_slow_reference(windowed):
     """4,000 paths from in front of and behind the focus, or without a distance, of weights 0 to 4, at three positions.
 
@@ -196,8 +181,7 @@ def test_an_even_light_stays_even_whatever_is_in_front():
     assert add_all(shape, *layers) == pytest.approx(np.round(0.37 * SCALE) / SCALE, rel=1e-6)
 
 
-@pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize("blur", [3.0, 4.3, 6.1, 10.0, 23.0, 47.0, 90.0])
+@pytest.mark.parametrize(("blur", "side"), [(3.0, -1), (4.3, 1), (23.0, -1), (90.0, 1)])
 def test_the_picture_of_a_point_keeps_its_width_and_its_light(blur, side):
     """A point on a dark surface: its flux, and the variance blur²/16 of its disc along each axis, within 1 %.
 
@@ -228,7 +212,7 @@ def test_the_picture_of_a_point_keeps_its_width_and_its_light(blur, side):
         assert variance - 1 / 6 == pytest.approx(blur**2 / 16, rel=0.01)
 
 
-@pytest.mark.parametrize("blur", [8.0, 30.0, 90.0])
+@pytest.mark.parametrize("blur", [8.0, 90.0])
 def test_a_sharp_edge_before_a_blurred_wall_stays_sharp(blur):
     """Both keep their radiance up to the pixels near the edge in which paths of both are drawn.
 
@@ -242,47 +226,6 @@ def test_a_sharp_edge_before_a_blurred_wall_stays_sharp(blur):
     reach = int(np.ceil(blur / 2 * (1 - np.sqrt(1 - SMOOTHING**2))))
     assert picture[:, : 40 - reach] == pytest.approx(np.round(0.7 * SCALE) / SCALE, rel=1e-6)
     assert picture[:, 40 + reach :].min() > 3
-
-
-@pytest.mark.parametrize("blur", [-25.0, -49.0, 69.0])
-def test_noise_of_a_wide_blurred_surface_falls_with_the_area_of_the_gaussian(blur):
-    """It falls to 1/(4πσ²) of its variance; 160 × 160 pixels, 16 paths each, one seed.
-
-    With 220 to 1,800 independent regions 4 standard errors are at most 38 %.
-    """
-    shape, random = (1, 200, 200), np.random.default_rng(6)
-    line, lens = even_paths(random, shape, 16)
-    radiance = random.gamma(1, 1, line.first_x.size)
-    plain, smoothed = (
-        add_all(shape, (line, lens, distance, radiance))[0, 0, 20:-20, 20:-20] for distance in (0.0, distance_of(blur))
-    )
-    sigma = sigma_of(SIDE_LAYERS + 1 + int(np.log2(abs(blur) / MIN_BLUR) * LAYERS_PER_OCTAVE))
-    assert sigma > 1
-    assert smoothed.mean() == pytest.approx(1, abs=0.01)
-    ratio = smoothed.var() / plain.var()
-    assert ratio == pytest.approx(1 / (4 * np.pi * sigma**2), rel=0.38)
-
-
-def test_a_weight_counts_a_path_as_often():
-    shape, random = (2, 20, 20), np.random.default_rng(7)
-    line, lens = even_paths(random, shape, 1)
-    distance = distance_of(random.choice([0.0, 12.0, -30.0], line.first_x.size))
-    radiance = random.random((2, line.first_x.size))
-    weight = random.integers(0, 5, line.first_x.size).astype(np.uint32)
-    often = np.repeat(np.arange(weight.size), weight)
-    weighted = add_all(shape, (line._replace(weight=weight), lens, distance, radiance), groups=2)
-    one_by_one = add_all(
-        shape,
-        (
-            TracedPaths(*(array[often] for array in line[:4]), None),
-            (lens[0][often], lens[1][often]),
-            distance[often],
-            radiance[:, often],
-        ),
-        groups=2,
-    )
-    assert np.array_equal(weighted, one_by_one)
-    assert (add_all(shape, (line._replace(weight=0 * weight), lens, distance, radiance), groups=2) == 0).all()
 
 
 def test_the_number_of_workers_changes_no_bit():
@@ -308,7 +251,7 @@ def test_paths_above_the_maximum_radiance_count_as_the_maximum():
     assert sums.mean_radiance() == pytest.approx(1.5)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 0.1875, 0.265, 0.375, 0.4999, 0.5, 0.53, 0.75, 1.06, 1.5, 2.12, 3.0, 4.24])
+@pytest.mark.parametrize("sigma", [0.0, 0.1875, 0.4999, 0.5, 0.75, 4.24])
 def test_taps_add_up_to_one_and_have_the_variance(sigma):
     """Three taps have it exactly. A Gaussian that is cut off at three standard deviations lacks 3 %.
 
@@ -331,13 +274,6 @@ def test_layers_fit_the_window_of_a_time_slice_but_not_a_full_travel():
     assert not LayeredSums.sums_in_layers((MAX_POSITIONS + 1, 4, 4), 1)
     assert LayeredSums.sums_in_layers((MAX_POSITIONS, 4, 4), 1)
     assert not LayeredSums.sums_in_layers((2, 4000, 4000), 1)
-
-
-def test_the_bytes_of_a_worker_are_those_of_its_sums():
-    shape = (3, 10, 12)
-    sums = LayeredSums(shape, blur=blur_scale(3), scale=np.ones(2), max_radiance=np.ones(2))
-    workers = min(nb.get_num_threads(), host_splat.ACCUMULATOR_BYTES // LayeredSums.bytes_needed(shape, 2))
-    assert sums._sums.nbytes == workers * LayeredSums.bytes_needed(shape, 2)
 
 
 def test_behind_clear_sheets_a_path_is_as_sharp_as_the_sharpest_of_all_that_it_passes():

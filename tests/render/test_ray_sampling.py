@@ -26,13 +26,8 @@ def on_a_disc(random, count, radius):
     return r * np.cos(angle), r * np.sin(angle)
 
 
-def transfer(drive, position, x, a):
-    m = drive.ray_transfer(position)
-    return m[0, 0] * x + m[0, 1] * a, m[1, 0] * x + m[1, 1] * a
-
-
 @every_drive
-@pytest.mark.parametrize("position", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("position", [0.0, 1.0])
 def test_every_ray_of_a_position_is_covered(drive, position):
     """20,000 rays over sensor and aperture, traced back to the reference position: none is outside."""
     random = np.random.default_rng(2)
@@ -51,31 +46,6 @@ def test_a_lens_that_stays_in_the_rays_needs_no_more_than_its_aperture():
     assert ray_coverage(DRIVES["image_distance"], GRID).radius_m == DRIVES["image_distance"].aperture_radius_m
     assert ray_coverage(DRIVES["focal_length"], GRID).radius_m == DRIVES["focal_length"].aperture_radius_m
     assert ray_coverage(DRIVES["stage"], GRID).radius_m > DRIVES["stage"].aperture_radius_m
-
-
-@every_drive
-@pytest.mark.parametrize("position", [0.0, 0.3, 1.0])
-def test_what_a_position_sees_is_even_over_sensor_and_aperture(drive, position):
-    """χ² of counts in 240 cells of equal measure (3 × 5 sensor, 4 × 4 aperture), from 600,000 even rays.
-
-    Each bound has a significance of 1e-6. Without the aperture's window, or with too narrow a border, cells would
-    differ by tens of percent; 1 % in one row of cells would be detected.
-    """
-    random = np.random.default_rng(7)
-    covered, count = ray_coverage(drive, GRID), 600_000
-    half_x = (GRID.columns / 2 + covered.columns) * GRID.pitch_m
-    half_y = (GRID.rows / 2 + covered.rows) * GRID.pitch_m
-    x, y = random.uniform(-half_x, half_x, count), random.uniform(-half_y, half_y, count)
-    a, b = on_a_disc(random, count, covered.radius_m)
-    (x, a), (y, b) = transfer(drive, position, x, a), transfer(drive, position, y, b)
-    x, y = x / (GRID.columns * GRID.pitch_m) + 0.5, y / (GRID.rows * GRID.pitch_m) + 0.5
-    area, turn = (a**2 + b**2) / drive.aperture_radius_m**2, np.arctan2(b, a) / (2 * np.pi) + 0.5
-    seen = np.stack([x, y, area, turn], axis=1)
-    seen = seen[((seen >= 0) & (seen < 1)).all(axis=1)]
-    cells, _ = np.histogramdd(seen, bins=(5, 3, 4, 4), range=[(0, 1)] * 4)
-    expected = len(seen) / cells.size
-    assert expected > 100
-    assert ((cells - expected) ** 2 / expected).sum() < chi2.ppf(1 - 1e-6, cells.size - 1)
 
 
 @needs_llvm
@@ -107,7 +77,7 @@ def samples_of(samples, *, pixels=64, seed=5):
 
 
 @needs_llvm
-@pytest.mark.parametrize("samples", [16, 64, 256])
+@pytest.mark.parametrize("samples", [16, 64])
 def test_every_box_of_one_samples_area_holds_one_sample(samples):
     """Elementary intervals of every shape, 1 × 1/N to 1/N × 1, over pixel and lens of each of 64 pixels."""
     placed, bits = samples_of(samples), samples.bit_length() - 1
@@ -120,7 +90,7 @@ def test_every_box_of_one_samples_area_holds_one_sample(samples):
 
 
 @needs_llvm
-@pytest.mark.parametrize("samples", [1, 3, 24, 100, 1000])
+@pytest.mark.parametrize("samples", [1, 3, 100])
 def test_counts_that_are_no_power_of_two_are_even_too(samples):
     """Every box anchored at the corner holds its fraction of all points within (log₂N + 2)/N, as a (0,2)-sequence.
 
@@ -136,7 +106,7 @@ def test_counts_that_are_no_power_of_two_are_even_too(samples):
 
 
 @needs_llvm
-@pytest.mark.parametrize("samples", [1, 2, 3, 5, 8, 24, 100, 1000, 1025])
+@pytest.mark.parametrize("samples", [1, 2, 3, 24, 1025])
 def test_samples_are_permuted_as_mitsuba_does_it(samples):
     """Bit for bit for 4,096 words; the order of each word is a permutation."""
     backend.activate_backend("llvm")
@@ -171,16 +141,6 @@ def test_every_pixel_and_every_seed_has_points_of_its_own():
     # from a few thousand, so that some of 256 are equal.
     box = np.int64(placed[2] * 4) * 4 + np.int64(placed[3] * 4)
     assert len(np.unique(np.bitwise_xor(box, box[:, :1]), axis=0)) > 230
-
-
-@needs_llvm
-def test_the_mean_over_pixels_is_even_over_each_place():
-    """χ² of 32 parts of each of the four axes over 8,192 pixels of 3 samples, significance 1e-6 each."""
-    placed = samples_of(3, pixels=8192)
-    for axis in placed:
-        counts, _ = np.histogram(axis, bins=32, range=(0, 1))
-        expected = axis.size / 32
-        assert ((counts - expected) ** 2 / expected).sum() < chi2.ppf(1 - 1e-6, 31)
 
 
 @needs_llvm

@@ -49,12 +49,11 @@ def load_box(squares, turn):
     return mitsuba_scene.load_lit_scene(described, ("sky",), max_depth=2)
 
 
-@pytest.mark.parametrize("squares", [8, 10])
-@pytest.mark.parametrize("turned", [0, 30, 45])
+@pytest.mark.parametrize(("squares", "turned"), [(8, 0), (10, 45)])
 def test_a_turned_box_has_no_hole_where_seams_lie_on_pixel_centres(every_backend, squares, turned):
     """Its silhouette is a square, and its front has one depth.
 
-    At 0° and 45° seams run through the centres of hundreds of pixels; at 30° they miss them. Rays through only the
+    Seams run through the centres of hundreds of pixels. Rays through only the
     centres see the inside of the box, or the wall, in 5 to 27 of these pixels, with either backend.
     """
     scene, integrator = load_box(squares, mi.ScalarTransform4f().rotate([0, 0, 1], turned))

@@ -106,10 +106,16 @@ def test_surfaces_in_the_same_pixels_do_not_mix(kinds):
 
 
 def test_portions_and_threads_change_no_bit(monkeypatch):
+    """Of the paths of a stack, and of what its moments tell about the latest."""
     random = np.random.default_rng(5)
     hits = scatter(random, 48, 8, reflectance=random.uniform(0.1, 1, 48 * 48 * 8))
     radiance = noisy(random, np.stack([hits.reflectance, 2 * hits.reflectance]), 1.0)
-    expected = reflect(gather((hits, radiance), groups=2), hits)
+    moments = [moment(random, SHADINGS["slope"], 48, 8) for _ in range(16)]
+
+    def reflect_latest():
+        return reflect(moments[-1].estimate(ShadingCells.merged(moments).estimate()), middles(48))
+
+    expected, latest = reflect(gather((hits, radiance), groups=2), hits), reflect_latest()
     monkeypatch.setattr(shading_cells, "PATHS_AT_ONCE", 1000)
     parts = [slice(0, 1), slice(1, 5000), slice(5000, None)]
     traced = [(SurfaceHits(*(array[part] for array in hits)), radiance[:, part]) for part in parts]
@@ -117,17 +123,9 @@ def test_portions_and_threads_change_no_bit(monkeypatch):
     try:
         nb.set_num_threads(1)
         assert np.array_equal(reflect(gather(*traced, groups=2), hits), expected)
+        assert np.array_equal(reflect_latest(), latest)
     finally:
         nb.set_num_threads(threads)
-
-
-def test_the_order_of_paths_changes_only_how_sums_round():
-    random = np.random.default_rng(6)
-    hits = scatter(random, 24, 8)
-    radiance, order = noisy(random, np.ones(hits.shape.size), 1.0), random.permutation(hits.shape.size)
-    shuffled = SurfaceHits(*(array[order] for array in hits))
-    one, other = gather((hits, radiance)), gather((shuffled, radiance[order]))
-    assert reflect(one, hits) == pytest.approx(reflect(other, hits), rel=1e-6)
 
 
 def test_random_places_depend_on_number_and_seed_alone():
@@ -192,38 +190,36 @@ SHADINGS = {
 }
 
 
-def errors_of(name, per_pixel, *, seed, spread=1.0, side=64):
+def errors_of(name, per_pixel, *, seed, side=64):
     """Mean squared errors over cells, of the means of single cells and of the estimate, for a known shading."""
     random = np.random.default_rng(seed)
     hits, rays = scatter(random, side, per_pixel, reflectance=1.0), middles(side)
     truth = SHADINGS[name](hits.column, hits.row)
-    radiance = noisy(random, truth, spread)
+    radiance = noisy(random, truth, 1.0)
     own, true = cell_means(hits, radiance, side), cell_means(hits, truth, side)
     known = ~np.isnan(own)
     found = reflect(gather((hits, radiance)), rays)[0]
     return np.mean((own - true)[known] ** 2), np.mean((found - true)[known] ** 2)
 
 
-@pytest.mark.parametrize("spread", [0.5, 1.0])
-@pytest.mark.parametrize(("per_pixel", "bound"), [(4, 0.32), (16, 0.08), (64, 0.06)])
-def test_an_even_light_is_shared(per_pixel, bound, spread):
+@pytest.mark.parametrize(("per_pixel", "bound"), [(4, 0.32), (64, 0.06)])
+def test_an_even_light_is_shared(per_pixel, bound):
     """The variance for an evenly lit wall over that of single smallest cells; 16,384 cells, one seed.
 
     The largest cells by themselves would give 1/1024. Chance adds far more where a neighbourhood looks uneven, and must
-    stay below the bound; 0.19 to 0.25, 0.046 to 0.054 and 0.048 were measured.
+    stay below the bound; 0.19 to 0.25 and 0.048 were measured.
     """
-    own, found = errors_of("even", per_pixel, seed=11, spread=spread)
+    own, found = errors_of("even", per_pixel, seed=11)
     assert found < bound * own
 
 
 @pytest.mark.parametrize("name", SHADINGS)
-@pytest.mark.parametrize("per_pixel", [4, 16, 64])
-def test_the_estimate_is_nearer_to_the_truth_than_the_cells_own_means(name, per_pixel):
+def test_the_estimate_is_nearer_to_the_truth_than_the_cells_own_means(name):
     """Mean squared errors over 16,384 cells, one seed; 0.04 to 0.4 of that of the cells' means was measured.
 
     The standard error of the ratio is 2 %, so that chance cannot reach the bound.
     """
-    own, found = errors_of(name, per_pixel, seed=12)
+    own, found = errors_of(name, 16, seed=12)
     assert found < 0.6 * own
 
 
@@ -242,30 +238,6 @@ def test_where_nothing_is_alike_the_cells_keep_their_own_means():
     own, true = cell_means(hits, radiance, side), cell_means(hits, truth, side)
     found = reflect(gather((hits, radiance)), rays)[0]
     assert np.mean((found - true) ** 2) < 1.05 * np.mean((own - true) ** 2)
-
-
-def test_more_paths_bring_the_edge_of_a_shadow_nearer():
-    """Bias near an edge from 1 to 4, as a fraction of the step; the mean over 128 rows and four seeds.
-
-    At least a pixel from the edge it is below the first bound and falls as the number of paths grows; from four pixels
-    on it is below the second. If 16 pixels shared one shading it would be a half. At most 0.23, 0.061 and 0.008, and
-    0.035, 0.014 and 0.006, were measured.
-    """
-    side, worst = 64, []
-    for per_pixel, near, far in ((16, 0.4, 0.06), (64, 0.12, 0.03), (256, 0.03, 0.015)):
-        profile = np.zeros(2 * side)
-        for seed in range(4):
-            random = np.random.default_rng(20 + seed)
-            hits = scatter(random, side, per_pixel)
-            radiance = noisy(random, SHADINGS["edge of a shadow"](hits.column, hits.row), 1.0)
-            profile += reflect(gather((hits, radiance)), middles(side))[0].reshape(2 * side, -1).mean(axis=0) / 4
-        column = (np.arange(2 * side) + 0.5) * FINEST
-        away = np.abs(column - 33.3)
-        bias = np.abs(profile - SHADINGS["edge of a shadow"](column, 0 * column)) / 3
-        worst.append(bias[away >= 1].max())
-        assert worst[-1] < near
-        assert bias[away >= 4].max() < far
-    assert worst[0] > worst[1] > worst[2]
 
 
 def estimate_slowly(hits, radiance):
@@ -393,24 +365,6 @@ def test_a_matt_surface_has_no_gloss():
     assert not matt.shading[..., 1].any()
 
 
-def test_a_highlight_is_as_bright_on_both_sides_of_an_edge():
-    """Dark glass next to paint that is ten times as bright, under one highlight of eight pixels; 36 paths per pixel.
-
-    If the highlight were multiplied by the reflectance, as on a matt surface, it would jump tenfold at the edge. Mean
-    squared error with gloss over that without, no noise; 0.48 was measured, most of it from cells on the edge.
-    """
-    random, side = np.random.default_rng(24), 32
-    paths = scatter(random, side, 36)
-    rho = np.where(paths.column < 16.2, 0.05, 0.5).astype(np.float32)
-    highlight = 10 * np.exp(-((paths.column - 16.2) ** 2 + (paths.row - 16) ** 2) / 128)
-    errors = []
-    for shape in (1, 2):
-        hits = paths._replace(reflectance=rho, shape=np.full(rho.size, shape, np.uint32))
-        found = reflect(gather((hits, rho + highlight)), hits)[0]
-        errors.append(np.mean((found - rho - highlight) ** 2))
-    assert errors[0] < 0.7 * errors[1]
-
-
 @pytest.mark.filterwarnings("error")
 def test_what_is_black_reflects_nothing():
     random = np.random.default_rng(14)
@@ -423,11 +377,10 @@ def test_what_is_black_reflects_nothing():
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("per_pixel", [1, 4, 40])
-def test_every_estimate_is_finite_and_none_is_negative_without_cause(per_pixel):
+def test_every_estimate_is_finite_and_none_is_negative_without_cause():
     """Rare bright paths, cells with one path, black cells, and radiance from 1e-12 to 1e12."""
     random = np.random.default_rng(15)
-    hits = scatter(random, 32, per_pixel)
+    hits = scatter(random, 32, 4)
     hits = hits._replace(reflectance=np.float32(random.choice([0.0, 1e-6, 0.01, 0.9], hits.shape.size)))
     radiance = hits.reflectance * random.choice([0.0, 1e-12, 1.0, 1e12], hits.shape.size)
     found = reflect(gather((hits, radiance)), hits)
@@ -455,21 +408,6 @@ def test_moments_together_are_their_paths_together():
     assert together.keys.size == one_by_one.count
     expected = reflect(one_by_one.by_tile().estimate(), rays)
     assert reflect(together.estimate(), rays) == pytest.approx(expected, rel=1e-6)
-
-
-def test_cores_change_no_bit_of_what_moments_tell():
-    def estimate_shading():
-        random = np.random.default_rng(19)
-        moments = [moment(random, SHADINGS["slope"], 48, 8) for _ in range(16)]
-        together = ShadingCells.merged(moments)
-        return reflect(moments[-1].estimate(together.estimate()), middles(48))
-
-    threads, expected = nb.get_num_threads(), estimate_shading()
-    try:
-        nb.set_num_threads(1)
-        assert np.array_equal(estimate_shading(), expected)
-    finally:
-        nb.set_num_threads(threads)
 
 
 def test_a_moment_like_those_before_takes_their_shading():

@@ -4,12 +4,11 @@
 
 A flip is "told" if it causes an error of one line; "harmless" if everything read from the file is as it was written,
 because the bit is in unused space or in an order without meaning; and "unseen" if something else was read without an
-error. Harmless flips are listed as ranges of bytes. Files that people write (recipes, scene cards, sensors, lists, logs
+error. Files that people write (recipes, scene cards, sensors, lists, logs
 and answers) have no digest, and are not tested.
 """
 
 import argparse
-import itertools
 import json
 import shutil
 import sys
@@ -101,16 +100,9 @@ def flip(kind: Flipped, root: Path, rng: Random, count: int) -> dict[str, Any]:
         except Exception as error:  # noqa: BLE001 - a user would see any of them as a traceback
             other.append((at, bit, repr(error)[:200]))
     path.write_bytes(whole)
-    ranges = [f"{a}-{b}" if a < b else f"{a}" for a, b in _join_neighbours(sorted({at for at, _ in harmless}))]
-    return {"kind": kind.name, "bytes": len(whole), "told": told, "harmless": len(harmless), "at": ranges,
+    places = sorted({at for at, _ in harmless})
+    return {"kind": kind.name, "bytes": len(whole), "told": told, "harmless": len(harmless), "at": places,
             "unseen": unseen, "tracebacks": other}  # fmt: skip
-
-
-def _join_neighbours(places: list[int], *, gap: int = 64) -> Iterator[tuple[int, int]]:
-    """Yield (first, last) of each run of positions whose distances are at most ``gap``."""
-    ends = [*(n for n, (a, b) in enumerate(itertools.pairwise(places), start=1) if b - a > gap), len(places)]
-    for first, end in itertools.pairwise([0, *ends] if places else []):
-        yield places[first], places[end - 1]
 
 
 def flip_kinds(flips: int, seed: int, kinds: Sequence[str] = ()) -> Iterator[dict[str, Any]]:

@@ -266,19 +266,10 @@ def _change_item(file: h5py.File, name: str, rng: Rng) -> None:
     dtype = rng.choice(
         ["f4", "f8", "u1", "i8", "bool", "u2", ">f4", "f2", "S5", h5py.string_dtype(), [("a", "f4")], "c8"]
     )
-    shapes = [
-        (),
-        (0,),
-        (1,),
-        shape,
-        shape[::-1],
-        (*shape, 1),
-        tuple(n + 1 for n in shape),
-        (3, 3),
-        (1 << 40,),
-        (1 << 20, 1 << 20),
-    ]
-    wanted = rng.choice(shapes)
+    larger = tuple(n + 1 for n in shape)
+    wanted = rng.choice(
+        [(), (0,), (1,), shape, shape[::-1], (*shape, 1), larger, (3, 3), (1 << 40,), (1 << 20, 1 << 20)]
+    )
     try:
         if what == 4 and np.prod(wanted, dtype=float) < 1e6:
             data = rng.choice(

@@ -20,7 +20,6 @@ import gc
 import hashlib
 import importlib
 import itertools
-import json
 import os
 import pickle
 import shutil
@@ -29,7 +28,6 @@ import sys
 import tempfile
 import time
 import traceback
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -307,9 +305,9 @@ def check_words(messages: str, *, stopped: bool) -> Iterator[tuple[str, str]]:
         yield "words", f"{len(lines)} lines of saf-gen: {messages[-300:]}"
 
 
-def kill_all(writer: Writer, folder: Path, *, every: int, first: int, part: tuple[int, int]) -> dict[str, Any]:
+def kill_all(writer: Writer, folder: Path, *, every: int, first: int, tell: Callable[[str], None]) -> dict[str, Any]:
     """Stop a command at every ``every``-th of its points, and return counts and findings."""
-    start, machine = folder / f"{writer.name}-start", Machine(folder / f"{writer.name}-{part[0]}")
+    begun, start, machine = time.monotonic(), folder / f"{writer.name}-start", Machine(folder / writer.name)
     prepare(start)
     make_earlier(Machine(start), writer)
     out = Path("work") / writer.out
@@ -322,30 +320,22 @@ def kill_all(writer: Writer, folder: Path, *, every: int, first: int, part: tupl
     whole, names = writer.state(machine.folder / out), names_in(machine.folder)
     points = list(itertools.product(range(len(changes)), (False, True), SIGNALS))[first::every]
     findings = []
-    for number, point in enumerate(points):
-        if number % part[1] != part[0]:
-            continue
+    for point in points:
         shutil.rmtree(machine.folder)
         shutil.copytree(start, machine.folder, symlinks=True)
-        where = (
-            f"{writer.name}, {'after' if point[1] else 'before'} {changes[point[0]]}, {signal.Signals(point[2]).name}"
-        )
+        when, name = "after" if point[1] else "before", signal.Signals(point[2]).name
         for what, why in check_point(machine, writer, point, before=before, whole=whole, names=names):
-            findings.append([what, where, why])
-            print(f"{what}: {where}: {why}", flush=True)
+            findings.append([what, f"{writer.name}, {when} {changes[point[0]]}, {name}", why])
+            tell(": ".join(findings[-1]))
     shutil.rmtree(machine.folder)
     shutil.rmtree(start)
-    mine = len(range(part[0], len(points), part[1]))
-    return {"writer": writer.name, "changes": len(changes), "points": mine, "findings": findings}
+    seconds = time.monotonic() - begun
+    tell(f"{writer.name}: {len(changes)} changes, {len(points)} points, {len(findings)} wrong, {seconds:.0f} s")
+    return {"writer": writer.name, "points": len(points), "findings": findings}
 
 
 def stop_writers(
-    names: Sequence[str] = (),
-    *,
-    every: int = 1,
-    first: int = 0,
-    processes: int = 1,
-    tell: Callable[[str], None] = print,
+    names: Sequence[str] = (), *, every: int = 1, first: int = 0, tell: Callable[[str], None] = print
 ) -> list[dict[str, Any]]:
     """Stop commands, all by default, at every N-th of their points; return the counts and findings of each.
 
@@ -358,39 +348,9 @@ def stop_writers(
         importlib.import_module(name)
     root_command()  # otherwise each forked process would build it again
     gc.freeze()
-    found: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory(prefix="kill-points-") as folder:
         remember_figures(Path(folder))
-        for writer in chosen:
-            begun = time.monotonic()
-            mine = _stop_writer(writer, Path(folder), every=every, first=first, processes=processes)
-            found += mine
-            kinds = Counter(finding[0] for one in mine for finding in one["findings"])
-            points, changes = sum(one["points"] for one in mine), mine[0]["changes"]
-            wrong = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "nothing wrong"
-            tell(f"{writer.name}: {changes} changes, {points} points, {wrong}, {time.monotonic() - begun:.0f} s")
-    return found
-
-
-def _stop_writer(writer: Writer, folder: Path, *, every: int, first: int, processes: int) -> list[dict[str, Any]]:
-    """Stop a command in several forked processes, each at some of the points, and return what each of them found."""
-    children = []
-    for part in range(processes):
-        result = folder / f"{writer.name}-{part}.json"
-        if not (child := os.fork()):
-            code = 1
-            try:
-                counted = kill_all(writer, folder / f"process-{part}", every=every, first=first, part=(part, processes))
-                result.write_text(json.dumps(counted))
-                code = 0
-            finally:
-                if code:  # the process would end without a message
-                    traceback.print_exc()
-                os._exit(code)
-        children.append((child, result))
-    for child, _ in children:
-        os.waitpid(child, 0)
-    return [json.loads(result.read_text()) for _, result in children]
+        return [kill_all(writer, Path(folder), every=every, first=first, tell=tell) for writer in chosen]
 
 
 def main_of_tool() -> int:
@@ -398,9 +358,8 @@ def main_of_tool() -> int:
     options.add_argument("--only", nargs="+", choices=[writer.name for writer in WRITERS], help="only these commands")
     options.add_argument("--every", type=int, default=1, help="test only every N-th point")
     options.add_argument("--first", type=int, default=0, help="number of the first point to test")
-    options.add_argument("--processes", type=int, default=1, help="number of points to test at the same time")
     given = options.parse_args()
-    found = stop_writers(given.only or (), every=given.every, first=given.first, processes=given.processes)
+    found = stop_writers(given.only or (), every=given.every, first=given.first)
     wrong = sum(len(one["findings"]) for one in found)
     print(f"{sum(one['points'] for one in found)} points, {wrong} wrong")
     return int(wrong > 0)

@@ -10,11 +10,11 @@ SEED = 41
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("of_each_kind", [2, pytest.param(8, marks=pytest.mark.long)])
+@pytest.mark.parametrize("of_each_kind", [1, pytest.param(8, marks=pytest.mark.long)])
 def test_no_spoiled_input_ends_in_anything_but_one_line(tmp_path, of_each_kind):
     lines = []
     assert fuzz(range(of_each_kind), SEED, folder=tmp_path, tell=lines.append) == []
-    assert lines[-1].startswith(f"{17 * of_each_kind} inputs of 17 kinds, seed {SEED}; ")
+    assert lines[-1].startswith(f"{17 * of_each_kind} inputs of 17 kinds, seed {SEED}")
 
 
 @pytest.mark.slow

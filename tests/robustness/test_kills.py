@@ -12,9 +12,9 @@ from kill_points import stop_writers
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("every", [50, pytest.param(25, marks=pytest.mark.long)])
+@pytest.mark.parametrize("every", [100, pytest.param(25, marks=pytest.mark.long)])
 def test_a_writer_that_is_stopped_anywhere_loses_nothing_and_leaves_nothing(every):
-    """One point in 50 of the commands that compute little, with the three signals in turn.
+    """One point in 100 of the commands that compute little, with the three signals in turn.
 
     They are forked from a fresh process, because this one has run compiled code on several threads.
     """

@@ -98,7 +98,7 @@ def same_bits(one, other):
     return one.dtype == other.dtype and np.array_equal(one.view(np.uint16), other.view(np.uint16))
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 8, 9, 17, 24])
+@pytest.mark.parametrize("count", [1, 3, 8, 9, 24])
 def test_planes_in_blocks_come_back_bit_for_bit(tmp_path, count):
     """37 lines are two chunks of 16 and one of 5; there are full and partial blocks, and a single one."""
     planes = blocks_of(tmp_path / "a.exr", count)
@@ -108,7 +108,7 @@ def test_planes_in_blocks_come_back_bit_for_bit(tmp_path, count):
     assert attributes == {"unit": "m", "exponent": "3"}
 
 
-@pytest.mark.parametrize("block_size", [1, 2, 8])
+@pytest.mark.parametrize("block_size", [1, 2])
 def test_planes_of_four_bytes_come_back_from_blocks_too(tmp_path, block_size):
     depth = np.random.default_rng(2).random((37, 13)).astype(np.float32)
     depth[3, 4] = np.inf
@@ -172,12 +172,11 @@ def test_damaged_blocks_are_refused(tmp_path):
         (tmp_path / "b.exr").write_bytes(content[:length])
         assert refusal(read_planes, tmp_path / "b.exr").hint.startswith("delete it")
     for at in (*range(0, 1200, 7), *random.integers(1200, len(content), 60).tolist()):
-        for flipped in (0x55, 0x80, 0xFF):
-            changed = bytearray(content)
-            changed[at] ^= flipped
-            (tmp_path / "b.exr").write_bytes(changed)
-            with suppress(BadInput):  # and no other error
-                read_planes(tmp_path / "b.exr")
+        changed = bytearray(content)
+        changed[at] ^= (0x55, 0x80, 0xFF)[at % 3]
+        (tmp_path / "b.exr").write_bytes(changed)
+        with suppress(BadInput):  # and no other error
+            read_planes(tmp_path / "b.exr")
 
 
 def test_no_damaged_header_ends_the_process_or_fills_its_memory(tmp_path):

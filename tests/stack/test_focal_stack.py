@@ -49,7 +49,7 @@ def test_what_is_stored_comes_back(tmp_path):
 SLICE = replace(SPEC, window=(1, 2), time_s=0.5)
 
 
-@pytest.mark.parametrize("brightest", [3e-9, 0.7, 1.0, 2.0**15, 3e30])
+@pytest.mark.parametrize("brightest", [0.0, 3e-9, 1.0, 3e30])
 def test_a_time_slice_is_half_floats_of_any_brightness(tmp_path, brightest):
     """Exact to 11 bits from the brightest value down to 4e-9 of it, and to 2^-40 of the brightest below that."""
     random = np.random.default_rng(1)
@@ -67,14 +67,6 @@ def test_a_time_slice_is_half_floats_of_any_brightness(tmp_path, brightest):
     assert planes["focus.0001"].dtype == np.float16
     assert facts["unit"] == f"2^{facts['exponent']} W m^-2 sr^-1 at gain 1"
     assert np.array_equal(planes["focus.0002"].astype(float) * 2.0 ** int(facts["exponent"]), back[0, 1])
-
-
-def test_a_black_time_slice_stays_black(tmp_path):
-    store = StackStore(tmp_path, SLICE)
-    for group in SLICE.groups:
-        store.write_group(group, np.zeros((2, 4, 6), np.float32), backend="llvm")
-    store.write_geometry(np.ones((4, 6)), np.ones((4, 6), bool), backend="llvm")
-    assert not store.load_planes(0, 2).any()
 
 
 def test_a_piece_says_which_drive_it_was_seen_through(tmp_path):
@@ -101,6 +93,9 @@ def test_a_damaged_piece_counts_as_missing(tmp_path):
     assert store.missing_pieces() == ["lamp"]
     path.write_bytes(content[:100])
     assert store.missing_pieces() == ["lamp"]
+    note = store.folder / "room.json"
+    note.write_text(note.read_text()[:50])
+    assert store.missing_pieces() == ["lamp", "room"]
 
 
 def test_a_stack_that_lacks_a_piece_is_refused(tmp_path):
@@ -111,11 +106,6 @@ def test_a_stack_that_lacks_a_piece_is_refused(tmp_path):
     assert "saf-gen generate" in error.hint
 
 
-def test_some_positions_of_a_stack(tmp_path):
-    store, radiance, *_ = filled(tmp_path)
-    assert np.array_equal(store.load_planes(1, 3), radiance[:, 1:3])
-
-
 def test_damaged_geometry_is_not_read(tmp_path):
     store, *_ = filled(tmp_path)
     path = store.folder / "geometry.exr"
@@ -123,13 +113,6 @@ def test_damaged_geometry_is_not_read(tmp_path):
     content[28] = 255  # in its header, which may crash OpenEXR
     path.write_bytes(content)
     assert "geometry" in refusal(store.load_geometry).problem
-
-
-def test_a_piece_with_half_its_note_counts_as_missing(tmp_path):
-    store, *_ = filled(tmp_path)
-    note = store.folder / "room.json"
-    note.write_text(note.read_text()[:50])
-    assert store.missing_pieces() == ["room"]
 
 
 def test_the_digest_sees_the_values_of_a_piece(tmp_path):

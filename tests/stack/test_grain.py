@@ -84,12 +84,12 @@ def uneven(random, shape):
 @pytest.mark.parametrize("kind", ["white", "uneven"])
 @pytest.mark.slow
 def test_an_interval_holds_the_truth_as_often_as_it_says(kind):
-    """400 draws, seed 4, 64 × 96 pixels, noise of half the amplitude; significance 10⁻⁴.
+    """200 draws, seed 4, 64 × 96 pixels, noise of half the amplitude; significance 10⁻⁴.
 
-    A 95 % interval then contains the truth at least 362 times, and that of the rms in white noise at most 395 times.
+    A 95 % interval then contains the truth at least 177 times, and that of the rms in white noise at most 199 times.
     Uneven noise may only widen it.
     """
-    draws, clean, random = 400, stripes(), make_generator("coverage", 4)
+    draws, clean, random = 200, stripes(), make_generator("coverage", 4)
     sigma = AMPLITUDE / 2
 
     def draw(stream):
@@ -97,7 +97,7 @@ def test_an_interval_holds_the_truth_as_often_as_it_says(kind):
             return sigma * stream.standard_normal(clean.shape)
         return sigma * uneven(stream, clean.shape)
 
-    many = [draw(make_generator("reference", n)) for n in range(400)]  # their mean is known to 0.2 %
+    many = [draw(make_generator("reference", n)) for n in range(200)]  # their mean is known to 0.3 %
     expected = {
         e: np.mean([mean_energy(n, n, energy=e) for n in many]) / mean_energy(clean, clean, energy=e) for e in ENERGIES
     }
@@ -145,15 +145,7 @@ def test_a_mask_counts_its_own_pixels():
         assert inside.noise_over_signal[energy].value == pytest.approx(cut.noise_over_signal[energy].value, rel=1e-12)
 
 
-def test_an_energy_whose_filter_fits_nowhere_is_no_number():
-    mask = np.zeros((20, 30), bool)
-    mask[::2] = True  # alternate rows, which never contain Sobel's three rows
-    found = estimate_grain(*renders(stripes(20, 30), 0.1, make_generator("rows", 7)), mask=mask).noise_over_signal
-    assert math.isnan(found["tenengrad"].value)
-    assert found["brenner"].value > 0
-
-
-@pytest.mark.parametrize("kept", [0.0, 0.5, 0.95])
+@pytest.mark.parametrize("kept", [0.0, 0.95])
 def test_the_correlation_of_grain_is_found(kept):
     """A later moment keeps a fraction of the noise: correlation ``kept``. 200 draws of 48 × 48 pixels, seed 8.
 
@@ -170,11 +162,6 @@ def test_the_correlation_of_grain_is_found(kept):
         values.append(found.value)
     assert held >= binom.ppf(1e-4, draws, 0.95)
     assert np.mean(values) == pytest.approx(kept, abs=0.0075)
-
-
-def test_grain_that_stands_still_has_correlation_1():
-    pair = tuple(renders(stripes(), 0.1, make_generator("still", 9)))
-    assert correlate_grain(pair, pair).value == pytest.approx(1.0)
 
 
 def test_what_cannot_be_compared_is_refused():

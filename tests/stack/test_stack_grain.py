@@ -81,18 +81,6 @@ def test_planted_noise_is_found_under_any_gains(grain):
             assert of_noise["tenengrad"] == pytest.approx(24 * expected**2, rel=0.3)
 
 
-def test_the_signal_falls_away_from_focus_and_the_noise_does_not(grain):
-    curve = [grain.mix(k, GAINS[0])[2]["contrast"] for k in range(POSITIONS)]
-    assert int(np.argmax(curve)) == 4
-    assert curve[0] < 0.05 * curve[4]
-
-
-def test_some_positions_are_those_of_all(renders, grain):
-    some = measure_pictures(*renders, target=TARGET, samples=SAMPLES, indices=[0, 4, 5])
-    assert some.indices.tolist() == [0, 4, 5]
-    assert some.mix(1, GAINS[1]) == grain.mix(4, GAINS[1])
-
-
 def test_a_dark_mix_has_no_figures(grain):
     rms, of_noise, signal = grain.mix(4, np.zeros(2))
     assert all(math.isnan(x) for x in (rms, *of_noise.values(), *signal.values()))
@@ -107,11 +95,6 @@ def test_what_cannot_be_compared_is_refused(renders):
 # --- the file -----------------------------------------------------------------------------------------
 
 STORED = replace(SPEC, rows=ROWS, columns=COLUMNS)
-
-
-def test_no_light_group_can_have_the_name_of_the_file():
-    """Names of groups contain lower-case letters, digits, - and _; the note of a piece is GROUP.json."""
-    assert "." in FILE.removesuffix(".json")
 
 
 @pytest.fixture

@@ -18,8 +18,9 @@ def simulate(kind, *, scenes=20, trials=TRIALS, earlier=False, **case):
     return list(getattr(interval_coverage, f"simulate_{kind}")(scenes, trials, earlier=earlier, **case))
 
 
-@pytest.mark.parametrize("law", ["beta 0.02", "beta 0.1", "beta 0.3", "logit-normal"])
-@pytest.mark.parametrize("rate", [0.5, 0.9, 0.97])
+@pytest.mark.parametrize(
+    ("law", "rate"), [("beta 0.02", 0.97), ("beta 0.1", 0.9), ("beta 0.3", 0.5), ("logit-normal", 0.9)]
+)
 def test_the_interval_of_a_success_rate_holds_at_twenty_scenes(law, rate):
     (found,) = simulate("rates", law=law, rate=rate)
     assert LOWEST <= found.held <= HIGHEST
@@ -34,8 +35,9 @@ def test_the_simulation_shows_that_the_earlier_intervals_held_too_rarely():
     assert before.held < 0.85 < LOWEST <= now.held
 
 
-@pytest.mark.parametrize("scenes", [7, 20])
-@pytest.mark.parametrize("law", ["alike", "scenes differ sevenfold", "one scene in seven fails"])
+@pytest.mark.parametrize(
+    ("law", "scenes"), [("alike", 20), ("scenes differ sevenfold", 7), ("one scene in seven fails", 20)]
+)
 def test_the_interval_of_a_median_error_holds_at_seven_and_at_twenty_scenes(law, scenes):
     (found,) = simulate("medians", law=law, scenes=scenes)
     assert LOWEST <= found.held <= HIGHEST

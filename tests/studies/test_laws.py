@@ -1,7 +1,6 @@
 """The laws of studies/laws, each at its small size and at full size, and how their figures are judged."""
 
 import math
-import sys
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from saf_gen.camera import counting_law
 from saf_gen.errors import SafGenError
 from studies.laws import run
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, Skipped, compare_chi_squared, compare_mean
-from studies.laws.page import format_number, write_page
 from studies.laws.run import LAWS, check_laws, choose_laws, main
 from studies.laws.theory import autocovariance, count_variance
 from studies.laws.workload import DatasetMaker
@@ -31,8 +29,19 @@ def assert_holds(law, maker, *, quick):
     assert found.outcome == "passed", [one for one in found.comparisons if not one.passed]
 
 
+LONG = (
+    "convergence_positions",
+    "convergence_samples",
+    "optics_blur",
+    "optics_occlusion",
+    "optics_transfer",
+    "truth_sharpest",
+)
+"""Laws that take long. Those of optics and truth also have tests next to the code."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in LAWS])
 def test_a_law_holds_at_its_small_size(maker, name):
     """Tolerances follow from the statistics of the workloads; seeds are fixed."""
     assert_holds(LAWS[name], maker, quick=True)
@@ -111,14 +120,6 @@ def test_a_stopped_run_goes_on_unless_size_or_code_changed(tmp_path, monkeypatch
     assert [p.name for p in (tmp_path / run.KEPT).iterdir()] == ["000000000000-whole"]
 
 
-def test_without_its_package_the_referee_is_skipped_before_anything_is_made(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "emva1288.process.results", None)
-    (found,) = check_laws(choose_laws(["referee"]), tmp_path, quick=True).values()
-    assert found.outcome == "skipped"
-    assert "saf-gen[validation]" in found.reason
-    assert not list(tmp_path.rglob("*.h5"))
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -141,27 +142,6 @@ def test_a_subject_stands_for_its_laws():
     assert [law.name for law in choose_laws(["noise"])] == [n for n in LAWS if n.startswith("noise_")]
 
 
-def test_every_law_has_formula_source_workload_and_tolerance():
-    for law in LAWS.values():
-        words = (law.law, law.formula, law.source, law.workload, law.tolerance)
-        assert all(len(text) > 10 and "  " not in text for text in words), law.name
-
-
-def test_pages_are_written_again_the_same(tmp_path):
-    law = make_law("noise_right")
-    for name in "ab":
-        write_page([law], {law.name: law.check(None, True)}, folder=tmp_path / name, quick=False)
-    for file in ("validation.md", "pictures/validation-noise-right.png"):
-        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-
-
-def test_numbers_of_the_page_have_as_many_digits_as_needed():
-    texts = [format_number(x) for x in (0.0, 12345.6, 1.23456, 0.000123, -0.5)]
-    assert texts == ["0", "12,346", "1.235", "1.23e-04", "-0.5"]
-    assert [format_number(x, 1e-6) for x in (0.9999848, 12.0, 0.0)] == ["0.999985", "12.000000", "0"]
-    assert format_number(1.23e-9, 1e-11) == "1.23e-09"
-
-
 # Statistics: the tolerances and closed forms of the laws.
 
 
@@ -181,19 +161,11 @@ def test_nothing_passes_without_a_figure_or_with_nan():
 
 @pytest.mark.slow
 def test_right_samples_fail_as_rarely_as_promised_and_wrong_ones_are_found():
-    """Of 4,000 laws of ten means of 50, 0.4 fail on average (P(≥ 5) = 10⁻⁴); all off by 1.5 sd fail. Seed 1."""
-    samples = np.random.default_rng(1).normal(size=(4000, 10, 50))
+    """Of 1,000 laws of ten means of 50, 0.1 fail on average (P(≥ 3) = 2·10⁻⁴); all off by 1.5 sd fail. Seed 1."""
+    samples = np.random.default_rng(1).normal(size=(1000, 10, 50))
     failed = sum(not all(compare_mean("m", one, expected=0.0, figures=10).passed for one in law) for law in samples)
-    assert failed < 5
+    assert failed < 3
     assert not any(compare_mean("m", one, expected=1.5, figures=10).passed for one in samples[:100, 0])
-
-
-def test_the_interval_of_a_mean_holds_it_95_times_in_100():
-    """2,000 means of 8 numbers; seed 2; bounds are ±4 standard deviations of a binomial."""
-    samples = np.random.default_rng(2).normal(3.0, 2.0, size=(2000, 8))
-    found = [compare_mean("m", one, expected=0.0, figures=1) for one in samples]
-    held = np.mean([one.low <= 3.0 <= one.high for one in found])
-    assert held == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / 2000))
 
 
 def test_chi_squared_is_refused_at_both_ends():
