@@ -29,19 +29,8 @@ def assert_holds(law, maker, *, quick):
     assert found.outcome == "passed", [one for one in found.comparisons if not one.passed]
 
 
-LONG = (
-    "convergence_positions",
-    "convergence_samples",
-    "optics_blur",
-    "optics_occlusion",
-    "optics_transfer",
-    "truth_sharpest",
-)
-"""Laws that take long. Those of optics and truth also have tests next to the code."""
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in LAWS])
+@pytest.mark.parametrize("name", LAWS)
 def test_a_law_holds_at_its_small_size(maker, name):
     """Tolerances follow from the statistics of the workloads; seeds are fixed."""
     assert_holds(LAWS[name], maker, quick=True)
