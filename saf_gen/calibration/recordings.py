@@ -14,7 +14,7 @@ import numpy as np
 
 from saf_gen.camera import Encoder, Sensor
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop import import_raw_frames, sniff_layout
+from saf_gen.stream.interop import import_raw_frames, recognise
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
@@ -163,7 +163,7 @@ def open_recording(path: str | Path, *, layout: str = "auto", readout_hz: float 
         raise BadInput("there is no such file", where=str(path), allowed="a stream (.h5) or raw frames (.dat)")
     with TemporaryDirectory(prefix="saf-gen-") as folder:
         converted = Path(folder) / "recording.h5"
-        kind = sniff_layout(path) if layout == "auto" else layout
-        import_raw_frames(path, converted, layout=kind, readout_hz=readout_hz)
+        kind, order = recognise(path, layout=None if layout == "auto" else layout)
+        import_raw_frames(path, converted, layout=kind.name, order=order, readout_hz=readout_hz)
         with open_stream(converted) as stream:
             yield StreamRecording(stream, path.name)

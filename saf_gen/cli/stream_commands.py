@@ -1,7 +1,8 @@
 """The commands ``import``, ``encode``, ``export``, ``inspect``, ``view`` and ``dataset index``."""
 
+import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -10,6 +11,16 @@ from saf_gen.cli._tables import print_facts, print_json
 from saf_gen.cli._terminal import AsJson, err, out
 from saf_gen.errors import BadInput, unknown
 
+if TYPE_CHECKING:
+    from saf_gen.stream.interop import RawLayout
+
+SHADES = " .:-=+*#%@"
+PICTURE_COLUMNS, PICTURE_FRAMES = 48, 200
+BIT_NAMES = {"lsb": "least significant", "msb": "most significant"}
+Size = Annotated[str | None, typer.Option(help="Columns and rows of a frame, such as 600x400 (default: the layout's).")]
+Bits = Annotated[
+    str | None, typer.Option("--bits", help="First bit of a byte: lsb or msb (default: lsb, or as the file shows).")
+]
 Rate = Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")]
 Key = Annotated[str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several.")]
 FocusLog = Annotated[
@@ -28,8 +39,17 @@ def import_command(
     target: Annotated[Path, typer.Option("--out", help="Stream file to write; if FILE is a folder, folder to write.")],
     *,
     layout: Annotated[
-        str, typer.Option(help="auto; for raw files 416, dense, sps1000; for arrays frames, packed (eight per byte).")
+        str,
+        typer.Option(
+            help="auto; for raw files 416, dense, sps1000; for arrays frames, packed (eight frames a byte), "
+            "packed-x or packed-y (eight pixels)."
+        ),
     ] = "auto",
+    size: Size = None,
+    order: Bits = None,
+    axes: Annotated[
+        str | None, typer.Option(help="Order of time, rows and columns in an array, such as TYX or YXT.")
+    ] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to import (default: all).")] = None,
     rate: Rate = 20_000.0,
     flip: Annotated[
@@ -47,32 +67,51 @@ def import_command(
     from saf_gen.stream import interop
 
     if file.is_dir():
-        options = {"--layout": layout != "auto", "--frames": frames, "--flip": flip is not None, "--key": key,
+        options = {"--layout": layout != "auto", "--size": size, "--bits": order, "--axes": axes, "--frames": frames,
+                 "--flip": flip is not None, "--key": key,
                  "--focus": focus, "--light": light, "--truth": truth, "--depth-of-focus": depth_of_focus}  # fmt: skip
         _import_saf_folder(file, target, rate=rate, refused=[name for name, value in options.items() if value])
         return
+    named, shape = None if layout == "auto" else layout, parse_size(size)
     if file.suffix.lower() in interop.ARRAY_ENDINGS:
-        named = None if layout == "auto" else layout
-        array = interop.SpikeArray(file, key=key, layout=named, frames=frames, flip=bool(flip))
+        array = interop.SpikeArray(
+            file, key=key, layout=named, axes=axes, order=order, size=shape, frames=frames, flip=bool(flip)
+        )
         fields = _read_lens_log_and_truth(
             array.shape[0], rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus
         )
         fields |= _read_light(light, array.shape[0], rate=rate)
-        digest, kind = array.write(target, readout_hz=rate, **fields), array.layout
+        digest, how = array.write(target, readout_hz=rate, **fields), str(array.reading)
     else:
         if key is not None:
             raise BadInput(f"--key {key} is given for a raw file", where=str(file), allowed="with .npz and .mat files")
-        guessed = _guess_layout(file)
-        kind = (guessed or interop.sniff_layout(file)) if layout == "auto" else layout
+        if axes is not None:
+            raise BadInput(f"--axes {axes} is given for a raw file", where=str(file), allowed="with arrays")
+        kind, first = interop.recognise(file, layout=named, size=shape, order=order)
         count = interop.count_raw_frames(file, kind, frames=frames)
         fields = _read_lens_log_and_truth(count, rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
         fields |= _read_light(light, count, rate=rate)
-        if guessed not in (None, kind):
-            err.print(f"{file} looks like layout {guessed}, but is read as {kind}")
+        size_of = kind.rows, kind.columns
         digest = interop.import_raw_frames(
-            file, target, layout=kind, frames=frames, readout_hz=rate, flip=flip, **fields
+            file,
+            target,
+            layout=kind.name,
+            size=size_of,
+            order=first,
+            frames=frames,
+            readout_hz=rate,
+            flip=flip,
+            **fields,
         )
-    _print_written_stream(target, f"read as layout {kind}, sha256 {digest[:16]}")
+        upside = "bottom" if (kind.flip if flip is None else flip) else "top"
+        how = f"{kind.name}, {BIT_NAMES[first]} bit first, {upside} row first"
+        if named is not None and size is None and (other := _other_layout(file, kind)) is not None:
+            err.print(f"{file} looks like layout {other}, but is read as {kind.name}")
+    _print_written_stream(target, f"read as layout {how}, sha256 {digest[:16]}")
+    if focus is not None:
+        line, is_odd = interop.describe_coverage(focus, frames=_count_frames(target), readout_hz=rate)
+        (err if is_odd else out).print(f"{'Warning: ' if is_odd else ''}lens log {focus}: {line}", soft_wrap=True)
+    _print_picture(target)
 
 
 def _import_saf_folder(folder: Path, target: Path, *, rate: float, refused: list[str]) -> None:
@@ -124,14 +163,51 @@ def _read_light(light: Path | None, frames: int, *, rate: float) -> dict[str, An
     return {"gain": np.stack(list(gains.values()), axis=1), "light_names": tuple(gains)}
 
 
-def _guess_layout(file: Path) -> str | None:
-    """Return the layout that a file seems to have, or None if it is unclear; the import then reports the reason."""
-    from saf_gen.stream.interop import sniff_layout
+def _other_layout(file: Path, kind: "RawLayout") -> str | None:
+    """Return the layout that a file shows, if it is another than ``kind``, else None."""
+    from saf_gen.stream.interop import recognise
 
     try:
-        return sniff_layout(file)
+        shown, _ = recognise(file)
     except BadInput:
         return None
+    return None if shown.name == kind.name else shown.name
+
+
+def parse_size(text: str | None) -> tuple[int, int] | None:
+    """Return rows and columns of a size such as 400x250 (columns by rows); raise BadInput if it is not one."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"\s*(\d+)\s*[x×X,*]\s*(\d+)\s*", text)
+    if match is None or 0 in (found := (int(match[2]), int(match[1]))):
+        raise BadInput(f"the size is {text!r}", allowed="columns and rows, such as 400x250")
+    return found
+
+
+def _print_picture(stream: Path) -> None:
+    """Print the counts of some frames in the middle of a stream, so that a wrong size or order is seen at once."""
+    from saf_gen.stream.stream_file import open_stream
+
+    with open_stream(stream) as opened:
+        total, rows, columns = opened.shape
+        first = max((total - PICTURE_FRAMES) // 2, 0)
+        counts = opened.counts(first, min(first + PICTURE_FRAMES, total)).astype(float)
+    wide = min(PICTURE_COLUMNS, columns)
+    high = max(min(round(wide * rows / columns / 2), rows, PICTURE_COLUMNS), 1)  # a character is twice as high as wide
+    for axis, cells in ((0, high), (1, wide)):
+        edges = np.linspace(0, counts.shape[axis], cells + 1).round().astype(int)
+        sizes = np.diff(edges).reshape((-1, 1) if axis == 0 else (1, -1))
+        counts = np.add.reduceat(counts, edges[:-1], axis=axis) / sizes
+    low, peak = np.percentile(counts, (1, 99))
+    level = np.clip((counts - low) / max(peak - low, 1e-9), 0, 1) * (len(SHADES) - 1)
+    out.print("\n".join("".join(SHADES[int(value + 0.5)] for value in line) for line in level), markup=False)
+
+
+def _count_frames(stream: Path) -> int:
+    from saf_gen.stream.stream_file import open_stream
+
+    with open_stream(stream) as opened:
+        return opened.shape[0]
 
 
 def encode_command(
@@ -182,6 +258,7 @@ def export_command(
     reader: Annotated[
         str | None, typer.Option("--for", help="Software that will read the file: spikecv, spike-zoo, saf or rsir.")
     ] = None,
+    order: Bits = None,
     flip: Annotated[bool | None, typer.Option(help="Store the bottom row first (default: as in the layout).")] = None,
 ) -> None:
     """Convert a stream to a raw spike file."""
@@ -197,7 +274,8 @@ def export_command(
     if layout is None:
         with open_stream(stream) as opened:
             layout = READERS[reader] if reader else "sps1000" if opened.shape[1:] == (1000, 1000) else "dense"
-    out.print(f"{export_raw_frames(stream, target, layout=layout, flip=flip)} bytes in {target}, layout {layout}")
+    count = export_raw_frames(stream, target, layout=layout, order=order or "lsb", flip=flip)
+    out.print(f"{count} bytes in {target}, layout {layout}")
 
 
 def index_command(

@@ -8,7 +8,7 @@ import pytest
 from refusals import refusal
 
 from saf_gen.stream.dataset import index_folder
-from saf_gen.stream.interop import RAW_LAYOUTS, export_raw_frames, import_lens_log, sniff_layout, truth_from_text
+from saf_gen.stream.interop import export_raw_frames, import_lens_log, truth_from_text
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
@@ -109,20 +109,6 @@ def test_an_export_for_saf_has_its_gaps_and_can_be_turned_over(call, tmp_path):
         raw = np.frombuffer((tmp_path / "a.dat").read_bytes(), np.uint8).reshape(3, 250, 52)
         assert not raw[:, :, 50:].any()
         assert np.array_equal(np.unpackbits(raw[:, :, :50], axis=2, bitorder="little"), seen)
-
-
-@pytest.mark.parametrize("layout", sorted(RAW_LAYOUTS))
-def test_the_layout_of_an_own_file_is_found(tmp_path, layout):
-    raw = RAW_LAYOUTS[layout]
-    write_stream(tmp_path / "a.h5", np.random.default_rng(1).integers(0, 2, (125, raw.rows, raw.columns), np.uint8))
-    export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout)
-    if layout == "sps1000":  # 125 of its frames are 1,280 of the dense ones
-        error = refusal(sniff_layout, tmp_path / "a.dat")
-        assert error.problem == "its 16000000 bytes fit dense and sps1000"
-        assert error.hint == "name one with --layout"
-        export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout)
-        (tmp_path / "a.dat").write_bytes((tmp_path / "a.dat").read_bytes()[: 3 * raw.frame_bytes])
-    assert sniff_layout(tmp_path / "a.dat") == layout
 
 
 def test_a_layout_that_looks_wrong_is_reported(recording, call, tmp_path):

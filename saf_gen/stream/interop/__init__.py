@@ -1,27 +1,32 @@
 """Import and export of the file layouts of other software."""
 
 from saf_gen.stream.interop.array_files import ENDINGS as ARRAY_ENDINGS
-from saf_gen.stream.interop.array_files import SpikeArray
-from saf_gen.stream.interop.lens_log import import_lens_log, import_light_log, truth_from_text
+from saf_gen.stream.interop.lens_log import describe_coverage, import_lens_log, import_light_log, truth_from_text
 from saf_gen.stream.interop.raw_frames import (
     RAW_LAYOUTS,
     READERS,
+    RawLayout,
     count_raw_frames,
     export_raw_frames,
+    find_layout,
     import_raw_frames,
-    sniff_layout,
+    recognise,
 )
+from saf_gen.stream.interop.spike_array import SpikeArray
 
 __all__ = [
     "ARRAY_ENDINGS",
     "RAW_LAYOUTS",
     "READERS",
+    "RawLayout",
     "SpikeArray",
     "count_raw_frames",
+    "describe_coverage",
     "export_raw_frames",
+    "find_layout",
     "import_lens_log",
     "import_light_log",
     "import_raw_frames",
-    "sniff_layout",
+    "recognise",
     "truth_from_text",
 ]

@@ -10,15 +10,20 @@ from saf_gen.errors import BadInput
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stream.metadata import Truth
 
-TIMES = ("frame", "seconds")
+SECONDS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6}
+TIMES = ("frame", *SECONDS)
+MIN_COVERED = 0.5
+"""Fraction of a recording that its log should cover; elsewhere, the lens is taken to rest."""
+MAX_LENGTHS = 2.0
+"""Length of a log, in recordings, above which its times or the readout rate may have another unit."""
 
 
 def import_lens_log(path: str | Path, *, frames: int, readout_hz: float) -> np.ndarray:
     """Return the position of the lens at each readout, float32 (frames,), as a fraction of its travel.
 
-    The file is a CSV table with the heading ``frame,position`` or ``seconds,position``, in which the first column
-    increases. A frame number means the middle of that readout. Positions between two rows are interpolated linearly;
-    the lens rests before the first row and after the last.
+    The file is a CSV table with the heading ``frame,position`` or ``seconds,position`` (or ``milliseconds``,
+    ``microseconds``), in which the first column increases. A frame number means the middle of that readout. Positions
+    between two rows are interpolated linearly; the lens rests before the first row and after the last.
 
     Raises BadInput if the heading differs, a row does not match it, a position is outside 0 to 1, or no part of the
     log is within the recording.
@@ -53,7 +58,37 @@ def import_light_log(path: str | Path, *, frames: int, readout_hz: float) -> dic
 
 def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float) -> dict[str, np.ndarray]:
     """Return the columns after the first at each readout, by name; if ``column`` is given, no other is allowed."""
-    text = read_text(path)
+    at, columns = _read_table(path, column, readout_hz=readout_hz)
+    if at[-1] < -0.5 or at[0] > frames - 0.5:
+        raise BadInput(
+            f"the log covers frames {at[0]:.0f} to {at[-1]:.0f}",
+            where=str(path),
+            allowed=f"at least one row in frames 0 to {frames - 1}",
+        )
+    readouts = np.arange(frames)
+    return {name: np.interp(readouts, at, values).astype(np.float32) for name, values in columns.items()}
+
+
+def describe_coverage(path: str | Path, *, frames: int, readout_hz: float) -> tuple[str, bool]:
+    """Return a line on how much of a recording a log covers, and whether that is suspicious.
+
+    It is if less than MIN_COVERED of the recording is covered, or if the log is longer than MAX_LENGTHS recordings.
+    Raises BadInput if the log cannot be read.
+    """
+    at, _ = _read_table(Path(path), None, readout_hz=readout_hz)
+    covered = max(min(at[-1], frames - 0.5) - max(at[0], -0.5), 0.0) / frames
+    lengths = (at[-1] - at[0]) / frames
+    line = f"{len(at)} rows, which cover {covered:.0%} of the recording"
+    if lengths > MAX_LENGTHS:
+        line += f" and are {lengths:.3g} times as long: is the unit of time right, and --rate {readout_hz:g}?"
+    elif covered < MIN_COVERED:
+        line += f": the lens is taken to rest elsewhere; is the unit of time right, and --rate {readout_hz:g}?"
+    return line, covered < MIN_COVERED or lengths > MAX_LENGTHS
+
+
+def _read_table(path: Path, column: str | None, *, readout_hz: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the frame of each row, possibly fractional, and the columns after the first by name."""
+    text = read_text(path).removeprefix("\ufeff")
     lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
     heading = tuple(cell.strip() for cell in next(lines, "").split(","))
     kinds = heading[1:]
@@ -65,15 +100,8 @@ def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float)
             allowed=" or ".join(f"{time},{column or 'NAME,NAME…'}" for time in TIMES),
         )
     when, *values = parse_columns(text, heading, name=str(path))
-    at = when if heading[0] == "frame" else when * readout_hz - 0.5
-    if at[-1] < -0.5 or at[0] > frames - 0.5:
-        raise BadInput(
-            f"the log covers frames {at[0]:.0f} to {at[-1]:.0f}",
-            where=str(path),
-            allowed=f"at least one row in frames 0 to {frames - 1}",
-        )
-    readouts = np.arange(frames)
-    return {name: np.interp(readouts, at, value).astype(np.float32) for name, value in zip(kinds, values, strict=True)}
+    at = when if heading[0] == "frame" else when * SECONDS[heading[0]] * readout_hz - 0.5
+    return at, dict(zip(kinds, values, strict=True))
 
 
 def truth_from_text(

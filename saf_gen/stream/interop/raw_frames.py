@@ -19,7 +19,8 @@ import numpy as np
 from saf_gen.core import bits
 from saf_gen.core.files import atomic_file, name_as_text
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.metadata import metadata_from_options
+from saf_gen.stream.interop.evidence import CYCLE, bit_order, shows_size
+from saf_gen.stream.metadata import MAX_PIXELS, metadata_from_options
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -32,6 +33,8 @@ class RawLayout:
 
     Attributes
     ----------
+    name : str
+        Name of the layout.
     rows, columns : int
         Size of a frame in pixels.
     frame_bytes : int
@@ -42,64 +45,183 @@ class RawLayout:
         ``bit_index(y, x)`` returns the index of the bit that holds the pixel in row y of the file and column x.
     """
 
+    name: str
     rows: int
     columns: int
     frame_bytes: int
     flip: bool
     bit_index: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-    def bit_indices(self, flip: bool) -> np.ndarray:
-        """Return the index of the bit of each pixel, int (H·W,), with row 0 at the top."""
+    def bit_indices(self, flip: bool, *, order: str = "lsb") -> np.ndarray:
+        """Return the index of the bit of each pixel, least significant bit first, int (H·W,), row 0 at the top."""
         y, x = np.divmod(np.arange(self.rows * self.columns), self.columns)
-        return self.bit_index(self.rows - 1 - y if flip else y, x)
+        index = self.bit_index(self.rows - 1 - y if flip else y, x)
+        return index ^ 7 if order == "msb" else index
+
+    @property
+    def plane(self) -> np.ndarray:
+        """Index of the bit of each pixel, int (rows, columns), in the order of the file."""
+        return self.bit_indices(False).reshape(self.rows, self.columns)
+
+
+def dense_layout(rows: int, columns: int) -> RawLayout:
+    """Return the layout of frames without gaps; raise BadInput if a frame does not fill its bytes or is too large."""
+    pixels = rows * columns
+    if not (1 <= pixels <= MAX_PIXELS and pixels % 8 == 0):
+        raise BadInput(
+            f"the size is {columns}x{rows}, {pixels} pixels",
+            allowed=f"a multiple of 8 pixels, at most {MAX_PIXELS}, since frames fill their bytes",
+        )
+    return RawLayout("dense", rows, columns, pixels // 8, True, lambda y, x: columns * y + x)
 
 
 RAW_LAYOUTS = {
-    "416": RawLayout(250, 400, 13_000, False, lambda y, x: 416 * y + x),
-    "dense": RawLayout(250, 400, 12_500, True, lambda y, x: 400 * y + x),
-    "sps1000": RawLayout(1000, 1000, 128_000, False, lambda y, x: 1024 * y + x + 12 * (x >= 500)),
+    "416": RawLayout("416", 250, 400, 13_000, False, lambda y, x: 416 * y + x),
+    "dense": dense_layout(250, 400),
+    "sps1000": RawLayout("sps1000", 1000, 1000, 128_000, False, lambda y, x: 1024 * y + x + 12 * (x >= 500)),
 }
 
 
 READERS = {"saf": "416", "rsir": "416", "spikecv": "dense", "spike-zoo": "dense"}
 """Layout that each program reads, by the name of the program; ``flip`` of the layout is as in these programs."""
+BIT_ORDERS = ("lsb", "msb")
+"""Orders of the pixels in a byte: the first in the least or in the most significant bit."""
 
-_SNIFFED_FRAMES = 200  # frames that are examined to recognise a layout
+_SAMPLED_BLOCKS, _SAMPLED_FRAMES = 12, 96  # examined for evidence; a block is two halves of whole cycles
+_GAP_SPIKES = 500  # spikes in a file without which empty gaps say nothing: 2 of 52 bytes would escape all of them
+_CONTAINERS = {
+    b"\x89HDF": "an HDF5 file", b"\x93NUMPY": "a .npy file", b"PK\x03\x04": "a zip or .npz file",
+    b"MATLAB 5": "a .mat file", b"\x1f\x8b\x08": "a gzip file", b"\x89PNG": "a picture", b"\xff\xd8\xff": "a picture",
+    b"GIF8": "a picture", b"II*\0": "a TIFF file", b"MM\0*": "a TIFF file", b"v/1\x01": "an OpenEXR file",
+    b"RIFF": "a RIFF file", b"\x1aE\xdf\xa3": "a video", b"\xfd7zXZ": "an xz file", b"7z\xbc\xaf": "a 7z file",
+}  # fmt: skip
 
 
-def sniff_layout(source: str | os.PathLike[str]) -> str:
-    """Return the layout of a file of raw frames, found from its size and from bytes that one layout leaves 0.
+def find_layout(name: str, *, size: tuple[int, int] | None = None) -> RawLayout:
+    """Return the layout of this name, for frames of ``size`` (rows, columns); by default, the size of the camera.
 
-    Raises BadInput if the size fits no layout, or if two layouts fit and cannot be distinguished.
+    Raises BadInput if the name is unknown, or if the layout has another size.
     """
-    path = Path(source)
-    size = _file_size(path)
-    fitting = [name for name, of in RAW_LAYOUTS.items() if size % of.frame_bytes == 0]
-    if "416" in fitting and (len(fitting) == 1 or _has_empty_gaps(path)):
-        return "416"
-    left = [name for name in fitting if name != "416"] or fitting
-    if len(left) != 1:
-        raise BadInput(
-            f"its {size} bytes fit {' and '.join(left) or 'no known layout'}",
-            where=str(source),
-            allowed=f"whole frames of {', '.join(f'{of.frame_bytes} bytes ({n})' for n, of in RAW_LAYOUTS.items())}",
-            hint="name one with --layout" if left else "the file is truncated",
-        )
-    return left[0]
-
-
-def _has_empty_gaps(path: Path) -> bool:
-    """Return whether all bytes that layout 416 ignores are 0 in the first frames, but not all bytes are."""
-    of = RAW_LAYOUTS["416"]
-    raw = np.fromfile(path, np.uint8, _SNIFFED_FRAMES * of.frame_bytes)
-    rows = raw[: raw.size // of.frame_bytes * of.frame_bytes].reshape(-1, 52)
-    return bool(rows.any()) and not rows[:, 50:].any()
-
-
-def _layout(name: str) -> RawLayout:
     if name not in RAW_LAYOUTS:
         raise unknown("layout", name, allowed=RAW_LAYOUTS)
-    return RAW_LAYOUTS[name]
+    of = RAW_LAYOUTS[name]
+    if size is None or size == (of.rows, of.columns):
+        return of
+    if name != "dense":
+        raise BadInput(
+            f"the size is {size[1]}x{size[0]}", allowed=f"{of.columns}x{of.rows} for layout {name}", hint="use dense"
+        )
+    return dense_layout(*size)
+
+
+def recognise(
+    source: str | os.PathLike[str],
+    *,
+    layout: str | None = None,
+    size: tuple[int, int] | None = None,
+    order: str | None = None,
+) -> tuple[RawLayout, str]:
+    """Return the layout and the order of bits of a file of raw frames: what is given, or what the file shows.
+
+    The length of a file shows nothing, since many sizes have the same length. Layout 416 is shown by its gaps, if they
+    are empty throughout the file; its bits are then in the usual order, unless the picture shows the opposite. Other
+    layouts are shown by :func:`saf_gen.stream.interop.evidence.shows_size`, and the order of bits by
+    :func:`saf_gen.stream.interop.evidence.bit_order`.
+
+    Parameters
+    ----------
+    source : str or Path
+        File of raw frames.
+    layout : str, optional
+        Name of the layout, which says that the least significant bit is first; this is refused if the file shows the
+        opposite.
+    size : tuple of (int, int), optional
+        Rows and columns of a frame without gaps.
+    order : str, optional
+        ``lsb`` or ``msb``.
+
+    Returns
+    -------
+    layout : RawLayout
+        The layout.
+    order : str
+        ``lsb`` or ``msb``.
+
+    Raises
+    ------
+    BadInput
+        If the file is of another kind, does not hold whole frames, or does not show what is not given.
+    """
+    path = Path(source)
+    file_size = _file_size(path)
+    if order not in (None, *BIT_ORDERS):
+        raise unknown("order of bits", order, allowed=BIT_ORDERS)
+    if layout is not None or size is not None:
+        known = find_layout(layout or "dense", size=size)
+        _frame_count(path, known, frames=None)
+        shown = order if order is not None else _shown_order(path, known)
+        if order is None and (shown == "msb" if layout is not None else shown is None):
+            found = "look as if the most significant is first" if shown else "show no order, for want of texture"
+            raise BadInput(f"the bits of a byte {found}", where=str(source), allowed="--bits lsb or --bits msb")
+        return known, "lsb" if shown is None else shown
+    fitting = [of for of in RAW_LAYOUTS.values() if file_size % of.frame_bytes == 0]
+    if not fitting:
+        each = ", ".join(f"{of.frame_bytes} bytes ({of.name}, {of.columns}x{of.rows})" for of in RAW_LAYOUTS.values())
+        raise BadInput(
+            f"its {file_size} bytes fit no known layout", where=str(source), allowed=f"whole frames of {each}",
+            hint="state the size of a frame without gaps, as in --size 600x400, or look for a header or a lost end",
+        )  # fmt: skip
+    gaps = [of for of in fitting if of.name == "416" and _has_empty_gaps(path, of)]
+    alike = gaps or [of for of in fitting if shows_size(_sample(path, of)[..., of.plane])]
+    its_order = order or (_shown_order(path, alike[0]) if len(alike) == 1 else None) or ("lsb" if gaps else None)
+    if len(alike) == 1 and its_order is not None:
+        return alike[0], its_order
+    named = " or ".join(
+        f"--layout {of.name} ({file_size // of.frame_bytes} frames of {of.columns}x{of.rows})" for of in fitting
+    )
+    seen = f"looks like layout {alike[0].name}, but shows no order of bits" if len(alike) == 1 else "shows no layout"
+    raise BadInput(
+        f"{seen}; its length of {file_size} bytes proves nothing",
+        where=str(source),
+        allowed="a picture that shows how it is stored, or options that say it",
+        hint=f"add {named}, or the size of a frame without gaps, as in --size 600x400 --bits lsb",
+    )
+
+
+def _sample(path: Path, of: RawLayout) -> np.ndarray:
+    """Return the counts of each bit in some frames, (2, CYCLE, bits): their halves, by the frame modulo CYCLE."""
+    total = path.stat().st_size // of.frame_bytes
+    half = min(_SAMPLED_FRAMES, total) // (2 * CYCLE)  # cycles
+    counts = np.zeros((2, CYCLE, 8 * of.frame_bytes), np.uint32)
+    if half == 0:
+        return counts
+    length = 2 * half * CYCLE
+    blocks = min(_SAMPLED_BLOCKS, total // length)
+    for block in range(blocks):
+        first = block * (total - length) // max(blocks - 1, 1) // CYCLE * CYCLE
+        raw = np.fromfile(path, np.uint8, length * of.frame_bytes, offset=first * of.frame_bytes)
+        frames = raw.reshape(2, half, CYCLE, of.frame_bytes)
+        for part in range(2):
+            for number in range(CYCLE):
+                spikes = np.unpackbits(frames[part, :, number], axis=-1, bitorder="little")
+                counts[part, number] += spikes.sum(axis=0, dtype=np.uint32)
+    return counts
+
+
+def _shown_order(path: Path, of: RawLayout) -> str | None:
+    return bit_order(_sample(path, of).sum(axis=(0, 1)), of.plane)
+
+
+def _has_empty_gaps(path: Path, of: RawLayout) -> bool:
+    """Return whether all bytes that layout 416 ignores are 0 in the whole file, which has enough spikes to tell."""
+    spikes = 0
+    with path.open("rb") as file:
+        while (raw := np.fromfile(file, np.uint8, _FRAMES * of.frame_bytes)).size:
+            rows = raw[: raw.size // 52 * 52].reshape(-1, 52)
+            if rows[:, 50:].any():
+                return False
+            spikes += int(np.bitwise_count(rows).sum()) if spikes < _GAP_SPIKES else 0
+    return spikes >= _GAP_SPIKES
 
 
 def _check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
@@ -116,33 +238,42 @@ def _file_size(source: Path) -> int:
         raise BadInput("this is a folder", where=str(source), allowed="a file of raw frames")
     if size == 0:
         raise BadInput("is empty", where=str(source), allowed="at least one frame")
+    with source.open("rb") as file:
+        head = file.read(16)
+    for magic, kind in _CONTAINERS.items():
+        if head.startswith(magic) or head[4:8] == b"ftyp":
+            raise BadInput(
+                f"this is {'a video' if head[4:8] == b'ftyp' else kind}", where=str(source), allowed="raw frames",
+                hint="saf-gen import reads arrays as .npy, .npz and .mat, and saf-gen encode reads pictures and video",
+            )  # fmt: skip
     return size
 
 
-def count_raw_frames(source: str | os.PathLike[str], layout: str, *, frames: int | None = None) -> int:
+def count_raw_frames(source: str | os.PathLike[str], layout: RawLayout, *, frames: int | None = None) -> int:
     """Return the number of frames to read from a file: ``frames``, or all if that is None.
 
-    Raises BadInput if the layout is unknown, if the file cannot be read or does not hold a whole number of frames, or
-    if it has fewer than ``frames`` frames.
+    Raises BadInput if the file cannot be read, is of another kind, does not hold a whole number of frames, or has fewer
+    than ``frames`` frames.
     """
-    _layout(layout)
     return _frame_count(Path(source), layout, frames=frames)
 
 
-def _frame_count(source: Path, layout: str, *, frames: int | None) -> int:
+def _frame_count(source: Path, layout: RawLayout, *, frames: int | None) -> int:
     size = _file_size(source)
-    each = RAW_LAYOUTS[layout].frame_bytes
+    each = layout.frame_bytes
     if size % each:
         fitting = [
-            f"{n} ({size // of.frame_bytes} frames)" for n, of in RAW_LAYOUTS.items() if size % of.frame_bytes == 0
+            f"{of.name} ({size // of.frame_bytes} frames of {of.columns}x{of.rows})"
+            for of in RAW_LAYOUTS.values()
+            if size % of.frame_bytes == 0
         ]
         raise BadInput(
             f"its {size} bytes are {size // each} frames of {each} bytes and {size % each} more bytes",
             where=str(source),
-            allowed=f"a multiple of {each} bytes for layout {layout}",
+            allowed=f"a multiple of {each} bytes for layout {layout.name} of {layout.columns}x{layout.rows}",
             hint=f"layouts that fit: {', '.join(fitting)}"
             if fitting
-            else "no known layout fits: the file is truncated",
+            else "state another size, as in --size 600x400, or look for a header or a lost end",
         )
     if frames is None:
         return size // each
@@ -156,6 +287,8 @@ def import_raw_frames(
     out: str | os.PathLike[str],
     *,
     layout: str = "416",
+    size: tuple[int, int] | None = None,
+    order: str = "lsb",
     frames: int | None = None,
     readout_hz: float = 20_000,
     flip: bool | None = None,
@@ -173,6 +306,10 @@ def import_raw_frames(
         Stream file to write.
     layout : str, default "416"
         A key of RAW_LAYOUTS.
+    size : tuple of (int, int), optional
+        Rows and columns of a frame of layout ``dense``; by default those of the camera.
+    order : str, default "lsb"
+        Whether the first pixel of a byte is its least (``lsb``) or most (``msb``) significant bit.
     frames : int, optional
         Number of frames to import, from the first; by default all.
     readout_hz : float, default 20000
@@ -194,12 +331,16 @@ def import_raw_frames(
         If the size is not a whole number of frames, in which case the message names layouts that would fit; if the file
         has fewer frames than requested; or if ``out`` is ``source``.
     """
-    kind, path = _layout(layout), Path(source)
-    total = _frame_count(path, layout, frames=frames)
+    kind, path = find_layout(layout, size=size), Path(source)
+    if order not in BIT_ORDERS:
+        raise unknown("order of bits", order, allowed=BIT_ORDERS)
+    total = _frame_count(path, kind, frames=frames)
     _check_apart(path, out)
     flipped = kind.flip if flip is None else bool(flip)
-    bit = kind.bit_indices(flipped)
+    bit = kind.bit_indices(flipped, order=order)
     settings = {"file": name_as_text(path.name), "layout": layout, "flip": flipped, "frames": total}
+    if order != "lsb" or (kind.rows, kind.columns) != (RAW_LAYOUTS[layout].rows, RAW_LAYOUTS[layout].columns):
+        settings |= {"size": f"{kind.columns}x{kind.rows}", "bits": order}
     provenance = {"import": dumps(settings, ensure_ascii=False), **optional.pop("provenance", {})}
     metadata = metadata_from_options({**optional, "provenance": provenance})
     shape = (total, kind.rows, kind.columns)
@@ -215,26 +356,35 @@ def import_raw_frames(
 
 
 def export_raw_frames(
-    source: str | os.PathLike[str], out: str | os.PathLike[str], *, layout: str = "416", flip: bool | None = None
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    layout: str = "416",
+    order: str = "lsb",
+    flip: bool | None = None,
 ) -> int:
     """Write the stream file ``source`` as raw frames, in which ignored bits are 0, and return the number of bytes.
 
-    This is the inverse of :func:`import_raw_frames`, but the layouts cannot hold focus, light and truth. Raises
-    BadInput if the frames of the stream have another size, or if ``out`` cannot be written or is ``source``.
+    This is the inverse of :func:`import_raw_frames`, but the layouts cannot hold focus, light and truth. Layout
+    ``dense`` takes any size of whole bytes. Raises BadInput if the frames of the stream have a size that the layout
+    cannot hold, if the order of bits is unknown, or if ``out`` cannot be written or is ``source``.
     """
-    kind = _layout(layout)
-    bit = kind.bit_indices(kind.flip if flip is None else bool(flip))
+    if order not in BIT_ORDERS:
+        raise unknown("order of bits", order, allowed=BIT_ORDERS)
+    kind = find_layout(layout)
     with open_stream(source) as stream:
         _check_apart(source, out)
         total, rows, columns = stream.shape
+        if layout == "dense":
+            kind = dense_layout(rows, columns)
         if (rows, columns) != (kind.rows, kind.columns):
-            fitting = [n for n, of in RAW_LAYOUTS.items() if (of.rows, of.columns) == (rows, columns)]
             raise BadInput(
                 f"the stream has {rows} x {columns} pixels",
                 where=str(source),
                 allowed=f"{kind.rows} x {kind.columns} for layout {layout}",
-                hint=f"layouts that fit: {', '.join(fitting)}" if fitting else "no known layout has this size",
+                hint="layout dense takes any size of whole bytes",
             )
+        bit = kind.bit_indices(kind.flip if flip is None else bool(flip), order=order)
         with atomic_file(out) as part, part.open("wb") as file:
             for first in range(0, total, _FRAMES):
                 count = min(_FRAMES, total - first)

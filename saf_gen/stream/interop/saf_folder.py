@@ -10,7 +10,7 @@ import numpy as np
 
 from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop.raw_frames import count_raw_frames, import_raw_frames
+from saf_gen.stream.interop.raw_frames import RAW_LAYOUTS, count_raw_frames, import_raw_frames
 from saf_gen.stream.interop.spreadsheet import read_sheet
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import open_stream
@@ -102,7 +102,7 @@ def _read_recording(row: list[str], *, root: Path, where: str) -> SafRecording:
     file = existing[0]
     number = f"{int(float(cells['id'])):02}" if _is_whole_number(cells["id"]) else cells["id"]
     name = re.sub(r"[^\w.-]+", "_", f"{cells['scene name'] or file.stem}-recorded-{number}")
-    count_raw_frames(file, LAYOUT, frames=frames)
+    count_raw_frames(file, RAW_LAYOUTS[LAYOUT], frames=frames)
     dt = cells["dt"]
     block = int(float(dt)) if _is_whole_number(dt) and 1 <= float(dt) <= frames else None
     return SafRecording(name, file, frames, focal - 1, block)
