@@ -229,4 +229,6 @@ def test_what_is_tuned_is_evaluated_next_on_a_split_that_can_be(call, make, tmp_
     folder, file = make(**NONE), tmp_path / "t.json"
     code, out, _ = call("tune", folder, *METHOD, "--try", "search.window=10,20", "--out", file)
     assert code == 0
+    assert "best: sd+argmax:window=" in out
+    assert file.is_file()
     assert out.splitlines()[-1] == f"{file}   (next: saf-gen evaluate {folder} --split validation --method @{file})"

@@ -288,15 +288,6 @@ def test_steps_of_a_search_are_drawn_where_the_lens_was_in_frames_from_0():
     assert plot_steps(make_sweep(), [alone], styles=LOOKS, title="t") is None
 
 
-def test_the_way_of_the_lens_ends_with_a_mark_or_a_cross():
-    paths = [make_lens_path("sd+hill_climb"), make_lens_path("er_count+hill_climb", problem="the budget was spent")]
-    (axes,) = plot_lens_paths(paths, styles=LOOKS, title="t").axes
-    ends = {line.get_marker() for line in axes.get_lines() if len(line.get_xdata()) == 1}
-    assert ends == {"o", "x"}
-    assert axes.get_title(loc="left") == "hill_climb"
-    assert plot_lens_paths([], styles=LOOKS, title="t") is None
-
-
 def test_an_image_strip_holds_its_pictures_in_order_within_its_bytes():
     made = image_strip(make_thumbnails(12).images, max_bytes=20_000)
     sheet = np.asarray(Image.open(io.BytesIO(made.file)).convert("L"), dtype=float)
