@@ -28,6 +28,7 @@ import yaml
 from pydantic import TypeAdapter
 from small_dataset import HERE, SCENES
 
+import saf_gen.leaderboard.report.evaluation_folder  # noqa: F401  so that reports are made without figures
 from saf_gen import SpikeWindows
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, app, main
