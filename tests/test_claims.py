@@ -14,7 +14,6 @@ from saf_gen import encode, get_measure, get_search, get_sensor
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.tracks.closed_loop import finish_run
 from saf_gen.benchmark.view.running_camera import CapturedFrames, RunningCamera, SweepView
-from saf_gen.cli import main
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.stack.capture import Capture
@@ -54,7 +53,7 @@ def find_peak(curve):
 
 
 @pytest.mark.parametrize("ramp", RAMPS.values(), ids=RAMPS)
-@pytest.mark.parametrize("name", ["gradient_code", "tenengrad", "brenner", "mfdct_lee", "variance", "squared_gradient"])
+@pytest.mark.parametrize("name", ["gradient_code", "tenengrad", "brenner", "mfdct_lee", "variance"])
 @pytest.mark.slow
 def test_divided_by_brightness_the_baselines_stand_a_fourfold_ramp_as_sd_does(name, ramp):
     """25 counts per window: normalised measures err by up to 0.03 of the sweep, the others follow the light."""
@@ -166,9 +165,3 @@ def test_predictions_of_a_program_in_c_go_through(tmp_path):
     (tmp_path / "middle.jsonl").write_bytes(printed)
     records = evaluate(tmp_path / "d", methods=[], predictions=tmp_path / "middle.jsonl").records
     assert [(r.method, r.success_half_dof) for r in records] == [("middle_in_c", True)] * 2
-    with pytest.raises(SystemExit) as ended:
-        main(
-            ["evaluate", str(tmp_path / "d"), "--predictions", str(tmp_path / "middle.jsonl"),
-             "--method", "sd+argmax:window=20", "--out", str(tmp_path / "out")]
-        )  # fmt: skip
-    assert ended.value.code == 0

@@ -20,6 +20,9 @@ PAGE = """\
 <footer>Made by saf_gen {version}.</footer>
 """
 CHANGES = {
+    "seconds": [],
+    "machine": [],
+    "code": [],
     "score": ["leaderboard.csv", "leaderboard.json", "leaderboard.md", "index.html", "records.jsonl"],
     "radiance": ["stacks/lamp.exr"],
     "exponent": ["stacks/lamp.exr"],
@@ -28,7 +31,6 @@ CHANGES = {
     "picture": ["preview/sheet.png"],
     "path": ["figures/curves.svg"],
 }
-NO_CHANGES = ["seconds", "version", "code", "machine"]
 
 
 @pytest.fixture
@@ -83,32 +85,12 @@ def before(tmp_path):
     return tmp_path / "before"
 
 
-@pytest.mark.parametrize("change", NO_CHANGES)
-def test_time_version_machine_and_digests_of_code_may_differ(compare_commits, before, tmp_path, change):
-    write_outputs(tmp_path / "after", **{change: True})
-    assert any(p.read_bytes() != (before / p.relative_to(tmp_path / "after")).read_bytes() for p in files(tmp_path))
-    assert compare_commits.compare_folders(before, tmp_path / "after") == {}
-
-
-def files(folder):
-    return [path for path in (folder / "after").rglob("*") if path.is_file()]
-
-
 @pytest.mark.parametrize(("change", "expected"), CHANGES.items())
-def test_a_small_change_is_found_in_every_file_that_has_it(compare_commits, before, tmp_path, change, expected):
+def test_a_small_change_is_found_where_it_counts(compare_commits, before, tmp_path, change, expected):
     write_outputs(tmp_path / "after", **{change: True})
     found = compare_commits.compare_folders(before, tmp_path / "after")
     assert sorted(found) == sorted(expected)
-    for lines in found.values():
-        assert {line[0] for line in lines} == {"-", "+"}
-        assert len(lines) in (2, 4)
-
-
-def test_a_record_that_differs_is_shown_with_its_key(compare_commits, before, tmp_path):
-    write_outputs(tmp_path / "after", score=True)
-    lines = compare_commits.compare_folders(before, tmp_path / "after")["records.jsonl"]
-    assert "-sd+argmax, sweep, target: score = 0.25" in lines
-    assert "+sd+argmax, sweep, target: score = 0.250000025" in lines
+    assert all({line[0] for line in lines} == {"-", "+"} for lines in found.values())
 
 
 def test_a_file_that_only_one_commit_writes_is_found(compare_commits, before, tmp_path):
@@ -118,32 +100,6 @@ def test_a_file_that_only_one_commit_writes_is_found(compare_commits, before, tm
     found = compare_commits.compare_folders(before, tmp_path / "after")
     assert found == {"axes.csv": ["+ there is no such file"], "new.csv": ["- there is no such file"]}
     assert compare_commits.compare_folders(before, tmp_path / "after", allowed=["axes.csv", "n*.csv"]) == {}
-
-
-def test_what_went_on_purpose_is_left_out(compare_commits, before, tmp_path):
-    write_outputs(tmp_path / "after", score=True)
-    found = compare_commits.compare_folders(before, tmp_path / "after", allowed=["score"])
-    assert sorted(found) == ["index.html", "leaderboard.md"]
-    assert compare_commits.compare_folders(before, tmp_path / "after", allowed=["score", "err DoF"]) == {}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["no-such-commit", "HEAD"], "'no-such-commit' is no commit and no folder with saf_gen"),
-        (["HEAD", "HEAD", "--only", "movin"], "argument --only: invalid choice: 'movin'"),
-        (["broken", "broken"], "'broken' cannot be imported: ValueError: planted"),
-    ],
-)
-def test_bad_input_ends_with_exit_code_2(compare_commits, tmp_path, monkeypatch, capsys, arguments, message):
-    (tmp_path / "broken/saf_gen").mkdir(parents=True)
-    for name, text in (("__init__.py", "raise ValueError('planted')"), ("__main__.py", "")):
-        (tmp_path / "broken/saf_gen" / name).write_text(text)
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as ended:
-        compare_commits.main([*arguments, "--work", str(tmp_path / "work")])
-    assert ended.value.code == 2
-    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("result", "code"), [("0.25", 0), ("0.2500001", 1), ("fails", 1)])

@@ -30,21 +30,6 @@ def test_the_reference_is_what_the_code_says(reference):
     assert stale == [], "run: python tools/write_reference.py"
 
 
-def test_every_generated_part_is_on_a_page(reference):
-    pages = "".join(page.read_text(encoding="utf-8") for page in reference.DOCS.rglob("*.md"))
-    assert sorted(set(reference.PARTS)) == sorted(found[1] for found in reference.PART.findall(pages))
-
-
-def test_a_page_that_fell_behind_is_noticed(reference, tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("By hand.\n\n<!-- from the code: light_common_keys -->\nold\n<!-- end -->\n\nBy hand.\n")
-    text = reference.rewritten(page)
-    assert "old" not in text
-    assert "`lux_at_gain_1`" in text
-    assert text.startswith("By hand.\n\n<!--")
-    assert text.endswith("<!-- end -->\n\nBy hand.\n")
-
-
 @pytest.mark.parametrize("plugin_kind", ["lights", "motions"])
 def test_every_key_of_a_light_or_motion_says_its_values_and_its_meaning(plugin_kind):
     for name in registry.names(plugin_kind):

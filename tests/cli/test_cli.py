@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 
 import h5py
@@ -20,8 +21,7 @@ from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, read_methods
-from saf_gen.cli import _terminal, app
-from saf_gen.cli._examples import EXAMPLES
+from saf_gen.cli import _terminal, app, main
 from saf_gen.core.files import atomic_file
 from saf_gen.render import backend
 from saf_gen.stream.manifest import read_manifest, write_manifest
@@ -40,19 +40,23 @@ if __name__ == "__main__":
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """The small dataset, made once by the command in a process: (folder, finished process)."""
-    folder = tmp_path_factory.mktemp("cli")
+    """The small dataset, made once by the command: (folder, stdout, stderr)."""
+    folder, out, err = tmp_path_factory.mktemp("cli"), io.StringIO(), io.StringIO()
     (folder / "small.yaml").write_text(SMALL_RECIPE)
     command = ["generate", "small.yaml", "--out", "made", "--variant", VARIANT]
-    return folder / "made", command_line(*command, cwd=folder)
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.chdir(folder)
+        patch.setenv("SAF_GEN_SCENES", str(SCENES))
+        with pytest.raises(SystemExit) as ended:
+            main(command)
+    assert ended.value.code == 0, err.getvalue()
+    return folder / "made", out.getvalue(), err.getvalue()
 
 
 @pytest.fixture
 def dataset(first):
     """The small dataset, read-only."""
-    folder, run = first
-    assert run.returncode == 0, run.stderr
-    return folder
+    return first[0]
 
 
 @pytest.fixture
@@ -82,17 +86,6 @@ def one_line(code, err, *, expected=2):
     return lines[0]
 
 
-def command_line(*args, environment=None, cwd=None):
-    return subprocess.run(
-        [sys.executable, "-m", "saf_gen", *map(str, args)],
-        env=os.environ | {"SAF_GEN_SCENES": str(SCENES)} | (environment or {}),
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        check=False,
-    )
-
-
 def records(folder):
     return [json.loads(line) for line in (folder / "records.jsonl").read_text().splitlines()]
 
@@ -101,22 +94,16 @@ def records(folder):
 
 
 def test_generate_reports_what_it_made_and_the_next_command(first):
-    folder, run = first
-    assert run.returncode == 0, run.stderr
-    assert "3 sequences recorded, 0 kept from before, 3 pieces of focal stacks rendered" in run.stdout
-    assert "dataset: made   (next: saf-gen evaluate made)" in run.stdout
+    """A log gets one line for each piece of work."""
+    folder, out, err = first
+    assert "3 sequences recorded, 0 kept from before, 3 pieces of focal stacks rendered" in out
+    assert "dataset: made   (next: saf-gen evaluate made)" in out
     assert {"manifest.json", "README.md", "stacks", "test"} <= {p.name for p in folder.iterdir()}
-
-
-def test_a_log_gets_one_line_for_each_piece_of_work(first):
-    lines = first[1].stderr.splitlines()
+    assert [p for p in folder.rglob(".*")] == []
+    lines = err.splitlines()
     assert "done: render plane · light" in lines
     assert "done: record plane-constant-00" in lines
     assert len(lines) == len(set(lines))
-
-
-def test_a_finished_generation_leaves_no_temporary_files(dataset):
-    assert [p for p in dataset.rglob(".*")] == []
 
 
 def test_a_dry_run_reports_what_would_be_made_and_writes_nothing(call, small_recipe, test_scenes, tmp_path):
@@ -127,13 +114,10 @@ def test_a_dry_run_reports_what_would_be_made_and_writes_nothing(call, small_rec
     assert "focal stacks to render: plane" in out
     assert "disk still needed" in out
     assert "time: about 16 s on two cores" in out, "the start takes most of it"
+    _, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--shard", "2/3")
+    assert "plane-continuous-00" in out
+    assert "plane-constant-00" not in out
     assert not (tmp_path / "ds").exists()
-
-
-def test_a_dry_run_of_what_is_there_takes_no_time(call, dataset, test_scenes):
-    out = call("generate", dataset.parent / "small.yaml", "--out", dataset, "--dry-run")[1]
-    assert "focal stacks to render: none, all exist" in out
-    assert "time: about 0 s on two cores" in out
 
 
 def test_a_dry_run_of_a_split_lists_its_sequences_only(call, tmp_path):
@@ -144,27 +128,17 @@ def test_a_dry_run_of_a_split_lists_its_sequences_only(call, tmp_path):
     assert "36 sequences" in out
 
 
-def test_a_dry_run_of_a_shard_lists_its_sequences_only(call, small_recipe, test_scenes, tmp_path):
-    _, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--shard", "2/3")
-    assert "plane-continuous-00" in out
-    assert "plane-constant-00" not in out
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("drawn_figures")
-def test_evaluate_prints_the_leaderboard_and_writes_all_files(call, copy, monkeypatch):
-    monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 2)
+def test_evaluate_prints_the_leaderboard_and_writes_all_files(call, copy):
     code, out, err = call("evaluate", copy)
     assert (code, err) == (0, "")
     for method in DEFAULT_RECORDED_METHODS:
         assert method in out
     written = copy / "evaluation"
     names = ["leaderboard.json", "leaderboard.csv", "leaderboard.md", "index.html", "records.jsonl"]
-    for name in [*names, "figures"]:
+    for name in names:
         assert (written / name).stat().st_size > 0
         assert str(written / name) in out.splitlines()
-    for name in ("curves-plane-constant-00", "steps-plane-continuous-00", "errors-plane_test"):
-        assert (written / f"figures/{name}.svg").stat().st_size > 0
     assert len(records(written)) == 3 * len(DEFAULT_RECORDED_METHODS)
     keys = {"method", "sequence", "position", "frame", "truth", "error"}
     keys |= {"trace", "frames_seen", "lens_travel", "seconds"}
@@ -244,7 +218,7 @@ def test_a_stream_without_truth_is_evaluated_with_null_errors(call, tmp_path):
     path = tmp_path / "bare.h5"
     frames = np.random.default_rng(5).random((400, 8, 16)) < 0.2
     saf_gen.write_stream(path, frames)
-    code, _, err = call("evaluate", path)
+    code, _, err = call("evaluate", path, "--method", "sd+argmax", "--method", "sd+sgfs_causal")
     assert (code, err) == (0, "")
     found = records(tmp_path / "bare-evaluation")
     assert {r["status"] for r in found} <= {"answered", "abstained"}
@@ -252,24 +226,18 @@ def test_a_stream_without_truth_is_evaluated_with_null_errors(call, tmp_path):
     assert any(r["frame"] is not None for r in found)
 
 
-@pytest.mark.parametrize("measure", ["sd", "er_sumsq"])
-def test_score_is_the_measure_of_the_counts_of_each_block(call, dataset, measure):
-    code, out, _ = call("score", dataset / STREAM, "--measure", measure, "--window", 70)
+def test_score_is_the_measure_of_the_counts_of_each_block(call, dataset, tmp_path):
+    arguments = ("score", dataset / STREAM, "--measure", "er_sumsq", "--window", 70)
+    code, out, _ = call(*arguments)
     assert code == 0
     rows = list(csv.DictReader(io.StringIO(out)))
     assert [int(row["frame"]) for row in rows] == [0, 70, 140, 210, 280]
-    direct = saf_gen.get_measure(measure)
+    direct = saf_gen.get_measure("er_sumsq")
     with saf_gen.open_stream(dataset / STREAM) as stream:
         expected = [direct(stream.counts(a, a + 70)) for a in (0, 70, 140, 210, 280)]
     assert [float(row["score"]) for row in rows] == expected
-
-
-def test_score_writes_to_a_file_what_it_would_print(call, dataset, tmp_path):
-    arguments = ("score", dataset / STREAM, "--measure", "sd", "--window", 100)
-    code, out, _ = call(*arguments, "--out", tmp_path / "curve.csv")
-    assert code == 0
-    assert "4 blocks" in out
-    assert (tmp_path / "curve.csv").read_text() == call(*arguments)[1]
+    assert "5 blocks" in call(*arguments, "--out", tmp_path / "curve.csv")[1]
+    assert (tmp_path / "curve.csv").read_text() == out
 
 
 def test_an_imported_file_is_exported_as_it_was(call, tmp_path):
@@ -322,21 +290,6 @@ def test_verify_names_what_is_damaged_and_what_is_missing(call, copy):
     assert named == ["plane-constant-00", "plane-continuous-00"]
 
 
-def test_methods_lists_every_measure_and_search(call):
-    code, out, _ = call("methods")
-    assert code == 0
-    for spec in DEFAULT_RECORDED_METHODS:
-        for name in spec.split("+"):
-            assert f"\n  {name.removesuffix('_n')} " in out
-
-
-def test_scenes_list_names_scenes_of_the_folder_named(call, test_scenes):
-    code, out, _ = call("scenes", "list")
-    assert code == 0
-    assert "\n  plane " in out
-    assert "usaf_target" in out
-
-
 @pytest.mark.parametrize(("llvm", "variant", "rows"), [(None, "auto", 1), ((15, 0, 0), "auto", 1), (None, "scalar", 0)])
 def test_a_slow_renderer_is_reported_unless_it_was_requested(
     call, small_recipe, test_scenes, tmp_path, monkeypatch, llvm, variant, rows
@@ -354,27 +307,6 @@ def test_recipes_check_counts_sequences_and_makes_nothing(call, small_recipe, te
     assert code == 0
     assert "is fine: 3 sequences of plane" in out
     assert sorted(tmp_path.iterdir()) == before
-
-
-def test_doctor_tells_variant_and_versions(call):
-    code, out, _ = call("doctor")
-    assert code == 0
-    for fact in ("variant", "cores", "mitsuba"):
-        assert f"\n {fact} " in out
-
-
-def test_the_version_is_one_line(call):
-    code, out, err = call("--version")
-    assert (code, err) == (0, "")
-    assert out == f"saf-gen {saf_gen.__version__}\n"
-
-
-@pytest.mark.parametrize("words", [["-h"], ["scenes", "-h"], ["generate", "-h"], ["sensors", "list", "-h"]])
-def test_help_is_short_too_and_names_no_type_of_a_flag(call, words):
-    code, out, err = call(*words)
-    assert (code, err) == (0, "")
-    assert f"Usage: saf-gen {' '.join(words[:-1])}" in out
-    assert "<bool>" not in out
 
 
 @pytest.mark.parametrize(
@@ -401,19 +333,12 @@ def test_a_mistyped_dataset_and_a_name_in_capitals_have_a_nearest(call, tmp_path
     assert call("methods", "show", "SD")[2].endswith("did you mean 'sd'?\n")
 
 
-def test_help_lists_the_commands(call):
-    code, out, err = call("--help")
-    assert (code, err) == (0, "")
-    commands = ["generate", "evaluate", "score", "import", "export", "inspect", "verify", "methods"]
-    for command in [*commands, "doctor", "scenes", "recipes"]:
-        assert f" {command} " in out
-
-
-@pytest.mark.parametrize("words", [[], ["scenes"], ["recipes"]])
+@pytest.mark.parametrize("words", [[], ["scenes"]])
 def test_no_command_at_all_shows_the_help_and_is_no_error(call, words):
     code, out, err = call(*words)
     assert (code, err) == (0, "")
     assert f"Usage: {' '.join(['saf-gen', *words])} " in out
+    assert call(*words, "-h")[1].strip() == out.strip()
 
 
 def every_command(command=None, words=()):
@@ -442,10 +367,6 @@ def test_every_help_ends_with_examples_that_its_command_takes(call, monkeypatch,
         while hasattr(below, "commands") and shown and shown[0] in below.commands:
             below = below.commands[shown.pop(0)]
         below.make_context(line, shown)  # raises for an option, argument or value that the command does not take
-
-
-def test_every_example_is_of_a_command():
-    assert set(EXAMPLES) <= {" ".join(words) for words, _ in every_command()}
 
 
 def test_a_name_with_brackets_is_a_name_and_no_markup(call, dataset, tmp_path):
@@ -559,11 +480,9 @@ def test_a_slip_in_a_recipe_is_one_line(refused, test_scenes, tmp_path, what):
 BROKEN = {
     "empty": b"",
     "no text at all": bytes(range(256)),
-    "nulls": b"name: a\0b\n",
     "half a bracket": b"name: [1,\n",
     "a list": b"- name\n",
     "a loop": b"name: &a [*a]\n",
-    "a lone word": b"small\n",
     "an object": b"name: !!python/object:os.system x\n",
     "a bomb of brackets": b"[" * 700,
 }
@@ -629,17 +548,12 @@ def test_a_file_is_not_imported_or_exported_onto_itself(refused, call, tmp_path)
 
 @pytest.mark.slow
 def test_llvm_that_is_not_there_is_one_line_with_what_to_install(small_recipe, tmp_path):
-    run = command_line(
-        *("generate", small_recipe, "--out", tmp_path / "ds", "--variant", "llvm"),
-        environment={"DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so")},
-    )
+    command = [sys.executable, "-m", "saf_gen", "generate", str(small_recipe), "--out", "ds", "--variant", "llvm"]
+    places = {"SAF_GEN_SCENES": str(SCENES), "DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so")}
+    run = subprocess.run(command, env=os.environ | places, capture_output=True, text=True, cwd=tmp_path, check=False)
     line = one_line(run.returncode, run.stderr)
     assert "variant llvm cannot run here: no LLVM library was found" in line
     assert "libllvm19" in line
-
-
-def test_a_variant_is_checked_even_where_nothing_is_left_to_render(refused, copy, small_recipe, test_scenes):
-    assert "'lvm'" in refused("generate", small_recipe, "--out", copy, "--variant", "lvm")
 
 
 # Failed sequences: exit code 1; they are named, and the others are processed
@@ -654,15 +568,6 @@ def test_a_damaged_sequence_is_named_and_the_others_are_evaluated(call, copy, tm
     assert {r["sequence"] for r in records(tmp_path / "out")} == {"plane-continuous-00", "plane-lamp_only-00"}
     board = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
     assert [f["sequence"] for f in board["failures"]] == ["plane-constant-00"]
-
-
-def test_evaluate_names_all_sequences_if_every_one_is_damaged(call, copy, tmp_path):
-    for path in copy.glob("test/*.h5"):
-        path.write_bytes(b"")
-    code, _, err = call("evaluate", copy, "--method", "sd+argmax", "--out", tmp_path / "out")
-    assert code == 1
-    assert err.count("could not be evaluated") == 3
-    assert "Traceback" not in err
 
 
 def test_a_sequence_that_cannot_be_written_is_named_and_the_others_are_made(call, copy, small_recipe, test_scenes):
@@ -693,26 +598,22 @@ def test_a_dataset_without_sequences_is_one_line(refused, copy):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "arguments", [("methods",), ("--help",), ("score", "STREAM", "--measure", "sd", "--window", "1")]
-)
-def test_a_pipe_that_closes_early_is_no_error(dataset, arguments):
-    filled = [str(dataset / STREAM) if arg == "STREAM" else arg for arg in arguments]
+def test_a_pipe_that_closes_early_is_no_error(dataset):
+    command = [sys.executable, "-m", "saf_gen", "score", str(dataset / STREAM), "--measure", "sd", "--window", "1"]
     read, write = os.pipe()
     os.close(read)
-    run = subprocess.run(
-        [sys.executable, "-m", "saf_gen", *filled], stdout=write, stderr=subprocess.PIPE, text=True, check=False
-    )
+    run = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (run.returncode, run.stderr) == (0, "")
 
 
-@pytest.mark.slow
-def test_a_terminal_without_unicode_gets_the_table_all_the_same():
-    plain = {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "LC_ALL": "C"}
-    run = command_line("methods", environment=plain)
-    assert run.returncode == 0, run.stderr
-    assert "er_sumsq" in run.stdout
+def test_a_terminal_without_unicode_gets_the_table_all_the_same(call, monkeypatch):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
+    assert call("methods")[0] == 0
+    sys.stdout.flush()
+    assert b"er_sumsq" in written.getvalue()
+    assert b"?" in written.getvalue()
 
 
 @pytest.mark.slow

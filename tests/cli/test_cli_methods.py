@@ -101,55 +101,26 @@ def read_page(text):
 def test_the_list_has_degree_cost_forms_and_kind(call):
     code, out, err = call("methods")
     assert (code, err) == (0, "")
-    for name, cells in {
-        "sd": ["0", "3", "_tfi"],
-        "gradient_code": ["1", "17", "_n _tfi"],
-        "er_sumsq": ["2", "2", "_n _tfi"],
-        "cen": ["0", "44.5", "_tfi"],
-        "sd_debiased": ["0", "4", ""],
-    }.items():
+    for name, cells in {"er_sumsq": ["2", "2", "_n _tfi"], "sd_debiased": ["0", "4", ""]}.items():
         assert row(out, name)[1:4] == cells
     assert row(out, "argmax")[1] == "estimates"
     assert row(out, "sgfs_causal")[1] == "estimates, causal"
     assert row(out, "hill_climb")[1] == "commands"
     for name in registry.names("measures"):
-        degree, cost, forms, what = row(out, name)[1:]
+        degree, cost, forms, _ = row(out, name)[1:]
         assert int(degree) >= 0 < float(cost)
         assert ("_n" in forms.split()) == (f"{name}_n" in measure_names())
-        assert what
     for name in registry.names("searches"):
         assert row(out, name)[2]
-    *_, cost, example, suffixes = out.splitlines()
-    assert cost.startswith("Cost: additions, multiplications and roots per pixel")
-    assert cost.endswith("saf-gen methods show NAME.")
-    assert "saf-gen methods check NAME" in example
-    assert "NAME_tfi scores the intervals between spikes instead of counts." in suffixes
-    assert "NAME_n divides a measure by brightness." in suffixes
 
 
-def test_a_measure_is_shown_in_full(call):
-    code, out, err = call("methods", "show", "cen:highest=0.2")
-    assert (code, err) == (0, "")
-    assert out.splitlines()[0].strip() == "cen:highest=0.2"
-    page = read_page(out)
-    assert page["kind"] == "focus measure"
-    assert "Σ r·P / Σ P" in page["what"]
-    assert page["options"] == "highest=0.2 (default: 0.15)"
-    assert page["input"] == "spike counts of a window"
-    assert page["range"] == "0 ... highest, cycles a pixel"
-    assert page["degree"] == "0"
-    assert page["cost"].startswith("44.5 operations per pixel")
-    assert page["forms"] == "cen_tfi"
-    assert page["class"] == "saf_gen.plugins.measures.cen:SpectralCentroid"
-    assert "icml.cc/virtual/2026/poster/65044" in page["source"]
-
-
-@pytest.mark.parametrize("name", [*registry.names("measures"), *registry.names("searches")])
-def test_every_plug_in_of_ours_is_shown_with_its_options_and_its_source(call, name):
+@pytest.mark.parametrize(
+    ("kind", "name"), [(kind, name) for kind in ("measures", "searches") for name in registry.names(kind)]
+)
+def test_every_plug_in_of_ours_is_shown_with_its_options_and_its_source(call, kind, name):
     code, out, err = call("methods", "show", name)
     assert (code, err) == (0, "")
-    page, kind = read_page(out), "measures" if name in registry.names("measures") else "searches"
-    plug_in = registry.build_plugin(kind, name)
+    page, plug_in = read_page(out), registry.build_plugin(kind, name)
     assert [line.partition("=")[0] for line in page["options"].splitlines()] == (
         list(registry.option_fields(kind, name)) or ["none"]
     )
@@ -158,15 +129,6 @@ def test_every_plug_in_of_ours_is_shown_with_its_options_and_its_source(call, na
     assert plug_in.__doc__.split("References")[0].split()[-1] in page["what"]
     assert "References" not in page["what"]
     assert ("degree" in page) == ("range" in page) == ("cost" in page) == (kind == "measures")
-
-
-def test_a_formula_that_is_set_in_stays_a_line_of_its_own(call):
-    _, out, _ = call("methods", "show", "sd_calibrated")
-    (formula,) = [line for line in out.splitlines() if "cov(A, B)" in line]
-    assert formula.strip().endswith("d = dark·frames")
-    page = read_page(out)
-    assert page["input"] == "spike counts of the two halves of a window"
-    assert page["forms"] == "none"
 
 
 def test_a_form_of_a_measure_is_shown_with_the_measure(call):
@@ -178,7 +140,6 @@ def test_a_form_of_a_measure_is_shown_with_the_measure(call):
     assert page["input"] == "the interval texture of a window"
     assert page["degree"] == "0"
     assert page["cost"].startswith("109 operations")  # 8·13 + 4, and the mean
-    assert "doi:10.1109/ICME.2019.00248" in " ".join(page["source"].split())
     assert "forms" not in page
     assert read_page(call("methods", "show", "gaussian_derivative")[1])["forms"] == (
         "gaussian_derivative_n, gaussian_derivative_tfi, gaussian_derivative_n_tfi"
@@ -244,18 +205,11 @@ def test_a_sound_method_passes(call):
     assert levels == f"{count.split()[0]} pass, 0 warn, 0 fail"
 
 
-def test_a_warning_is_no_failure(call, own):
+def test_a_warning_is_no_failure_and_a_failure_is_exit_code_1(call, own):
     code, out, _ = call("methods", "check", "somebody.py:Middle")
-    assert code == 0
-    assert " 1 warn, 0 fail" in out.splitlines()[-1]
-    assert "an error within 0.05" in out
-
-
-def test_a_failure_is_exit_code_1_with_what_to_do(call, own):
+    assert (code, " 1 warn, 0 fail" in out.splitlines()[-1]) == (0, True)
     code, out, _ = call("methods", "check", "somebody.py:Wrong+argmax")
     assert code == 1
-    cells = next(line for line in out.splitlines() if " degree " in line and " fail " in line)
-    assert "state the" in cells
     assert "not run: the measure or the search fails" in out
 
 
@@ -265,26 +219,21 @@ def test_findings_come_as_json_and_nothing_else_does(call, own):
     found = json.loads(out)
     assert "here I am" in err
     (wrong,) = [f for f in found if f["level"] == "fail"]
-    assert {k: wrong[k] for k in ("name", "part", "check")} == {
-        "name": "somebody.py:Wrong",
-        "part": "measure",
-        "check": "degree",
-    }
+    assert [wrong[k] for k in ("name", "part", "check")] == ["somebody.py:Wrong", "measure", "degree"]
     assert "degree 1, but it states 2" in wrong["seen"]
     assert wrong["to_do"]
     assert all(set(f) == {"name", "part", "check", "level", "seen", "to_do"} for f in found)
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
+    ("command", "name", "message"),
     [
-        ("sdd", "did you mean 'sd'"),
-        ("sd+argmx", "did you mean 'argmax'"),
-        ("somebody.py:Totl", "cannot be loaded"),
-        ("@gone.json", "does not exist"),
+        ("check", "sdd", "did you mean 'sd'"),
+        ("show", "sd+argmx", "did you mean 'argmax'"),
+        ("check", "somebody.py:Totl", "cannot be loaded"),
+        ("show", "@gone.json", "does not exist"),
     ],
 )
-@pytest.mark.parametrize("command", ["check", "show"])
 def test_an_unknown_name_is_exit_code_2_and_one_line(call, own, name, message, command):
     code, out, err = call("methods", command, name)
     assert (code, out) == (2, "")

@@ -11,13 +11,6 @@ from saf_gen.cli import doctor
 from saf_gen.optics import ImageDistanceDrive
 
 
-def test_versions_cores_and_variant_are_named():
-    described, _ = doctor.describe_machine()
-    assert described["mitsuba"] == "3.9.1"
-    assert described["variant"] in ("cuda", "llvm", "scalar")
-    assert "usable of" in described["cores"]
-
-
 def test_a_machine_without_a_renderer_is_told_what_to_install(monkeypatch):
     for name in [m for m in sys.modules if m.startswith("saf_gen.render")]:
         monkeypatch.delitem(sys.modules, name)
@@ -28,11 +21,6 @@ def test_a_machine_without_a_renderer_is_told_what_to_install(monkeypatch):
     passed, said = doctor.check_blur()
     assert passed
     assert "render" not in said
-
-
-@pytest.mark.slow
-def test_every_check_passes_here():
-    assert [name for name, (passed, _) in doctor.self_check().items() if not passed] == []
 
 
 @pytest.mark.slow

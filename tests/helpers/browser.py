@@ -7,7 +7,6 @@ and an empty storage.
 """
 
 import atexit
-import base64
 import itertools
 import json
 import os
@@ -187,11 +186,3 @@ def run_in_page(folder: Path, script: str, *, width: int = 1200, scripts: bool =
     assert not (isinstance(answer, dict) and "error" in answer), answer["error"]
     assert [path for path in server.asked if path != "/favicon.ico"] == ["/index.html"]
     return answer
-
-
-def print_page(page: Path) -> bytes:
-    """Print the page and return the bytes of the PDF file."""
-    call = _open_tab(page.as_uri())
-    printed = call("Page.printToPDF")["data"]
-    call("Page.close")
-    return base64.b64decode(printed)

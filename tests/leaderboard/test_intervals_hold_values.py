@@ -38,9 +38,9 @@ def draw_scenes(random, *, scenes, sequences):
 
 
 @pytest.mark.parametrize("kind", VALUES)
-@pytest.mark.parametrize(("scenes", "sequences", "designs"), [(6, 6, 1500), (25, 12, 300)])
+@pytest.mark.parametrize(("scenes", "sequences", "designs"), [(6, 6, 600), (25, 12, 120)])
 def test_the_interval_of_a_median_contains_it_or_is_missing(kind, scenes, sequences, designs):
-    """9,000 designs; the last bit is not needed, because the ends are values."""
+    """3,600 designs; the last bit is not needed, because the ends are values."""
     random = make_generator("test_intervals", kind, scenes)
     known = 0
     for _ in range(designs):
@@ -83,9 +83,9 @@ def test_the_interval_of_a_median_with_half_of_each_scene_below_holds_the_truth(
 
 
 def test_the_interval_of_a_rate_contains_the_mean_over_scenes_of_any_sizes():
-    """80 designs of five rates, in up to 20 scenes of 1 to 40 sequences; large ones are harder, or easier."""
+    """40 designs of five rates, in up to 20 scenes of 1 to 40 sequences; large ones are harder, or easier."""
     random = make_generator("test_intervals", "rates")
-    for _ in range(80):
+    for _ in range(40):
         counts = random.integers(1, 41, random.integers(1, 21))
         rates = np.clip(random.random((5, 1)) + random.normal(0, 1.5, (5, 1)) * (counts / 40 - 0.5), 0, 1)
         fractions = random.binomial(counts, rates) / counts
@@ -93,7 +93,7 @@ def test_the_interval_of_a_rate_contains_the_mean_over_scenes_of_any_sizes():
         assert all(contains(low, mean, high) for mean, (low, high) in zip(fractions.mean(axis=1), ends, strict=True))
 
 
-@pytest.mark.parametrize("methods", [3, 12, 64])
+@pytest.mark.parametrize("methods", [3, 64])
 def test_the_interval_of_tau_contains_it(methods):
     """10 pairs of rankings by 20 scenes: with many methods, most τ of samples are below τ."""
     random = make_generator("test_intervals", "tau", methods)
@@ -183,12 +183,14 @@ def check_comparison(records, rows):
         assert one.low is None or contains(one.low, one.tau, one.high)
 
 
-@pytest.mark.parametrize("agree", [True, False])
-@pytest.mark.parametrize("kind", ["any", "ties", "all right", "hard light", "huge"])
+@pytest.mark.parametrize(
+    ("kind", "agree"),
+    [("any", True), ("any", False), ("ties", False), ("all right", True), ("hard light", False), ("huge", True)],
+)
 def test_every_interval_of_the_leaderboard_contains_its_value_or_is_missing(kind, agree, tmp_path):
-    """20 designs each, written and read as records; where methods agree on what is known, few intervals are missing."""
+    """12 designs each, written and read as records; where methods agree on what is known, few intervals are missing."""
     random = make_generator("test_intervals", "rows", kind, agree)
-    for _ in range(20):
+    for _ in range(12):
         write_records(tmp_path / "records.jsonl", draw_records(random, kind, agree=agree))
         records = read_records(tmp_path)
         rows = rank_methods(records)

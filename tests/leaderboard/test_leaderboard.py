@@ -1,6 +1,5 @@
 import csv
 import json
-from dataclasses import replace
 
 import pytest
 from handmade_records import failed, record
@@ -9,7 +8,7 @@ from refusals import refusal
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.leaderboard import rank_methods, write_leaderboard
 from saf_gen.leaderboard.notes import notes_on
-from saf_gen.leaderboard.tables import INTERVALS, USUAL, ranking
+from saf_gen.leaderboard.tables import ranking
 
 
 @pytest.fixture
@@ -122,13 +121,6 @@ def test_the_files_agree(tmp_path, records):
     assert document["data"] == {"a": "sha-a", "b": "sha-b"}
 
 
-def test_a_record_line_has_the_keys_that_outsiders_read(tmp_path, records):
-    write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
-    line = json.loads((tmp_path / "records.jsonl").read_text().splitlines()[0])
-    promised = "method sequence position frame truth error trace frames_seen lens_travel seconds"
-    assert set(promised.split()) <= set(line)
-
-
 def test_nan_never_appears_in_a_file(tmp_path):
     strange = [record("a+s", "x", None, seconds=0.0, truth=float("nan"), trace=(float("nan"),))]
     write_leaderboard(tmp_path, rows=rank_methods(strange), records=strange)
@@ -136,34 +128,10 @@ def test_nan_never_appears_in_a_file(tmp_path):
         assert "nan" not in path.read_text().lower()
 
 
-def test_a_file_replaces_the_one_before_at_once(tmp_path, records):
-    (tmp_path / "leaderboard.md").write_text("old")
-    write_leaderboard(tmp_path / ".", rows=rank_methods(records), records=records)
-    assert (tmp_path / "leaderboard.md").read_text().startswith("# Leaderboard")
-    assert not list(tmp_path.glob(".*"))
-
-
 def test_a_folder_that_cannot_be_is_bad_input(tmp_path, records):
     (tmp_path / "file").write_text("")
     error = refusal(write_leaderboard, tmp_path / "file/out", rows=rank_methods(records), records=records)
     assert str(tmp_path / "file") in str(error)
-
-
-def test_every_column_has_a_name_of_its_own_a_meaning_and_a_text(records):
-    rows = rank_methods(records)
-    shown = ranking(rows).shown
-    assert len({c.name for c in shown}) == len({c.header for c in shown}) == len(shown)
-    for column in shown:
-        assert column.meaning.endswith(".")
-        assert all(column.text(row) for row in rows)
-    assert {"rank", "method", "success_1dof", "failed"} <= {c.name for c in shown if c.detail <= USUAL}
-    every = ranking(rows).columns
-    assert len({c.name for c in every}) == len(every)
-    assert {c.name for c in shown} <= {c.name for c in every}
-    assert all(c.meaning.endswith(".") for c in every)
-
-
-# -- intervals over scenes --------------------------------------------------------------------------------
 
 
 def over(method, errors, **more):
@@ -192,7 +160,6 @@ def test_rows_state_which_ranks_the_scenes_can_distinguish(twelve):
     by_name = {c.name: c for c in ranking([good, near, bad]).shown}
     assert [by_name["rank"].text(r) for r in (good, near, bad)] == ["1", "2~", "3"]
     assert by_name["rank_best"].text(near) == "1–2"
-    assert by_name["success_1dof_low"].text(good) == "81%–100%"
 
 
 def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
@@ -220,16 +187,6 @@ def test_notes_mention_few_scenes_and_two_machines(twelve):
     assert "Seconds cannot be compared: they come from 2 machines: x, 2 cores; y, 9 cores." in notes
 
 
-def test_latex_has_a_column_for_all_but_the_details(tmp_path, twelve):
-    rows = rank_methods(twelve)
-    write_leaderboard(tmp_path, rows=rows, records=twelve)
-    text = (tmp_path / "leaderboard.tex").read_text()
-    spans = [int(part.split("}")[0]) for part in text.split(r"\multicolumn{")[1:]]
-    assert sum(spans) == len([c for c in ranking(rows).shown if c.detail <= INTERVALS])
-    assert text.count(r" \\") == len(rows) + 2
-    assert text.isascii()
-
-
 def test_closed_loop_figures_have_a_column_only_in_the_closed_loop():
     known = {"track": "closed_loop", "time_to_focus_s": 0.2, "error_frames": None}
     live = [record("a+s", "x", 0.1, reversals=2, **known), record("a+s", "y", 0.1, reversals=3, **known)]
@@ -238,10 +195,8 @@ def test_closed_loop_figures_have_a_column_only_in_the_closed_loop():
     shown = {c.name: c.text(row) for c in ranking(rows).shown}
     assert (shown["reversals"], shown["hunting"], shown["time_to_focus_s"]) == ("2.5", "50%", "0.200")
     assert "median_error_frames" not in shown
-    (recorded,) = rank_methods([record("a+s", "x", 0.1)])
     live_only = {"reversals", "hunting", "time_to_focus_s"}
-    assert live_only & {c.name for c in ranking([recorded]).shown} == set()
-    assert live_only <= {c.name for c in ranking([recorded]).columns}
+    assert live_only & {c.name for c in ranking(rank_methods([record("a+s", "x", 0.1)])).shown} == set()
 
 
 def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
@@ -268,16 +223,3 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
     assert (row["success_1dof_light_low"], row["success_1dof_light_high"]) == (1, 0)
     assert row["success_1dof_low"] < 0.25 < row["success_1dof_high"]  # a quarter in each scene
     assert (cells["success_1dof_light_low"], cells["success_1dof_low"]) == ("1.0", str(row["success_1dof_low"]))
-
-
-def test_columns_that_may_seem_out_of_order_explain_it():
-    """In two scenes the focus is 0.8 depths of focus beyond the travel, and the method abstains in both."""
-    beyond = {"success_half_dof": True, "success_1dof": False, "success_2dof": False}
-    records = [replace(failed("m+s", f"s{i}", "abstained", scene=f"s{i}"), **beyond) for i in range(2)]
-    records += [record("m+s", "s2", 0.1, scene="s2")]
-    (row,) = rank_methods(records)
-    assert row.success_half_dof > row.success_1dof
-    meanings = {c.name: c.meaning for c in ranking([row]).columns}
-    rule = "An abstention is right if no answer could be that near, so the value can be"
-    assert meanings["success_half_dof"].endswith(f"{rule} higher than ≤1 DoF.")
-    assert meanings["success_2dof"].endswith(f"{rule} lower than ≤1 DoF.")

@@ -37,11 +37,6 @@ def test_the_warning_counts_sequences_and_names_the_worst():
     assert warning in notes_on(rank_methods(RECORDS), RECORDS)
 
 
-def test_many_measures_are_counted():
-    many = [grainy(f"m{n}+argmax", "a", 0.2 + n) for n in range(7)]
-    assert "(m6, m5, m4, m3 and 3 more; at worst 6.2 times" in grain_warning(many)[0]
-
-
 @pytest.mark.parametrize("records", [RECORDS[:3], RECORDS[6:]], ids=["little grain", "unknown"])
 def test_without_a_cause_there_is_no_warning(records):
     assert grain_warning(records) == []

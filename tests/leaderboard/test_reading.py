@@ -27,12 +27,6 @@ def test_a_leaderboard_is_a_sequence_of_rows_best_first(evaluation):
     assert repr(board) == "<Leaderboard: 2 methods, 2 sequences; first: <b>+argmax>"
 
 
-def test_one_method_on_one_sequence_is_counted_in_the_singular(tmp_path):
-    records = [record("sd+argmax", "a", 0.0)]
-    write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
-    assert read_leaderboard(tmp_path).size == "1 method, 1 sequence"
-
-
 def test_dictionaries_have_the_keys_of_the_csv(evaluation):
     with (evaluation / "leaderboard.csv").open(newline="") as file:
         written = list(csv.DictReader(file))

@@ -1,20 +1,18 @@
 import json
 import re
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from handmade_evaluations import LIGHTS, make_evaluation, make_lens_path, make_records, make_sweep, make_thumbnails
+from handmade_evaluations import make_lens_path, make_records, make_sweep, make_thumbnails
 from handmade_records import failed, record
 from markupsafe import escape
-from refusals import refusal
 
 from saf_gen.benchmark.results import Evaluation, SequenceFailure
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.axes import MAX_SHOWN_BINS
 from saf_gen.leaderboard.report import write_report
-from saf_gen.leaderboard.report.choose_figures import MAX_SEARCHES, MAX_SEQUENCES, plot_figures
+from saf_gen.leaderboard.report.choose_figures import plot_figures
 from saf_gen.leaderboard.report.page import MAX_ANSWERS, build_page, choose_answers, list_selections
 from saf_gen.leaderboard.tables import ranking
 
@@ -100,15 +98,6 @@ def empty_figures(monkeypatch):
     monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.plot_to_svg", lambda *_, **__: "<svg></svg>")
 
 
-def test_a_report_is_a_page_and_its_figures(report):
-    folder, paths, _ = report
-    assert paths == [folder / "index.html", folder / "figures"]
-    names = {p.name for p in (folder / "figures").iterdir()}
-    assert {"curves-camel-constant.svg", "steps-camel-ramp.svg", "errors-fan_train.svg"} <= names
-    assert {"light-ratio-argmax.svg", "photon-budget-egs_code.svg"} <= names
-    assert all(name.endswith(".svg") for name in names)
-
-
 def test_the_page_asks_the_network_for_nothing(report):
     reader = read(report[2])
     for attrs in reader.of("img", "script", "iframe", "link", "use", "image", "source"):
@@ -167,43 +156,10 @@ def test_the_page_contains_the_table_the_columns_the_failures_and_the_digests(re
     for column in ranking(rows).shown:
         assert column.header in text
         assert escape(column.meaning) in text
+    some = next(row for row in rows if 0 < row.success_1dof < 1)
+    assert f"--lo:{some.success_1dof_low:.4g};--hi:{some.success_1dof_high:.4g}" in text
     assert "sha-camel-ramp" in text
     assert "<code>bad</code>: truncated" in text
-    assert "<code>sd+" in text.split('class="lead"')[1][:60]
-    assert "Each 95 % interval over 3 scenes holds alone" in text
-
-
-def test_the_page_opens_with_what_is_judged_and_what_a_depth_of_focus_is(report):
-    top = report[2].split("<header>")[1].split("</header>")[0]
-    order = ["What is judged.", "What is right.", 'class="lead"', '<figure id="depth-of-focus">', "<nav"]
-    assert [top.index(text) for text in order] == sorted(top.index(text) for text in order)
-    assert top.count("<image ") == 5  # what the camera saw at five distances
-    assert "a detail of the target as the camera saw it" in top
-    assert (report[0] / "figures/depth-of-focus.svg").is_file()
-
-
-@pytest.mark.usefixtures("drawn_figures")
-def test_without_pictures_the_opening_speaks_of_none(tmp_path):
-    made = Evaluation(make_evaluation().records[:2], (), ())
-    write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="small")
-    top = (tmp_path / "index.html").read_text(encoding="utf-8").split("</header>")[0]
-    assert '<figure id="depth-of-focus">' in top
-    assert "as the camera saw it" not in top
-
-
-def test_sweeps_come_before_the_tables_of_conditions(report):
-    sections = re.findall(r'<section id="([\w-]+)"', report[2])
-    assert sections == [
-        "leaderboard",
-        "compare",
-        "neighbours",
-        *(f"scene-{number}" for number in (1, 2, 3)),
-        "conditions",
-        "measures",
-        "methods",
-        "columns",
-        "data",
-    ]
 
 
 def test_each_measure_and_search_has_formula_source_and_code(report):
@@ -217,22 +173,6 @@ def test_each_measure_and_search_has_formula_source_and_code(report):
     assert "squared mean, V/ū²" in text
     assert '<a href="https://doi.org/10.1109/CVPR52733.2024.02363">doi:10.1109/CVPR52733.2024.02363</a>.' in text
     assert "class SpikeDispersion:" in text
-    codes = re.findall(r'class="code" id="code-\d+"><summary><code>(.*?)</code>', text)
-    assert codes.count("_counts.py") == 1  # though both measures use it
-
-
-def test_success_has_its_interval_drawn(report):
-    row = next(r for r in rank_methods(make_records()) if 0 < r.success_1dof < 1)
-    ends = f"--lo:{row.success_1dof_low:.4g};--hi:{row.success_1dof_high:.4g}"
-    assert ends in report[2]
-
-
-def test_every_condition_that_differs_has_a_table(report):
-    text = report[2].split('id="conditions"')[1].split('id="measures"')[0]
-    titles = re.findall("<h3>(.*?)</h3>", text)
-    assert titles[:4] == ["Light schedule", "Light ratio", "Scene motion", "Photon budget"]
-    assert {"Scene", "Against the light ratio", "Against the photon budget"} <= set(titles)
-    assert "Lens motion" not in titles  # the same for all sequences
 
 
 def test_a_sweep_with_pictures_can_be_looked_through(report):
@@ -259,7 +199,7 @@ def without_curves():
     return Evaluation(tuple(records), sweeps, ())
 
 
-@pytest.mark.usefixtures("drawn_figures")
+@pytest.mark.usefixtures("drawn_figures", "empty_figures")
 def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
     made = without_curves()
     write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="no argmax")
@@ -270,40 +210,8 @@ def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
     reader = read(text)
     assert viewer_data(reader)["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF")
     assert "<h3>Sweeps</h3>" in text
-    assert "No method computed a complete focus curve of these" in text
-    assert "Focus curves</h3>" not in text
     labels = [attrs["aria-label"] for attrs in reader.of("svg")]
     assert "Light and answers on camel-ramp, true focus at 0.375 of the travel" in labels
-
-
-@pytest.mark.usefixtures("empty_figures")
-def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
-    searches = [f"s{i}" for i in range(MAX_SEARCHES + 2)]
-    records = [
-        record(f"sd+{search}", f"camel-{light}", 0.1, light=light, light_ratio=ratio)
-        for search in searches
-        for light, ratio in LIGHTS.items()
-    ]
-    made = Evaluation(tuple(records), tuple(make_sweep(light) for light in LIGHTS), ())
-    monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 2)
-    drawn = plot_figures(made, rank_methods(records))
-    shown = [p for p in drawn if p.kind == "light-ratio"]
-    assert len(shown) == MAX_SEARCHES
-    note = f"Drawn: the first {MAX_SEARCHES} of {len(searches)} searches"
-    text = page_of(records, figures=drawn)
-    assert text.count(note) == 1
-    assert text.count("Drawn: 2 of the scene&#39;s 3 sequences.") == 1
-    few = [r for r in records if r.method == "sd+s0"]
-    text = page_of(few, figures=plot_figures(replace(made, records=tuple(few)), rank_methods(few)))
-    assert "Drawn: the first" not in text
-
-
-def test_ways_of_the_lens_come_in_the_leaderboards_order():
-    methods = ("sd+bad", "sd+good")
-    records = [record(m, "camel-constant", e, track="closed_loop") for m, e in zip(methods, (9.0, 0.0), strict=True)]
-    made = Evaluation(tuple(records), (), (), tuple(make_lens_path(m) for m in methods))
-    (lens,) = (p for p in plot_figures(made, rank_methods(records)) if p.kind == "lens")
-    assert lens.svg.index(">good<") < lens.svg.index(">bad<")
 
 
 def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(report):
@@ -324,17 +232,6 @@ def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(report):
     assert text.count("<tbody hidden>") == len(bodies) - 1
 
 
-def test_selections_are_the_bins_of_what_differs():
-    found = {}
-    for selection in list_selections(make_records()):
-        found.setdefault(selection.axis, {})[selection.name] = len(selection.sequences)
-    assert found["Split"] == {"test": 8, "train": 4}
-    assert found["Light schedule"] == {"constant": 3, "ramp": 6, "steps": 3}
-    assert found["Scene motion"] == {"dynamic": 3, "static": 9}
-    assert found["Scene"] == {"camel": 4, "fan": 4, "usaf": 4}
-    assert "Lens motion" not in found  # the same for all
-
-
 def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
     records = [record("a+s", f"s{i}", 0.1 * i, scene=f"s{i}") for i in range(MAX_ANSWERS + 5)]
     records[7] = failed("a+s", "s7", "failed", scene="s7", note="<late>")
@@ -345,20 +242,6 @@ def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
     assert rows[1][5:8] == ["10.40", "0.0", "105"]
     assert '<td><a href="records.jsonl">105</a></td>' in text
     assert f"The {MAX_ANSWERS} worst of {MAX_ANSWERS + 5} answers." in text
-
-
-def test_the_script_has_the_answers_of_every_record_the_worst_first():
-    records = make_records()
-    data = page_data(page_of(records))
-    assert len(data["answers"]) == len(records)
-    sizes = []
-    for method, sequence, status, _, _, error, _, line, note in data["answers"]:
-        answer = records[int(line) - 1]
-        assert (data["methods"][method], data["sequences"][sequence]) == (answer.method, answer.sequence)
-        assert (status, note) == (answer.status, answer.note)
-        assert error == ("–" if answer.error_dof is None else f"{answer.error_dof:.2f}")
-        sizes.append(float("inf") if answer.error_dof is None else abs(answer.error_dof))
-    assert sizes == sorted(sizes, reverse=True)
 
 
 def make_many(sequences, *, scenes=4):
@@ -384,11 +267,11 @@ def test_of_many_answers_the_page_holds_the_worst_and_those_of_sequences_spread_
 
 def test_neither_page_nor_figures_grow_with_the_sequences(monkeypatch):
     """With three times as many sequences only the digits of numbers may make the page longer, by a fiftieth."""
-    monkeypatch.setattr("saf_gen.leaderboard.figures.comparisons.MAX_MARKS", 100)
-    monkeypatch.setattr(choose_answers, "__kwdefaults__", {"max_answers": 200})
+    monkeypatch.setattr("saf_gen.leaderboard.figures.comparisons.MAX_MARKS", 50)
+    monkeypatch.setattr(choose_answers, "__kwdefaults__", {"max_answers": 100})
     sizes, svgs = [], []
-    for count in (600, 1_800):
-        records = make_many(count)
+    for count in (300, 900):
+        records = make_many(count, scenes=2)
         rows = rank_methods(records)
         drawn = plot_figures(Evaluation(tuple(records), (), ()), rows)
         sizes.append(len(page_of(records, figures=drawn)))
@@ -439,22 +322,18 @@ def test_text_from_files_cannot_break_the_page(tmp_path):
 
 
 @pytest.mark.usefixtures("empty_figures")
-def test_figures_whose_names_would_meet_are_files_of_their_own():
-    records = [record("sd+argmax", "camel-a b", 0.1), record("sd+argmax", "camel-a_b", 0.1)]
-    drawn = plot_figures(Evaluation(tuple(records), (make_sweep("a b"), make_sweep("a_b")), ()), rank_methods(records))
-    names = [p.name for p in drawn if p.kind == "curves"]
-    assert names == ["curves-camel-a_b", "curves-camel-a_b-2"]
-
-
-@pytest.mark.usefixtures("empty_figures")
-def test_of_many_sequences_some_of_every_scene_are_drawn(monkeypatch):
+def test_of_many_sequences_some_of_every_scene_are_drawn_and_names_that_would_meet_differ(monkeypatch):
     monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 4)
-    sweeps = tuple(make_sweep(light, scene=scene) for scene in ("camel", "fan") for light in ("a", "b", "c"))
+    sweeps = tuple(make_sweep(light, scene=scene) for scene in ("camel", "fan") for light in ("a b", "a_b", "c"))
     records = [record("sd+argmax", s.sequence, 0.1, scene=s.scene) for s in sweeps]
     drawn = plot_figures(Evaluation(tuple(records), sweeps, ()), rank_methods(records))
-    shown = [p.scene for p in drawn if p.kind == "curves"]
-    assert shown == ["camel (test)"] * 2 + ["fan (test)"] * 2
-    assert MAX_SEQUENCES >= 12
+    shown = [(p.scene, p.name) for p in drawn if p.kind == "curves"]
+    assert shown == [
+        ("camel (test)", "curves-camel-a_b"),
+        ("camel (test)", "curves-camel-a_b-2"),
+        ("fan (test)", "curves-fan-a_b"),
+        ("fan (test)", "curves-fan-c"),
+    ]
 
 
 @pytest.mark.usefixtures("drawn_figures")
@@ -488,14 +367,6 @@ def test_an_empty_evaluation_still_makes_a_page(tmp_path):
     assert "truncated" in text
 
 
-@pytest.mark.usefixtures("drawn_figures")
-def test_a_report_that_cannot_be_written_is_bad_input(tmp_path):
-    made = Evaluation(make_evaluation().records[:2], (), ())
-    (tmp_path / "figures").write_text("in the way")
-    error = refusal(write_report, tmp_path, evaluation=made, rows=rank_methods(made.records), title="small")
-    assert str(tmp_path / "figures") in str(error)
-
-
 def luminance(colour):
     parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
@@ -527,10 +398,3 @@ def test_the_lead_and_the_table_say_the_same_fraction():
     text = page_of(records)
     assert '<p class="lead"><code>m+s</code> leads: within one depth of focus on 63% of the scenes' in text
     assert table_rows(text, 'id="board"')[0][0].count("63%") >= 1
-
-
-def test_a_page_whose_methods_lead_together_names_four():
-    records = [record(f"m{i}+s", "x", 0.0) for i in range(6)]
-    text = page_of(records)
-    lead = re.sub("<.*?>", "", text.split('<p class="lead">')[1].split("</p>")[0])
-    assert lead.startswith("m0+s, m1+s, m2+s, m3+s and 2 more lead together: within one depth of focus on 100%")

@@ -14,9 +14,8 @@ from spreadsheets import HEADING, write_xlsx
 
 from saf_gen.benchmark import thumbnails
 from saf_gen.benchmark.records import read_records, write_records
-from saf_gen.benchmark.results import Evaluation
 from saf_gen.leaderboard.rank_agreement import compare_scores
-from saf_gen.leaderboard.saf import SafRanking, rank_on_saf, write_saf
+from saf_gen.leaderboard.saf import rank_on_saf
 from saf_gen.stream.interop import export_raw_frames
 from saf_gen.stream.stream_writer import write_stream
 
@@ -189,12 +188,6 @@ def test_a_stopped_ranking_goes_on(call, saf, tmp_path, monkeypatch):
         assert not (tmp_path / "ranking.json").exists()
     code, _, err = call(*command)
     assert (code, err) == (0, "3 recordings had been evaluated by a run that was stopped\n")
-
-
-def test_a_ranking_without_methods_is_written(tmp_path):
-    paths = write_saf(tmp_path, SafRanking((), (), (), (), {}, Evaluation((), (), ())))
-    assert all(path.is_file() for path in paths)
-    assert (tmp_path / "ranking.md").read_text().startswith("# 0 methods on 0 recordings of 0 scenes\n")
 
 
 def test_two_scenes_have_a_tau_and_no_interval():

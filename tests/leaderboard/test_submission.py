@@ -3,16 +3,14 @@
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from handmade_records import record
-from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
+from planted_sweeps import list_streams, write_sweep
 from refusals import refusal
 
 from saf_gen.benchmark.method_spec import TunedMethod, format_tuned
 from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.leaderboard.submission import check_submission, create_submission
-from saf_gen.stream.stream_writer import write_stream
 
 FILLED = {
     'title: ""': "title: Mean counts",
@@ -29,9 +27,8 @@ FILLED = {
 def dataset(tmp_path_factory):
     """One sweep of the split test."""
     folder = tmp_path_factory.mktemp("data")
-    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
-    write_stream(folder / "test/board.h5", make_spikes(300.0), focus_position=lens, truth=make_truth(300.0))
-    return list_streams(folder, {"id": "board", "scene": "board", "variant": 1, "light": "constant"})
+    write_sweep(folder / "test/board.h5", 300.0)
+    return list_streams(folder, {"id": "board"})
 
 
 @pytest.fixture

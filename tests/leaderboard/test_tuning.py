@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 
 import pytest
-from own_plugins import PARTS
 from planted_sweeps import list_streams, write_sweep
 from refusals import refusal
 
@@ -31,6 +30,7 @@ def test_variants_are_all_combinations_with_the_fixed_options():
     values = {"measure.highest": ["0.1", "0.2"], "search.window": ["50", "100", "200"]}
     found = expand_grid("cen+argmax", values)
     assert len(set(found)) == 6
+    assert expand_grid("sd+argmax:window=50@frame", {"search.window": ["100"]}) == ["sd+argmax:window=100@frame"]
     assert found[1] == "cen:highest=0.1+argmax:window=100"
 
 
@@ -107,15 +107,6 @@ def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
     }
 
 
-def test_constants_of_ones_own_part_are_found_too(tmp_path):
-    path = tmp_path / "parts_of_tune.py"
-    path.write_text(PARTS)
-    assert expand_grid(f"{path}:Range+argmax", {"measure.power": ["1", "2"]}) == [
-        f"{path}:Range:power=1+argmax",
-        f"{path}:Range:power=2+argmax",
-    ]
-
-
 def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
     tuned, _ = tune(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
     for name in ("a.json", "b.json"):
@@ -164,25 +155,11 @@ def test_a_missing_file_is_refused_with_the_nearest(tmp_path):
     assert error.nearest.endswith("mine.json")
 
 
-def test_the_command_line_tunes_and_says_what_is_next(call, dataset, tmp_path):
-    path = tmp_path / "found.json"
-    command = ("tune", dataset, "--method", "sd+argmax", "--out", path, "--try")
-    code, out, _ = call(*command, "search.window=100,200")
-    assert code == 0
-    assert "best: sd+argmax:window=200" in out
-    assert f"--method @{path}" in out
-    assert json.loads(path.read_text())["method"] == "sd+argmax:window=200"
-    code, _, err = call(*command, "search.window")
-    assert code == 2
-    assert "allowed: KEY=VALUE,VALUE" in err
-
-
-@pytest.mark.parametrize("method", ["sd+argmax@frame", "sd+argmax:window=50@frame"])
-def test_a_method_keeps_its_region(method):
-    assert expand_grid(method, {"search.window": ["100", "200"]}) == [
-        "sd+argmax:window=100@frame",
-        "sd+argmax:window=200@frame",
-    ]
+def test_options_without_values_are_refused_by_the_command(call, dataset, tmp_path):
+    """That it tunes, and what it says, is in tests/cli/test_splits.py."""
+    command = ("tune", dataset, "--method", "sd+argmax", "--out", tmp_path / "found.json", "--try", "search.window")
+    code, _, err = call(*command)
+    assert (code, "allowed: KEY=VALUE,VALUE" in err) == (2, True)
 
 
 def test_constants_of_a_file_may_look_elsewhere(dataset, tmp_path):
