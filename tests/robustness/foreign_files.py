@@ -68,6 +68,10 @@ def write_foreign(random: np.random.Generator, folder: Path) -> Foreign:
     frames = 8 * int(random.integers(9, 16))
     if container in ("416", "sps1000"):
         size = (250, 400) if container == "416" else (1000, 1000)
+        if (
+            content not in TEXTURED and container == "416"
+        ):  # the layout states its order, unless the picture shows the other
+            bits, order = "lsb", "little"
         spikes = draw_spikes(random, size, frames if container == "416" else 32, content)
         path = folder / "a.dat"
         {"416": write_416, "sps1000": write_sps1000}[container](path, spikes, bitorder=order)
@@ -97,7 +101,9 @@ def write_array(random: np.random.Generator, path: Path, spikes: np.ndarray, con
         axis = 0 if layout == "packed" else 2
         array = np.packbits(spikes, axis=axis, bitorder="little" if bits == "lsb" else "big")
         options["order"] = bits
-    axes = str(random.choice(["TYX", "YXT"]))
+    usual = "YXT" if path.suffix == ".mat" else "TYX"
+    # Values that show nothing are read in the usual order of axes: by convention, as the pages say, not by a guess.
+    axes = str(random.choice(["TYX", "YXT"])) if content in TEXTURED or layout != "frames" else usual
     if axes == "YXT":
         array = np.moveaxis(array, 0, 2)
     options["axes"] = axes

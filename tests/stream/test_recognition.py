@@ -36,14 +36,15 @@ RAW = {
     "dense, white noise": (write_dense, fire(make_picture(250, 400, smooth=0.01), 72), {}, "shows no layout"),
     "dense, dark at first": (write_dense, np.concatenate([DARK, CAMERA]), {}, "dense lsb"),
     "dense, too few frames": (write_dense, CAMERA[:8], {}, "shows no layout"),
-    "600x400": (write_dense, fire(make_picture(400, 600), 40), {}, "shows no layout"),
-    "500x200, as many bytes as 400x250": (write_dense, fire(make_picture(200, 500), 72), {}, "shows no layout"),
-    "200x500": (write_dense, fire(make_picture(500, 200), 72), {}, "shows no layout"),
-    "500x400, two to a frame": (write_dense, fire(make_picture(400, 500), 60), {}, "shows no layout"),
-    "400x500": (write_dense, fire(make_picture(500, 400), 60), {}, "shows no layout"),
-    "400x125, half a frame": (write_dense, fire(make_picture(125, 400), 144), {}, "shows no layout"),
-    "200x250": (write_dense, fire(make_picture(250, 200), 144), {}, "shows no layout"),
-    "448x256": (write_dense, fire(make_picture(256, 448), 72), {}, "fit no known layout"),
+    "600x400": (write_dense, fire(make_picture(400, 600), 40), {}, "dense lsb"),
+    "500x200, as many bytes as 400x250": (write_dense, fire(make_picture(200, 500), 72), {}, "dense lsb"),
+    "200x500": (write_dense, fire(make_picture(500, 200), 72), {}, "dense lsb"),
+    "500x400, two to a frame": (write_dense, fire(make_picture(400, 500), 60), {}, "dense lsb"),
+    "400x500": (write_dense, fire(make_picture(500, 400), 60), {}, "dense lsb"),
+    "400x125, half a frame": (write_dense, fire(make_picture(125, 400), 144), {}, "dense lsb"),
+    "200x250": (write_dense, fire(make_picture(250, 200), 144), {}, "dense lsb"),
+    "448x256, dark": (write_dense, np.zeros((72, 256, 448), np.uint8), {}, "fit no known layout"),
+    "448x256": (write_dense, fire(make_picture(256, 448), 72), {}, "dense lsb"),
 }
 
 
@@ -57,7 +58,9 @@ def test_a_raw_file_is_read_as_its_picture_shows_or_asked_about(tmp_path, write,
         return
     layout, order = recognise(tmp_path / "a.dat")
     assert f"{layout.name} {order}" == expected
-    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", layout=layout.name, order=order, flip=False)
+    assert (layout.rows, layout.columns) == spikes.shape[1:]
+    size = spikes.shape[1:]
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", layout=layout.name, size=size, order=order, flip=False)
     with open_stream(tmp_path / "a.h5") as stream:
         assert np.array_equal(stream.frames(0, len(spikes)), spikes)
 

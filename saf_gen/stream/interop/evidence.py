@@ -9,14 +9,23 @@ its last. Where nothing of this is seen, as in the dark, in uniform light or in 
 Spikes are bits of bytes here, the least significant bit first; *msb* means that the file has the other order.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 
 MIN_T = 6.0
 """Smallest ratio of a difference to its standard error that counts as evidence."""
+MIN_SIDE = 16
+"""Smallest number of rows and of columns that can show the size of a picture."""
 SIDE = 2
 """Distance, in pixels, up to which the best match of a row may lie beside the next row, as on slanted edges."""
 CYCLE = 6
 """Frames are counted modulo this number, so that a frame of half or a third of the true size is noticed."""
+MIN_FRAME_BITS = 256
+"""Smallest frame that is looked for in a file that states no size."""
+MIN_EXCLUSION = 50.0
+"""Smallest exclusion of two readouts, in standard deviations, that shows the size of a frame."""
 MAX_RATIO = 0.8
 """Largest frequency of two spikes in a row, relative to chance, that shows a row to be the train of one pixel."""
 KEPT_RATIO = 0.98
@@ -25,8 +34,38 @@ MIN_Z = 8.0
 """Smallest distance of that frequency from chance, in standard deviations."""
 
 
-def shows_size(counts: np.ndarray) -> bool:
-    """Return whether the counts of frames of one size look like one picture of that size.
+def frame_bits(segments: Iterable[np.ndarray]) -> int | None:
+    """Return the number of bits after which the trains of a file go on, the size of a frame; None if none is shown.
+
+    Two readouts of a pixel in a row exclude each other more than any other two bits of the file.
+
+    Parameters
+    ----------
+    segments : iterable of ndarray of uint8
+        Pieces of the file of equal length, each of at least two frames.
+    """
+    total, weight = np.zeros(0), 0
+    for segment in segments:
+        bit = np.unpackbits(segment).astype(np.float32)
+        bit -= bit.mean()
+        if not bit.any():
+            continue
+        padded = next_fast_len(2 * bit.size, real=True)
+        power = irfft(np.square(np.abs(rfft(bit, padded))), padded)[: bit.size // 2]
+        match = power / power[0] / (1 - np.arange(power.size) / bit.size)
+        total, weight = match if not weight else total + match, weight + bit.size
+    if total.size <= MIN_FRAME_BITS:
+        return None
+    total /= weight / (2 * total.size)
+    lowest = total[MIN_FRAME_BITS:].min()
+    if lowest > -MIN_EXCLUSION / np.sqrt(weight):
+        return None
+    # A pixel that fires seldom excludes several readouts alike; the first of them is the next frame.
+    return MIN_FRAME_BITS + int(np.argmax(total[MIN_FRAME_BITS:] < 0.7 * lowest))
+
+
+def row_match(counts: np.ndarray) -> float:
+    """Return how well neighbouring rows match, 0...1, if counts look like a picture of their size, and 0 if not.
 
     Parameters
     ----------
@@ -36,13 +75,13 @@ def shows_size(counts: np.ndarray) -> bool:
 
     Returns
     -------
-    bool
-        True if the halves agree best where they lie on each other, and, among shifts by 0.6 to 1.4 rows along the file,
-        best within SIDE pixels of one row, both beyond chance; and if the picture is in every frame.
+    float
+        Above 0 if the halves agree best where they lie on each other, and, among shifts by 0.6 to 1.4 rows along the
+        file, best within SIDE pixels of one row, both beyond chance; and if the picture is in every frame.
     """
     height, width = counts.shape[2:]
-    if height < 4 or width < 8:
-        return False
+    if height < MIN_SIDE or width < MIN_SIDE:
+        return 0.0
     size = height * width
     match = _correlation(*counts.sum(axis=1))
     noise = MIN_T / np.sqrt(size)
@@ -52,18 +91,18 @@ def shows_size(counts: np.ndarray) -> bool:
     # The counts of one pixel in two halves exclude each other a little, so its neighbours in the row help.
     same = match[[-1, 0, 1]].max()
     if same < max(match.max() - noise, noise) or row < others.max() or row - np.median(others) < noise:
-        return False
+        return 0.0
     peaks = others[1:-1][(others[1:-1] > others[:-2]) & (others[1:-1] > others[2:])]
     if row - peaks.max(initial=-1.0) < noise / 2:  # another width would do nearly as well
-        return False
+        return 0.0
     beside = _covariance(*[counts.sum(axis=(0, 1))] * 2)[1]
     for parts in (2, 3):
         if match[size // parts] > 0.8 * same or _is_peak(match, round(width / parts), above=row):
-            return False  # the frame, or the row, holds the same several times: it is smaller
+            return 0.0  # the frame, or the row, holds the same several times: it is smaller
         by_frame = counts.reshape(2 * CYCLE // parts, parts, size).sum(axis=0)
         if _covariance(*by_frame[:2])[1] * parts**2 < 0.5 * beside:
-            return False  # frames in turn show different parts of a larger one
-    return True
+            return 0.0  # frames in turn show different parts of a larger one
+    return float(row)
 
 
 def _covariance(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -99,7 +138,7 @@ def bit_order(counts: np.ndarray, pixel_bits: np.ndarray) -> str | None:
     at = pixel_bits[rows, columns]
     c = np.asarray(counts, np.float64)
     gain = (c[at - 7] - c[at + 8]) ** 2 - (c[at] - c[at + 1]) ** 2
-    return _sign_to_order(gain, groups=rows // 8)
+    return _sign_to_order(gain, groups=rows // max(len(pixel_bits) // 32, 2))
 
 
 def _sign_to_order(gain: np.ndarray, *, groups: np.ndarray) -> str | None:

@@ -19,7 +19,7 @@ import numpy as np
 from saf_gen.core import bits
 from saf_gen.core.files import atomic_file, name_as_text
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.interop.evidence import CYCLE, bit_order, shows_size
+from saf_gen.stream.interop.evidence import CYCLE, bit_order, frame_bits, row_match
 from saf_gen.stream.metadata import MAX_PIXELS, metadata_from_options
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter
@@ -88,6 +88,8 @@ BIT_ORDERS = ("lsb", "msb")
 """Orders of the pixels in a byte: the first in the least or in the most significant bit."""
 
 _SAMPLED_BLOCKS, _SAMPLED_FRAMES = 12, 96  # examined for evidence; a block is two halves of whole cycles
+_SEGMENTS, _SEGMENT_BYTES = 4, (1 << 18, 1 << 20)  # in which the size of a frame is looked for
+MIN_LEAD = 0.01  # by which the rows of one size match better than those of another
 _GAP_SPIKES = 500  # spikes in a file without which empty gaps say nothing: 2 of 52 bytes would escape all of them
 _CONTAINERS = {
     b"\x89HDF": "an HDF5 file", b"\x93NUMPY": "a .npy file", b"PK\x03\x04": "a zip or .npz file",
@@ -125,8 +127,8 @@ def recognise(
 
     The length of a file shows nothing, since many sizes have the same length. Layout 416 is shown by its gaps, if they
     are empty throughout the file; its bits are then in the usual order, unless the picture shows the opposite. Other
-    layouts are shown by :func:`saf_gen.stream.interop.evidence.shows_size`, and the order of bits by
-    :func:`saf_gen.stream.interop.evidence.bit_order`.
+    layouts, and frames without gaps of any size, are shown by :func:`saf_gen.stream.interop.evidence.row_match`, and
+    the order of bits by :func:`saf_gen.stream.interop.evidence.bit_order`.
 
     Parameters
     ----------
@@ -165,27 +167,54 @@ def recognise(
             raise BadInput(f"the bits of a byte {found}", where=str(source), allowed="--bits lsb or --bits msb")
         return known, "lsb" if shown is None else shown
     fitting = [of for of in RAW_LAYOUTS.values() if file_size % of.frame_bytes == 0]
+    gaps = [of for of in fitting if of.name == "416" and _has_empty_gaps(path, of)]
+    alike = gaps or [of for of in fitting if _match(_sample(path, of), of)] or _find_sizes(path)
+    its_order = order or (_shown_order(path, alike[0]) if len(alike) == 1 else None) or ("lsb" if gaps else None)
+    if len(alike) == 1 and its_order is not None:
+        return alike[0], its_order
+    if len(alike) == 1:
+        raise BadInput(
+            f"looks like frames of {alike[0].columns}x{alike[0].rows}, but shows no order of bits",
+            where=str(source),
+            allowed="--bits lsb or --bits msb",
+        )
     if not fitting:
         each = ", ".join(f"{of.frame_bytes} bytes ({of.name}, {of.columns}x{of.rows})" for of in RAW_LAYOUTS.values())
         raise BadInput(
             f"its {file_size} bytes fit no known layout", where=str(source), allowed=f"whole frames of {each}",
             hint="state the size of a frame without gaps, as in --size 600x400, or look for a header or a lost end",
         )  # fmt: skip
-    gaps = [of for of in fitting if of.name == "416" and _has_empty_gaps(path, of)]
-    alike = gaps or [of for of in fitting if shows_size(_sample(path, of)[..., of.plane])]
-    its_order = order or (_shown_order(path, alike[0]) if len(alike) == 1 else None) or ("lsb" if gaps else None)
-    if len(alike) == 1 and its_order is not None:
-        return alike[0], its_order
     named = " or ".join(
         f"--layout {of.name} ({file_size // of.frame_bytes} frames of {of.columns}x{of.rows})" for of in fitting
     )
-    seen = f"looks like layout {alike[0].name}, but shows no order of bits" if len(alike) == 1 else "shows no layout"
     raise BadInput(
-        f"{seen}; its length of {file_size} bytes proves nothing",
+        f"shows no layout; its length of {file_size} bytes proves nothing",
         where=str(source),
         allowed="a picture that shows how it is stored, or options that say it",
         hint=f"add {named}, or the size of a frame without gaps, as in --size 600x400 --bits lsb",
     )
+
+
+def _find_sizes(path: Path) -> list[RawLayout]:
+    """Return the sizes of frames without gaps that a file shows: one, if the evidence is clear."""
+    size = path.stat().st_size
+    for length in _SEGMENT_BYTES:
+        segment = min(length, size)
+        starts = sorted({n * (size - segment) // (_SEGMENTS - 1) for n in range(_SEGMENTS)})
+        found = frame_bits(np.fromfile(path, np.uint8, segment, offset=first) for first in starts)
+        if found is not None and found % 8 == 0 and 8 * size % found == 0 and found <= MAX_PIXELS:
+            counts = _sample(path, dense_layout(1, found))
+            widths = (width for width in range(8, found // 8 + 1) if found % width == 0)
+            layouts = [dense_layout(found // width, width) for width in widths]
+            matches = sorted(((_match(counts, of), of.columns, of) for of in layouts), reverse=True)
+            clear = [of for match, _, of in matches if match > max(0.0, matches[0][0] - MIN_LEAD)]
+            return clear
+    return []
+
+
+def _match(counts: np.ndarray, of: RawLayout) -> float:
+    """Return how well the counts of each bit look like a picture of this layout, in either order of bits; 0 if not."""
+    return max(row_match(counts[..., of.plane]), row_match(counts[..., of.plane ^ 7]))
 
 
 def _sample(path: Path, of: RawLayout) -> np.ndarray:

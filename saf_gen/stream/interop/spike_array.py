@@ -137,6 +137,11 @@ def _find_reading(
     blocks = _sample(array)
     is_bytes = array.dtype == np.uint8
     values = {int(value) for block in blocks for value in np.unique(block)} - {0} if is_bytes else set()
+    if layout is None and is_bytes and not values:
+        raise BadInput(
+            "has no spike, which does not show whether a byte is one readout", where=where, allowed="--layout",
+            hint="add --layout frames (one value per readout) or --layout packed (eight frames a byte)",
+        )  # fmt: skip
     if layout is None and (values <= {1} or values == {255}):
         layout = "frames"
     if layout is None and len(values) == 1:
@@ -167,10 +172,14 @@ def _find_reading(
 
 
 def _sample(array: SlicedArray) -> list[np.ndarray]:
-    """Return blocks from the beginning and from the middle of an array."""
+    """Return blocks from the beginning and from the middle of an array, or the first block that has a spike."""
     slices = max(min(SAMPLED_SLICES, SAMPLE_BYTES // max(prod(array.shape[1:]) * array.dtype.itemsize, 1)), 1)
     starts = sorted({0, max((array.shape[0] - slices) // 2, 0)})
-    return [np.asarray(array[slice(first, first + slices)]) for first in starts]
+    blocks = [np.asarray(array[slice(first, first + slices)]) for first in starts]
+    if any(block.any() for block in blocks):
+        return blocks
+    every = (np.asarray(array[slice(first, first + slices)]) for first in range(0, array.shape[0], slices))
+    return [next((block for block in every if block.any()), blocks[0])]
 
 
 def _find_axes(blocks: list[np.ndarray], shape: tuple[int, ...], *, name_axes: Callable[[int], str], where: str) -> str:
@@ -181,7 +190,7 @@ def _find_axes(blocks: list[np.ndarray], shape: tuple[int, ...], *, name_axes: C
         return name_axes(shown.pop())
     kept = {evidence.persistent_axis(block) for block in spikes}
     suspect = kept.pop() if len(kept) == 1 else None
-    if suspect is None and shape[2] > 2 * shape[0] and shape[1:] not in KNOWN_SIZES:
+    if suspect is None and shape[1:] not in KNOWN_SIZES and (shape[2] > 2 * shape[0] or shape[:2] in KNOWN_SIZES):
         suspect = 2
     if 0 in shown or not suspect or shape[0] >= LONG * shape[suspect]:
         return "TYX"
