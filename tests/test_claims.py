@@ -154,7 +154,7 @@ def test_predictions_of_a_program_in_c_go_through(tmp_path):
     for name in ("one", "two"):
         write_stream(
             tmp_path / "d" / "test" / f"{name}.h5",
-            np.zeros((200, 8, 8), np.uint8),
+            np.eye(8, dtype=np.uint8)[None].repeat(200, axis=0),
             focus_position=np.linspace(0, 1, 200, dtype=np.float32),
             truth=Truth(position=0.5, depth_of_focus=(0.45, 0.55), frame=99.5),
         )

@@ -257,7 +257,8 @@ def test_an_imported_file_is_exported_as_it_was(call, tmp_path):
 
 def test_import_follows_its_options_frames_and_rate(call, tmp_path):
     (tmp_path / "a.dat").write_bytes(bytes(3 * 13_000))
-    code, _, _ = call("import", tmp_path / "a.dat", "--out", tmp_path / "a.h5", "--frames", 2, "--rate", 1000)
+    options = ("--layout", "416", "--frames", 2, "--rate", 1000)
+    code, _, _ = call("import", tmp_path / "a.dat", "--out", tmp_path / "a.h5", *options)
     assert code == 0
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
         assert (stream.shape[0], stream.readout_hz) == (2, 1000)
@@ -418,14 +419,14 @@ WRONG = {
         "score STREAM --measure sd --window 9 --out TEXT/x.csv",
         "cannot be written | another folder",
     ),
-    "file of another layout": ("import TEXT --out OUT", "13000 | 416 | no known layout | truncated"),
+    "file of another layout": ("import TEXT --out OUT", "13000 | 416 | no known layout | lost end"),
     "unknown layout": ("import TEXT --out OUT --layout 4l6", "'4l6' | dense | did you mean '416'?"),
     "foreign file that is nowhere": ("import FOLDER/a.dat --out OUT", "a.dat | cannot be read"),
     "foreign folder": ("import FOLDER --out OUT", "is a folder | file of raw frames"),
-    "import below a file": ("import FRAME --out TEXT/a.h5", "cannot be written | another folder"),
-    "import of too many frames": ("import FRAME --out OUT --frames 2", "2 frames | 1 to 1"),
-    "import at no rate": ("import FRAME --out OUT --rate 0", "readout_hz is 0 | above 0"),
-    "export of another size": ("export STREAM --out OUT", "40 x 64 | 250 x 400"),
+    "import below a file": ("import FRAME --out TEXT/a.h5 --layout 416", "cannot be written | another folder"),
+    "import of too many frames": ("import FRAME --out OUT --layout 416 --frames 2", "2 frames | 1 to 1"),
+    "import at no rate": ("import FRAME --out OUT --layout 416 --rate 0", "readout_hz is 0 | above 0"),
+    "export of another size": ("export STREAM --out OUT --layout 416", "40 x 64 | 250 x 400 | dense takes any size"),
 }
 
 
@@ -537,10 +538,10 @@ def test_a_truncated_manifest_is_one_line_with_how_to_go_on(refused, call, copy,
 def test_a_file_is_not_imported_or_exported_onto_itself(refused, call, tmp_path):
     path = tmp_path / "a.dat"
     path.write_bytes(bytes(13_000))
-    refused("import", path, "--out", path)
+    refused("import", path, "--layout", "416", "--out", path)
     assert path.read_bytes() == bytes(13_000)
     stream = tmp_path / "a.h5"
-    assert call("import", path, "--out", stream)[0] == 0
+    assert call("import", path, "--layout", "416", "--out", stream)[0] == 0
     before = stream.read_bytes()
     refused("export", stream, "--out", stream)
     assert stream.read_bytes() == before

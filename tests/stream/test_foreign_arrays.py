@@ -121,7 +121,7 @@ def write_links(path):
         ("a.mat", lambda p: p.write_bytes(b"no MATLAB" * 40), "cannot be read"),
         ("a.mat", write_links, "has no arrays of three axes"),
         ("a.mat", write_unlikely_storage, "has no arrays of three axes"),
-        ("a.npy", lambda p: np.save(p, np.zeros((1, 4_097, 4_096), np.uint8)), "axis 2, counted from 0, may be time"),
+        ("a.npy", lambda p: np.save(p, np.zeros((1, 4_097, 4_096), bool)), "axis 2, counted from 0, may be time"),
         ("a.npy", lambda p: np.save(p, SPIKES[0]), "the array is uint8 (5, 6)"),
         ("a.npy", lambda p: np.save(p, np.ones((4, 5, 6), complex)), "complex128"),
         ("a.npy", lambda p: np.save(p, SPIKES * 0.5), "holds 0.5 in frame 0 or a later one"),
@@ -149,7 +149,7 @@ def test_an_option_that_does_not_fit_is_one_line(tmp_path, call):
         assert (code, message in err) == (2, True), err
     # A byte above 1 after the inspected slices: these are frames, but with an invalid value.
     late = np.zeros((300, 2, 2), np.uint8)
-    late[299] = 9
+    late[0], late[299] = 1, 9
     np.save(tmp_path / "late.npy", late)
     assert_says(refusal(SpikeArray(tmp_path / "late.npy").frames, 0, 300), "holds 9 | --layout packed")
 

@@ -187,7 +187,7 @@ def test_a_folder_is_indexed_once_with_splits_and_names(tmp_path):
 def test_a_name_that_is_no_utf_8_is_written_as_escapes(tmp_path, call):
     """Such names come from cameras and archives of other systems; a file cannot store them unchanged."""
     recorded, made = tmp_path / os.fsdecode(b"\xff\x1b.npy"), tmp_path / os.fsdecode(b"made\xfe.h5")
-    np.save(recorded, np.zeros((16, 8, 8), np.uint8))
+    np.save(recorded, np.zeros((16, 8, 8), bool))
     code, out, err = call("import", recorded, "--out", made)
     assert (code, err) == (0, "")
     assert "\x1b" not in out

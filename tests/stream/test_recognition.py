@@ -191,6 +191,14 @@ UNCLEAR = {
     "numpy's order, stated as usual": (NUMPY_ORDER, {"layout": "packed", "order": "lsb"}, LSB),
     "numpy's order, packed": (NUMPY_ORDER, {"layout": "packed"}, MSB),
     "0 and 7": (SMALL * 7, {}, None),
+    "bytes without a spike": (SMALL * 0, {}, None),
+    "bytes without a spike, stated": (SMALL * 0, {"layout": "frames"}, "frames, axes TYX"),
+    "bool without a spike": (np.zeros((320, 40, 64), bool), {}, "frames, axes TYX"),
+    "dark in all blocks but one": (
+        np.concatenate([SMALL[:8] * 0] * 70 + [SMALL * 255]),
+        {},
+        "frames, axes TYX, spikes are 255",
+    ),
 }
 
 

@@ -76,7 +76,8 @@ def evaluate_policy(
         sequence = inner.load_sequence(task)
         with open_stream(task.path) as stream:
             counts = WindowCounts(stream, region=sequence.box)
-            rate, blank = measure_rate(counts), find_blank(counts)
+            rate = measure_rate(counts)
+            blank = find_blank(counts, rate)
             budget = inner.protocol.count_frames(sequence.capture)[0]
             common = describe_sequence(task, stream, rate=rate, blank=blank, track="closed_loop", frames=budget)
         run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)

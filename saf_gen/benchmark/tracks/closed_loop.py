@@ -349,7 +349,8 @@ def evaluate_closed_loop(
     with open_stream(task.path) as stream:
         sequence = ClosedLoopSequence.from_stream(task, stream, region=region)
         counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
-        rate, blank = measure_rate(counts), find_blank(counts)
+        rate = measure_rate(counts)
+        blank = find_blank(counts, rate)
         budget = protocol.count_frames(sequence.capture)[0]
         common = describe_sequence(task, stream, rate=rate, blank=blank, track="closed_loop", frames=budget)
         if sequence.capture.truth.track is None:  # in a moving scene, the recording has other slices

@@ -96,7 +96,9 @@ def evaluate_recorded(
         if rate_region != region:
             common_counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
             common_rate = measure_rate(common_counts)
-        common = describe_sequence(task, stream, rate=common_rate, blank=find_blank(common_counts), track="recorded")
+        common = describe_sequence(
+            task, stream, rate=common_rate, blank=find_blank(common_counts, common_rate), track="recorded"
+        )
         for done, method in enumerate(methods, start=1):
             view = RecordingView(counts, method.measure)
             attempt = _run_method(method, view, stream_path=str(stream.path))

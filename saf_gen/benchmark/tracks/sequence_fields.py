@@ -42,8 +42,13 @@ def measure_rate(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
     return first + (window - 1) / 2, rate
 
 
-def find_blank(counts: WindowCounts) -> Blank | None:
-    """Return what makes a recording blank if every readout of every pixel is the same, else None."""
+def find_blank(counts: WindowCounts, rate: tuple[np.ndarray, np.ndarray]) -> Blank | None:
+    """Return what makes a recording blank if every readout of every pixel is the same, else None.
+
+    ``rate`` is the result of measure_rate, whose blocks leave out a few frames at the end; these are read if needed.
+    """
+    if np.ptp(rate[1]) or rate[1][0] not in (0.0, 1.0):
+        return None
     spikes = int(counts.window(0, counts.frames).sum(dtype=np.int64))
     if spikes == 0:
         return "no spikes"

@@ -16,6 +16,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 MIN_T = 6.0
 """Smallest ratio of a difference to its standard error that counts as evidence."""
+BEFORE, AFTER = slice(None, -1), slice(1, None)
 MIN_SIDE = 16
 """Smallest number of rows and of columns that can show the size of a picture."""
 SIDE = 2
@@ -160,7 +161,7 @@ def time_axes(spikes: np.ndarray) -> list[int]:
         0 and 1; the first three axes are examined.
     """
     sparse = _sparse(spikes)
-    pairs = (_along(sparse, axis, slice(None, -1)) & _along(sparse, axis, slice(1, None)) for axis in range(3))
+    pairs = (_along(sparse, axis, span=BEFORE) & _along(sparse, axis, span=AFTER) for axis in range(3))
     return [axis for axis, both in enumerate(pairs) if _rarer(both, _chance(sparse, (axis,)))]
 
 
@@ -191,7 +192,7 @@ def time_packing(planes: np.ndarray) -> list[tuple[int, str]]:
         if not _rarer(pairs, chance):
             continue
         for order, (last, first) in {"lsb": (7, 0), "msb": (0, 7)}.items():
-            before, after = _along(bit[..., last], axis, slice(None, -1)), _along(bit[..., first], axis, slice(1, None))
+            before, after = _along(bit[..., last], axis, span=BEFORE), _along(bit[..., first], axis, span=AFTER)
             if _rarer(before & after, chance):
                 found.append((axis, order))
     return found
@@ -231,7 +232,7 @@ def _sparse(spikes: np.ndarray) -> np.ndarray:
     return spikes if 2 * np.count_nonzero(spikes) <= spikes.size else 1 - spikes
 
 
-def _along(array: np.ndarray, axis: int, span: slice) -> np.ndarray:
+def _along(array: np.ndarray, axis: int, *, span: slice) -> np.ndarray:
     return array[(slice(None),) * axis + (span,)]
 
 
