@@ -246,6 +246,8 @@ def encode_command(
     encode_pictures(plan, target, seed=seed, **fields)
     values = "linear light" if linear else "sRGB decoded"
     _print_written_stream(target, f"from {plan.count} pictures at {plan.rate_hz:g} Hz, {values}")
+    if source.order:
+        out.print(f"in this order: {source.order}", soft_wrap=True, markup=False)
 
 
 def export_command(

@@ -1,6 +1,8 @@
 """Pictures of other cameras become spikes: linear light, independent of the file format, and read in parts."""
 
+import struct
 import sys
+import zlib
 from importlib.machinery import ModuleSpec
 from itertools import pairwise
 from types import ModuleType
@@ -210,3 +212,125 @@ def test_a_video_without_its_package_says_what_to_install(tmp_path):
         pytest.skip("imageio-ffmpeg is installed")
     (tmp_path / "clip.mp4").write_bytes(b"video")
     assert refusal(open_pictures, tmp_path / "clip.mp4").hint == "pip install 'saf-gen[video]'"
+
+
+# Pictures of others: their order, pages and time.
+
+NAMES = {
+    "numbers": ["frame_9", "frame_10", "frame_11"],
+    "signs": ["z_-3", "z_-2", "z_-1", "z_0", "z_1", "z_3"],
+    "signs at the beginning": ["-3", "-2", "0", "+1", "2"],
+    "decimals": ["z_0.1", "z_0.15", "z_0.3", "z_1.0"],
+    "signed decimals": ["um=-1.5", "um=-0.5", "um=0.25", "um=10.0"],
+    "hyphens between": ["scene-1", "scene-2", "scene-10"],
+    "hyphens after a digit": ["2024-01-02", "2024-01-10", "2024-11-02"],
+    "versions": ["v1.2.9", "v1.2.10", "v1.10.1"],
+    "two numbers": ["a1_b2", "a1_b10", "a2_b1"],
+    "zeros": ["img001", "img002", "img010"],
+}
+
+
+@pytest.mark.parametrize("names", NAMES.values(), ids=NAMES)
+def test_pictures_of_a_folder_follow_the_numbers_in_their_names(tmp_path, call, names):
+    for level, name in sorted((level, name) for level, name in enumerate(names)):
+        Image.fromarray(np.full((8, 8), 10 + level, np.uint8)).save(tmp_path / f"{name}.png")
+    levels = [round(float(light[0, 0]) * 255) for light in open_pictures(tmp_path, linear=True)]
+    assert levels == list(range(10, 10 + len(names)))
+    _, out, _ = call("encode", tmp_path, "--rate", 2000, "--linear", "--out", tmp_path / "a.h5")
+    assert f"in this order: {names[0]}.png, {names[1]}.png" in out
+
+
+def save_pages(path, levels, **options):
+    pages = [Image.fromarray(np.full((8, 10), level, np.uint8)) for level in levels]
+    pages[0].save(path, save_all=True, append_images=pages[1:], **options)
+
+
+@pytest.mark.parametrize("ending", ["tif", "webp", "gif"])
+def test_every_page_of_a_file_is_a_picture(tmp_path, ending):
+    """WebP is saved without loss; each page of a TIFF has no time, those of the others last 20 ms."""
+    options = {"tif": {}, "webp": {"lossless": True, "duration": 20}, "gif": {"duration": 20}}[ending]
+    save_pages(tmp_path / f"a.{ending}", [50, 100, 150, 200], **options)
+    pictures = open_pictures(tmp_path / f"a.{ending}", linear=True)
+    assert [round(float(light.mean()) * 255) for light in pictures] == [50, 100, 150, 200]
+    assert pictures.rate_hz == (None if ending == "tif" else 50)
+
+
+def test_pages_that_last_for_different_times_are_refused(tmp_path):
+    save_pages(tmp_path / "a.gif", [50, 100, 150], duration=[20, 20, 500])
+    assert_says(refusal(open_pictures, tmp_path / "a.gif"), "20 to 500 ms | --rate HZ")
+
+
+def test_a_photograph_that_lies_on_its_side_is_turned_upright(tmp_path):
+    values = np.arange(80, dtype=np.uint8).reshape(8, 10)
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turn by 90 degrees clockwise to see it
+    Image.fromarray(values).save(tmp_path / "a.png", exif=exif)
+    (light,) = open_pictures(tmp_path / "a.png", linear=True)
+    assert np.array_equal(np.rint(light * 255), np.rot90(values, -1))
+
+
+def write_png(path, values):
+    """A PNG of 16 bits per channel, which Pillow cannot write in colour."""
+    height, width, channels = values.shape
+    kind = {1: 0, 2: 4, 3: 2, 4: 6}[channels]
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in values)
+
+    def chunk(name, data):
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 16, kind, 0, 0, 0))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_bits_that_would_be_lost_are_refused(tmp_path, channels):
+    values = np.random.default_rng(1).integers(0, 1 << 16, (8, 10, channels), np.uint16)
+    write_png(tmp_path / "a.png", values)
+    if channels == 1:
+        (light,) = open_pictures(tmp_path / "a.png", linear=True)
+        assert np.array_equal(np.rint(light * 65535), values[:, :, 0])
+    else:
+        assert "16 bits per colour" in refusal(open_pictures, tmp_path / "a.png").problem
+
+
+def test_a_file_of_exr_is_refused_rather_than_clipped(tmp_path):
+    (tmp_path / "a.exr").write_bytes(b"v/1\x01")
+    assert_says(refusal(open_pictures, tmp_path / "a.exr", linear=True), "OpenEXR | .npy | --linear")
+
+
+RATES = [15_000.0, 23_976.0, 30_000.0, 40_000.0, 60_000.0, 70_001.0, 200_000.0, 9_999.5]
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_pictures_faster_than_readouts_are_integrated(tmp_path, rate):
+    """Every other picture is black: whatever the readouts meet, half of the light arrives, to one spike in 100."""
+    light = np.zeros((int(rate / 40), 4, 6), np.float32)
+    light[::2] = 2.0
+    rates, _ = encode_array(tmp_path, light, rate_hz=rate, mean_rate=0.2)
+    assert rates.mean() == pytest.approx(0.2, rel=0.01)
+
+
+@pytest.mark.parametrize("rate", [13_000.0, 40_000.0, 200_000.0])
+def test_a_flash_of_one_picture_keeps_its_light(tmp_path, rate):
+    """One picture of 200 times the light is a triangle of its area; it adds 200 / pictures per readout spikes."""
+    pictures = int(rate / 40)
+    light = np.full((pictures, 4, 6), 0.1, np.float32)
+    light[pictures // 2] = 20.0
+    np.save(tmp_path / "in.npy", light)
+    plan = prepare_pictures(open_pictures(tmp_path / "in.npy", linear=True), IDEAL, rate_hz=rate, mean_rate=0.1)
+    area = sum(float(knots[n].mean()) for knots, index, _ in module._integrated(plan) for n in index)
+    exact = np.trapezoid(light.mean(axis=(1, 2)), dx=plan.readouts_per_picture)
+    assert area == pytest.approx(exact, rel=2e-3)  # less than one readout is left out at the end
+
+
+def test_the_integral_is_that_of_a_fine_sum(tmp_path):
+    """A slow twin: the light of each readout as the mean of 2,000 samples of the interpolated pictures."""
+    light = np.random.default_rng(2).random((40, 3, 4)).astype(np.float32)
+    np.save(tmp_path / "in.npy", light)
+    for rate in (7_777.0, 33_333.0, 123_456.0):
+        plan = prepare_pictures(open_pictures(tmp_path / "in.npy", linear=True), IDEAL, rate_hz=rate)
+        found = np.concatenate([np.stack([knots[n] for n in index]) for knots, index, _ in module._integrated(plan)])
+        at = (np.arange(plan.frames)[:, None] + (np.arange(2000) + 0.5) / 2000) * rate / 20_000
+        for y, x in ((0, 0), (2, 3)):
+            expected = np.interp(at, np.arange(40), light[:, y, x]).mean(axis=1)
+            assert found[:, y, x] == pytest.approx(expected, abs=2e-5)

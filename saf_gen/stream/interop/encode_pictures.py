@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from json import dumps
-from math import floor, prod
+from math import ceil, floor, prod
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,12 @@ class PictureEncoding:
     def readouts_per_picture(self) -> float:
         """Readouts between two pictures."""
         return self.sensor.readout_hz / self.rate_hz
+
+    @property
+    def integrates(self) -> bool:
+        """Whether readouts collect an integral, because the middle of a readout does not stand for all of it."""
+        pace = self.readouts_per_picture
+        return self.count > 1 and pace < SLOW_READOUTS and not float(pace).is_integer()
 
 
 def prepare_pictures(
@@ -128,9 +134,10 @@ def prepare_pictures(
 def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed: int = 0, **optional: Any) -> str:
     """Write the spikes of pictures as the stream file ``out`` and return its ``content_sha256``.
 
-    Picture k is the light at the time k/rate_hz. Between two pictures the light changes linearly, and each readout
-    collects the light of its middle. The use of memory does not grow with the number of pictures. ``optional`` are
-    fields of :class:`Metadata` other than the provenance.
+    Picture k is the light at the time k/rate_hz, and between two pictures the light changes linearly. Each readout
+    collects the light of its middle; if there are fewer than SLOW_READOUTS readouts per picture, and not a whole
+    number, it collects the exact integral, so that no light falls between two readouts. The use of memory does not grow
+    with the number of pictures. ``optional`` are fields of :class:`Metadata` other than the provenance.
 
     Raises BadInput if a picture differs in size from the first, has values that are not allowed, or is missing.
     """
@@ -143,7 +150,7 @@ def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed:
     encoder = Encoder(plan.sensor, plan.pictures.shape, seed=seed)
     shape, readout_hz = (plan.frames, *plan.pictures.shape), plan.sensor.readout_hz
     with StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer:
-        for knots, index, fraction in _blocks(plan):
+        for knots, index, fraction in _integrated(plan) if plan.integrates else _blocks(plan):
             stack = (np.stack(knots)[None] * np.float32(plan.scale)).astype(np.float32, copy=False)
             gain = np.ones((len(index), 1), np.float32)
             writer.write(encoder.encode(stack, index=index, fraction=fraction, gain=gain))
@@ -173,3 +180,39 @@ def _blocks(plan: PictureEncoding) -> Iterator[tuple[list[np.ndarray], np.ndarra
             if number >= first[0]:
                 held.append((number, light))
         yield [light for _, light in held], first - held[0][0], at - first
+
+
+def _integrated(plan: PictureEncoding) -> Iterator[tuple[list[np.ndarray], np.ndarray, np.ndarray]]:
+    """Yield the mean light of each readout of a block, exact for light that is linear between pictures.
+
+    A picture contributes a triangle of light, from the time of the picture before it to that of the one after it.
+    """
+    pace = plan.rate_hz / plan.sensor.readout_hz  # pictures per readout
+    step = max(min(BLOCK_KNOTS, BLOCK_BYTES // (8 * prod(plan.pictures.shape))) // 8 * 8, 8)
+    source = enumerate(plan.pictures)
+    held: dict[int, np.ndarray] = {}
+    for begin in range(0, plan.frames, step):
+        start = np.arange(begin, min(begin + step, plan.frames)) * pace
+        light = np.zeros((len(start), *plan.pictures.shape), np.float32)
+        first, last = floor(start[0]), min(ceil(start[-1] + pace), plan.count - 1)
+        held = {number: picture for number, picture in held.items() if number >= first}
+        for number in range(first, last + 1):
+            while number not in held:
+                found, picture = next(source, (plan.count, None))
+                if picture is None:
+                    raise BadInput(
+                        "has fewer pictures than before", where=str(plan.pictures.path), hint="encode it again"
+                    )
+                held[found] = picture
+            weight = (_triangle_area(start + pace - number) - _triangle_area(start - number)) / pace
+            for readout in np.flatnonzero(weight):
+                light[readout] += np.float32(weight[readout]) * held[number]
+            if number < last - 1:
+                del held[number]
+        yield list(light), np.arange(len(light)), np.zeros(len(light))
+
+
+def _triangle_area(x: np.ndarray) -> np.ndarray:
+    """Return the area of a triangle from -1 to 1, of height 1 at 0, to the left of ``x``."""
+    x = np.clip(x, -1, 1)
+    return np.asarray(0.5 + x - np.sign(x) * x**2 / 2)

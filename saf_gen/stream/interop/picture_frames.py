@@ -9,14 +9,16 @@ from typing import Any
 from warnings import catch_warnings
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from saf_gen.core.extras import require_extra
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.array_files import DAMAGE, ENDINGS, SlicedArray, open_array
 from saf_gen.stream.metadata import MAX_PIXELS
 
-IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm"})
+IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".pgm", ".ppm"})
+FEW_NAMES = 3
+"""Names of pictures that are listed from each end of a folder."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Weights of linear red, green and blue (ITU-R BT.709), since a spike camera sees no colour."""
 
@@ -41,9 +43,12 @@ class PictureFrames:
         (H, W).
     rate_hz : float or None
         Pictures per second; None if the source does not state it.
+    order : str
+        The names of the first and last pictures of a folder, in the order in which they are read; otherwise ''.
     """
 
     rate_hz: float | None = None
+    order: str = ""
 
     def __init__(self, path: Path, *, linear: bool, shape: tuple[int, ...]) -> None:
         if len(shape) != 2 or min(shape) < 1 or prod(shape) > MAX_PIXELS:
@@ -85,31 +90,41 @@ class PictureFrames:
         return light[:, :, 0] if light.shape[2] < 3 else np.asarray(light[:, :, :3] @ LUMINANCE)
 
 
-class _ImageFolder(PictureFrames):
+class _ImageFiles(PictureFrames):
+    """The pictures of a folder in the order of the numbers in their names, or of a single file, page after page."""
+
     def __init__(self, path: Path, *, linear: bool) -> None:
-        self._files = sorted((p for p in path.iterdir() if p.suffix.lower() in IMAGES), key=_natural_sort_key)
+        is_folder = path.is_dir()
+        files = (p for p in path.iterdir() if p.suffix.lower() in IMAGES) if is_folder else [path]
+        self._files = sorted(files, key=_number_sort_key)
         if not self._files:
             raise BadInput("has no picture", where=str(path), allowed=f"files {', '.join(sorted(IMAGES))}")
-        first = _open_image(self._files[0])
-        super().__init__(path, linear=linear, shape=(first.height, first.width))
+        first, _ = next(_read_pages(self._files[0]))
+        super().__init__(path, linear=linear, shape=first.shape[:2])
+        names = [file.name for file in self._files]
+        if is_folder and len(names) > 2 * FEW_NAMES:
+            names[FEW_NAMES:-FEW_NAMES] = ["…"]
+        self.order = ", ".join(names) if is_folder else ""
+        if not is_folder:
+            self.rate_hz = _page_rate(path)
 
     def _read(self) -> Iterator[tuple[str, np.ndarray]]:
         for file in self._files:
-            image = _open_image(file)
-            if image.mode in ("P", "1", "CMYK", "YCbCr", "LAB", "HSV", "PA"):
-                image = image.convert("RGB")
-            values = np.asarray(image)
-            if values.dtype == np.int32 and values.min(initial=0) >= 0 and values.max(initial=0) < 1 << 16:
-                values = values.astype(np.uint16)  # Pillow returns some 16-bit files as int32
-            yield file.name, values
+            for number, (values, _) in enumerate(_read_pages(file)):
+                yield f"{file.name}{f', page {number + 1}' if number else ''}", values
 
 
-def _natural_sort_key(path: Path) -> list[Any]:
-    """Return a sort key that puts frame_10 after frame_9."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+def _number_sort_key(path: Path) -> list[Any]:
+    """Return a sort key that puts frame_10 after frame_9, z_0.15 before z_0.3, and z_-3 before z_2.
+
+    A hyphen is a sign unless it follows a letter or digit, as in scene-1; 1.2.3 is three numbers.
+    """
+    parts = re.split(r"((?<![A-Za-z0-9])[-+]?(?<![\d.])\d+\.\d+(?![.\d])|(?<![A-Za-z0-9])[-+]\d+|\d+)", path.stem)
+    return [(float(part), "") if number % 2 else (-np.inf, part) for number, part in enumerate(parts)]
 
 
-def _open_image(path: Path) -> Image.Image:
+def _read_pages(path: Path) -> Iterator[tuple[np.ndarray, float]]:
+    """Yield the values of each page of an image file, turned upright, and its duration in ms, 0 if it states none."""
     try:
         if not path.is_file():  # opening a pipe would wait for ever
             raise ValueError("not a file on a disk")
@@ -118,10 +133,43 @@ def _open_image(path: Path) -> Image.Image:
             if image.width * image.height > MAX_PIXELS:
                 size = f"has {image.width} × {image.height} pixels"
                 raise BadInput(size, where=str(path), allowed=f"at most {MAX_PIXELS}")
-            image.load()
+            if image.format == "PNG" and _is_deep_colour(path):
+                raise BadInput(
+                    "has 16 bits per colour, of which only 8 can be read", where=str(path),
+                    allowed="grey of 16 bits, colour of 8 bits, or an array (.npy) of either",
+                )  # fmt: skip
+            for number in range(getattr(image, "n_frames", 1)):
+                image.seek(number)
+                image.load()
+                page = ImageOps.exif_transpose(image)
+                if page.mode in ("P", "1", "CMYK", "YCbCr", "LAB", "HSV", "PA"):
+                    page = page.convert("RGB")
+                values = np.asarray(page)
+                if values.dtype == np.int32 and values.min(initial=0) >= 0 and values.max(initial=0) < 1 << 16:
+                    values = values.astype(np.uint16)  # Pillow returns some 16-bit files as int32
+                yield values, float(image.info.get("duration", 0))
     except (*DAMAGE, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise BadInput(f"cannot be read: {error}", where=str(path), allowed="a picture") from error
-    return image
+
+
+def _is_deep_colour(path: Path) -> bool:
+    """Return whether a PNG has 16 bits per channel in colour or with alpha, of which Pillow keeps 8."""
+    with path.open("rb") as file:
+        head = file.read(26)
+    return head[24] == 16 and head[25] != 0
+
+
+def _page_rate(path: Path) -> float | None:
+    """Return the pages per second that a file states, or None; raise BadInput if its pages last for different times."""
+    durations = [duration for _, duration in _read_pages(path)]
+    if len(durations) < 2 or not any(durations):
+        return None
+    if len(set(durations)) > 1:
+        raise BadInput(
+            f"its pages last from {min(durations):g} to {max(durations):g} ms", where=str(path),
+            allowed="pages that last for the same time", hint="save them as single pictures, and add --rate HZ",
+        )  # fmt: skip
+    return 1000 / durations[0]
 
 
 class _ArrayFrames(PictureFrames):
@@ -169,7 +217,7 @@ class _VideoFrames(PictureFrames):
 
 
 def open_pictures(path: str | os.PathLike[str], *, linear: bool = False, key: str | None = None) -> PictureFrames:
-    """Return the pictures in a folder of images or an array file; any other file is read as a video.
+    """Return the pictures in a folder of images, an image file with pages, or an array file; others are read as video.
 
     ``linear`` states that the values are linear light already, and ``key`` names the array in a file with several.
 
@@ -182,8 +230,13 @@ def open_pictures(path: str | os.PathLike[str], *, linear: bool = False, key: st
         raise BadInput(
             f"--key {key} is given for pictures that are not in an array file", where=str(path), hint="leave it out"
         )
-    if where.is_dir():
-        return _ImageFolder(where, linear=linear)
+    if where.suffix.lower() == ".exr":
+        raise BadInput(
+            "is an OpenEXR file, which would lose its light above 1 and most of its bits", where=str(path),
+            allowed="images, video or arrays", hint="save it as floats in a .npy file, and add --linear",
+        )  # fmt: skip
+    if where.is_dir() or where.suffix.lower() in IMAGES:
+        return _ImageFiles(where, linear=linear)
     if where.suffix.lower() in ENDINGS:
         return _ArrayFrames(where, linear=linear, key=key)
     return _VideoFrames(where, linear=linear)
