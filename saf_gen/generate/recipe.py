@@ -45,7 +45,11 @@ class ExposureSettings(FrozenModel):
     def _check_one_exposure(self) -> "ExposureSettings":
         if (self.mean_rate is None) is not self.absolute:
             raise ValueError("either mean_rate: a number above 0 and below 1, or absolute: true")
-        for value in range_extremes(self.mean_rate) if self.mean_rate is not None else ():
+        try:
+            values = range_extremes(self.mean_rate) if self.mean_rate is not None else ()
+        except BadInput as error:  # pydantic adds the place in the file to a ValueError alone
+            raise ValueError(f"for the range of mean_rate, {error.allowed}") from error
+        for value in values:
             if not (isinstance(value, int | float) and 0 < value < 1):
                 raise ValueError("a mean_rate above 0 and below 1 spikes per readout")
         return self

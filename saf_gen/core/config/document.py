@@ -12,7 +12,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Tag, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Tag, TypeAdapter, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails
 
 from saf_gen.core.object_store import AnyPath
@@ -30,9 +30,25 @@ STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class FrozenModel(BaseModel):
-    """An immutable value of a document; an unknown key is an error."""
+    """An immutable value of a document; an unknown key is an error, and true and false are no numbers."""
 
     model_config = STRICT
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _refuse_flags(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse true and false, alone or in a list, where a field takes no flag; pydantic would read 1 and 0."""
+        flags = [one for one in (value if isinstance(value, list | tuple) else [value]) if isinstance(one, bool)]
+        if flags and not _takes_flags(cls.model_fields[str(info.field_name)].annotation):
+            raise ValueError("a number or text, not true or false")
+        return value
+
+
+def _takes_flags(annotation: Any) -> bool:
+    """Return whether a value of this type may be true or false, or hold such a value."""
+    if annotation in (bool, Any, object) or isinstance(annotation, bool):
+        return True
+    return any(map(_takes_flags, get_args(annotation)))
 
 
 class Document:

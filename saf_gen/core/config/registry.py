@@ -13,7 +13,7 @@ too, is run.
 import hashlib
 import pkgutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass
@@ -23,7 +23,7 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
@@ -179,6 +179,7 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
     for key in options:
         if key not in known:
             raise unknown(f"key of {PLUGIN_KINDS[plugin_kind]} {name!r}:", key, allowed=known)
+    _check_kinds(cls, {known[key]: value for key, value in options.items()})
     try:
         with user_code():
             return cls(**{known[k]: v for k, v in options.items()})
@@ -194,6 +195,30 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
             f"{PLUGIN_KINDS[plugin_kind]} {name!r} with {written}: {type(error).__name__}: {error}",
             hint="give values that it accepts, or repair it",
         ) from error
+
+
+def _check_kinds(cls: type, values: Mapping[str, Any]) -> None:
+    """Raise BadInput for text or a flag where a plug-in declares numbers, and for text where it declares a flag."""
+    try:
+        hints = get_type_hints(cls)
+    except Exception:  # noqa: BLE001 annotations of user code may raise anything; then nothing is known
+        return
+    for name, value in values.items():
+        kinds = _leaf_types(hints.get(name)) - {type(None), Ellipsis}
+        is_flag = kinds == {bool}
+        if not is_flag and (not kinds or not kinds <= {int, float}):
+            continue
+        wrong = str if is_flag else str | bool
+        allowed = "true or false" if is_flag else "numbers" if isinstance(value, list | tuple) else "a number"
+        for one in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(one, wrong):
+                hint = "write it without quotes" if isinstance(one, str) else ""
+                raise BadInput(f"{name.rstrip('_')} is {value!r}", allowed=allowed, hint=hint)
+
+
+def _leaf_types(annotation: Any) -> set[Any]:
+    inside = get_args(annotation)
+    return set().union(*map(_leaf_types, inside)) if inside else {annotation}
 
 
 def sample_function(

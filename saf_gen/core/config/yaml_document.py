@@ -1,5 +1,11 @@
-"""Strict reading of YAML files: recipes, scene cards, sensor and actuator files."""
+"""Strict reading of YAML files: recipes, scene cards, sensor and actuator files.
 
+Numbers, true, false and null follow YAML 1.2 (its core schema, https://yaml.org/spec/1.2.2/#103-core-schema), in which
+1e2 is a number. What YAML 1.1 reads otherwise, and readers therefore understand in two ways, is refused: yes, no, on
+and off, 010 and 12:30.
+"""
+
+import re
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +19,30 @@ TOO_DEEP = "this is nested too deep, or contains itself"
 MAX_YAML_BYTES, MAX_VALUES = 1 << 22, 100_000
 """Limits of a file that users write. Each repetition of a value by an alias counts, because a few lines can hold
 millions."""
+AMBIGUOUS = (
+    (r"(?i:yes|no|on|off)", "is true or false in YAML 1.1 and text in YAML 1.2", "write true or false"),
+    (r"[-+]?0[0-9_]*[0-9]", "is octal in YAML 1.1 and decimal in YAML 1.2", "write it without the leading 0"),
+    (r"[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?", "counts in sixties in YAML 1.1 and is text in YAML 1.2",
+     "write seconds"),
+)  # fmt: skip
+"""Plain values that two versions of YAML read otherwise: pattern, fault and what to write instead."""
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's loader with the rules of YAML 1.2 for plain values; digits may be grouped by underscores, as before."""
+
+    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 PyYAML's own attribute, which add_implicit_resolver fills
+
+
+for _kind, _pattern, _first in (
+    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    ("int", r"[-+]?[0-9][0-9_]*|0o[0-7]+|0x[0-9a-fA-F]+", "-+0123456789"),
+    ("float", r"[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9_]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+     "-+0123456789."),
+):  # fmt: skip
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_kind}", re.compile(f"^(?:{_pattern})$"), list(_first))
+
 _YAML_ERRORS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
 """Exceptions that Python raises through PyYAML for values and escapes that are well formed but have no meaning."""
 
@@ -32,7 +62,7 @@ def parse_yaml(text: str, path: str | Path) -> Document:
     lines: dict[tuple[Key, ...], int] = {}
     try:
         node = _compose(text, path)
-        data = None if node is None else _to_plain(node, (), lines=lines, path=path, loader=yaml.SafeLoader(""))
+        data = None if node is None else _to_plain(node, (), lines=lines, path=path, loader=_Loader(""))
     except RecursionError:
         deepest = lines[max(lines, key=len)]
         raise BadInput(TOO_DEEP, where=f"{path}:{deepest}") from None
@@ -47,7 +77,7 @@ def parse_yaml(text: str, path: str | Path) -> Document:
 @lru_cache(maxsize=256)
 def _compose(text: str, path: Path) -> yaml.Node | None:
     """Return the nodes of the text, cached because a command reads some files, such as scene cards, many times."""
-    loader = yaml.SafeLoader(text)
+    loader = _Loader(text)
     try:
         return loader.get_single_node()
     except RecursionError:
@@ -74,6 +104,8 @@ def _to_plain(
             if not isinstance(key_node, yaml.ScalarNode):
                 raise BadInput("a key must be a name", where=here)
             check_valid_unicode(key, where=here)
+            if key_node.value == "<<" and key_node.style is None:
+                raise BadInput("the merge key << is not read", where=here, hint="write the keys out")
             if key in out:
                 raise BadInput(f"the key {key!r} is given twice", where=here, hint="keep one of the two")
             out[key] = _to_plain(value_node, (*at, key), lines=lines, path=path, loader=loader)
@@ -82,6 +114,14 @@ def _to_plain(
     if isinstance(node, yaml.SequenceNode):
         return [_to_plain(item, (*at, i), lines=lines, path=path, loader=loader) for i, item in enumerate(node.value)]
     check_valid_unicode(str(node.value), where=f"{path}:{lines[at]}")
+    if getattr(node, "style", None) is None:  # not in quotes
+        for pattern, fault, advice in AMBIGUOUS:
+            if re.fullmatch(pattern, node.value):
+                raise BadInput(
+                    f"{at[-1] if at else 'the file'} is {node.value}, which {fault}",
+                    where=f"{path}:{lines[at]}",
+                    hint=f"{advice}, or put it in quotes if it is text",
+                )
     try:
         return loader.construct_object(node)
     except _YAML_ERRORS as error:
