@@ -60,7 +60,7 @@ def test_a_device_names_its_sources(presets, name, sources, tmp_path):
 SENSOR_MISTAKES = [
     ("pitch_m: 2.0e-5 ", "pitch_mm: 0.02 ", ":5", "unknown key 'pitch_mm'", "pitch_m"),
     ("pitch_m: 2.0e-5 ", "pitch_m: 20 ", ":5", "pitch_m is 20", "2e-07 to 0.001 metres"),
-    ("pitch_m: 2.0e-5 ", "pitch_m: 2e-5 ", ":5", "pitch_m is '2e-5'", "write 1.0e-5"),
+    ("pitch_m: 2.0e-5 ", "pitch_m: '2e-5' ", ":5", "pitch_m is '2e-5'", "without quotes"),
     ("rows: 250", "rows: 2.5", ":3", "rows is 2.5", "a whole number 1 to 16384 pixels"),
     ("rows: 250", "", "", "the key 'rows' is missing", ""),
     (

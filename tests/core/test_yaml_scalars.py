@@ -55,10 +55,10 @@ splits:
   test: {scenes: [usaf_target], lights: [a], repeats: 1}
 """
 CHANGES = {
-    "number as text": ("hz: 100", 'hz: "100"', "7: hz is '100' | a number | without quotes"),
-    "number as flag": ("hz: 100", "hz: true", "7: hz is True | a number"),
-    "list with a flag": ("[1.0, 2.0]", "[1.0, true]", "8: levels is [1.0, True] | numbers"),
-    "list with text": ("[1.0, 2.0]", "[1.0, two]", "8: levels is [1.0, 'two'] | numbers"),
+    "number as text": ("hz: 100", 'hz: "100"', "7: light schedule 'sine': hz is '100' | a number | without quotes"),
+    "number as flag": ("hz: 100", "hz: true", "7: light schedule 'sine': hz is True | a number"),
+    "list with a flag": ("[1.0, 2.0]", "[1.0, true]", "8: light schedule 'steps': levels is [1.0, True] | numbers"),
+    "list with text": ("[1.0, 2.0]", "[1.0, two]", "8: light schedule 'steps': levels is [1.0, 'two'] | numbers"),
     "seed as flag": ("seed: 7", "seed: true", "2: seed is True | not true or false"),
     "samples as flag": ("samples: 16", "samples: false", "5: render.samples is False | not true or false"),
     "range with text": ("0.2}", "{uniform: [0.5, a]}}", "3: camera.exposure is | [low, high] with low < high"),

@@ -95,7 +95,7 @@ def test_every_recipe_of_the_project_is_right(path):
         ("  mixed:", "  Mixed/up:", "'Mixed/up'"),
         (
             "lights:\n",
-            "scene_params: {usaf_target: {made: 2024-05-01}}\nlights:\n",
+            "scene_params: {usaf_target: {made: !!timestamp 2024-05-01}}\nlights:\n",
             "r.yaml:6 | scene_params.usaf_target.made is the date 2024-05-01",
         ),
     ],

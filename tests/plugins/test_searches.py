@@ -352,7 +352,7 @@ FRAMES, FRACTION = "whole number of frames, at least 1", "fraction of the travel
         ("sign_change", {"past": 0}, "past is 0", "at least 1"),
         ("naive", {"step": 0}, "step is 0", FRAMES),
         ("egs", {"threshold": 0}, "threshold is 0", "at least 1"),
-        ("egs_code", {"threshold": "ten"}, "search 'egs_code'", "threshold, ratio"),
+        ("egs_code", {"threshold": "ten"}, "search 'egs_code'", "a number"),
         ("egs_code", {"ratio": 1.0}, "ratio is 1.0", "0.5 up to but not 1"),
         ("egs_code", {"dt": 5}, "'dt'", "ratio, threshold"),
         ("sgfs_code", {"dt": -5}, "dt is -5", FRAMES),

@@ -55,7 +55,7 @@ STAGE = "{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 20, tr
         ("target: [plane]", "target: []", 10, "target is []"),
         ("  room: [room]", "  room: []", 9, "light group 'room' is empty"),
         ("id: plane", "id: plane\nlibrary: {letters: broad_pen}", 2, "did you mean 'broad_pen_1'?"),
-        ("id: plane", "id: plane\nparams: {made: 2024-05-01}", 2, "params.made is the date 2024-05-01"),
+        ("id: plane", "id: plane\nparams: {made: !!timestamp 2024-05-01}", 2, "params.made is the date 2024-05-01"),
         ("id: plane", "id: plane\nparams: {ink: {uniform: [0, .inf]}}", 2, "uniform is [0, inf]"),
         (MACRO, LIQUID.replace("image_distance_mm", "focal_length_mm"), 6, "'focal_length_mm'"),
         (

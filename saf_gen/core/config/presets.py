@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
@@ -22,16 +23,15 @@ def checked(
 
     def check(value: Any) -> Any:
         if not fits(value):
-            hint = "; YAML reads 1e-5 as text: write 1.0e-5" if _is_exponent(value) else ""
-            raise ValueError(allowed + hint)
+            raise ValueError(allowed + ("; write it without quotes" if _is_quoted_number(value) else ""))
         return convert(value)
 
     return check
 
 
-def _is_exponent(value: Any) -> bool:
+def _is_quoted_number(value: Any) -> bool:
     try:
-        return isinstance(value, str) and "e" in value.lower() and bool(float(value))
+        return isinstance(value, str) and isfinite(float(value))
     except ValueError:
         return False
 

@@ -179,25 +179,25 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
     for key in options:
         if key not in known:
             raise unknown(f"key of {PLUGIN_KINDS[plugin_kind]} {name!r}:", key, allowed=known)
-    _check_kinds(cls, {known[key]: value for key, value in options.items()})
+    what, values = f"{PLUGIN_KINDS[plugin_kind]} {name!r}", {known[key]: value for key, value in options.items()}
     try:
         with user_code():
-            return cls(**{known[k]: v for k, v in options.items()})
+            built = cls(**values)
     except BadInput:
         raise
     except TypeError as error:  # a missing key, or a value of the wrong type
-        raise BadInput(
-            f"{PLUGIN_KINDS[plugin_kind]} {name!r}: {error}", allowed=", ".join(known) or "no keys"
-        ) from error
+        _check_kinds(cls, values, what=what)
+        raise BadInput(f"{what}: {error}", allowed=", ".join(known) or "no keys") from error
     except Exception as error:  # the plug-in is user code and may refuse a value with any exception
         written = ", ".join(f"{key}={value!r}" for key, value in options.items()) or "no options"
         raise BadInput(
-            f"{PLUGIN_KINDS[plugin_kind]} {name!r} with {written}: {type(error).__name__}: {error}",
-            hint="give values that it accepts, or repair it",
+            f"{what} with {written}: {type(error).__name__}: {error}", hint="give values that it accepts, or repair it"
         ) from error
+    _check_kinds(cls, values, what=what)  # Python takes true for 1
+    return built
 
 
-def _check_kinds(cls: type, values: Mapping[str, Any]) -> None:
+def _check_kinds(cls: type, values: Mapping[str, Any], *, what: str) -> None:
     """Raise BadInput for text or a flag where a plug-in declares numbers, and for text where it declares a flag."""
     try:
         hints = get_type_hints(cls)
@@ -213,7 +213,7 @@ def _check_kinds(cls: type, values: Mapping[str, Any]) -> None:
         for one in value if isinstance(value, list | tuple) else [value]:
             if isinstance(one, wrong):
                 hint = "write it without quotes" if isinstance(one, str) else ""
-                raise BadInput(f"{name.rstrip('_')} is {value!r}", allowed=allowed, hint=hint)
+                raise BadInput(f"{what}: {name.rstrip('_')} is {value!r}", allowed=allowed, hint=hint)
 
 
 def _leaf_types(annotation: Any) -> set[Any]:

@@ -118,7 +118,7 @@ def _to_plain(
         for pattern, fault, advice in AMBIGUOUS:
             if re.fullmatch(pattern, node.value):
                 raise BadInput(
-                    f"{at[-1] if at else 'the file'} is {node.value}, which {fault}",
+                    f"{at[-1] if at else 'the file'} is {node.value:.60}, which {fault}",
                     where=f"{path}:{lines[at]}",
                     hint=f"{advice}, or put it in quotes if it is text",
                 )
