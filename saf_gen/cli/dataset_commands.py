@@ -1,5 +1,6 @@
 """The commands ``generate``, ``verify``, ``pack`` and ``fetch``."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -200,7 +201,7 @@ def pack_command(
     index = packed.index
     out.print(f"{len(index.shards)} shards, {index.total_bytes / 1e6:,.1f} MB in {folder}", soft_wrap=True)
     out.print(f"sha256 of its index: {packed.index_sha256}", soft_wrap=True)
-    out.print(f"next: saf-gen fetch {folder} --sha256 {packed.index_sha256}", soft_wrap=True)
+    out.print(f"next: saf-gen fetch {shlex.quote(str(folder))} --sha256 {packed.index_sha256}", soft_wrap=True)
     if packed.missing:
         err.print(f"its card has no {' and no '.join(packed.missing)}; add --{', --'.join(packed.missing)}")
 

@@ -1,5 +1,6 @@
 """The commands of the groups ``leaderboard`` and ``submit``, and the command ``tune``."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -215,7 +216,10 @@ def tune_command(
         part.write_text(format_tuned(tuned), encoding="utf-8")
     kept.remove()
     out.print(f"best: {tuned.method}", soft_wrap=True)
-    out.print(f"{file}   (next: {read_manifest(dataset).next_command(dataset)} --method @{file})", soft_wrap=True)
+    out.print(
+        f"{file}   (next: {read_manifest(dataset).next_command(dataset)} --method {shlex.quote(f'@{file}')})",
+        soft_wrap=True,
+    )
 
 
 def new_submission_command(
@@ -226,7 +230,8 @@ def new_submission_command(
 
     out.print(str(create_submission(folder)), soft_wrap=True)
     out.print(
-        f"next: fill it in, put your method into its folder, and run saf-gen submit check {folder}", soft_wrap=True
+        f"next: fill it in, put your method into its folder, and run saf-gen submit check {shlex.quote(str(folder))}",
+        soft_wrap=True,
     )
 
 

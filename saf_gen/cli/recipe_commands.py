@@ -1,5 +1,6 @@
 """The commands ``recipes list``, ``check``, ``seal`` and ``unseal``."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -76,4 +77,7 @@ def unseal_command(
     text = read_text(Path(secret), max_bytes=4096) if Path(secret).is_file() else secret
     opened = path or recipe.with_stem(f"{recipe.stem.removesuffix('-sealed')}-open")
     unseal_recipe(recipe, opened, secret=text.strip())
-    out.print(f"{opened}: seed {read_recipe(opened).seed}   (next: saf-gen generate {opened})", soft_wrap=True)
+    out.print(
+        f"{opened}: seed {read_recipe(opened).seed}   (next: saf-gen generate {shlex.quote(str(opened))})",
+        soft_wrap=True,
+    )

@@ -1,6 +1,7 @@
 """The commands ``sensors list``, ``show``, ``check``, ``compare`` and ``fit``."""
 
 import re
+import shlex
 from contextlib import ExitStack
 from operator import itemgetter
 from pathlib import Path
@@ -184,10 +185,8 @@ def fit_command(
         out.print(f"note: {note}", soft_wrap=True)
     for path in written:
         out.print(str(path), soft_wrap=True)
-    out.print(
-        f"next: saf-gen sensors check {written[0]}; sensor: {written[0].name} in a recipe of the same folder",
-        soft_wrap=True,
-    )
+    check = f"saf-gen sensors check {shlex.quote(str(written[0]))}"
+    out.print(f"next: {check}; sensor: {written[0].name} in a recipe of the same folder", soft_wrap=True)
 
 
 def _print_bounds(recording: "Recording", report: "Report") -> None:

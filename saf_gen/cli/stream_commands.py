@@ -1,6 +1,7 @@
 """The commands ``import``, ``encode``, ``export``, ``inspect``, ``view`` and ``dataset index``."""
 
 import re
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +10,7 @@ import typer
 
 from saf_gen.cli._tables import print_facts, print_json
 from saf_gen.cli._terminal import AsJson, err, out
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, escape_controls, unknown
 
 if TYPE_CHECKING:
     from saf_gen.stream.interop import RawLayout
@@ -126,7 +127,7 @@ def _import_saf_folder(folder: Path, target: Path, *, rate: float, refused: list
         made += 1
         _print_written_stream(path, "read as layout 416")
     err.print("config.xlsx has no lens positions: the lens is assumed to move evenly from 0 to 1")
-    out.print(f"{made} recordings; next: saf-gen dataset index {target}")
+    out.print(f"{made} recordings; next: saf-gen dataset index {shlex.quote(str(target))}")
 
 
 def _print_written_stream(stream: Path, how: str) -> None:
@@ -286,9 +287,11 @@ def index_command(
     split: Annotated[str, typer.Option(help="Split of the streams that are directly in the folder.")] = "test",
 ) -> None:
     """Write a manifest for a folder of streams, which makes it a dataset for `saf-gen evaluate`."""
-    from saf_gen.stream.dataset import index_folder
+    from saf_gen.stream.dataset import index_folder, is_hidden
 
     manifest = index_folder(folder, split=split)
+    if hidden := sorted(str(file.relative_to(folder)) for file in folder.rglob("*.h5") if is_hidden(file, folder)):
+        err.print(escape_controls(f"left out, because hidden: {', '.join(hidden)}"), soft_wrap=True)
     splits = ", ".join(manifest.splits)
     out.print(
         f"{len(manifest.sequences)} sequences in splits {splits}; next: {manifest.next_command(folder)}", soft_wrap=True

@@ -20,18 +20,18 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
     """Write ``manifest.json`` for all streams (.h5) in a folder and below it, and return the manifest.
 
     The id of a sequence is its path, joined with "-". Streams in a subfolder belong to the split that has the name of
-    the subfolder, and streams in the folder itself to ``split``. Files are opened but not read completely;
-    ``saf-gen verify`` does that.
+    the subfolder, and streams in the folder itself to ``split``. Files and folders whose names begin with a dot, which
+    systems and editors write, are left out. Files are opened but not read completely; ``saf-gen verify`` does that.
 
-    Raises BadInput if the folder is missing, is a dataset already, has no stream, or contains an .h5 file that is not a
-    stream.
+    Raises BadInput if the folder is missing, is a dataset already, has no stream, contains an .h5 file that is not a
+    stream, or if two streams would have the same id.
     """
     root = Path(folder)
     if not root.is_dir():
         raise BadInput("there is no such folder", where=str(folder))
     if (root / MANIFEST_NAME).exists():
         raise BadInput(f"has a {MANIFEST_NAME}", where=str(folder), hint="remove it and run this command again")
-    files = sorted(root.rglob("*.h5"))
+    files = [file for file in sorted(root.rglob("*.h5")) if not is_hidden(file, root)]
     if not files:
         raise BadInput(
             "has no stream",
@@ -39,11 +39,23 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
             allowed="files *.h5, in it or below it",
             hint="make one with saf-gen import",
         )
-    manifest = Manifest(
-        name_as_text(root.resolve().name), "", "recorded", tuple(_entry(root, file, split=split) for file in files)
-    )
+    entries = tuple(_entry(root, file, split=split) for file in files)
+    by_id: dict[str, str] = {}
+    for entry in entries:
+        other = by_id.setdefault(entry.id, entry.file)
+        if other != entry.file:
+            raise BadInput(
+                f"{other} and {entry.file} have the same id, {entry.id!r}", where=str(folder),
+                allowed="paths that differ when their parts are joined with -", hint="rename one of them",
+            )  # fmt: skip
+    manifest = Manifest(name_as_text(root.resolve().name), "", "recorded", entries)
     write_manifest(root, manifest)
     return manifest
+
+
+def is_hidden(file: Path, root: Path) -> bool:
+    """Return whether the name of a file, or of a folder between it and ``root``, begins with a dot."""
+    return any(part.startswith(".") for part in file.relative_to(root).parts)
 
 
 def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:

@@ -95,7 +95,7 @@ class Manifest:
         """Return the command that ranks methods on this dataset; it names a split if there is no default."""
         named = [split for split in self.splits if split != ALL_SPLITS]
         option = f" --split {shlex.quote(named[-1])}" if named and self.default_split is None else ""
-        return f"saf-gen evaluate {folder}{escape_controls(option)}"
+        return escape_controls(f"saf-gen evaluate {shlex.quote(str(folder))}{option}")
 
 
 def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:

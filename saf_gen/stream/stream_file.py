@@ -8,6 +8,7 @@ with deflate on threads, outside HDF5's lock; every HDF5 library reads the resul
 datasets and ``content_sha256`` (over names, dtypes, shapes and values, not over the file).
 """
 
+import errno
 import hashlib
 import itertools
 import math
@@ -76,7 +77,8 @@ def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None
             reader = raw if isinstance(raw, ObjectReader) else None
             if reader is None:
                 raw.close()
-            file = undo.enter_context(h5py.File(reader or where, "r"))
+            # A finished stream never changes, and some shared disks and read-only folders refuse HDF5's locks.
+            file = undo.enter_context(h5py.File(reader, "r") if reader else h5py.File(where, "r", locking=False))
             stream = SpikeStream(where, file, reader=reader, threads=threads)
             undo.pop_all()
             return stream
@@ -84,6 +86,10 @@ def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None
         raise _damaged(where, error, reader=reader) from error
 
 
+UNREADABLE = frozenset(
+    {errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.EIO, errno.ESTALE, errno.EAGAIN, errno.ETIMEDOUT}
+)
+"""Error numbers that speak of the disk or of permissions; the stream may well be sound."""
 _DAMAGE = (DamagedChunk, OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError)
 """Exceptions that h5py raises for damaged files, depending on where the damage is."""
 
@@ -91,6 +97,8 @@ _DAMAGE = (DamagedChunk, OSError, RuntimeError, KeyError, ValueError, TypeError,
 def _damaged(path: AnyPath, error: Exception, *, reader: ObjectReader | None = None) -> BadInput:
     if reader is not None and reader.problem is not None:
         return reader.problem  # the store failed, not the file
+    if isinstance(error, OSError) and error.errno in UNREADABLE:
+        return BadInput(f"cannot be read: {os.strerror(error.errno)}", where=str(path))
     reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
     return BadInput(f"is truncated, damaged or cannot be read: {reason}", where=str(path), hint="make it again")
 

@@ -1,0 +1,80 @@
+"""Folders of others: hidden files, ids that meet, names for the shell, and disks that refuse."""
+
+import fcntl
+import os
+import shlex
+
+import numpy as np
+import pytest
+from refusals import assert_says, refusal
+
+from saf_gen.stream import stream_file
+from saf_gen.stream.dataset import index_folder
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
+
+SPIKES = np.eye(8, dtype=np.uint8)[None].repeat(16, axis=0)
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    ["._a-lamp-00.h5", ".Trashes/a.h5", ".ipynb_checkpoints/a-checkpoint.h5", "test/._a.h5", ".a.h5", "x/.y/z.h5"],
+)
+def test_hidden_files_are_left_out_and_named(tmp_path, call, hidden):
+    write_stream(tmp_path / "a-lamp-00.h5", SPIKES)
+    (tmp_path / hidden).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / hidden).write_bytes(b"\0\5\x16\7 no stream")  # what macOS writes beside a file
+    code, out, err = call("dataset", "index", tmp_path)
+    assert code == 0
+    assert out.startswith("1 sequences in splits test; next: ")
+    assert err == f"left out, because hidden: {hidden}\n"
+
+
+def test_only_hidden_files_are_no_streams(tmp_path):
+    (tmp_path / "._a.h5").write_bytes(b"")
+    assert_says(refusal(index_folder, tmp_path), "has no stream")
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("a-b/c.h5", "a/b-c.h5"), ("a/b/c.h5", "a/b-c.h5"), ("a-b-c.h5", "a/b/c.h5"), ("a/b.h5", "a-b.h5")],
+)
+def test_two_streams_of_one_id_are_refused(tmp_path, first, second):
+    for name in (first, second):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        write_stream(tmp_path / name, SPIKES)
+    assert_says(refusal(index_folder, tmp_path), f"{first} | {second} | the same id | rename")
+    assert not (tmp_path / "manifest.json").exists()
+
+
+@pytest.mark.parametrize("name", ["my data", "it's", "a;b", "$HOME", "a&b", "(1)", "a.b.c", "*", "tab\there"])
+def test_the_next_command_can_be_pasted_into_a_shell(tmp_path, call, name):
+    folder = tmp_path / name
+    write_stream(folder / "test" / "a-lamp-00.h5", SPIKES)
+    _, out, _ = call("dataset", "index", folder)
+    if name.isprintable():
+        command = shlex.split(out.strip().split("next: ")[1])
+        assert command == ["saf-gen", "evaluate", str(folder)]
+    assert "\t" not in out
+
+
+def test_a_stream_is_read_while_another_program_holds_a_lock(tmp_path):
+    """HDF5 takes such a lock for each file that it opens; network disks may not grant it."""
+    write_stream(tmp_path / "a.h5", SPIKES)
+    with (tmp_path / "a.h5").open("r+b") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with open_stream(tmp_path / "a.h5") as stream:
+            assert np.array_equal(stream.frames(0, 16), SPIKES)
+
+
+@pytest.mark.parametrize("number", sorted(stream_file.UNREADABLE))
+def test_an_error_of_the_disk_is_not_called_damage(tmp_path, monkeypatch, number):
+    write_stream(tmp_path / "a.h5", SPIKES)
+
+    def fail(*_, **__):
+        raise OSError(number, "no")
+
+    monkeypatch.setattr(stream_file.h5py, "File", fail)
+    error = refusal(open_stream, tmp_path / "a.h5")
+    assert error.problem == f"cannot be read: {os.strerror(number)}"
+    assert error.hint == ""
