@@ -235,11 +235,11 @@ figcaption {{ font-size: 0.85rem; color: #6b7280 }} svg {{ width: 100%; height: 
 
 def write_fit(fit: SensorFit, folder: Path) -> list[Path]:
     """Write NAME.yaml, NAME.json and NAME.html into a folder, named after the sensor, and return their paths."""
-    stem = folder / fit.sensor.name
+    name = fit.sensor.name  # which may have dots
     texts = {
-        stem.with_suffix(".yaml"): _format_fitted_sensor(fit),
-        stem.with_suffix(".json"): _format_fit_json(fit),
-        stem.with_suffix(".html"): _format_fit_page(fit, draw_fit(fit)),
+        folder / f"{name}.yaml": _format_fitted_sensor(fit),
+        folder / f"{name}.json": _format_fit_json(fit),
+        folder / f"{name}.html": _format_fit_page(fit, draw_fit(fit)),
     }
     for path, text in texts.items():
         write_text(path, text)

@@ -140,6 +140,7 @@ ARRAYS = {
     "float": (SMALL.astype(np.float32), "frames, axes TYX"),
     "int64": (SMALL.astype(np.int64), "frames, axes TYX"),
     "0 and 255": (SMALL * 255, "frames, axes TYX, spikes are 255"),
+    "0 and 255 as int16": (SMALL.astype(np.int16) * 255, "frames, axes TYX, spikes are 255"),
     "time last": (TIME_LAST, "frames, axes YXT"),
     "time last, 0 and 255": (TIME_LAST * 255, "frames, axes YXT, spikes are 255"),
     "time in the middle": (np.moveaxis(SMALL, 0, 1), "frames, axes YTX"),
@@ -220,7 +221,8 @@ def test_a_size_says_where_packed_rows_end(tmp_path):
     np.save(tmp_path / "a.npy", np.packbits(SMALL[:, :, :61], axis=2))
     assert "--size" in refusal(SpikeArray, tmp_path / "a.npy").hint
     assert np.array_equal(SpikeArray(tmp_path / "a.npy", size=(40, 61)).frames(0, 320), SMALL[:, :, :61])
-    refusal(SpikeArray, tmp_path / "a.npy", size=(40, 50))
+    for size in ((40, 50), (33, 61), (41, 64), (40, 65)):
+        assert "as in the array" in refusal(SpikeArray, tmp_path / "a.npy", size=size).allowed
 
 
 @pytest.mark.parametrize("rate", [0.02, 0.1, 0.3, 0.5, 0.7, 0.95])

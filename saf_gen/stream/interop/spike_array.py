@@ -74,22 +74,16 @@ class _Frames:
 
     def __init__(self, array: SlicedArray, reading: Reading, *, size: tuple[int, int] | None, where: str) -> None:
         self._array, self._reading, self._where = array, reading, where
-        shape = [
-            n * (8 if PACKED_AXIS.get(reading.layout) == axis else 1)
-            for n, axis in zip(array.shape, "TYX", strict=True)
-        ]
-        if size is not None:
-            low = (
-                1 if reading.layout != "packed-y" else shape[1] - 7,
-                1 if reading.layout != "packed-x" else shape[2] - 7,
-            )
-            for asked, least, most, what in zip(size, low, shape[1:], ("rows", "columns"), strict=True):
-                if asked != most and not (reading.layout.startswith("packed-") and least <= asked <= most):
-                    raise BadInput(
-                        f"the size has {asked} {what}", where=where, allowed=f"{most} {what}, as in the array"
-                    )
-            shape[1:] = size
-        self.shape = (shape[0], shape[1], shape[2])
+        packed = PACKED_AXIS.get(reading.layout)
+        total, *full = (n * (8 if packed == axis else 1) for n, axis in zip(array.shape, "TYX", strict=True))
+        height, width = size or full
+        for axis, asked, most in (("Y", height, full[0]), ("X", width, full[1])):
+            if not most - 7 * (packed == axis) <= asked <= most:  # the last byte may not be full
+                raise BadInput(
+                    f"the size is {width}x{height}", where=where, allowed=f"{full[1]}x{full[0]}, as in the array",
+                    hint="state --axes or --layout as well, if this is not how the array is read",
+                )  # fmt: skip
+        self.shape = (total, height, width)
 
     def __getitem__(self, span: slice) -> np.ndarray:
         first, stop, _ = span.indices(self.shape[0])
@@ -136,13 +130,13 @@ def _find_reading(
     """
     blocks = _sample(array)
     is_bytes = array.dtype == np.uint8
-    values = {int(value) for block in blocks for value in np.unique(block)} - {0} if is_bytes else set()
+    values = {value for block in blocks for value in np.unique(block).tolist()} - {0}
     if layout is None and is_bytes and not values:
         raise BadInput(
             "has no spike, which does not show whether a byte is one readout", where=where, allowed="--layout",
             hint="add --layout frames (one value per readout) or --layout packed (eight frames a byte)",
         )  # fmt: skip
-    if layout is None and (values <= {1} or values == {255}):
+    if layout is None and (not is_bytes or values <= {1} or values == {255}):
         layout = "frames"
     if layout is None and len(values) == 1:
         raise BadInput(
