@@ -51,6 +51,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "import": stream_commands.import_command,
     "encode": stream_commands.encode_command,
     "export": stream_commands.export_command,
+    "cut": stream_commands.cut_command,
     "inspect": stream_commands.inspect_command,
     "view": stream_commands.view_command,
     "verify": dataset_commands.verify_command,
@@ -116,7 +117,7 @@ STOP_MESSAGES = {
         ("generate", "fetch", "evaluate", "tune", "leaderboard saf"),
         "finished work is kept: run the same command again to continue",
     ),
-    **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN),
+    **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "cut", "view", "sensors"), NOTHING_WRITTEN),
 }
 """The message for a stopped command, by command or group; commands that write no files have none."""
 

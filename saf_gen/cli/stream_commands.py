@@ -281,6 +281,34 @@ def export_command(
     out.print(f"{count} bytes in {target}, layout {layout}")
 
 
+def cut_command(
+    stream: Annotated[Path, typer.Argument(help="Stream file.")],
+    target: Annotated[Path, typer.Option("--out", help="Stream file to write.")],
+    *,
+    first: Annotated[int, typer.Option("--from", min=0, help="First frame.")] = 0,
+    stop: Annotated[int | None, typer.Option("--to", min=1, help="Frame after the last one (default: all).")] = None,
+    rows: Annotated[str | None, typer.Option(help="Rows to keep, such as 50:200 (default: all).")] = None,
+    columns: Annotated[str | None, typer.Option(help="Columns to keep, such as 0:400 (default: all).")] = None,
+) -> None:
+    """Keep some frames, rows and columns of a stream, with its lens, light and truth."""
+    from saf_gen.stream.cutting import cut_stream
+    from saf_gen.stream.stream_file import open_stream
+
+    with open_stream(stream) as opened:
+        _, height, width = opened.shape
+    region = (_parse_span(rows, "rows", total=height), _parse_span(columns, "columns", total=width))
+    digest = cut_stream(stream, target, first=first, stop=stop, region=region)
+    _print_written_stream(target, f"cut from {stream}, sha256 {digest[:16]}")
+
+
+def _parse_span(text: str | None, what: str, *, total: int) -> slice:
+    match = re.fullmatch(r"\s*(\d*)\s*:\s*(\d*)\s*", ":" if text is None else text)
+    first, stop = (0, 0) if match is None else (int(match[1] or 0), int(match[2] or total))
+    if not 0 <= first < stop <= total:
+        raise BadInput(f"the {what} are {text!r}", allowed=f"FIRST:STOP with 0 <= FIRST < STOP <= {total}")
+    return slice(first, stop)
+
+
 def index_command(
     folder: Annotated[Path, typer.Argument(help="Folder with streams (.h5), or with a folder of streams per split.")],
     *,
