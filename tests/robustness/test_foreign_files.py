@@ -4,9 +4,7 @@ import foreign_files
 import pytest
 
 
-@pytest.mark.parametrize(
-    "count", [pytest.param(20, marks=pytest.mark.slow), pytest.param(2000, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("count", [pytest.param(20, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.long)])
 def test_no_file_of_a_stranger_is_read_wrongly(count):
     """Seed 3. Of the files that show how they are stored, 95 in 100 are read without an option."""
     found, faults = foreign_files.run(count, 3)
