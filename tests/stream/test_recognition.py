@@ -104,6 +104,17 @@ def test_options_that_do_not_fit_are_refused(call, tmp_path, options, words):
     assert not (tmp_path / "a.h5").exists()
 
 
+PERIODS = [2, 3, 4, 5, 7.5, 8, 15, 16, 30]
+
+
+@pytest.mark.parametrize("period", PERIODS)
+def test_a_grating_is_not_taken_for_the_other_order_of_bits(tmp_path, period):
+    """With a period of 3, 5 or 15 pixels, pixels that are 15 apart are alike, and neighbours are not."""
+    grating = np.broadcast_to(0.2 + 0.15 * np.sin(2 * np.pi * np.arange(400) / period), (250, 400))
+    write_dense(tmp_path / "a.dat", fire(grating, 72))
+    assert recognise(tmp_path / "a.dat", layout="dense")[1] == "lsb"
+
+
 def test_without_texture_a_size_needs_the_order_of_bits(call, tmp_path):
     write_dense(tmp_path / "a.dat", RANDOM)
     code, _, err = call("import", tmp_path / "a.dat", "--size", "400x250", "--out", tmp_path / "a.h5")

@@ -125,7 +125,8 @@ def _is_peak(match: np.ndarray, lag: int, *, above: float) -> bool:
 def bit_order(counts: np.ndarray, pixel_bits: np.ndarray) -> str | None:
     """Return the order of the bits in a byte that holds eight pixels of a row, ``lsb`` or ``msb``, or None if unclear.
 
-    Across the border of two bytes, neighbours are one pixel apart in the right order and 15 in the other.
+    In a byte, neighbours are neighbours in either order. Across the border of two bytes they are one pixel apart in the
+    right order, and so differ as much as those in a byte; in the other order they are 15 pixels apart.
 
     Parameters
     ----------
@@ -134,22 +135,36 @@ def bit_order(counts: np.ndarray, pixel_bits: np.ndarray) -> str | None:
     pixel_bits : ndarray of int, shape (H, W)
         Number of the bit that holds each pixel, least significant bit first.
     """
-    last = (pixel_bits[:, :-1] % 8 == 7) & (pixel_bits[:, 1:] == pixel_bits[:, :-1] + 1)
-    rows, columns = np.nonzero(last & (pixel_bits[:, :-1] + 8 < counts.size))
-    at = pixel_bits[rows, columns]
     c = np.asarray(counts, np.float64)
-    gain = (c[at - 7] - c[at + 8]) ** 2 - (c[at] - c[at + 1]) ** 2
-    return _sign_to_order(gain, groups=rows // max(len(pixel_bits) // 32, 2))
+    bit = pixel_bits[:, :-1]
+    in_row = (pixel_bits[:, 1:] == bit + 1) & (bit + 8 < c.size)
+    rows, columns = np.nonzero(in_row & (bit % 8 == 7))
+    at = bit[rows, columns]
+    rows_inside, columns_inside = np.nonzero(in_row & (bit % 8 != 7))
+    inside = bit[rows_inside, columns_inside]
+    group = max(len(pixel_bits) // 32, 2)
+    return _nearer_order(
+        lsb=_group_means((c[at] - c[at + 1]) ** 2, rows // group),
+        msb=_group_means((c[at - 7] - c[at + 8]) ** 2, rows // group),
+        inside=_group_means((c[inside] - c[inside + 1]) ** 2, rows_inside // group),
+    )
 
 
-def _sign_to_order(gain: np.ndarray, *, groups: np.ndarray) -> str | None:
-    """Return ``lsb`` if the gain is above 0, ``msb`` if below, None if chance explains it; one mean for each group."""
+def _group_means(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
     sizes = np.bincount(groups)
-    means = (np.bincount(groups, gain) / np.maximum(sizes, 1))[sizes > 0]
-    if means.size < 4 or not means.std():
+    return np.asarray(np.bincount(groups, values) / np.maximum(sizes, 1))
+
+
+def _nearer_order(*, lsb: np.ndarray, msb: np.ndarray, inside: np.ndarray) -> str | None:
+    """Return the order whose differences across bytes are nearer to those in bytes, or None if chance explains it.
+
+    Each array holds the mean squared difference of neighbours in some groups of rows.
+    """
+    if not len(lsb) == len(msb) == len(inside) >= 4:
         return None
-    t = means.mean() / (means.std(ddof=1) / np.sqrt(means.size))
-    return None if abs(t) < MIN_T else "lsb" if t > 0 else "msb"
+    gain = np.abs(msb - inside) - np.abs(lsb - inside)
+    mean, error = gain.mean(), gain.std(ddof=1) / np.sqrt(gain.size)
+    return None if abs(mean) <= MIN_T * error else "lsb" if mean > 0 else "msb"
 
 
 def time_axes(spikes: np.ndarray) -> list[int]:
@@ -212,9 +227,10 @@ def row_packing(planes: np.ndarray) -> tuple[int, int, str] | None:
     found = []
     for side, axis in enumerate(axis for axis in range(3) if axis != times[0]):
         by_row = counts if side == 1 else counts.transpose(1, 0, 2)  # (rows, bytes of a row, 8)
-        lsb = (by_row[:, :-1, 7] - by_row[:, 1:, 0]) ** 2
-        msb = (by_row[:, :-1, 0] - by_row[:, 1:, 7]) ** 2
-        order = _sign_to_order((msb - lsb).ravel(), groups=np.repeat(np.arange(len(lsb)), lsb.shape[1]))
+        lsb = ((by_row[:, :-1, 7] - by_row[:, 1:, 0]) ** 2).mean(axis=1)
+        msb = ((by_row[:, :-1, 0] - by_row[:, 1:, 7]) ** 2).mean(axis=1)
+        inside = (np.diff(by_row, axis=2) ** 2).mean(axis=(1, 2))
+        order = _nearer_order(lsb=lsb, msb=msb, inside=inside)
         if order is not None:
             found.append((float(np.mean(lsb if order == "lsb" else msb)), axis, order))
     if not found or (len(found) == 2 and min(found)[0] > MAX_RATIO * max(found)[0]):
