@@ -148,6 +148,8 @@ def run(count: int, seed: int) -> tuple[Counter[tuple[str, str, str]], list[str]
     found: Counter[tuple[str, str, str]] = Counter()
     faults = []
     for number in range(count):
+        if number and number % 100 == 0:
+            print(f"{number} of {count}: {len(faults)} faults", file=sys.stderr)
         random = np.random.default_rng([seed, number])
         with TemporaryDirectory(prefix="foreign-") as folder:
             file = write_foreign(random, Path(folder))
