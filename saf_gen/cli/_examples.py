@@ -29,12 +29,14 @@ EXAMPLES = {
         "import camera.dat --out recording.h5",
         "import camera.dat --out recording.h5 --focus lens.csv --truth 0.42",
         "import spikes.mat --out recording.h5 --key spk --rate 40000",
+        "import camera.raw --out recording.h5 --size 600x400 --bits msb",
     ),
     "encode": (
         "encode frames --out recording.h5 --rate 1000",
         "encode frames.npy --out recording.h5 --rate 640 --linear --truth 0.42",
     ),
     "export": ("export recording.h5 --out frames.dat --for spikecv",),
+    "cut": ("cut recording.h5 --from 2000 --to 12000 --rows 50:200 --columns 0:300 --out part.h5",),
     "inspect": ("inspect recording.h5", "inspect recording.h5 --json"),
     "view": (
         "view recording.h5 --out sweep.png --measure sd",

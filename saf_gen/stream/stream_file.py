@@ -77,13 +77,26 @@ def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None
             reader = raw if isinstance(raw, ObjectReader) else None
             if reader is None:
                 raw.close()
-            # A finished stream never changes, and some shared disks and read-only folders refuse HDF5's locks.
-            file = undo.enter_context(h5py.File(reader, "r") if reader else h5py.File(where, "r", locking=False))
+            file = undo.enter_context(h5py.File(reader, "r") if reader else _open_unlocked(where))
             stream = SpikeStream(where, file, reader=reader, threads=threads)
             undo.pop_all()
             return stream
     except _DAMAGE as error:
         raise _damaged(where, error, reader=reader) from error
+
+
+def _open_unlocked(path: AnyPath) -> h5py.File:
+    """Return the open file, without HDF5's lock if that is refused: a finished stream never changes in place.
+
+    Another program may hold a lock, and some shared disks grant none. The first try leaves a file that is already open
+    in this process with its own locking, which HDF5 does not mix.
+    """
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        if "lock" not in str(error):
+            raise
+        return h5py.File(path, "r", locking=False)
 
 
 UNREADABLE = frozenset(
