@@ -36,7 +36,10 @@ EXAMPLES = {
         "encode frames.npy --out recording.h5 --rate 640 --linear --truth 0.42",
     ),
     "export": ("export recording.h5 --out frames.dat --for spikecv",),
-    "cut": ("cut recording.h5 --from 2000 --to 12000 --rows 50:200 --columns 0:300 --out part.h5",),
+    "cut": (
+        "cut recording.h5 --from 2000 --to 12000 --out part.h5",
+        "cut recording.h5 --rows 50:200 --columns :300 --out part.h5",
+    ),
     "inspect": ("inspect recording.h5", "inspect recording.h5 --json"),
     "view": (
         "view recording.h5 --out sweep.png --measure sd",
