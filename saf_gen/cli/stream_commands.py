@@ -106,8 +106,8 @@ def import_command(
         )
         upside = "bottom" if (kind.flip if flip is None else flip) else "top"
         how = f"{kind.name}, {BIT_NAMES[first]} bit first, {upside} row first"
-        if named is not None and size is None and (other := _other_layout(file, kind)) is not None:
-            err.print(f"{file} looks like layout {other}, but is read as {kind.name}")
+        if (named or size) and (other := _other_layout(file, kind)) is not None:
+            err.print(f"{file} looks like {other}, but is read as {_describe_layout(kind)}", soft_wrap=True)
     _print_written_stream(target, f"read as layout {how}, sha256 {digest[:16]}")
     if focus is not None:
         line, is_odd = interop.describe_coverage(focus, frames=_count_frames(target), readout_hz=rate)
@@ -165,14 +165,19 @@ def _read_light(light: Path | None, frames: int, *, rate: float) -> dict[str, An
 
 
 def _other_layout(file: Path, kind: "RawLayout") -> str | None:
-    """Return the layout that a file shows, if it is another than ``kind``, else None."""
+    """Return a description of the layout that a file shows, if it is another than ``kind``, else None."""
     from saf_gen.stream.interop import recognise
 
     try:
         shown, _ = recognise(file)
     except BadInput:
         return None
-    return None if shown.name == kind.name else shown.name
+    described = _describe_layout(shown)
+    return None if described == _describe_layout(kind) else described
+
+
+def _describe_layout(layout: "RawLayout") -> str:
+    return f"layout {layout.name} of {layout.columns}×{layout.rows}"
 
 
 def parse_size(text: str | None) -> tuple[int, int] | None:

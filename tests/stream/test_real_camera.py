@@ -115,7 +115,7 @@ def test_a_layout_that_looks_wrong_is_reported(recording, call, tmp_path):
     code, out, err = call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", "--layout", "dense")
     assert code == 0
     assert "1040 frames" in out
-    assert err == f"{recording / 'desk.dat'} looks like layout 416, but is read as dense\n"
+    assert err == f"{recording / 'desk.dat'} looks like layout 416 of 400×250, but is read as layout dense of 400×250\n"
 
 
 @pytest.mark.parametrize(

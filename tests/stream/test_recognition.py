@@ -82,6 +82,14 @@ def test_any_size_is_read_when_it_is_stated(call, tmp_path, size, bitorder):
     assert (tmp_path / "b.dat").read_bytes() == (tmp_path / "a.dat").read_bytes()
 
 
+def test_a_size_against_what_the_file_shows_is_believed_and_reported(call, tmp_path):
+    write_dense(tmp_path / "a.dat", CAMERA)
+    options = ("--size", "500x200", "--bits", "lsb")
+    code, _, err = call("import", tmp_path / "a.dat", *options, "--out", tmp_path / "a.h5")
+    assert code == 0
+    assert "looks like layout dense of 400×250, but is read as layout dense of 500×200" in err
+
+
 REFUSED_OPTIONS = {
     "size": (["--size", "400"], "the size is '400'"),
     "no pixels": (["--size", "0x250"], "the size is '0x250'"),
