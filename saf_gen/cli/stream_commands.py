@@ -1,4 +1,4 @@
-"""The commands ``import``, ``encode``, ``export``, ``inspect``, ``view`` and ``dataset index``."""
+"""The commands ``import``, ``encode``, ``export``, ``cut``, ``inspect``, ``view`` and ``dataset index``."""
 
 import re
 import shlex
@@ -42,7 +42,7 @@ def import_command(
     layout: Annotated[
         str,
         typer.Option(
-            help="auto; for raw files 416, dense, sps1000; for arrays frames, packed (eight frames a byte), "
+            help="auto; for raw files 416, dense, sps1000; for arrays frames, packed (eight frames per byte), "
             "packed-x or packed-y (eight pixels)."
         ),
     ] = "auto",

@@ -89,7 +89,7 @@ BIT_ORDERS = ("lsb", "msb")
 
 _SAMPLED_BLOCKS, _SAMPLED_FRAMES = 12, 96  # examined for evidence; a block is two halves of whole cycles
 _SEGMENTS, _SEGMENT_BYTES = 4, (1 << 18, 1 << 20)  # in which the size of a frame is looked for
-MIN_LEAD = 0.01  # by which the rows of one size match better than those of another
+_MIN_LEAD = 0.01  # by which the rows of one size match better than those of another
 _GAP_SPIKES = 500  # spikes in a file without which empty gaps say nothing: 2 of 52 bytes would escape all of them
 _CONTAINERS = {
     b"\x89HDF": "an HDF5 file", b"\x93NUMPY": "a .npy file", b"PK\x03\x04": "a zip or .npz file",
@@ -207,8 +207,7 @@ def _find_sizes(path: Path) -> list[RawLayout]:
             widths = (width for width in range(8, found // 8 + 1) if found % width == 0)
             layouts = [dense_layout(found // width, width) for width in widths]
             matches = sorted(((_match(counts, of), of.columns, of) for of in layouts), reverse=True)
-            clear = [of for match, _, of in matches if match > max(0.0, matches[0][0] - MIN_LEAD)]
-            return clear
+            return [of for match, _, of in matches if match > max(0.0, matches[0][0] - _MIN_LEAD)]
     return []
 
 
@@ -267,8 +266,11 @@ def _file_size(source: Path) -> int:
         raise BadInput("this is a folder", where=str(source), allowed="a file of raw frames")
     if size == 0:
         raise BadInput("is empty", where=str(source), allowed="at least one frame")
-    with source.open("rb") as file:
-        head = file.read(16)
+    try:
+        with source.open("rb") as file:
+            head = file.read(16)
+    except OSError as error:
+        raise BadInput(f"cannot be read: {os.strerror(error.errno or 0)}", where=str(source)) from error
     for magic, kind in _CONTAINERS.items():
         if head.startswith(magic) or head[4:8] == b"ftyp":
             raise BadInput(

@@ -39,7 +39,7 @@ BLOCK_BYTES = 64 << 20
 LONG = 4
 """Length of the first axis, in lengths of another, at which the first is time even if the other raises a doubt."""
 RSIR_KEY = "seq"
-"""Name of the array in which RSIR keeps eight frames a byte, the first in the lowest bit."""
+"""Name of the array in which RSIR keeps eight frames per byte, the first in the lowest bit."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def _find_reading(
     if layout is None and is_bytes and not values:
         raise BadInput(
             "has no spike, which does not show whether a byte is one readout", where=where, allowed="--layout",
-            hint="add --layout frames (one value per readout) or --layout packed (eight frames a byte)",
+            hint="add --layout frames (one value per readout) or --layout packed (eight frames per byte)",
         )  # fmt: skip
     if layout is None and (not is_bytes or values <= {1} or values == {255}):
         layout = "frames"
