@@ -1,13 +1,17 @@
-"""Traces, without light, the depth map and the target's pixels, from which the true focus follows, and texels."""
+"""Traces, without light, the depth map and the target's pixels, from which the true focus follows, and texels.
+
+Lines of sight pass through clear surfaces to the target: see :mod:`saf_gen.render.pinhole_sight`.
+"""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.render.pinhole_sight import PinholeSight, apparent_distance
 from saf_gen.render.render_setup import RenderSetup, SensorGrid, camera_dict, film_dict, render_with_camera
 
 RAY_OFFSET_PX = 1 / 256  # distance of a second and a third ray from the pixel's centre, on either side
@@ -22,13 +26,18 @@ class DepthAndTarget:
     Attributes
     ----------
     depth : ndarray of float32, shape (row, col)
-        Axial distance (m) of the first surface from the lens as the card places it; inf if there is no surface.
+        Axial distance (m) of the first visible surface from the lens as the card places it; inf if there is no surface.
+        If a pixel sees the target through glass, the distance of the plane in which it appears.
     target : ndarray of bool, shape (row, col)
         Pixels that see the target.
+    residual_blur_px : float
+        Median diameter (pixels), over the pixels that see the target through glass, of the blur that the glass leaves
+        at the best position; 0 if there are none.
     """
 
     depth: np.ndarray
     target: np.ndarray
+    residual_blur_px: float = 0.0
 
 
 def trace_geometry(
@@ -109,18 +118,17 @@ def trace_depth_at(
     surface at the middle ray, whatever its slope; at an outline it is the surface that the middle ray and one of the
     others see. If ``rays`` is 1, only the middle ray is traced.
     """
-    forward = float(setup.drive.shift(position))
-    sights = [
-        _first_surfaces(setup, _make_offset_camera(setup, position, offset_px=offset_px), forward_m=forward)
+    sight = PinholeSight(setup.mitsuba_scene, target_shapes)
+    traced = [
+        _first_surfaces(setup, _make_offset_camera(setup, position, offset_px=offset_px), sight, position=position)
         for offset_px in (0.0, -RAY_OFFSET_PX, RAY_OFFSET_PX)[:rays]
     ]
-    axials, shapes = (np.stack(planes) for planes in zip(*sights, strict=True))
+    axials, targets = (np.stack([getattr(planes, name) for planes in traced]) for name in ("axial", "target"))
     middle = np.argsort(axials, axis=0, kind="stable")[rays // 2 : rays // 2 + 1]
     middle[np.take_along_axis(axials, middle, axis=0) == axials[:1]] = 0
-    axial, shape = (np.take_along_axis(planes, middle, axis=0)[0] for planes in (axials, shapes))
-    depth = (axial + forward).astype(np.float32)
-    wanted = [_shape_index(s, i) for i, s in enumerate(setup.mitsuba_scene.shapes()) if s.id() in target_shapes]
-    return DepthAndTarget(depth, np.isin(shape, wanted))
+    axial, target = (np.take_along_axis(planes, middle, axis=0)[0] for planes in (axials, targets))
+    depth = (axial + float(setup.drive.shift(position))).astype(np.float32)
+    return DepthAndTarget(depth, target, traced[0].residual_blur_px)
 
 
 def _make_offset_camera(setup: RenderSetup, position: float, *, offset_px: float) -> dict[str, Any]:
@@ -147,7 +155,9 @@ def _check_lens_travel(setup: RenderSetup) -> None:
         "near_clip": 1e-4 * radius / setup.unit_m,
         "film": film_dict(SensorGrid(APERTURE_RAYS, APERTURE_RAYS, 1.0)),
     }
-    nearest = float(_first_surfaces(setup, sensor, forward_m=start)[0].min()) + start
+    at = 0.0 if float(drive.shift(0.0)) == start else 1.0
+    sight = PinholeSight(setup.mitsuba_scene, ())
+    nearest = float(_first_surfaces(setup, sensor, sight, position=at).axial.min()) + start
     if nearest <= end:
         raise BadInput(
             f"the stage runs the scene into the lens: a surface is {nearest:.6g} m in front of it",
@@ -156,20 +166,68 @@ def _check_lens_travel(setup: RenderSetup) -> None:
         )
 
 
-def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, forward_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the axial distance (m) of the first surface seen through each pixel's centre, and its shape index.
-
-    The arrays are float64 and int64, (row, col). Distances are measured from the lens moved by ``forward_m``; they are
-    inf if there is no surface.
+class _Traced(NamedTuple):
+    """One ray per pixel: axial distance (m) of what it shows from the lens, inf if nothing, and whether it shows the
+    target; median blur (pixels) that glass leaves.
     """
+
+    axial: np.ndarray
+    target: np.ndarray
+    residual_blur_px: float = 0.0
+
+
+def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], sight: PinholeSight, *, position: float) -> _Traced:
+    """Trace the ray through each pixel's centre to what it shows: float64 and bool (row, col)."""
     # One sample that is not jittered is the ray through the pixel's centre.
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
     integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
     planes = render_with_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(np.float64)
     point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
-    to_camera = np.linalg.inv(np.array(setup.to_world_at(forward_m).matrix, dtype=np.float64))
-    axial = (point @ to_camera[2, :3] + to_camera[2, 3]) * setup.unit_m
-    return np.where(shape > 0, axial, np.inf), shape  # index 0: the ray met nothing
+    to_camera = np.linalg.inv(np.array(setup.to_world_at(float(setup.drive.shift(position))).matrix, dtype=np.float64))
+
+    def axial_of(points: np.ndarray) -> np.ndarray:
+        return (points @ to_camera[2, :3] + to_camera[2, 3]) * setup.unit_m
+
+    axial = np.where(shape > 0, axial_of(point), np.inf)  # index 0: the ray met nothing
+    numbered = [(_shape_index(s, i), s) for i, s in enumerate(setup.mitsuba_scene.shapes())]
+    target = np.isin(shape, [index for index, s in numbered if sight.is_target(s)])
+    followed = [index for index, s in numbered if sight.must_follow(s)]
+    rows, columns = np.nonzero(shape > 0 if sight.has_instances else np.isin(shape, followed))
+    if not rows.size:
+        return _Traced(axial, target)
+    origin, direction = camera_rays(loaded, (columns + 0.5) / shape.shape[1], (rows + 0.5) / shape.shape[0])
+    ends = sight.follow(origin, direction)
+
+    def distances(points: np.ndarray, passed: np.ndarray) -> np.ndarray:
+        """Return axial distances; those of surfaces that the camera has met are its own, to the last bit."""
+        found = np.where(ends.seen, axial_of(np.where(ends.seen[:, None], points, 0)), np.inf)
+        return np.where(ends.seen & (passed == 0), axial[rows, columns], found)
+
+    distance, on_target, residual = distances(ends.point, ends.passed), ends.on_target.copy(), 0.0
+    behind = np.flatnonzero(on_target & ends.bent)
+    if behind.size:
+        local = direction[behind] @ to_camera[:3, :3].T
+        slope = local[:, :2] / local[:, 2:]
+        found, blur = apparent_distance(setup, sight, ends.only(behind), slope=slope, position=position)
+        sharp = np.isfinite(found)
+        distance[behind] = np.where(sharp, found, distances(ends.first, ends.first_passed)[behind])
+        on_target[behind] = sharp
+        residual = float(np.median(blur[sharp])) if sharp.any() else 0.0
+    axial[rows, columns], target[rows, columns] = distance, on_target
+    return _Traced(axial, target, residual)
+
+
+def camera_rays(camera: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins and directions of a camera's rays through points of its picture (0 to 1), float64 (ray, 3)."""
+    if dr.is_jit_v(mi.Float):
+        at = mi.Point2f(mi.Float(x.astype(np.float32)), mi.Float(y.astype(np.float32)))
+        ray, _ = camera.sample_ray(0, 0.5, at, mi.Point2f(0.5))
+        origin, direction = (np.array(v, dtype=np.float64).reshape(3, -1).T for v in (ray.o, ray.d))
+        shape = (x.size, 3)  # all rays of a camera may begin at one point, or run in one direction
+        return np.broadcast_to(origin, shape), np.broadcast_to(direction, shape)
+    rays = [camera.sample_ray(0, 0.5, mi.Point2f(*point), mi.Point2f(0.5))[0] for point in zip(x, y, strict=True)]
+    origin, direction = (np.array([v(ray) for ray in rays], dtype=np.float64) for v in (lambda r: r.o, lambda r: r.d))
+    return origin.reshape(-1, 3), direction.reshape(-1, 3)
 
 
 def _shape_index(shape: Any, number: int) -> int:
@@ -206,7 +264,7 @@ def footprints(
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
     camera = mi.load_dict({"type": "perspective", **camera_dict(setup, position), "sampler": sampler})
     sizes = []
-    for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes):
+    for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes and s.bsdf() is not None):
         density = _texel_density(shape.bsdf())
         if density > 0:
             shape_scene = mi.load_dict({"type": "scene", "it": shape}, optimize=False)

@@ -1,0 +1,412 @@
+"""What a pinhole at the lens centre sees: the first visible surfaces, and the target behind clear ones.
+
+A ray passes through what cannot be seen (a ``null`` surface, the boundary of a medium, a mask where its opacity is 0)
+and on through what is clear: straight through thin glass and through a mask that is at most half opaque, and by
+refraction through glass that is polished, or as good as polished. If the line meets the target, the pixel sees the
+target. If it does not, the pixel sees the first visible surface, which may be the glass.
+
+Clear surfaces of the target itself are the target: drops on a window, a stained section, a film with holes on a plate.
+
+Behind glass, the depth that counts is where the lens must be focused. Rays through four points of the aperture are
+aimed at a point of the pixel's line of sight. If they meet the target beside the point that the middle of the lens
+sees, the target appears nearer or farther than that. The *vergence* 1/z of the apparent point minimises the mean
+squared blur over the aperture: it is half the trace of the matrix that gives the slope of a ray from the target's point
+by its position on the lens. A window of thickness t brings the target nearer by t(1 - 1/n), less the spherical
+aberration of the window at this aperture. Behind curved glass, some blur may remain at any position.
+"""
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.render.line_of_sight import BENDING, OPAQUE, SCATTERING, STRAIGHT
+from saf_gen.render.render_setup import RenderSetup
+
+MAX_SURFACES = 32  # clear surfaces on a line
+INVISIBLE = 1 - 1e-6  # smallest fraction of the light that an invisible surface lets straight through
+SAME_SHEET = 5e-5  # of the distance: a film of the target with holes counts as one with the target's surface behind it
+MIN_CLEAR = 0.5  # fraction of the light that a mask or a glass surface must let through for the line to go on
+MAX_ALPHA = 0.01  # roughness α of glass that is as good as polished; it spreads rays by about α(n - 1)
+LEAST_SQUARES_RADIUS = (2 / 3) ** 0.5  # of the aperture; the radius at which rays with spherical aberration meet at the
+# focus of least mean squared blur
+APERTURE_SHRINKAGE = (1.0, 1 / 8, 1 / 64)  # smaller parts of the aperture are tried if something hides the target
+SLOPE_STEP_PX = 2.0
+
+
+class Effect(NamedTuple):
+    """Effect of a surface on a line of sight.
+
+    Attributes
+    ----------
+    kind : int
+        OPAQUE, STRAIGHT or BENDING.
+    through : float
+        Fraction of the light that goes straight through; negative if it differs from point to point.
+    least : float
+        Smallest fraction with which a line goes on behind a surface that is not the target.
+    index : float
+        Refractive index inside, relative to outside; 0 to sample the surface's own refraction.
+    """
+
+    kind: int
+    through: float = -1.0
+    least: float = MIN_CLEAR
+    index: float = 0.0
+
+
+class Ends(NamedTuple):
+    """Where lines of sight end, as arrays (ray,) in the scene's units.
+
+    Attributes
+    ----------
+    on_target, seen : ndarray of bool
+        Whether the line meets the target, and whether it meets any visible surface.
+    point : ndarray of float64, shape (ray, 3)
+        Point on the target, or else on the first visible surface; inf if there is none.
+    first : ndarray of float64, shape (ray, 3)
+        Point on the first visible surface; inf if there is none.
+    first_passed, passed : ndarray of int
+        Numbers of surfaces before ``first`` and before ``point``.
+    bent : ndarray of bool
+        Whether the line is bent before ``point``.
+    origin, direction : ndarray of float64, shape (ray, 3)
+        Part of the line that meets ``point``.
+    last : ndarray of int
+        Number of the last surface that the line meets, target or not, -1 if there is none: see
+        :meth:`PinholeSight.name_of`.
+    instance : ndarray of int
+        Number of the instance of which this surface is a part, -1 if of none.
+    last_point : ndarray of float64, shape (ray, 3)
+        Point on the last surface.
+    """
+
+    on_target: np.ndarray
+    seen: np.ndarray
+    point: np.ndarray
+    first: np.ndarray
+    first_passed: np.ndarray
+    passed: np.ndarray
+    bent: np.ndarray
+    origin: np.ndarray
+    direction: np.ndarray
+    last: np.ndarray
+    instance: np.ndarray
+    last_point: np.ndarray
+
+    def only(self, chosen: np.ndarray) -> "Ends":
+        """Return the ends of some of the lines."""
+        return Ends(*(values[chosen] for values in self))
+
+
+class PinholeSight:
+    """Follows rays from the lens to what they show.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+        Scene to trace.
+    target_shapes : tuple of str
+        Ids of the target's shapes: shapes, instances, or shapes in the shape group of an instance.
+
+    Attributes
+    ----------
+    has_instances : bool
+        Whether the scene has instances, so that the shapes of its surfaces are not those of the scene.
+    """
+
+    def __init__(self, scene: Any, target_shapes: tuple[str, ...]) -> None:
+        self._scene, self._target = scene, target_shapes
+        self._shapes: list[Any] = []  # shapes met so far, kept alive so that their keys stay theirs
+        self._number: dict[int, int] = {}
+        self._effects: list[Effect] = []
+        shapes = scene.shapes()
+        self.has_instances = any(shape.bsdf() is None for shape in shapes)
+        self._effect_of = {shape.id(): effect_of(shape.bsdf()) for shape in shapes if shape.bsdf() is not None}
+
+    def must_follow(self, shape: Any) -> bool:
+        """Return whether a line that meets this shape of the scene may go on."""
+        effect = self._effect_of.get(shape.id(), Effect(OPAQUE))
+        return effect.kind == STRAIGHT or (effect.kind == BENDING and shape.id() not in self._target)
+
+    def is_target(self, shape: Any) -> bool:
+        """Return whether a shape is one of the target's."""
+        return shape.id() in self._target
+
+    def follow(self, origin: np.ndarray, direction: np.ndarray) -> Ends:
+        """Follow rays, float64 (ray, 3) in the scene's units, to the target or to the first visible surface."""
+        count = len(origin)
+        line_o, line_d = np.array(origin, dtype=np.float64), np.array(direction, dtype=np.float64)
+        line_bent = np.zeros(count, dtype=bool)
+        nowhere = np.full((count, 3), np.inf)
+        first_passed = np.zeros(count, dtype=int)
+        ends = Ends(
+            *(np.zeros(count, dtype=bool) for _ in range(2)),
+            *(nowhere.copy(), nowhere.copy(), first_passed),
+            *(np.zeros(count, dtype=int), line_bent.copy(), line_o.copy(), line_d.copy()),
+            *(np.full(count, -1), np.full(count, -1), nowhere.copy()),
+        )
+        hole, hole_at = ends.only(np.arange(count)), np.full(count, -1)  # the last hole in the target
+        active = np.arange(count)
+        for number in range(MAX_SURFACES):
+            if not active.size:
+                break
+            met = self._meet(line_o[active], line_d[active])
+            active, met = active[met.valid], met.where(met.valid)
+            ends.last_point[active], ends.last[active], ends.instance[active] = met.point, met.shape, met.instance
+            invisible = (met.kind == STRAIGHT) & (met.through >= INVISIBLE)
+            target = met.is_target & ~invisible
+            is_first = ~invisible & ~ends.seen[active]
+            ends.first[active[is_first]], ends.first_passed[active[is_first]] = met.point[is_first], number
+            for which, into in ((target | is_first, ends), (met.is_target & invisible, hole)):
+                rays = active[which]
+                into.point[rays], into.passed[rays], into.bent[rays] = met.point[which], number, line_bent[rays]
+                into.origin[rays], into.direction[rays] = line_o[rays], line_d[rays]
+            hole_at[active[met.is_target & invisible]] = number
+            ends.seen[active] |= target | is_first
+            ends.on_target[active] = target
+            beneath = active[target & (hole_at[active] == number - 1)]
+            gap = np.linalg.norm(ends.point[beneath] - hole.point[beneath], axis=1)
+            beneath = beneath[gap <= SAME_SHEET * np.linalg.norm(ends.point[beneath] - origin[beneath], axis=1)]
+            for name in ("point", "passed", "bent", "origin", "direction"):
+                getattr(ends, name)[beneath] = getattr(hole, name)[beneath]
+            line_bent[active] |= met.kind == BENDING
+            line_o[active], line_d[active] = met.next_origin, met.next_direction
+            is_clear = (met.kind != OPAQUE) & (met.through >= met.least) & (met.through > 0)
+            active = active[~target & (invisible | is_clear)]
+        return ends
+
+    def name_of(self, number: int) -> str:
+        """Return the id of a shape by its number in :class:`Ends`, '' for -1."""
+        return self._shapes[number].id() if number >= 0 else ""
+
+    def _meet(self, origin: np.ndarray, direction: np.ndarray) -> "_Meeting":
+        """Return what rays meet next, and how they go on behind it."""
+        if dr.is_jit_v(mi.Float):
+            return self._meet_all(origin, direction)
+        met = [self._meet_one(mi.Point3f(o), mi.Vector3f(d)) for o, d in zip(origin, direction, strict=True)]
+        return _Meeting(*(np.array(values) for values in zip(*met, strict=True)))
+
+    def _meet_all(self, origin: np.ndarray, direction: np.ndarray) -> "_Meeting":
+        towards = mi.Vector3f(*(mi.Float(np.ascontiguousarray(x, dtype=np.float32)) for x in direction.T))
+        begin = mi.Point3f(*(mi.Float(np.ascontiguousarray(x, dtype=np.float32)) for x in origin.T))
+        hit = self._scene.ray_intersect(mi.Ray3f(begin, towards))
+        valid = hit.is_valid().numpy()
+        shape, instance = self._numbers(hit.shape), self._numbers(hit.instance)
+        effects = [self._effects[n] if n >= 0 else Effect(OPAQUE) for n in range(-1, len(self._effects))]
+        kind, through, least, index = (np.array(values)[shape + 1] for values in zip(*effects, strict=True))
+        bsdf, varies = hit.bsdf(), (kind == STRAIGHT) & (through < 0)
+        if varies.any():
+            found = np.array(bsdf.eval_null_transmission(hit, mi.Bool(varies)).x).reshape(-1)
+            through = np.where(varies, found, through)
+        next_direction = np.where(valid[:, None], direction, [0.0, 0.0, 1.0])
+        sampled = (kind == BENDING) & (index == 0)
+        if sampled.any():
+            sample, weight = bsdf.sample(mi.BSDFContext(), hit, mi.Float(1 - 2.0**-24), mi.Point2f(0.5), mi.Bool(sampled))
+            wo = _columns(hit.to_world(sample.wo), len(origin))
+            next_direction = np.where(sampled[:, None], wo, next_direction)
+            part = np.array(sample.pdf * (weight.x > 0), dtype=np.float64).reshape(-1)
+            through = np.where(sampled, part, through)
+        snell = (kind == BENDING) & (index > 0)
+        if snell.any():
+            normal = _columns(hit.sh_frame.n, len(origin))
+            refracted, part = refract(direction[snell], normal[snell], index[snell])
+            next_direction[snell], through[snell] = refracted, part * through[snell]
+        ahead = mi.Vector3f(*(mi.Float(np.ascontiguousarray(x, dtype=np.float32)) for x in next_direction.T))
+        next_origin = _columns(hit.spawn_ray(ahead).o, len(origin))
+        is_target = self._is_target(shape, instance)
+        point = _columns(hit.p, len(origin))
+        return _Meeting(
+            valid, point, shape, instance, is_target, kind, through, least, next_origin, next_direction
+        )
+
+    def _meet_one(self, origin: Any, direction: Any) -> tuple[Any, ...]:
+        hit = self._scene.ray_intersect(mi.Ray3f(origin, direction))
+        towards = np.array(direction, dtype=np.float64).reshape(3)
+        if not hit.is_valid():
+            zero = np.zeros(3)
+            return (False, zero, -1, -1, False, OPAQUE, 0.0, 1.0, zero, towards)
+        shape = self._number_of(hit.shape, id(hit.shape))
+        instance = -1 if hit.instance is None else self._number_of(hit.instance, id(hit.instance))
+        kind, through, least, index = self._effects[shape]
+        if kind == STRAIGHT and through < 0:
+            through = float(np.array(hit.bsdf().eval_null_transmission(hit)).reshape(-1)[0])
+        elif kind == BENDING and index == 0:
+            sample, weight = hit.bsdf().sample(mi.BSDFContext(), hit, 1 - 2.0**-24, mi.Point2f(0.5))
+            towards = np.array(hit.to_world(sample.wo), dtype=np.float64).reshape(3)
+            through = float(sample.pdf) * bool(np.array(weight).reshape(-1)[0] > 0)
+        elif kind == BENDING:
+            normal = np.array(hit.sh_frame.n, dtype=np.float64).reshape(1, 3)
+            bent, part = refract(towards[None], normal, np.array([index]))
+            towards, through = bent[0], float(part[0]) * through
+        next_origin = np.array(hit.spawn_ray(mi.Vector3f(towards)).o, dtype=np.float64).reshape(3)
+        is_target = bool(self._is_target(np.array([shape]), np.array([instance]))[0])
+        point = np.array(hit.p, dtype=np.float64).reshape(3)
+        return (True, point, shape, instance, is_target, kind, through, least, next_origin, towards)
+
+    def _is_target(self, shape: np.ndarray, instance: np.ndarray) -> np.ndarray:
+        wanted = np.array([False, *(met.id() in self._target for met in self._shapes)])
+        return wanted[shape + 1] | wanted[instance + 1]
+
+    def _numbers(self, pointers: Any) -> np.ndarray:
+        """Return the numbers of the shapes at these pointers, -1 for none, int (ray,)."""
+        keys = dr.reinterpret_array(mi.UInt32, pointers).numpy()
+        unique, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+        found = [
+            self._number_of(pointers[int(n)], int(key)) if key else -1 for key, n in zip(unique, first, strict=True)
+        ]
+        return np.array(found)[inverse.reshape(-1)]
+
+    def _number_of(self, shape: Any, key: int) -> int:
+        if key not in self._number:
+            self._number[key] = len(self._shapes)
+            self._shapes.append(shape)
+            self._effects.append(effect_of(shape.bsdf()) if shape.bsdf() is not None else Effect(OPAQUE))
+        return self._number[key]
+
+
+class _Meeting(NamedTuple):
+    """What rays meet next, arrays (ray,): numbers of shapes and instances, effects, and how the rays go on."""
+
+    valid: np.ndarray
+    point: np.ndarray
+    shape: np.ndarray
+    instance: np.ndarray
+    is_target: np.ndarray
+    kind: np.ndarray
+    through: np.ndarray
+    least: np.ndarray
+    next_origin: np.ndarray
+    next_direction: np.ndarray
+
+    def where(self, chosen: np.ndarray) -> "_Meeting":
+        return _Meeting(*(values[chosen] for values in self))
+
+
+def _columns(vector: Any, count: int) -> np.ndarray:
+    """Return vectors of Dr.Jit as float64 (count, 3)."""
+    return np.broadcast_to(np.array(vector, dtype=np.float64).reshape(3, -1).T, (count, 3)).copy()
+
+
+def refract(direction: np.ndarray, normal: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the refracted directions, float64 (ray, 3), and the fraction of unpolarised light in them, (ray,).
+
+    ``normal`` points to the outside, ``index`` is that of the inside relative to the outside. Where light is totally
+    reflected, the direction is that of the reflection, and the fraction is 1.
+    """
+    cosine = -np.sum(direction * normal, axis=1)
+    inward = cosine > 0
+    facing = np.where(inward[:, None], normal, -normal)
+    cosine, ratio = np.abs(cosine), np.where(inward, 1 / index, index)
+    square = 1 - ratio**2 * (1 - cosine**2)
+    total = square < 0
+    inner = np.sqrt(np.maximum(square, 0))
+    bent = ratio[:, None] * direction + (ratio * cosine - inner)[:, None] * facing
+    reflected = direction + 2 * cosine[:, None] * facing
+    s = (ratio * cosine - inner) / (ratio * cosine + inner)
+    p = (cosine - ratio * inner) / (cosine + ratio * inner)
+    part = np.where(total, 1.0, 1 - (s**2 + p**2) / 2)
+    return np.where(total[:, None], reflected, bent), part
+
+
+def effect_of(bsdf: Any) -> Effect:
+    """Return the effect of a surface with this BSDF on a line of sight."""
+    flags, name, values = int(bsdf.flags()), bsdf.class_name(), mi.traverse(bsdf)
+
+    def number(key: str) -> float:
+        """Return a parameter, or nan if it is missing or a picture."""
+        for found in (key, f"{key}.value"):
+            if found in values and np.size(values[found]) == 1:
+                return float(np.array(values[found]).reshape(-1)[0])
+        return float("nan")
+
+    if flags & int(mi.BSDFFlags.Null):
+        return Effect(STRAIGHT, least=0.0 if name == "ThinDielectric" else MIN_CLEAR)
+    if flags & int(mi.BSDFFlags.DeltaTransmission) and not flags & int(SCATTERING):
+        return Effect(BENDING)
+    if name == "RoughDielectric" and number("alpha") <= MAX_ALPHA:
+        return Effect(BENDING, through=1.0, index=number("eta"))
+    if name in ("Principled", "PrincipledThin") and number("roughness") ** 2 <= MAX_ALPHA:
+        metallic = 0.0 if name == "PrincipledThin" else number("metallic")
+        through = number("spec_trans") * (1 - metallic) * (number("base_color") > 0)
+        if through >= MIN_CLEAR:
+            if name == "PrincipledThin":
+                return Effect(STRAIGHT, through=through)
+            eta = number("eta")
+            index = eta if eta > 0 else 2 / (1 - np.sqrt(0.08 * number("specular"))) - 1
+            return Effect(BENDING, through=through, index=float(index))
+    return Effect(OPAQUE)
+
+
+def apparent_distance(
+    setup: RenderSetup, sight: PinholeSight, ends: Ends, *, slope: np.ndarray, position: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a target behind glass appears, for lines of sight that end on it.
+
+    Parameters
+    ----------
+    setup : RenderSetup
+        Scene in front of its lens.
+    sight : PinholeSight
+        The sight with which the lines were followed.
+    ends : Ends
+        Ends of the lines, all on the target.
+    slope : ndarray of float64, shape (ray, 2)
+        Slopes dx/dz and dy/dz of the lines at the lens, in camera space.
+    position : float
+        Focus position, as a fraction of the travel.
+
+    Returns
+    -------
+    tuple of ndarray of float64, shape (ray,)
+        Axial distances (m) from the lens, nan where too little of the aperture sees the target or it appears at no
+        distance in front of the lens; and the diameter (pixels) of the blur that remains there.
+    """
+    drive, unit = setup.drive, setup.unit_m
+    matrix = np.array(setup.to_world_at(float(drive.shift(position))).matrix, dtype=np.float64)
+    turn, lens = matrix[:3, :3], matrix[:3, 3]
+    distance = ((ends.point - lens) @ np.linalg.inv(turn)[2]) * unit
+    step = SLOPE_STEP_PX * setup.grid.pitch_m / float(drive.image_distance(position))
+    pixels_per_slope = float(drive.image_distance(position)) / setup.grid.pitch_m
+    radius = LEAST_SQUARES_RADIUS * drive.aperture_radius_m
+
+    def landing(at: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where rays from points (m) on the lens meet the target (m), and whether they do."""
+        count = len(slopes)
+        origin = np.column_stack([np.broadcast_to(at, (count, 2)), np.zeros(count)]) / unit
+        ray = np.column_stack([slopes, np.ones(count)]) @ turn.T
+        found = sight.follow(origin @ turn.T + lens, ray / np.linalg.norm(ray, axis=1, keepdims=True))
+        return np.where(found.on_target[:, None], found.point * unit, np.nan), found.on_target
+
+    axes = np.eye(2)
+    by_slope = np.stack(
+        [(landing(np.zeros(2), slope + step * e)[0] - landing(np.zeros(2), slope - step * e)[0]) / (2 * step) for e in axes],
+        axis=-1,
+    )  # (ray, 3, 2)
+    vergence = np.full((len(slope), 2, 2), np.nan)
+    for part in APERTURE_SHRINKAGE:
+        todo = np.flatnonzero(~np.isfinite(vergence).all(axis=(1, 2)) & np.isfinite(by_slope).all(axis=(1, 2)))
+        if not todo.size:
+            break
+        h, aimed = radius * part, slope[todo]
+        by_lens = np.stack(
+            [
+                (
+                    landing(h * e, aimed - h * e / distance[todo, None])[0]
+                    - landing(-h * e, aimed + h * e / distance[todo, None])[0]
+                )
+                / (2 * h)
+                for e in axes
+            ],
+            axis=-1,
+        )
+        good = np.isfinite(by_lens).all(axis=(1, 2))
+        inverse = np.linalg.pinv(by_slope[todo[good]])
+        vergence[todo[good]] = np.eye(2) / distance[todo[good], None, None] + inverse @ by_lens[good]
+    mean = np.trace(vergence, axis1=1, axis2=2) / 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        apparent = np.where(mean > 0, 1 / mean, np.nan)
+    left = vergence - mean[:, None, None] * np.eye(2)
+    blur = 2 * drive.aperture_radius_m * pixels_per_slope * np.sqrt((left**2).sum(axis=(1, 2)) / 2)
+    return apparent, blur
