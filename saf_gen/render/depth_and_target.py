@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.render.pinhole_sight import PinholeSight, apparent_distance
+from saf_gen.render.pinhole_sight import PinholeSight, apparent_distance, camera_rays
 from saf_gen.render.render_setup import RenderSetup, SensorGrid, camera_dict, film_dict, render_with_camera
 
 RAY_OFFSET_PX = 1 / 256  # distance of a second and a third ray from the pixel's centre, on either side
@@ -97,10 +97,11 @@ def trace_geometry(
 
 
 def _out_of_sight_error(setup: RenderSetup, target_shapes: tuple[str, ...]) -> BadInput:
-    named = any(shape.id() in target_shapes for shape in setup.mitsuba_scene.shapes())
+    shapes = setup.mitsuba_scene.shapes()
+    named = any(shape.id() in target_shapes or shape.class_name() == "Instance" for shape in shapes)
     return BadInput(
         f"the target ({', '.join(target_shapes)}) is not visible to the camera",
-        allowed="a target shape that at least one pixel sees",
+        allowed="a target shape that at least one pixel sees, also through clear glass",
         hint="check camera and target in scene.yaml"
         if named
         else f"no shape has that id: in scene.py, set the id of the shape to its key, {target_shapes[0]!r}",
@@ -217,19 +218,6 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], sight: PinholeSi
     return _Traced(axial, target, residual)
 
 
-def camera_rays(camera: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return origins and directions of a camera's rays through points of its picture (0 to 1), float64 (ray, 3)."""
-    if dr.is_jit_v(mi.Float):
-        at = mi.Point2f(mi.Float(x.astype(np.float32)), mi.Float(y.astype(np.float32)))
-        ray, _ = camera.sample_ray(0, 0.5, at, mi.Point2f(0.5))
-        origin, direction = (np.array(v, dtype=np.float64).reshape(3, -1).T for v in (ray.o, ray.d))
-        shape = (x.size, 3)  # all rays of a camera may begin at one point, or run in one direction
-        return np.broadcast_to(origin, shape), np.broadcast_to(direction, shape)
-    rays = [camera.sample_ray(0, 0.5, mi.Point2f(*point), mi.Point2f(0.5))[0] for point in zip(x, y, strict=True)]
-    origin, direction = (np.array([v(ray) for ray in rays], dtype=np.float64) for v in (lambda r: r.o, lambda r: r.d))
-    return origin.reshape(-1, 3), direction.reshape(-1, 3)
-
-
 def _shape_index(shape: Any, number: int) -> int:
     """Return the value of the shape_index channel for the shape with this number in the scene.
 
@@ -264,7 +252,7 @@ def footprints(
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
     camera = mi.load_dict({"type": "perspective", **camera_dict(setup, position), "sampler": sampler})
     sizes = []
-    for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes and s.bsdf() is not None):
+    for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes and s.class_name() != "Instance"):
         density = _texel_density(shape.bsdf())
         if density > 0:
             shape_scene = mi.load_dict({"type": "scene", "it": shape}, optimize=False)

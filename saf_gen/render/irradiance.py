@@ -6,13 +6,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from saf_gen.render.pinhole_sight import PinholeSight, camera_rays
 from saf_gen.render.render_setup import RenderSetup, camera_dict
 
 RUNS = 4  # independent estimates, whose scatter gives the standard error
 JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # largest number of target points; samples per point and run
 
 
-def target_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray) -> tuple[float, float]:
+def target_irradiance(
+    setup: RenderSetup, *, position: float, target: np.ndarray, target_shapes: tuple[str, ...] = ()
+) -> tuple[float, float]:
     """Estimate the mean irradiance of the target by Monte Carlo.
 
     Light on the side that faces the camera counts, and also on the other side if the surface lets light through. Direct
@@ -27,6 +30,8 @@ def target_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray
         Focus position, as a fraction of the travel.
     target : ndarray of bool, shape (row, col)
         The target's pixels at this position.
+    target_shapes : tuple of str, optional
+        Ids of the target's shapes, to look for them behind clear surfaces.
 
     Returns
     -------
@@ -41,21 +46,35 @@ def target_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray
     y = (rows[chosen] + 0.5) / setup.grid.rows
     sensor = mi.load_dict({"type": "perspective", **camera_dict(setup, position)})
     sampler = mi.load_dict({"type": "independent"})
+    sight = PinholeSight(setup.mitsuba_scene, target_shapes)
+    if sight.may_follow:
+        ends = sight.follow(*camera_rays(sensor, x, y))
+        lines = ends.origin, ends.direction
     if vectors:
         sampler.seed(0, RUNS * x.size * samples)
-        x, y = (np.tile(np.repeat(values, samples), RUNS) for values in (x, y))
-        seen = mi.Point2f(x, y)
-        received = np.array(_sample_point(setup, sensor, sampler=sampler, seen=seen), dtype=np.float64)
+
+        def repeated(values: np.ndarray) -> np.ndarray:
+            return np.tile(np.repeat(values, samples), RUNS)
+
+        if sight.may_follow:
+            begin, towards = (mi.Vector3f(*(mi.Float(repeated(v).astype(np.float32)) for v in line.T)) for line in lines)
+            ray = mi.Ray3f(mi.Point3f(begin), towards)
+        else:
+            ray, _ = sensor.sample_ray(0, 0.5, mi.Point2f(repeated(x), repeated(y)), mi.Point2f(0.5))
+        received = np.array(_sample_point(setup, ray, sampler=sampler), dtype=np.float64)
     else:
-        all_seen = [mi.Point2f(*point) for point in zip(x, y, strict=True)] * (samples * RUNS)
-        received = np.array([_sample_point(setup, sensor, sampler=sampler, seen=seen) for seen in all_seen])
+        if sight.may_follow:
+            rays = [mi.Ray3f(mi.Point3f(o), mi.Vector3f(d)) for o, d in zip(*lines, strict=True)]
+        else:
+            points = (mi.Point2f(*point) for point in zip(x, y, strict=True))
+            rays = [sensor.sample_ray(0, 0.5, point, mi.Point2f(0.5))[0] for point in points]
+        received = np.array([_sample_point(setup, ray, sampler=sampler) for ray in rays * (samples * RUNS)])
     means = received.reshape(RUNS, -1).mean(axis=1)
     return float(means.mean()), float(means.std(ddof=1) / np.sqrt(RUNS))
 
 
-def _sample_point(setup: RenderSetup, sensor: Any, *, sampler: Any, seen: Any) -> Any:
-    """Return one sample of the irradiance of the surface at each image point ``seen`` (coordinates from 0 to 1)."""
-    ray, _ = sensor.sample_ray(0, 0.5, seen, mi.Point2f(0.5))
+def _sample_point(setup: RenderSetup, ray: Any, *, sampler: Any) -> Any:
+    """Return one sample of the irradiance of the surface that each ray meets."""
     hit = setup.mitsuba_scene.ray_intersect(ray)
     facing = dr.select(dr.dot(hit.n, ray.d) < 0, hit.n, -hit.n)
     surface = hit.bsdf(mi.RayDifferential3f(ray))

@@ -38,7 +38,7 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
     with on_one_thread():
         described = _read_geometry(scene)
     lamps = emitter_names(described)
-    shapes = [name for name, entry in described.items() if _is_shape(entry)]
+    shapes = [name for name, entry in described.items() if _is_shape(entry)] + list(instances_by_shape(described))
     card = str(scene.folder / "scene.yaml")
     for group, names in scene.card.lights.items():
         for name in names:
@@ -57,6 +57,21 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
 def emitter_names(described: Mapping[str, Any]) -> list[str]:
     """Return the names of the entries that emit light: lamps, and shapes with a lamp in them."""
     return [name for name, entry in described.items() if _emits(entry)]
+
+
+def instances_by_shape(described: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the instances that show each shape of a shape group, by the shape's name."""
+    found: dict[str, list[str]] = {}
+    for name, entry in described.items():
+        if _plugin_name(entry) != "instance":
+            continue
+        groups = [described.get(value["id"]) for value in entry.values() if _plugin_name(value) == "ref"]
+        for group in (g for g in groups if isinstance(g, dict)):
+            for key, inner in group.items():
+                if isinstance(inner, dict | mi.Shape) and _is_shape(inner):
+                    shape = inner.get("id", key) if isinstance(inner, dict) else inner.id()
+                    found.setdefault(shape, []).append(name)
+    return found
 
 
 def shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
@@ -341,6 +356,8 @@ def _entry(state: Any, index: int, *, shared: frozenset[int]) -> dict[str, Any]:
                 entry[key] = {"type": "ref", "id": state.nodes[inner].props.id()}
             else:
                 entry[key] = _entry(state, inner, shared=shared)
+                if entry["type"] == "shapegroup" and state.nodes[inner].type == mi.ObjectType.Shape:
+                    entry[key]["id"] = state.nodes[inner].props.id()  # it may be a target
         elif isinstance(value, mi.ScalarAffineTransform4d):  # the parser gives doubles
             entry[key] = mi.ScalarTransform4f(np.array(value.matrix, dtype=np.float64).tolist())
         else:

@@ -31,7 +31,7 @@ MIN_CLEAR = 0.5  # fraction of the light that a mask or a glass surface must let
 MAX_ALPHA = 0.01  # roughness α of glass that is as good as polished; it spreads rays by about α(n - 1)
 LEAST_SQUARES_RADIUS = (2 / 3) ** 0.5  # of the aperture; the radius at which rays with spherical aberration meet at the
 # focus of least mean squared blur
-APERTURE_SHRINKAGE = (1.0, 1 / 8, 1 / 64)  # smaller parts of the aperture are tried if something hides the target
+SHRINKAGE = (1.0, 1 / 8, 1 / 64)  # smaller parts of aperture and picture are tried if the target ends or is hidden
 SLOPE_STEP_PX = 2.0
 
 
@@ -114,6 +114,8 @@ class PinholeSight:
     ----------
     has_instances : bool
         Whether the scene has instances, so that the shapes of its surfaces are not those of the scene.
+    may_follow : bool
+        Whether any line of sight may go on behind the first surface that it meets, or meet an instance.
     """
 
     def __init__(self, scene: Any, target_shapes: tuple[str, ...]) -> None:
@@ -122,8 +124,9 @@ class PinholeSight:
         self._number: dict[int, int] = {}
         self._effects: list[Effect] = []
         shapes = scene.shapes()
-        self.has_instances = any(shape.bsdf() is None for shape in shapes)
-        self._effect_of = {shape.id(): effect_of(shape.bsdf()) for shape in shapes if shape.bsdf() is not None}
+        self.has_instances = any(shape.class_name() == "Instance" for shape in shapes)
+        self._effect_of = {shape.id(): effect_of(shape.bsdf()) for shape in shapes}
+        self.may_follow = self.has_instances or any(self.must_follow(shape) for shape in shapes)
 
     def must_follow(self, shape: Any) -> bool:
         """Return whether a line that meets this shape of the scene may go on."""
@@ -262,7 +265,7 @@ class PinholeSight:
         if key not in self._number:
             self._number[key] = len(self._shapes)
             self._shapes.append(shape)
-            self._effects.append(effect_of(shape.bsdf()) if shape.bsdf() is not None else Effect(OPAQUE))
+            self._effects.append(effect_of(shape.bsdf()))
         return self._number[key]
 
 
@@ -339,6 +342,19 @@ def effect_of(bsdf: Any) -> Effect:
     return Effect(OPAQUE)
 
 
+def camera_rays(camera: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins and directions of a camera's rays through points of its picture (0 to 1), float64 (ray, 3)."""
+    if dr.is_jit_v(mi.Float):
+        at = mi.Point2f(mi.Float(x.astype(np.float32)), mi.Float(y.astype(np.float32)))
+        ray, _ = camera.sample_ray(0, 0.5, at, mi.Point2f(0.5))
+        origin, direction = (np.array(v, dtype=np.float64).reshape(3, -1).T for v in (ray.o, ray.d))
+        shape = (x.size, 3)  # all rays of a camera may begin at one point, or run in one direction
+        return np.broadcast_to(origin, shape), np.broadcast_to(direction, shape)
+    rays = [camera.sample_ray(0, 0.5, mi.Point2f(*point), mi.Point2f(0.5))[0] for point in zip(x, y, strict=True)]
+    origin, direction = (np.array([v(ray) for ray in rays], dtype=np.float64) for v in (lambda r: r.o, lambda r: r.d))
+    return origin.reshape(-1, 3), direction.reshape(-1, 3)
+
+
 def apparent_distance(
     setup: RenderSetup, sight: PinholeSight, ends: Ends, *, slope: np.ndarray, position: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -371,39 +387,37 @@ def apparent_distance(
     pixels_per_slope = float(drive.image_distance(position)) / setup.grid.pitch_m
     radius = LEAST_SQUARES_RADIUS * drive.aperture_radius_m
 
-    def landing(at: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return where rays from points (m) on the lens meet the target (m), and whether they do."""
+    def landing(at: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Return where rays from points (m) on the lens meet the target (m), nan where they miss it."""
         count = len(slopes)
         origin = np.column_stack([np.broadcast_to(at, (count, 2)), np.zeros(count)]) / unit
         ray = np.column_stack([slopes, np.ones(count)]) @ turn.T
         found = sight.follow(origin @ turn.T + lens, ray / np.linalg.norm(ray, axis=1, keepdims=True))
-        return np.where(found.on_target[:, None], found.point * unit, np.nan), found.on_target
+        return np.where(found.on_target[:, None], found.point * unit, np.nan)
 
-    axes = np.eye(2)
-    by_slope = np.stack(
-        [(landing(np.zeros(2), slope + step * e)[0] - landing(np.zeros(2), slope - step * e)[0]) / (2 * step) for e in axes],
-        axis=-1,
-    )  # (ray, 3, 2)
+    def differences(step: float, towards: np.ndarray, aim: np.ndarray | None) -> np.ndarray:
+        """Return the change of the landing point per unit of both coordinates on the lens, aimed at a distance (m), or
+        of both slopes if ``aim`` is None: float64 (ray, 3, 2), nan where a ray misses the target.
+        """
+        columns = []
+        for axis in np.eye(2):
+            at = np.zeros(2) if aim is None else step * axis
+            turned = step * axis if aim is None else -step * axis / aim[:, None]
+            columns.append((landing(at, towards + turned) - landing(-at, towards - turned)) / (2 * step))
+        return np.stack(columns, axis=-1)
+
+    def shrunk(step: float, aim: np.ndarray | None) -> np.ndarray:
+        found = np.full((len(slope), 3, 2), np.nan)
+        for part in SHRINKAGE:
+            missing = np.flatnonzero(np.isnan(found).any(axis=(1, 2)))
+            if missing.size:
+                found[missing] = differences(step * part, slope[missing], None if aim is None else aim[missing])
+        return found
+
+    by_slope, by_lens = shrunk(step, None), shrunk(radius, distance)
+    good = ~np.isnan(by_slope + by_lens).any(axis=(1, 2))
     vergence = np.full((len(slope), 2, 2), np.nan)
-    for part in APERTURE_SHRINKAGE:
-        todo = np.flatnonzero(~np.isfinite(vergence).all(axis=(1, 2)) & np.isfinite(by_slope).all(axis=(1, 2)))
-        if not todo.size:
-            break
-        h, aimed = radius * part, slope[todo]
-        by_lens = np.stack(
-            [
-                (
-                    landing(h * e, aimed - h * e / distance[todo, None])[0]
-                    - landing(-h * e, aimed + h * e / distance[todo, None])[0]
-                )
-                / (2 * h)
-                for e in axes
-            ],
-            axis=-1,
-        )
-        good = np.isfinite(by_lens).all(axis=(1, 2))
-        inverse = np.linalg.pinv(by_slope[todo[good]])
-        vergence[todo[good]] = np.eye(2) / distance[todo[good], None, None] + inverse @ by_lens[good]
+    vergence[good] = np.eye(2) / distance[good, None, None] + np.linalg.pinv(by_slope[good]) @ by_lens[good]
     mean = np.trace(vergence, axis1=1, axis2=2) / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         apparent = np.where(mean > 0, 1 / mean, np.nan)

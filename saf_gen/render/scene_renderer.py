@@ -139,9 +139,12 @@ class SceneRenderer:
     def bounds(self, *names: str) -> np.ndarray:
         """Return the corners (m) of the box around the shapes with these names; without names, around everything.
 
-        The result is float64 (2, 3), in world axes. It is (0, 3) if no shape has one of the names, as for a lamp
-        without a body or a shape of ``scene.py`` whose id is not its key.
+        The result is float64 (2, 3), in world axes. For a shape of a shape group, it is the box around its instances.
+        It is (0, 3) if no shape has one of the names, as for a lamp without a body or a shape of ``scene.py`` whose id
+        is not its key.
         """
+        instances = mitsuba_scene.instances_by_shape(self._described)
+        names = tuple(shown for name in names for shown in instances.get(name, [name]))
         return _bounding_box(self.prepare().mitsuba_scene, names) * self.scene.card.unit_m
 
     def rest_bounds(self, name: str) -> np.ndarray:
@@ -281,7 +284,9 @@ class SceneRenderer:
 
     def estimate_irradiance(self, group: str, *, position: float, target: np.ndarray) -> tuple[float, float]:
         """Return the irradiance (W m⁻²) of the target by a light group, and its standard error."""
-        return irradiance.target_irradiance(self.prepare((group,)), position=position, target=target)
+        return irradiance.target_irradiance(
+            self.prepare((group,)), position=position, target=target, target_shapes=self.scene.card.target
+        )
 
     def texel_footprints(self, position: float, target: np.ndarray) -> np.ndarray:
         """Return the size of texels; see :func:`saf_gen.render.depth_and_target.footprints`."""
