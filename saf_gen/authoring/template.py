@@ -3,7 +3,7 @@
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,7 +65,9 @@ def scene_from_template(name: str, root: Path, *, kind: str = "script") -> list[
     return written
 
 
-def scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
+def scene_from_export(
+    exported: Path, name: str, *, root: Path, notify: Callable[[str], None] = lambda line: None
+) -> list[Path]:
     """Copy an exported scene and its files to ``root/name``, write its card, and return the paths of the files.
 
     Files keep the names that the scene uses; links are followed. The card has the pose and the field of view of the
@@ -80,6 +82,8 @@ def scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
         Name of the new scene.
     root : Path
         Folder of scene folders.
+    notify : callable, optional
+        Called with a line of text for each thing that is left out, changed or guessed.
 
     Returns
     -------
@@ -102,7 +106,8 @@ def scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
     with _new_folder(name, root) as folder:
         from saf_gen.render.exported_camera import exported_camera  # loads Mitsuba
 
-        texts = {"scene.yaml": _format_card(name, exported_camera(read, exported)), "SOURCE.md": EXPORTED_SOURCE}
+        camera = exported_camera(read, exported)
+        texts = {"scene.yaml": _format_card(name, camera), "SOURCE.md": EXPORTED_SOURCE}
         sources = _copied_files(read, exported)
         for file, source in sources.items():
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -118,6 +123,8 @@ def scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
                 allowed=refused.allowed,
                 hint="change the camera and export again, or write the card by hand",
             ) from refused
+    for note in dict.fromkeys(camera.notes):
+        notify(note)
     return [root / name / file for file in (*sources, *texts)]
 
 
@@ -177,6 +184,7 @@ def _format_card(name: str, camera: "ExportedCamera") -> str:
         return name if plain else json.dumps(name, ensure_ascii=False)
 
     far, near = 1.5 * camera.distance_m, 0.75 * camera.distance_m
+    unit = f"unit_m: {camera.unit_m:g}                                  # metres per unit of the geometry\n\n"
     lights = "".join(f"  {group}: [{quoted(emitter)}]\n" for group, emitter in camera.lights.items())
     return f"""\
 id: {name}
@@ -184,7 +192,7 @@ title: {name.replace("_", " ").capitalize()}, exported
 licence: ""                                  # you decide: an SPDX name, such as CC-BY-4.0; may others use it?
 source: SOURCE.md                            # where everything came from
 
-camera:                                      # from the file: {camera.name}
+{unit if camera.unit_m != 1 else ""}camera:                                      # from the file: {camera.name}
   origin_m: {vector(camera.origin_m)}
   look_at_m: {vector(camera.look_at_m)}
   up: {vector(camera.up)}

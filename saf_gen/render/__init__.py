@@ -6,12 +6,14 @@ from pathlib import Path
 
 from saf_gen.core import seeds
 from saf_gen.errors import BadInput
-from saf_gen.render import _import_mitsuba, backend, depth_and_target, estimators
+from saf_gen.render import _import_mitsuba, backend, depth_and_target, estimators, own_light
 from saf_gen.render.estimators import MomentShading
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
+
+MOMENTS_IN_LIGHT = 5  # at which the target's own light is looked for, if it moves or is moved past
 
 __all__ = ["_import_mitsuba", "render_missing"]
 
@@ -82,6 +84,8 @@ def render_missing(
 
     paths = MomentShading(show, seed=seeds.derive_seed("stack", base.key), emitting=renderer.emitting)
     moments = [(spec, missing) for spec in specs if (missing := StackStore(root, spec).missing_pieces())]
+    if any("geometry" in missing for _, missing in moments):
+        _require_own_light(scene, specs, base.groups, show)
     for n, (spec, missing) in enumerate(moments):
 
         def report(name: str, done: float, n: int = n) -> None:
@@ -123,3 +127,24 @@ def render_missing(
     if len(specs) == 1:
         return [name for _, name in todo]
     return [f"{name} at {spec.time_s:.4f} s" for spec, name in todo]
+
+
+def _require_own_light(
+    scene: Scene, specs: Sequence[StackSpec], groups: Sequence[str], show: Callable[[float], dict[str, RenderSetup]]
+) -> None:
+    """Raise BadInput if the target is black at each of a few moments at which it is in sight."""
+    refused = None
+    for spec in specs[:: max(len(specs) // (MOMENTS_IN_LIGHT - 1), 1)]:
+        setups = show(spec.time_s)
+        seen = depth_and_target.trace_geometry(
+            setups[groups[0]], scene.card.target, allow_unseen_target=len(specs) > 1
+        )
+        try:
+            own_light.require_own_light(setups.values(), scene.card.target, seen)
+        except BadInput as error:
+            refused = error
+        else:
+            if seen.target.any():
+                return
+    if refused is not None:
+        raise refused

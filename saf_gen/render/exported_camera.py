@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.plugins.lights import RESERVED_GROUP_NAMES
 from saf_gen.render import backend, mitsuba_scene
+from saf_gen.render.pinhole_sight import PinholeSight
 from saf_gen.render.render_setup import SensorGrid, film_dict
 from saf_gen.scene.xml import SceneXml
 
@@ -44,6 +46,10 @@ class ExportedCamera:
         Id of the shape that the optical axis meets.
     distance_m : float
         Distance to the target, in metres.
+    unit_m : float
+        Metres per unit of the file.
+    notes : tuple of str
+        Lines about what was taken otherwise than in the file, or left out.
     """
 
     name: str
@@ -55,10 +61,14 @@ class ExportedCamera:
     lights: dict[str, str]
     target: str
     distance_m: float
+    unit_m: float = 1.0
+    notes: tuple[str, ...] = ()
 
 
 def exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
-    """Return the first perspective camera of a scene; units are taken as metres.
+    """Return the first perspective camera of a scene, aimed at the first opaque surface behind all clear ones.
+
+    Units are metres, unless no lens could focus at such distances and another unit explains them.
 
     Parameters
     ----------
@@ -83,44 +93,143 @@ def exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
     lamps = mitsuba_scene.emitter_names(described)
     if not lamps:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add a lamp")
-    props = _first_camera(read.cameras, path)
+    props, others = _first_camera(read.cameras, path)
     origin, ahead, up = _pose(props, path)
     loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), max_depth=2)
-    hit = loaded.ray_intersect(mi.Ray3f(origin.tolist(), ahead.tolist()))
-    if not hit.is_valid():
+    sight = PinholeSight(loaded, ())
+    ends = sight.follow(origin[None], ahead[None])
+    if not ends.seen[0]:
         raise BadInput(
             "nothing is in the middle of the camera's image",
             where=str(path),
             hint="aim the camera at the target, and export again",
         )
-    distance = float(hit.t)
+    # The line may go on through clear surfaces, and end behind them or nowhere.
+    number, instance, point = ends.at_last(0)
+    units = float(ahead @ (point - origin))
+    unit_m, unit_note = _guess_unit(units, field=_field_of_view(props, path))
+    distance = units * unit_m
     image = SENSOR_WIDTH_M / 2 / math.tan(math.radians(_field_of_view(props, path)) / 2)
     focal = 1 / (1 / image + 1 / distance)
+    f_number, f_note = _f_number(props, focal_length_m=focal, unit_m=unit_m, path=path)
     return ExportedCamera(
         name=f"{props.plugin_name()} camera",
-        origin_m=tuple(origin.tolist()),
-        look_at_m=tuple((origin + distance * ahead).tolist()),
+        origin_m=tuple((origin * unit_m).tolist()),
+        look_at_m=tuple(((origin + units * ahead) * unit_m).tolist()),
         up=tuple(up.tolist()),
         focal_length_mm=focal * 1e3,
-        f_number=_f_number(props, focal_length_m=focal, path=path),
+        f_number=f_number,
         lights=_light_groups(lamps),
-        target=hit.shape.id(),
+        target=sight.name_of(instance) or sight.name_of(number),
         distance_m=distance,
+        unit_m=unit_m,
+        notes=(*unit_note, *f_note, *_left_out(props, others, read, units=units)),
     )
 
 
-def _first_camera(cameras: str, path: Path) -> Any:
-    """Return the properties of the first perspective camera, upgraded from older versions of Mitsuba."""
+MIN_BLUR_PX = 4.0  # at the ends of the travel that the card gets; with less, no method finds the focus
+UNITS = {"metres": 1.0, "centimetres": 1e-2, "millimetres": 1e-3, "micrometres": 1e-6}
+TRAVEL = (1.5, 0.75)  # object distances in focus at positions 0 and 1, over the target's distance
+
+
+def blur_at_ends(distance_m: float, *, image_m: float, f_number: float) -> float:
+    """Return the blur (pixels) of a target at the blurrier end of the travel, on the reference sensor."""
+    focal = 1 / (1 / image_m + 1 / distance_m)
+    return focal / f_number * image_m * (1 / min(TRAVEL) - 1) / distance_m / REFERENCE_GRID.pitch_m
+
+
+def _guess_unit(units: float, *, field: float) -> tuple[float, tuple[str, ...]]:
+    """Return the metres per unit of a file, and a note if they are not metres for certain.
+
+    Evidence against metres: at the target's distance no lens of f/1 with this field of view (degrees) blurs anything.
+    """
+    image = SENSOR_WIDTH_M / 2 / math.tan(math.radians(field) / 2)
+    fit = {
+        name: unit_m
+        for name, unit_m in UNITS.items()
+        if units * unit_m > 3 * image and blur_at_ends(units * unit_m, image_m=image, f_number=1.0) >= MIN_BLUR_PX
+    }
+    if "metres" in fit or not fit:
+        return 1.0, ()
+    far = f"the target is {units:.4g} units away, too far for any blur if they are metres"
+    if len(fit) > 1:
+        choices = " or ".join(f"{unit_m:g} for {name}" for name, unit_m in fit.items())
+        return 1.0, (f"units: {far}; set unit_m on the card ({choices}) and scale its lengths in metres by the same",)
+    [(name, unit_m)] = fit.items()
+    return unit_m, (f"units: {far}; the scene looks like {name}, so the card has unit_m: {unit_m:g}",)
+
+
+def _left_out(props: Any, others: list[str], read: SceneXml, *, units: float) -> Iterator[str]:
+    """Yield a line for each setting of the file that changes its picture but not that of the card."""
+    for name in others:
+        yield f"camera ignored: {name} (the first perspective camera is taken)"
+    for key, axis in (("principal_point_offset_x", "sideways"), ("principal_point_offset_y", "up or down")):
+        if shift := _number(props, key):
+            yield f"lens shift ignored: {key} {shift:g}, so the picture moves {axis} by {abs(shift):.0%} of its width"
+    if props.plugin_name() == "thinlens" and abs((focus := _number(props, "focus_distance")) / units - 1) > 0.01 and focus:
+        yield f"focus_distance ignored: {focus:g} (the card's lens focuses from before to behind the target)"
+    near, far = _number(props, "near_clip"), _number(props, "far_clip") or math.inf
+    if not near <= units <= far:
+        yield f"near_clip and far_clip ignored: {near:g} to {far:g} hide the target, {units:.4g} away"
+    if _number(props, "shutter_close") > _number(props, "shutter_open"):
+        yield "shutter ignored: motion is on the card, as keyframes"
+    matrix = np.array(getattr(props.get("to_world", None), "matrix", np.eye(4)), dtype=np.float64)
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        yield "mirror of the camera ignored: its to_world turns left into right"
+    for element in read.ignored:
+        values = {c.attributes.get("name"): c.attributes.get("value") for c in element.children}
+        kind = element.attributes.get("type", "")
+        if element.tag == "integrator" and kind not in ("path", "volpath", "volpathmis"):
+            yield f"integrator ignored: {kind} (pictures have all light along complete paths)"
+        if element.tag == "integrator" and values.get("hide_emitters") == "true":
+            yield "hide_emitters ignored: lamps are visible"
+        if element.tag == "film" and {"crop_width", "crop_height", "crop_offset_x", "crop_offset_y"} & values.keys():
+            yield "crop of the film ignored: the sensor shows the full field of view"
+        if element.tag == "film" and (note := _aspect_note(values)):
+            yield note
+    for name in read.media:
+        yield f"medium ignored: {name} (no fog, and no scattering inside)"
+
+
+def _aspect_note(values: dict[str | None, str | None]) -> str:
+    try:
+        width, height = float(values["width"] or ""), float(values["height"] or "")
+    except (KeyError, ValueError):
+        return ""
+    ours = REFERENCE_GRID.columns / REFERENCE_GRID.rows
+    if abs(width / height / ours - 1) < 0.01:
+        return ""
+    return f"film size ignored: {width:g} × {height:g} (the sensor is 400 × 250, so the picture has another height)"
+
+
+def _number(props: Any, key: str) -> float:
+    """Return a number among a camera's properties, or 0."""
+    value = props.get(key, 0.0)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
+
+
+def _first_camera(cameras: str, path: Path) -> tuple[Any, list[str]]:
+    """Return the properties of the first perspective camera, upgraded from older versions of Mitsuba.
+
+    The names of all other cameras are returned too.
+    """
     config = mi.parser.ParserConfig("scalar_rgb")
     try:
         state = mi.parser.parse_string(config, cameras)
         mi.parser.transform_upgrade(config, state)
     except (RuntimeError, ValueError, TypeError) as error:
         raise mitsuba_scene.mitsuba_refusal(error, path) from error
-    for node in state.nodes:
-        if node.props.plugin_name() in ("perspective", "thinlens"):
-            return node.props
-    raise BadInput("the scene has no perspective camera", where=str(path), hint="export a perspective camera")
+    sensors = [node.props for node in state.nodes if node.type == mi.ObjectType.Sensor]
+    names = [f"{props.plugin_name()} {props.id()!r}" for props in sensors]
+    for n, props in enumerate(sensors):
+        if props.plugin_name() in ("perspective", "thinlens"):
+            return props, names[:n] + names[n + 1 :]
+    raise BadInput(
+        f"the scene has no perspective camera{', but ' + ', '.join(names) if names else ''}",
+        where=str(path),
+        allowed="perspective, thinlens",
+        hint="export a perspective camera",
+    )
 
 
 def _pose(props: Any, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -154,8 +263,8 @@ def _field_of_view(props: Any, path: Path) -> float:
     return field
 
 
-def _f_number(props: Any, *, focal_length_m: float, path: Path) -> float:
-    """Return the f-number of the file's aperture, at least 1.
+def _f_number(props: Any, *, focal_length_m: float, unit_m: float, path: Path) -> tuple[float, tuple[str, ...]]:
+    """Return the f-number of the file's aperture, at least 1, and a note if the file says otherwise.
 
     A camera without an aperture radius, or with a radius of 0, is a pinhole and gets f/2.
     """
@@ -166,7 +275,9 @@ def _f_number(props: Any, *, focal_length_m: float, path: Path) -> float:
             where=str(path),
             allowed="a length in metres, or 0 for a pinhole",
         )
-    f_number = focal_length_m / (2 * radius) if radius > 0 else DEFAULT_F_NUMBER
+    if radius == 0:
+        return DEFAULT_F_NUMBER, (f"aperture: the camera is a pinhole, so the card says f/{DEFAULT_F_NUMBER:g}",)
+    f_number = focal_length_m / (2 * radius * unit_m)
     if f_number > MAX_F_NUMBER:
         raise BadInput(
             f"aperture_radius of the camera is {radius:g}, which is f/{f_number:.4g} with a sensor of 8 mm",
@@ -174,7 +285,10 @@ def _f_number(props: Any, *, focal_length_m: float, path: Path) -> float:
             allowed=f"up to f/{MAX_F_NUMBER:g}, which is {focal_length_m / 2 / MAX_F_NUMBER:.2g} m or more",
             hint="open the aperture, or set it to 0, for which the card states f/2",
         )
-    return max(f_number, MIN_F_NUMBER)
+    if f_number < MIN_F_NUMBER:
+        wide = f"aperture_radius {radius:g} is f/{f_number:.2g}, wider than any lens"
+        return MIN_F_NUMBER, (f"aperture: {wide}, so the card says f/{MIN_F_NUMBER:g}",)
+    return f_number, ()
 
 
 def _light_groups(lamps: list[str]) -> dict[str, str]:

@@ -95,6 +95,10 @@ class Ends(NamedTuple):
     instance: np.ndarray
     last_point: np.ndarray
 
+    def at_last(self, ray: int) -> tuple[int, int, np.ndarray]:
+        """Return the numbers of the last surface of a line and of its instance, and the point on it."""
+        return int(self.last[ray]), int(self.instance[ray]), self.last_point[ray]
+
     def only(self, chosen: np.ndarray) -> "Ends":
         """Return the ends of some of the lines."""
         return Ends(*(values[chosen] for values in self))

@@ -9,7 +9,7 @@ import numpy as np
 from saf_gen.core import seeds
 from saf_gen.core.region import Region
 from saf_gen.optics import Drive
-from saf_gen.render import backend, depth_and_target, estimators, irradiance, mitsuba_scene, thin_lens
+from saf_gen.render import backend, depth_and_target, estimators, irradiance, mitsuba_scene, own_light, thin_lens
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.estimators import MomentShading
 from saf_gen.render.render_setup import RenderSetup
@@ -135,6 +135,10 @@ class SceneRenderer:
         return depth_and_target.trace_geometry(
             self.prepare(time_s=time_s), self.scene.card.target, allow_unseen_target=allow_unseen_target
         )
+
+    def require_own_light(self, seen: DepthAndTarget) -> None:
+        """Raise BadInput if the target is black; see :func:`saf_gen.render.own_light.require_own_light`."""
+        own_light.require_own_light([self.prepare()], self.scene.card.target, seen)
 
     def bounds(self, *names: str) -> np.ndarray:
         """Return the corners (m) of the box around the shapes with these names; without names, around everything.

@@ -82,6 +82,7 @@ def _lengths(metres: np.ndarray) -> str:
 
 MARGIN = 0.1  # of the travel, at either end
 MIN_BLUR = 4.0  # pixels; with less blur at both ends of the travel, a search has nothing to find
+MAX_RESIDUAL_BLUR = 1.0  # pixels
 MEMBERS = 3
 
 
@@ -103,7 +104,15 @@ def check_reach(subject: SceneUnderTest) -> Iterator[Finding]:
         f"in focus at {truth:.3f} of the travel, depth of focus {low:.3f} to {high:.3f}; "
         f"blurred over {ends[0]:.0f} and {ends[1]:.0f} pixels at the ends of the travel"
     )
-    if not MARGIN <= truth <= 1 - MARGIN:
+    left = subject.depth_and_target.residual_blur_px
+    if left > MAX_RESIDUAL_BLUR:
+        yield Finding(
+            "reach",
+            "warning",
+            f"{text}: the glass in front of the target leaves a blur of {left:.1f} pixels at any position, "
+            "stop the lens down, or use flat glass",
+        )
+    elif not MARGIN <= truth <= 1 - MARGIN:
         yield Finding(
             "reach", "warning", f"{text}: the focus is near an end of the travel, widen {subject.drive.travel_key}"
         )

@@ -42,8 +42,13 @@ class SceneUnderTest:
 
     @cached_property
     def depth_and_target(self) -> DepthAndTarget:
-        """Depth map and target with the lens focused on the target; for a moving scene, at the time ``still_s``."""
-        return self.renderer.trace_geometry()
+        """Depth map and target with the lens focused on the target; for a moving scene, at the time ``still_s``.
+
+        Raises BadInput if the target is black.
+        """
+        seen = self.renderer.trace_geometry()
+        self.renderer.require_own_light(seen)
+        return seen
 
     @property
     def target_depths_m(self) -> np.ndarray:

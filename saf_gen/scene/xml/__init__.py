@@ -11,7 +11,8 @@ import posixpath
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from contextlib import suppress
 from pathlib import Path, PureWindowsPath
 from typing import Any
 from xml.parsers import expat
@@ -249,11 +250,24 @@ class SceneXml:
         The sensors, without their films, as the XML of a separate scene.
     files : tuple of tuple
         All other files that the scene needs: the name relative to its folder, and the path to which it resolves.
+    ignored : tuple of Element
+        Elements that the card and the recipe replace: integrators, films and samplers, also those of sensors.
+    media : tuple of str
+        Ids of the media, which are not rendered.
     """
 
     text: str
     cameras: str
     files: tuple[SceneFile, ...]
+    ignored: tuple[Element, ...] = ()
+    media: tuple[str, ...] = ()
+
+    def with_copies(self, copies: Mapping[Path, Path]) -> "SceneXml":
+        """Return the scene with copies in place of some of its files."""
+        text = self.text
+        for source, copy in copies.items():
+            text = text.replace(quoteattr(str(source)), quoteattr(str(copy)))
+        return replace(self, text=text)
 
 
 def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
@@ -296,14 +310,29 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
         keep_lines = all(element.file == path for element in elements)
         return format_xml(elements, version=version, first=root.line, keep_lines=keep_lines)
 
-    return SceneXml(format_elements(elements), format_elements(resolver.cameras), tuple(dict.fromkeys(files)))
+    return SceneXml(
+        format_elements(elements),
+        format_elements(resolver.cameras),
+        tuple(dict.fromkeys(files)),
+        tuple(resolver.ignored),
+        tuple(dict.fromkeys(_media([*elements, *resolver.cameras]))),
+    )
+
+
+def _media(elements: list[Element]) -> Iterator[str]:
+    """Yield the ids of the media among elements and their descendants."""
+    for element in elements:
+        if element.tag == "medium":
+            yield element.attributes.get("id") or element.attributes.get("name") or element.attributes["type"]
+        else:
+            yield from _media(element.children)
 
 
 class _Resolver:
     """Substitutes parameters, replaces includes by the elements that they include, and drops ignored elements.
 
-    ``values``, ``cameras`` and ``included`` are the parameters, sensors and included files found so far. As in Mitsuba,
-    a parameter is defined from its ``<default>`` element on.
+    ``values``, ``cameras``, ``included`` and ``ignored`` are the parameters, sensors, included files and ignored elements
+    found so far. As in Mitsuba, a parameter is defined from its ``<default>`` element on.
     """
 
     def __init__(self, folder: Path, params: Mapping[str, Any]) -> None:
@@ -311,12 +340,16 @@ class _Resolver:
         self.values: dict[str, str] = {}
         self.cameras: list[Element] = []
         self.included: list[SceneFile] = []
+        self.ignored: list[Element] = []
         self._count = 0
 
     def resolve(self, scene: Element, open_files: tuple[Path, ...]) -> Iterator[Element]:
         """Yield the top-level elements of a scene; ``open_files`` is the chain of files that include it."""
         for element in scene.children:
             if element.tag in IGNORED - {"sensor"}:
+                with suppress(BadInput):  # what is ignored may lack a parameter
+                    self._fill(element)
+                self.ignored.append(element)
                 continue
             self._fill(element)
             if element.tag == "sensor":
@@ -346,7 +379,12 @@ class _Resolver:
                 name = re.sub(r".*?\$(\w*).*", r"\1", text, flags=re.DOTALL)
                 raise unknown("parameter", name, allowed=self.values, where=element.where, hint=PARAMETER_HINT)
             element.attributes[key] = text
+        dropped = [inner for inner in element.children if inner.tag in IGNORED]
         element.children = [inner for inner in element.children if inner.tag not in IGNORED]
+        for inner in dropped:
+            with suppress(BadInput):
+                self._fill(inner)
+        self.ignored += dropped
         for inner in element.children:
             self._fill(inner)
 
