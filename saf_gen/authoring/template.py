@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from saf_gen.authoring.mesh_scene import is_mesh, scene_of_mesh
 from saf_gen.core.files import rename_durably, temporary_folder, unwritable
 from saf_gen.errors import BadInput
+from saf_gen.scene.obj_file import counts_from_the_end, with_positive_indices
+from saf_gen.scene.ply_file import is_ply, triangulated_ply
 from saf_gen.scene.scene_folder import load_scene, scene_names
 from saf_gen.scene.xml import SceneXml, read_scene_xml
 
@@ -102,16 +104,15 @@ def scene_from_export(
                 (folder / file).parent.mkdir(parents=True, exist_ok=True)
                 (folder / file).write_bytes(data)
         return [root / name / file for file in files]
-    read = read_scene_xml(exported, {})
+    read = read_scene_xml(exported, {}, convertible=True)
     with _new_folder(name, root) as folder:
         from saf_gen.render.exported_camera import exported_camera  # loads Mitsuba
 
-        camera = exported_camera(read, exported)
-        texts = {"scene.yaml": _format_card(name, camera), "SOURCE.md": EXPORTED_SOURCE}
         sources = _copied_files(read, exported)
-        for file, source in sources.items():
-            (folder / file).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source, folder / file)
+        changed = list(_copy(sources, folder))
+        copies = {sources[file]: folder / file for file, _ in changed}
+        camera = exported_camera(read.with_copies(copies), exported)
+        texts = {"scene.yaml": _format_card(name, camera), "SOURCE.md": EXPORTED_SOURCE}
         for file, text in texts.items():
             (folder / file).write_text(re.sub(r"\bNAME\b", name, text), encoding="utf-8")
         try:
@@ -123,7 +124,7 @@ def scene_from_export(
                 allowed=refused.allowed,
                 hint="change the camera and export again, or write the card by hand",
             ) from refused
-    for note in dict.fromkeys(camera.notes):
+    for note in dict.fromkeys((*camera.notes, *(f"mesh rewritten: {file} ({how})" for file, how in changed))):
         notify(note)
     return [root / name / file for file in (*sources, *texts)]
 
@@ -139,6 +140,20 @@ def _copied_files(read: SceneXml, exported: Path) -> dict[str, Path]:
                 hint="rename the file, and its name in the scene",
             )
     return sources
+
+
+def _copy(sources: dict[str, Path], folder: Path) -> Iterator[tuple[str, str]]:
+    """Copy files into a folder, and yield the names of those that must be rewritten for Mitsuba, and how they were."""
+    for file, source in sources.items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        if is_ply(source) and (data := triangulated_ply(source)) is not None:
+            (folder / file).write_bytes(data)
+            yield file, "faces of more than three corners are split into triangles"
+        elif source.suffix.lower() == ".obj" and counts_from_the_end(source):
+            (folder / file).write_bytes(with_positive_indices(source))
+            yield file, "negative indices are counted from the beginning"
+        else:
+            shutil.copyfile(source, folder / file)
 
 
 @contextmanager

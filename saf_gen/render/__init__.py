@@ -136,9 +136,7 @@ def _require_own_light(
     refused = None
     for spec in specs[:: max(len(specs) // (MOMENTS_IN_LIGHT - 1), 1)]:
         setups = show(spec.time_s)
-        seen = depth_and_target.trace_geometry(
-            setups[groups[0]], scene.card.target, allow_unseen_target=len(specs) > 1
-        )
+        seen = depth_and_target.trace_geometry(setups[groups[0]], scene.card.target, allow_unseen_target=len(specs) > 1)
         try:
             own_light.require_own_light(setups.values(), scene.card.target, seen)
         except BadInput as error:

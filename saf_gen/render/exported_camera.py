@@ -13,6 +13,7 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.plugins.lights import RESERVED_GROUP_NAMES
 from saf_gen.render import backend, mitsuba_scene
+from saf_gen.render.mitsuba_words import parse_refusal
 from saf_gen.render.pinhole_sight import PinholeSight
 from saf_gen.render.render_setup import SensorGrid, film_dict
 from saf_gen.scene.xml import SceneXml
@@ -95,7 +96,7 @@ def exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add a lamp")
     props, others = _first_camera(read.cameras, path)
     origin, ahead, up = _pose(props, path)
-    loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), max_depth=2)
+    loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), max_depth=2, where=str(path))
     sight = PinholeSight(loaded, ())
     ends = sight.follow(origin[None], ahead[None])
     if not ends.seen[0]:
@@ -132,10 +133,21 @@ UNITS = {"metres": 1.0, "centimetres": 1e-2, "millimetres": 1e-3, "micrometres":
 TRAVEL = (1.5, 0.75)  # object distances in focus at positions 0 and 1, over the target's distance
 
 
-def blur_at_ends(distance_m: float, *, image_m: float, f_number: float) -> float:
-    """Return the blur (pixels) of a target at the blurrier end of the travel, on the reference sensor."""
-    focal = 1 / (1 / image_m + 1 / distance_m)
-    return focal / f_number * image_m * (1 / min(TRAVEL) - 1) / distance_m / REFERENCE_GRID.pitch_m
+def fitting_units(distance: float, *, image_m: float) -> dict[str, float]:
+    """Return the units, and their metres, in which a lens of f/1 can blur a target at this distance.
+
+    ``image_m`` is the distance of the sensor from the lens (m). The lens travels from 0.75 to 1.5 times the distance;
+    the blur at the worse end is at least 4 pixels of the reference sensor. Objects nearer than three image distances
+    are left out.
+    """
+    fit = {}
+    for name, unit_m in UNITS.items():
+        distance_m = distance * unit_m
+        diameter = 1 / (1 / image_m + 1 / distance_m)  # of a lens of f/1, its focal length
+        blur = diameter * image_m * (1 / min(TRAVEL) - 1) / distance_m
+        if distance_m > 3 * image_m and blur >= MIN_BLUR_PX * REFERENCE_GRID.pitch_m:
+            fit[name] = unit_m
+    return fit
 
 
 def _guess_unit(units: float, *, field: float) -> tuple[float, tuple[str, ...]]:
@@ -143,12 +155,7 @@ def _guess_unit(units: float, *, field: float) -> tuple[float, tuple[str, ...]]:
 
     Evidence against metres: at the target's distance no lens of f/1 with this field of view (degrees) blurs anything.
     """
-    image = SENSOR_WIDTH_M / 2 / math.tan(math.radians(field) / 2)
-    fit = {
-        name: unit_m
-        for name, unit_m in UNITS.items()
-        if units * unit_m > 3 * image and blur_at_ends(units * unit_m, image_m=image, f_number=1.0) >= MIN_BLUR_PX
-    }
+    fit = fitting_units(units, image_m=SENSOR_WIDTH_M / 2 / math.tan(math.radians(field) / 2))
     if "metres" in fit or not fit:
         return 1.0, ()
     far = f"the target is {units:.4g} units away, too far for any blur if they are metres"
@@ -166,7 +173,11 @@ def _left_out(props: Any, others: list[str], read: SceneXml, *, units: float) ->
     for key, axis in (("principal_point_offset_x", "sideways"), ("principal_point_offset_y", "up or down")):
         if shift := _number(props, key):
             yield f"lens shift ignored: {key} {shift:g}, so the picture moves {axis} by {abs(shift):.0%} of its width"
-    if props.plugin_name() == "thinlens" and abs((focus := _number(props, "focus_distance")) / units - 1) > 0.01 and focus:
+    if (
+        props.plugin_name() == "thinlens"
+        and abs((focus := _number(props, "focus_distance")) / units - 1) > 0.01
+        and focus
+    ):
         yield f"focus_distance ignored: {focus:g} (the card's lens focuses from before to behind the target)"
     near, far = _number(props, "near_clip"), _number(props, "far_clip") or math.inf
     if not near <= units <= far:
@@ -218,7 +229,7 @@ def _first_camera(cameras: str, path: Path) -> tuple[Any, list[str]]:
         state = mi.parser.parse_string(config, cameras)
         mi.parser.transform_upgrade(config, state)
     except (RuntimeError, ValueError, TypeError) as error:
-        raise mitsuba_scene.mitsuba_refusal(error, path) from error
+        raise parse_refusal(error, path) from error
     sensors = [node.props for node in state.nodes if node.type == mi.ObjectType.Sensor]
     names = [f"{props.plugin_name()} {props.id()!r}" for props in sensors]
     for n, props in enumerate(sensors):

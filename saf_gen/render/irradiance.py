@@ -57,7 +57,9 @@ def target_irradiance(
             return np.tile(np.repeat(values, samples), RUNS)
 
         if sight.may_follow:
-            begin, towards = (mi.Vector3f(*(mi.Float(repeated(v).astype(np.float32)) for v in line.T)) for line in lines)
+            begin, towards = (
+                mi.Vector3f(*(mi.Float(repeated(v).astype(np.float32)) for v in line.T)) for line in lines
+            )
             ray = mi.Ray3f(mi.Point3f(begin), towards)
         else:
             ray, _ = sensor.sample_ray(0, 0.5, mi.Point2f(repeated(x), repeated(y)), mi.Point2f(0.5))

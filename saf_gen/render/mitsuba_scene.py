@@ -21,6 +21,7 @@ from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput, unknown
 from saf_gen.render import backend
 from saf_gen.render.backend import on_one_thread
+from saf_gen.render.mitsuba_words import load_refusal, parse_refusal
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.ply_file import validate_ply
 from saf_gen.scene.scene_folder import Scene
@@ -94,11 +95,13 @@ def shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, Rigid
     return {name: motion for name, (motion, _) in moving.items()}
 
 
-def load_lit_scene(described: Mapping[str, Any], emitters: tuple[str, ...], *, max_depth: int) -> tuple[Any, Any]:
+def load_lit_scene(
+    described: Mapping[str, Any], emitters: tuple[str, ...], *, max_depth: int, where: str = ""
+) -> tuple[Any, Any]:
     """Return the Mitsuba scene with only these emitters, and the integrator that traces it.
 
     The other emitters are left out rather than dimmed, so that no sample is spent on a dark lamp. Their shapes stay and
-    still cast shadows.
+    still cast shadows. ``where`` is the file of the scene, for messages.
 
     Raises BadInput if Mitsuba cannot load the scene.
     """
@@ -111,7 +114,7 @@ def load_lit_scene(described: Mapping[str, Any], emitters: tuple[str, ...], *, m
         with on_one_thread():
             loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
-        raise BadInput(f"Mitsuba cannot load the scene: {error}") from error
+        raise load_refusal(error, names=tuple(lit), where=where) from error
     integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})
     return loaded, integrator
 
@@ -329,18 +332,10 @@ def parse_scene_dict(text: str, path: Path) -> dict[str, Any]:
         state = mi.parser.parse_string(config, text)
         mi.parser.transform_all(config, state)
     except (RuntimeError, ValueError, TypeError) as error:
-        raise mitsuba_refusal(error, path) from error
+        raise parse_refusal(error, path) from error
     top = [v.index() for _, v in state.root.props.items() if isinstance(v, mi.Properties.ResolvedReference)]
     entries = {state.nodes[i].props.id(): _entry(state, i, shared=frozenset(top)) for i in top}
     return {name: entry for name, entry in entries.items() if entry["type"] != "area"}
-
-
-def mitsuba_refusal(error: Exception, path: Path) -> BadInput:
-    """Return an error of Mitsuba's parser as a BadInput; ``path`` is the file, for messages."""
-    message = re.sub(r"^\[[\w.]+:\d+\] ", "", str(error))
-    line = re.search(r"line (\d+)", message)
-    message = re.sub(r"^Error while loading string \(.*?\): ", "", message)
-    return BadInput(f"Mitsuba does not understand this: {message}", where=f"{path}:{line[1]}" if line else str(path))
 
 
 def _entry(state: Any, index: int, *, shared: frozenset[int]) -> dict[str, Any]:

@@ -74,7 +74,7 @@ class Ends(NamedTuple):
     origin, direction : ndarray of float64, shape (ray, 3)
         Part of the line that meets ``point``.
     last : ndarray of int
-        Number of the last surface that the line meets, target or not, -1 if there is none: see
+        Number of the last visible surface that the line meets, target or not, -1 if there is none: see
         :meth:`PinholeSight.name_of`.
     instance : ndarray of int
         Number of the instance of which this surface is a part, -1 if of none.
@@ -161,8 +161,10 @@ class PinholeSight:
                 break
             met = self._meet(line_o[active], line_d[active])
             active, met = active[met.valid], met.where(met.valid)
-            ends.last_point[active], ends.last[active], ends.instance[active] = met.point, met.shape, met.instance
             invisible = (met.kind == STRAIGHT) & (met.through >= INVISIBLE)
+            last = active[~invisible]
+            ends.last_point[last], ends.last[last] = met.point[~invisible], met.shape[~invisible]
+            ends.instance[last] = met.instance[~invisible]
             target = met.is_target & ~invisible
             is_first = ~invisible & ~ends.seen[active]
             ends.first[active[is_first]], ends.first_passed[active[is_first]] = met.point[is_first], number
@@ -210,7 +212,9 @@ class PinholeSight:
         next_direction = np.where(valid[:, None], direction, [0.0, 0.0, 1.0])
         sampled = (kind == BENDING) & (index == 0)
         if sampled.any():
-            sample, weight = bsdf.sample(mi.BSDFContext(), hit, mi.Float(1 - 2.0**-24), mi.Point2f(0.5), mi.Bool(sampled))
+            sample, weight = bsdf.sample(
+                mi.BSDFContext(), hit, mi.Float(1 - 2.0**-24), mi.Point2f(0.5), mi.Bool(sampled)
+            )
             wo = _columns(hit.to_world(sample.wo), len(origin))
             next_direction = np.where(sampled[:, None], wo, next_direction)
             part = np.array(sample.pdf * (weight.x > 0), dtype=np.float64).reshape(-1)
@@ -224,9 +228,7 @@ class PinholeSight:
         next_origin = _columns(hit.spawn_ray(ahead).o, len(origin))
         is_target = self._is_target(shape, instance)
         point = _columns(hit.p, len(origin))
-        return _Meeting(
-            valid, point, shape, instance, is_target, kind, through, least, next_origin, next_direction
-        )
+        return _Meeting(valid, point, shape, instance, is_target, kind, through, least, next_origin, next_direction)
 
     def _meet_one(self, origin: Any, direction: Any) -> tuple[Any, ...]:
         hit = self._scene.ray_intersect(mi.Ray3f(origin, direction))

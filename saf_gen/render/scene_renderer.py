@@ -320,7 +320,8 @@ class SceneRenderer:
         if time_s is not None:
             moment = mitsuba_scene.pose_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
         emitters = tuple(emitter for group in groups for emitter in card.lights[group])
-        return mitsuba_scene.load_lit_scene(moment, emitters, max_depth=self.max_depth)
+        where = str(self.scene.folder / ("scene.py" if self.scene.has_script else "scene.xml"))
+        return mitsuba_scene.load_lit_scene(moment, emitters, max_depth=self.max_depth, where=where)
 
 
 def _bounding_box(scene: Any, names: tuple[str, ...]) -> np.ndarray:

@@ -39,8 +39,10 @@ def is_ply(path: Path) -> bool:
         return file.read(3) == b"ply"
 
 
-def validate_ply(path: Path) -> None:
+def validate_ply(path: Path, *, triangles: bool = False) -> None:
     """Raise BadInput unless a PLY file is as long as its header says and all faces name existing vertices.
+
+    If ``triangles`` is true, all faces must be triangles, the only ones that Mitsuba reads from a PLY file.
 
     References
     ----------
@@ -54,8 +56,56 @@ def validate_ply(path: Path) -> None:
                 for corners in _read_corners(file, element, order=order):
                     if corners.size and not 0 <= (worst := _farthest(corners, vertices)) < vertices:
                         raise ValueError(f"a face names the vertex {worst}, but the number of vertices is {vertices}")
+                    if triangles and corners.size and corners.shape[-1] != 3:
+                        raise BadInput(
+                            f"the mesh has a face of {corners.shape[-1]} corners",
+                            where=str(path),
+                            allowed="triangles",
+                            hint="triangulate it, or import its scene with saf-gen scenes new --from",
+                        )
     except (OSError, ValueError, OverflowError, MemoryError) as error:
         raise BadInput(f"the mesh is damaged: {error}", where=str(path), hint="export it again") from error
+
+
+def triangulated_ply(path: Path) -> bytes | None:
+    """Return a valid PLY mesh with each face split into triangles that share its first corner; None if all are.
+
+    The rows of vertices stay as they are; properties of faces, and elements other than vertices and faces, are left
+    out.
+    """
+    with path.open("rb") as file:
+        order, elements = _read_header(file)
+        rows, triangles, split = b"", [], False
+        for element in elements:
+            begin = file.tell()
+            for corners in _read_corners(file, element, order=order):
+                fan = np.atleast_2d(corners).astype(np.int64)
+                split |= fan.shape[1] != 3
+                for n in range(1, fan.shape[1] - 1):
+                    triangles.append(fan[:, [0, n, n + 1]])
+            if element.name == "vertex":
+                end = file.tell()
+                file.seek(begin)
+                rows = file.read(end - begin)
+    if not split:
+        return None
+    faces = np.concatenate(triangles) if triangles else np.empty((0, 3), dtype=np.int64)
+    vertex = next(element for element in elements if element.name == "vertex")
+    names = {np.dtype(kind): name for name, kind in reversed(TYPES.items())}
+    form = next(name for name, mark in ORDERS.items() if mark == order)
+    header = ["ply", f"format {form} 1.0", f"element vertex {vertex.rows}"]
+    for one in vertex.properties:
+        kinds = ["list", one.counted, one.kind] if one.counted else [one.kind]
+        header.append(f"property {' '.join(names.get(np.dtype(k), k) if k != 'list' else k for k in kinds)} {one.name}")
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
+    if order == "":
+        body = "".join(f"3 {a} {b} {c}\n" for a, b, c in faces.tolist()).encode()
+        rows += b"" if rows.endswith(b"\n") else b"\n"
+    else:
+        packed = np.empty(len(faces), dtype=[("count", "u1"), ("corners", order + "i4", 3)])
+        packed["count"], packed["corners"] = 3, faces
+        body = packed.tobytes()
+    return "\n".join(header).encode() + rows + body
 
 
 def _farthest(corners: np.ndarray, vertices: int) -> int:

@@ -129,7 +129,11 @@ NEVER = "motion: {card: {keyframes: [{time_s: 0, translate_m: [3, 0, 0]}, {time_
     [
         (("target: [card]", "target: [cart]"), "geometry", "did you mean 'card'"),
         (("lamp: [lamp]", "lamp: [lump]"), "geometry", "unknown emitter of light group 'lamp': 'lump'"),
-        (('"type": "rectangle",  # from', '"type": "rectangel",  # from'), "geometry", "Mitsuba cannot load the scene"),
+        (
+            ('"type": "rectangle",  # from', '"type": "rectangel",  # from'),
+            "geometry",
+            "the type 'rectangel' is unknown",
+        ),
         (("    t = mi", "    t = nix"), "geometry", "scene.py failed: NameError"),
         (
             ("origin_m: [0, 0, 0.5]", "origin_m: [0, 0, 500]"),

@@ -117,7 +117,7 @@ def thin(radius):
         ([('<sensor type="perspective"', '<sensor type="orthographic"')], "no perspective camera"),
         ([('target="0.000000, 0.157000', 'target="0.000000, 9.157000')], "nothing is in the middle"),
         ([("meshes/Ball.ply", "../Ball.ply")], "is outside the scene's folder"),
-        ([(FOV, "wide")], "scene.xml:16: Mitsuba does not understand this"),
+        ([(FOV, "wide")], "scene.xml:16: the number is 'wide'; allowed: a number with a decimal point"),
         ([(FOV, "0.1")], "no card can describe this camera: the lens of 506.6 mm cannot focus at 0.4271 m; allowed"),
         ([(FOV, "nan")], "the camera's field of view is nan degrees; allowed: above 0, below 180"),
         ([('name="fov_axis" value="x"', 'name="fov_axis" value="longest"')], "The 'fov_axis' parameter"),

@@ -16,9 +16,15 @@ GRID = SensorGrid(rows=10, columns=16, pitch_m=240e-6)
 LENS = "{focal_length_mm: 25, f_number: 2.0, drive: image_distance, focus_range_m: [0.60, 0.42]}"
 WALL = "'type': 'rectangle', 'to_world': t.translate([0, 0, {z} * m]).rotate([0, 1, 0], 180).scale({half} * m)"
 ROOM = "'room': {'type': 'constant', 'radiance': 1.0}"
-NULL, GLASS, THIN = "{'type': 'null'}", "{'type': 'dielectric', 'int_ior': 1.5, 'ext_ior': 1.0}", "{'type': 'thindielectric'}"
+NULL, GLASS, THIN = (
+    "{'type': 'null'}",
+    "{'type': 'dielectric', 'int_ior': 1.5, 'ext_ior': 1.0}",
+    "{'type': 'thindielectric'}",
+)
 GREY = "{'type': 'twosided', 'bsdf': {'type': 'diffuse', 'reflectance': 0.5}}"
-CHECKS = "{'type': 'bitmap', 'raw': True, 'filter_type': 'nearest', 'data': mi.TensorXf(np.array([[0.0, 1.0]])[..., None])}"
+CHECKS = (
+    "{'type': 'bitmap', 'raw': True, 'filter_type': 'nearest', 'data': mi.TensorXf(np.array([[0.0, 1.0]])[..., None])}"
+)
 
 
 def wall(name, z, bsdf=GREY, *, half=0.5):
@@ -103,7 +109,9 @@ INVISIBLE = {
     "{'type': 'homogeneous', 'albedo': 0.9, 'sigma_t': 1.0}}",
     "opacity 0": wall("target", 0.0, MASK.format(0.0)),
     "a picture of opacity 0": wall("target", 0.0, MASK.format(CHECKS.replace("1.0", "0.0"))),
-    "a null blend": wall("target", 0.0, "{'type': 'blendbsdf', 'weight': 0.5, 'a': {'type': 'null'}, 'b': {'type': 'null'}}"),
+    "a null blend": wall(
+        "target", 0.0, "{'type': 'blendbsdf', 'weight': 0.5, 'a': {'type': 'null'}, 'b': {'type': 'null'}}"
+    ),
 }
 
 
@@ -179,7 +187,9 @@ def test_a_film_with_holes_on_the_targets_plate_counts_as_one_with_it(look):
         assert sorted(half[0]) == pytest.approx([0.5, depth], rel=1e-6)
 
 
-GROUP = "'group': {'type': 'shapegroup', 'leaf': {'type': 'rectangle'}, 'stem': {'type': 'cube', 'to_world': t.scale(0.2)}}"
+GROUP = (
+    "'group': {'type': 'shapegroup', 'leaf': {'type': 'rectangle'}, 'stem': {'type': 'cube', 'to_world': t.scale(0.2)}}"
+)
 
 
 def instance(name, x, z=0.0):
@@ -204,7 +214,7 @@ NEAR = LAMP.replace("-0.3", "-0.03")
 OWN = {
     "grey": ([PRINT, LAMP], True),
     "black": ([wall("target", 0.0, "{'type': 'diffuse', 'reflectance': 0.0}"), LAMP], False),
-    "turned away": ([f"'target': {{'type': 'rectangle', 'bsdf': {{'type': 'diffuse'}}}}", LAMP], False),
+    "turned away": (["'target': {'type': 'rectangle', 'bsdf': {'type': 'diffuse'}}", LAMP], False),
     "in full shadow": ([PRINT, BEHIND], False),
     "partly in shadow": ([PRINT, LAMP, wall("screen", -0.29, half=0.0003)], True),
     "a lamp": ([f"'target': {{{WALL.format(z=0, half=0.02)}, 'emitter': {{'type': 'area', 'radiance': 1.0}}}}"], True),

@@ -300,7 +300,7 @@ def test_the_scalar_variant_has_every_drive(tmp_path, monkeypatch, kind):
         ("def build", "def built", "scene.py", "scene.py failed: AttributeError: "),
         ("return {", "return 1/0, {", "scene.py", "scene.py failed: ZeroDivisionError: division by zero"),
         ("return {", "raise SystemExit(2)\n    return {", "scene.py", "CodeStopped: its code called exit(2)"),
-        ("checkerboard", "chequerboard", "scene.py", "Mitsuba cannot load the scene"),
+        ("checkerboard", "chequerboard", "scene.py", "the type 'chequerboard' is unknown"),
     ],
 )
 def test_a_scene_that_cannot_be_built_is_refused_in_one_line(plane, tmp_path, monkeypatch, old, new, file, message):

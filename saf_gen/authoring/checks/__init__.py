@@ -7,7 +7,14 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from saf_gen.authoring.checks.geometry import check_family, check_motion, check_reach, check_units, out_of_reach
+from saf_gen.authoring.checks.geometry import (
+    check_family,
+    check_motion,
+    check_reach,
+    check_units,
+    implausible_unit,
+    out_of_reach,
+)
 from saf_gen.authoring.checks.grain import check_grain
 from saf_gen.authoring.checks.pictures import check_curve, check_detail, check_exposure, check_slices
 from saf_gen.authoring.checks.subject import SceneUnderTest
@@ -80,6 +87,9 @@ def check_scene(
         subject.true_focus  # noqa: B018
     except BadInput as problem:
         yield out_of_reach(subject, problem)
+        return
+    if wrong := implausible_unit(subject):
+        yield wrong
         return
     for n, check in enumerate(CHECKS_OF_BUILT_SCENES, 1):
         try:

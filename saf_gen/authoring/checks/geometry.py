@@ -13,6 +13,7 @@ from saf_gen.authoring.checks.subject import SceneUnderTest
 from saf_gen.core.config.ranges import is_range
 from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput
+from saf_gen.render.exported_camera import fitting_units
 from saf_gen.scene.keyframes import motion_end_s
 
 UNITS = {
@@ -43,6 +44,30 @@ def check_units(subject: SceneUnderTest) -> Iterator[Finding]:
         )
     else:
         yield Finding("units", "ok", text)
+
+
+def implausible_unit(subject: SceneUnderTest) -> Finding | None:
+    """Return an error if the target is so far away that no lens blurs it, and another unit explains that."""
+    distance = float(np.median(subject.target_depths_m))
+    image = float(subject.drive.image_distance(0.5))
+    fit = fitting_units(distance, image_m=image)
+    if "metres" in fit or not fit or max(_blur_at_ends(subject)) >= 1:
+        return None
+    names = " or ".join(fit)
+    unit = " or ".join(f"{metres * subject.scene.card.unit_m:g}" for metres in fit.values())
+    text = (
+        f"the target is {distance:.4g} m away, and no position of the lens blurs it: the scene looks like {names}; "
+        f"write unit_m: {unit} on the card, and multiply its lengths in metres by {' or '.join(map(str, fit.values()))}"
+    )
+    return Finding("units", "error", text)
+
+
+def _blur_at_ends(subject: SceneUnderTest) -> list[float]:
+    """Return the rms blur (pixels) of the target at both ends of the travel."""
+    return [
+        float(np.sqrt(np.mean(subject.drive.blur_diameter(p, subject.target_depths_m) ** 2))) / subject.sensor.pitch_m
+        for p in (0.0, 1.0)
+    ]
 
 
 def suggest_unit(subject: SceneUnderTest) -> str:
@@ -96,10 +121,7 @@ def check_reach(subject: SceneUnderTest) -> Iterator[Finding]:
     """Check where in the travel the target is in focus, and how much it is blurred at the ends of the travel."""
     truth, half = subject.true_focus, subject.half_depth_of_focus
     low, high = subject.depth_of_focus
-    ends = [
-        float(np.sqrt(np.mean(subject.drive.blur_diameter(p, subject.target_depths_m) ** 2))) / subject.sensor.pitch_m
-        for p in (0.0, 1.0)
-    ]
+    ends = _blur_at_ends(subject)
     text = (
         f"in focus at {truth:.3f} of the travel, depth of focus {low:.3f} to {high:.3f}; "
         f"blurred over {ends[0]:.0f} and {ends[1]:.0f} pixels at the ends of the travel"

@@ -11,8 +11,8 @@ import posixpath
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
 from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PureWindowsPath
 from typing import Any
 from xml.parsers import expat
@@ -20,6 +20,8 @@ from xml.sax.saxutils import quoteattr
 
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.scene.obj_file import counts_from_the_end
+from saf_gen.scene.picture_file import validate_picture
 from saf_gen.scene.ply_file import is_ply, validate_ply
 
 __all__ = ["ALLOWED_PLUGINS", "SceneXml", "read_scene_xml"]
@@ -156,10 +158,12 @@ OTHER_ELEMENTS = frozenset(
 )
 
 
-def vet_element(element: Element, folder: Path) -> list[SceneFile]:
+def vet_element(element: Element, folder: Path, *, convertible: bool = False, inside: str = "") -> list[SceneFile]:
     """Check an element and its descendants, make their file names absolute, and return the files.
 
-    ``folder`` is the resolved folder of the scene. Raises BadInput if an element is unknown or could do harm.
+    ``folder`` is the resolved folder of the scene, ``inside`` the plug-in that has the element. If ``convertible``,
+    meshes may be of a form that Mitsuba does not read, but that can be rewritten. Raises BadInput if an element is
+    unknown or could do harm.
     """
     files: list[SceneFile] = []
     tag, attributes = element.tag, element.attributes
@@ -186,14 +190,37 @@ def vet_element(element: Element, folder: Path) -> list[SceneFile]:
         value = require_attribute(element, "value")
         if "file" in attributes.get("name", ""):
             files.append(resolve_file(element, "value", folder=folder))
-            if is_ply(files[-1][1]):
-                validate_ply(files[-1][1])
+            _vet_file(files[-1][1], element, inside=inside, convertible=convertible)
             attributes["value"] = str(files[-1][1])
         elif "/" in value or "\\" in value or ".." in value:  # Mitsuba turns some names of materials into file names
             raise BadInput(f"the value is {value!r}", where=element.where, allowed="a value that is not a path")
+    if tag == "shape" and attributes.get("type") == "instance" and any(c.tag == "shape" for c in element.children):
+        raise BadInput(
+            "an instance holds its shape group",
+            where=element.where,
+            allowed='<ref id="..."/> to a shape group',
+            hint="give the group an id and move it to the top of the scene",
+        )
     for inner in element.children:
-        files += vet_element(inner, folder)
+        files += vet_element(inner, folder, convertible=convertible, inside=attributes.get("type", ""))
     return files
+
+
+def _vet_file(file: Path, element: Element, *, inside: str, convertible: bool) -> None:
+    """Raise BadInput if Mitsuba could not read a file of an element, as far as its content shows."""
+    if inside in ("bitmap", "envmap"):
+        validate_picture(file, where=element.where)
+    elif is_ply(file):
+        validate_ply(file, triangles=not convertible)
+    elif inside == "ply":
+        raise BadInput(f"the mesh {file.name!r} is not a PLY file", where=element.where, hint="export it as PLY")
+    elif inside == "obj" and not convertible and counts_from_the_end(file):
+        raise BadInput(
+            f"faces of the mesh {file.name!r} count vertices from the end",
+            where=element.where,
+            allowed="positive indices",
+            hint="export it again, or import its scene with saf-gen scenes new --from",
+        )
 
 
 def resolve_file(element: Element, key: str, *, folder: Path) -> SceneFile:
@@ -270,7 +297,7 @@ class SceneXml:
         return replace(self, text=text)
 
 
-def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
+def read_scene_xml(path: Path, params: Mapping[str, Any], *, convertible: bool = False) -> SceneXml:
     """Read an XML scene and check that it is harmless.
 
     The id of an element is its ``id``, or else its ``name``, or else its tag and number, such as ``shape_3`` for the
@@ -282,6 +309,9 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
         The XML file.
     params : mapping of str to object
         Values of its ``<default>`` parameters, by name.
+    convertible : bool, default False
+        Accept PLY meshes with faces of more than three corners and OBJ meshes with negative indices. Mitsuba does not
+        read them.
 
     Raises
     ------
@@ -302,7 +332,7 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
             raise unknown("parameter", name, allowed=resolver.values, where=card, hint=PARAMETER_HINT)
     files = [*resolver.included]
     for element in (*elements, *resolver.cameras):
-        files += vet_element(element, resolver.folder)
+        files += vet_element(element, resolver.folder, convertible=convertible)
     _assign_ids(elements)
     version = root.attributes["version"]
 
@@ -331,8 +361,8 @@ def _media(elements: list[Element]) -> Iterator[str]:
 class _Resolver:
     """Substitutes parameters, replaces includes by the elements that they include, and drops ignored elements.
 
-    ``values``, ``cameras``, ``included`` and ``ignored`` are the parameters, sensors, included files and ignored elements
-    found so far. As in Mitsuba, a parameter is defined from its ``<default>`` element on.
+    ``values``, ``cameras``, ``included`` and ``ignored`` are the parameters, sensors, included files and ignored
+    elements found so far. As in Mitsuba, a parameter is defined from its ``<default>`` element on.
     """
 
     def __init__(self, folder: Path, params: Mapping[str, Any]) -> None:
