@@ -68,8 +68,8 @@ def target_irradiance(
         if sight.may_follow:
             rays = [mi.Ray3f(mi.Point3f(o), mi.Vector3f(d)) for o, d in zip(*lines, strict=True)]
         else:
-            points = (mi.Point2f(*point) for point in zip(x, y, strict=True))
-            rays = [sensor.sample_ray(0, 0.5, point, mi.Point2f(0.5))[0] for point in points]
+            places = zip(x, y, strict=True)
+            rays = [sensor.sample_ray(0, 0.5, mi.Point2f(*place), mi.Point2f(0.5))[0] for place in places]
         received = np.array([_sample_point(setup, ray, sampler=sampler) for ray in rays * (samples * RUNS)])
     means = received.reshape(RUNS, -1).mean(axis=1)
     return float(means.mean()), float(means.std(ddof=1) / np.sqrt(RUNS))

@@ -71,7 +71,7 @@ def instances_by_shape(described: Mapping[str, Any]) -> dict[str, list[str]]:
             for key, inner in group.items():
                 if isinstance(inner, dict | mi.Shape) and _is_shape(inner):
                     shape = inner.get("id", key) if isinstance(inner, dict) else inner.id()
-                    found.setdefault(shape, []).append(name)
+                    found.setdefault(str(shape), []).append(name)
     return found
 
 

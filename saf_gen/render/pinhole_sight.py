@@ -15,6 +15,7 @@ by its position on the lens. A window of thickness t brings the target nearer by
 aberration of the window at this aperture. Behind curved glass, some blur may remain at any position.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -46,14 +47,14 @@ class Effect(NamedTuple):
         Fraction of the light that goes straight through; negative if it differs from point to point.
     least : float
         Smallest fraction with which a line goes on behind a surface that is not the target.
-    index : float
+    ratio : float
         Refractive index inside, relative to outside; 0 to sample the surface's own refraction.
     """
 
     kind: int
     through: float = -1.0
     least: float = MIN_CLEAR
-    index: float = 0.0
+    ratio: float = 0.0
 
 
 class Ends(NamedTuple):
@@ -149,10 +150,18 @@ class PinholeSight:
         nowhere = np.full((count, 3), np.inf)
         first_passed = np.zeros(count, dtype=int)
         ends = Ends(
-            *(np.zeros(count, dtype=bool) for _ in range(2)),
-            *(nowhere.copy(), nowhere.copy(), first_passed),
-            *(np.zeros(count, dtype=int), line_bent.copy(), line_o.copy(), line_d.copy()),
-            *(np.full(count, -1), np.full(count, -1), nowhere.copy()),
+            on_target=np.zeros(count, dtype=bool),
+            seen=np.zeros(count, dtype=bool),
+            point=nowhere.copy(),
+            first=nowhere.copy(),
+            first_passed=first_passed,
+            passed=np.zeros(count, dtype=int),
+            bent=line_bent.copy(),
+            origin=line_o.copy(),
+            direction=line_d.copy(),
+            last=np.full(count, -1),
+            instance=np.full(count, -1),
+            last_point=nowhere.copy(),
         )
         hole, hole_at = ends.only(np.arange(count)), np.full(count, -1)  # the last hole in the target
         active = np.arange(count)
@@ -260,7 +269,7 @@ class PinholeSight:
 
     def _numbers(self, pointers: Any) -> np.ndarray:
         """Return the numbers of the shapes at these pointers, -1 for none, int (ray,)."""
-        keys = dr.reinterpret_array(mi.UInt32, pointers).numpy()
+        keys: np.ndarray = np.array(dr.reinterpret_array(mi.UInt32, pointers))
         unique, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
         found = [
             self._number_of(pointers[int(n)], int(key)) if key else -1 for key, n in zip(unique, first, strict=True)
@@ -321,31 +330,32 @@ def refract(direction: np.ndarray, normal: np.ndarray, index: np.ndarray) -> tup
 
 def effect_of(bsdf: Any) -> Effect:
     """Return the effect of a surface with this BSDF on a line of sight."""
-    flags, name, values = int(bsdf.flags()), bsdf.class_name(), mi.traverse(bsdf)
-
-    def number(key: str) -> float:
-        """Return a parameter, or nan if it is missing or a picture."""
-        for found in (key, f"{key}.value"):
-            if found in values and np.size(values[found]) == 1:
-                return float(np.array(values[found]).reshape(-1)[0])
-        return float("nan")
-
+    flags, name = int(bsdf.flags()), bsdf.class_name()
     if flags & int(mi.BSDFFlags.Null):
         return Effect(STRAIGHT, least=0.0 if name == "ThinDielectric" else MIN_CLEAR)
     if flags & int(mi.BSDFFlags.DeltaTransmission) and not flags & int(SCATTERING):
         return Effect(BENDING)
-    if name == "RoughDielectric" and number("alpha") <= MAX_ALPHA:
-        return Effect(BENDING, through=1.0, index=number("eta"))
-    if name in ("Principled", "PrincipledThin") and number("roughness") ** 2 <= MAX_ALPHA:
-        metallic = 0.0 if name == "PrincipledThin" else number("metallic")
-        through = number("spec_trans") * (1 - metallic) * (number("base_color") > 0)
+    if name == "RoughDielectric" and _parameter(bsdf, "alpha") <= MAX_ALPHA:
+        return Effect(BENDING, through=1.0, ratio=_parameter(bsdf, "eta"))
+    if name in ("Principled", "PrincipledThin") and _parameter(bsdf, "roughness") ** 2 <= MAX_ALPHA:
+        metallic = 0.0 if name == "PrincipledThin" else _parameter(bsdf, "metallic")
+        through = _parameter(bsdf, "spec_trans") * (1 - metallic) * (_parameter(bsdf, "base_color") > 0)
         if through >= MIN_CLEAR:
             if name == "PrincipledThin":
                 return Effect(STRAIGHT, through=through)
-            eta = number("eta")
-            index = eta if eta > 0 else 2 / (1 - np.sqrt(0.08 * number("specular"))) - 1
-            return Effect(BENDING, through=through, index=float(index))
+            eta = _parameter(bsdf, "eta")
+            ratio = eta if eta > 0 else 2 / (1 - math.sqrt(0.08 * _parameter(bsdf, "specular"))) - 1
+            return Effect(BENDING, through=through, ratio=ratio)
     return Effect(OPAQUE)
+
+
+def _parameter(bsdf: Any, key: str) -> float:
+    """Return a parameter of a BSDF, or nan if it is missing or a picture."""
+    values = mi.traverse(bsdf)
+    for found in (key, f"{key}.value"):
+        if found in values and np.size(values[found]) == 1:
+            return float(np.array(values[found]).reshape(-1)[0])
+    return float("nan")
 
 
 def camera_rays(camera: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -327,6 +327,34 @@ FAULTS = {
             "generate/test_exposure_of_moving_scenes.py::test_a_target_that_was_in_sight_only_once_is_exposed_there",
         ),
     ),
+    "sight ends at glass": Fault(
+        "Lines of sight end at the first clear surface, so that a target behind glass is not seen.",
+        (Change("render.pinhole_sight", "active[~target & (invisible | is_clear)]", "active[~target & invisible]"),),
+        (
+            "render/test_pinhole_sight.py::test_a_window_of_thickness_t_brings_the_target_nearer_by_t_times_1_minus_1_by_n",
+            "render/test_pinhole_sight.py::test_a_target_behind_what_lets_light_straight_through_is_seen_at_its_own_depth",
+        ),
+    ),
+    "true depth behind glass": Fault(
+        "The depth of a target behind glass is that of its surface, not that at which it appears.",
+        (
+            Change(
+                "render.pinhole_sight", "np.where(mean > 0, 1 / mean, np.nan)", "np.where(mean > 0, distance, np.nan)"
+            ),
+        ),
+        (
+            "render/test_pinhole_sight.py::test_a_window_of_thickness_t_brings_the_target_nearer_by_t_times_1_minus_1_by_n",
+            "render/test_pinhole_sight.py::test_a_ball_lens_before_the_target_magnifies_its_depth_by_the_thick_lens_formula",
+        ),
+    ),
+    "invisible targets count": Fault(
+        "A null surface, the boundary of fog and a mask of opacity 0 are seen.",
+        (Change("render.pinhole_sight", "(met.through >= INVISIBLE)", "(met.through > 2)"),),
+        (
+            "render/test_pinhole_sight.py::test_an_invisible_target_is_not_visible",
+            "render/test_pinhole_sight.py::test_depth_is_that_of_the_first_visible_surface",
+        ),
+    ),
 }
 
 

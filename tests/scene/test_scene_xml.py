@@ -338,7 +338,7 @@ def test_an_encoding_that_python_knows_is_read(tmp_path, name):
     ("elements", "message"),
     [
         ('\n<shape type="sphere"><float name="radius" value="abc"/></shape>', "scene.xml:3: "),
-        ('\n\n<shape type="cube"><ref id="paint"/></shape>', 'unresolved reference to "paint"'),
+        ('\n\n<shape type="cube"><ref id="paint"/></shape>', "nothing has the id 'paint'"),
     ],
 )
 def test_an_error_of_mitsuba_is_reported_with_its_line(written, tmp_path, elements, message):
