@@ -85,7 +85,7 @@ def render_missing(
     paths = MomentShading(show, seed=seeds.derive_seed("stack", base.key), emitting=renderer.emitting)
     moments = [(spec, missing) for spec in specs if (missing := StackStore(root, spec).missing_pieces())]
     if any("geometry" in missing for _, missing in moments):
-        _require_own_light(scene, specs, base.groups, show)
+        _require_own_light(scene, specs, groups=base.groups, show=show)
     for n, (spec, missing) in enumerate(moments):
 
         def report(name: str, done: float, n: int = n) -> None:
@@ -130,7 +130,7 @@ def render_missing(
 
 
 def _require_own_light(
-    scene: Scene, specs: Sequence[StackSpec], groups: Sequence[str], show: Callable[[float], dict[str, RenderSetup]]
+    scene: Scene, specs: Sequence[StackSpec], *, groups: Sequence[str], show: Callable[[float], dict[str, RenderSetup]]
 ) -> None:
     """Raise BadInput if the target is black at each of a few moments at which it is in sight."""
     refused = None
@@ -138,7 +138,7 @@ def _require_own_light(
         setups = show(spec.time_s)
         seen = depth_and_target.trace_geometry(setups[groups[0]], scene.card.target, allow_unseen_target=len(specs) > 1)
         try:
-            own_light.require_own_light(setups.values(), scene.card.target, seen)
+            own_light.require_own_light(setups.values(), scene.card.target, seen=seen)
         except BadInput as error:
             refused = error
         else:

@@ -121,7 +121,9 @@ def trace_depth_at(
     """
     sight = PinholeSight(setup.mitsuba_scene, target_shapes)
     traced = [
-        _first_surfaces(setup, _make_offset_camera(setup, position, offset_px=offset_px), sight, position=position)
+        _first_surfaces(
+            setup, _make_offset_camera(setup, position, offset_px=offset_px), sight=sight, position=position
+        )
         for offset_px in (0.0, -RAY_OFFSET_PX, RAY_OFFSET_PX)[:rays]
     ]
     axials, targets = (np.stack([getattr(planes, name) for planes in traced]) for name in ("axial", "target"))
@@ -158,7 +160,7 @@ def _check_lens_travel(setup: RenderSetup) -> None:
     }
     at = 0.0 if float(drive.shift(0.0)) == start else 1.0
     sight = PinholeSight(setup.mitsuba_scene, ())
-    nearest = float(_first_surfaces(setup, sensor, sight, position=at).axial.min()) + start
+    nearest = float(_first_surfaces(setup, sensor, sight=sight, position=at).axial.min()) + start
     if nearest <= end:
         raise BadInput(
             f"the stage runs the scene into the lens: a surface is {nearest:.6g} m in front of it",
@@ -177,7 +179,7 @@ class _Traced(NamedTuple):
     residual_blur_px: float = 0.0
 
 
-def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], sight: PinholeSight, *, position: float) -> _Traced:
+def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: PinholeSight, position: float) -> _Traced:
     """Trace the ray through each pixel's centre to what it shows: float64 and bool (row, col)."""
     # One sample that is not jittered is the ray through the pixel's centre.
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
@@ -196,7 +198,7 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], sight: PinholeSi
     rows, columns = np.nonzero(shape > 0 if sight.has_instances else np.isin(shape, followed))
     if not rows.size:
         return _Traced(axial, target)
-    origin, direction = camera_rays(loaded, (columns + 0.5) / shape.shape[1], (rows + 0.5) / shape.shape[0])
+    origin, direction = camera_rays(loaded, x=(columns + 0.5) / shape.shape[1], y=(rows + 0.5) / shape.shape[0])
     ends = sight.follow(origin, direction)
 
     def distances(points: np.ndarray, passed: np.ndarray) -> np.ndarray:
@@ -209,7 +211,7 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], sight: PinholeSi
     if behind.size:
         local = direction[behind] @ to_camera[:3, :3].T
         slope = local[:, :2] / local[:, 2:]
-        found, blur = apparent_distance(setup, sight, ends.only(behind), slope=slope, position=position)
+        found, blur = apparent_distance(setup, sight, ends=ends.only(behind), slope=slope, position=position)
         sharp = np.isfinite(found)
         distance[behind] = np.where(sharp, found, distances(ends.first, ends.first_passed)[behind])
         on_target[behind] = sharp

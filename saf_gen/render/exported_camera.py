@@ -124,7 +124,7 @@ def exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
         target=sight.name_of(instance) or sight.name_of(number),
         distance_m=distance,
         unit_m=unit_m,
-        notes=(*unit_note, *f_note, *_left_out(props, others, read, units=units)),
+        notes=(*unit_note, *f_note, *_left_out(props, others, read=read, units=units)),
     )
 
 
@@ -166,7 +166,7 @@ def _guess_unit(units: float, *, field: float) -> tuple[float, tuple[str, ...]]:
     return unit_m, (f"units: {far}; the scene looks like {name}, so the card has unit_m: {unit_m:g}",)
 
 
-def _left_out(props: Any, others: list[str], read: SceneXml, *, units: float) -> Iterator[str]:
+def _left_out(props: Any, others: list[str], *, read: SceneXml, units: float) -> Iterator[str]:
     """Yield a line for each setting of the file that changes its picture but not that of the card."""
     for name in others:
         yield f"camera ignored: {name} (the first perspective camera is taken)"

@@ -48,7 +48,7 @@ def target_irradiance(
     sampler = mi.load_dict({"type": "independent"})
     sight = PinholeSight(setup.mitsuba_scene, target_shapes)
     if sight.may_follow:
-        ends = sight.follow(*camera_rays(sensor, x, y))
+        ends = sight.follow(*camera_rays(sensor, x=x, y=y))
         lines = ends.origin, ends.direction
     if vectors:
         sampler.seed(0, RUNS * x.size * samples)

@@ -22,7 +22,7 @@ MIN_FRACTION = 0.01  # of the target's pixels
 JIT_SAMPLING, SCALAR_SAMPLING = (1024, 32), (128, 16)  # largest number of pixels; light paths per pixel and light group
 
 
-def require_own_light(setups: Iterable[RenderSetup], target_shapes: tuple[str, ...], seen: DepthAndTarget) -> None:
+def require_own_light(setups: Iterable[RenderSetup], target_shapes: tuple[str, ...], *, seen: DepthAndTarget) -> None:
     """Raise BadInput if under all lights together fewer than 1 % of the target's pixels receive its own light.
 
     Parameters
@@ -38,7 +38,7 @@ def require_own_light(setups: Iterable[RenderSetup], target_shapes: tuple[str, .
         return
     lit: Any = False
     for setup in setups:
-        lit = lit | _lit_pixels(setup, target_shapes, seen)
+        lit = lit | _lit_pixels(setup, target_shapes, seen=seen)
         if lit.mean() >= MIN_FRACTION:
             return
     raise BadInput(
@@ -48,7 +48,7 @@ def require_own_light(setups: Iterable[RenderSetup], target_shapes: tuple[str, .
     )
 
 
-def _lit_pixels(setup: RenderSetup, target_shapes: tuple[str, ...], seen: DepthAndTarget) -> np.ndarray:
+def _lit_pixels(setup: RenderSetup, target_shapes: tuple[str, ...], *, seen: DepthAndTarget) -> np.ndarray:
     """Return whether own light of the target reaches pixels spread over it, bool (pixel,)."""
     vectors = dr.is_jit_v(mi.Float)
     pixels, samples = JIT_SAMPLING if vectors else SCALAR_SAMPLING
@@ -57,21 +57,21 @@ def _lit_pixels(setup: RenderSetup, target_shapes: tuple[str, ...], seen: DepthA
     position = min(max(setup.drive.true_focus(seen.depth[seen.target]), 0.0), 1.0)
     camera = mi.load_dict({"type": "perspective", **camera_dict(setup, position)})
     height, width = seen.target.shape
-    origin, direction = camera_rays(camera, (columns[chosen] + 0.5) / width, (rows[chosen] + 0.5) / height)
+    origin, direction = camera_rays(camera, x=(columns[chosen] + 0.5) / width, y=(rows[chosen] + 0.5) / height)
     ends = PinholeSight(setup.mitsuba_scene, target_shapes).follow(origin, direction)
     sampler = mi.load_dict({"type": "independent"})
     rays = [np.repeat(values, samples, axis=0) for values in (ends.origin, ends.direction)]
     if vectors:
         sampler.seed(0, len(rays[0]))
         begin, towards = (mi.Vector3f(*(mi.Float(x.astype(np.float32)) for x in values.T)) for values in rays)
-        light = np.array(_own_light(setup, sampler, mi.Ray3f(mi.Point3f(begin), towards)))
+        light = np.array(_own_light(setup, mi.Ray3f(mi.Point3f(begin), towards), sampler=sampler))
     else:
         each = (mi.Ray3f(mi.Point3f(o), mi.Vector3f(d)) for o, d in zip(*rays, strict=True))
-        light = np.array([float(_own_light(setup, sampler, ray)) for ray in each])
+        light = np.array([float(_own_light(setup, ray, sampler=sampler)) for ray in each])
     return ends.on_target & (light.reshape(-1, samples) > 0).any(axis=1)
 
 
-def _own_light(setup: RenderSetup, sampler: Any, ray: Any) -> Any:
+def _own_light(setup: RenderSetup, ray: Any, *, sampler: Any) -> Any:
     """Return one sample of the target's own light along rays that meet it, as a radiance."""
     hit = setup.mitsuba_scene.ray_intersect(ray)
     if not dr.is_jit_v(mi.Float) and not hit.is_valid():

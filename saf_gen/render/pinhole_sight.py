@@ -231,7 +231,7 @@ class PinholeSight:
         snell = (kind == BENDING) & (index > 0)
         if snell.any():
             normal = _columns(hit.sh_frame.n, len(origin))
-            refracted, part = refract(direction[snell], normal[snell], index[snell])
+            refracted, part = refract(direction[snell], normal[snell], index=index[snell])
             next_direction[snell], through[snell] = refracted, part * through[snell]
         ahead = mi.Vector3f(*(mi.Float(np.ascontiguousarray(x, dtype=np.float32)) for x in next_direction.T))
         next_origin = _columns(hit.spawn_ray(ahead).o, len(origin))
@@ -256,7 +256,7 @@ class PinholeSight:
             through = float(sample.pdf) * bool(np.array(weight).reshape(-1)[0] > 0)
         elif kind == BENDING:
             normal = np.array(hit.sh_frame.n, dtype=np.float64).reshape(1, 3)
-            bent, part = refract(towards[None], normal, np.array([index]))
+            bent, part = refract(towards[None], normal, index=np.array([index]))
             towards, through = bent[0], float(part[0]) * through
         next_origin = np.array(hit.spawn_ray(mi.Vector3f(towards)).o, dtype=np.float64).reshape(3)
         is_target = bool(self._is_target(np.array([shape]), np.array([instance]))[0])
@@ -307,7 +307,7 @@ def _columns(vector: Any, count: int) -> np.ndarray:
     return np.broadcast_to(np.array(vector, dtype=np.float64).reshape(3, -1).T, (count, 3)).copy()
 
 
-def refract(direction: np.ndarray, normal: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def refract(direction: np.ndarray, normal: np.ndarray, *, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the refracted directions, float64 (ray, 3), and the fraction of unpolarised light in them, (ray,).
 
     ``normal`` points to the outside, ``index`` is that of the inside relative to the outside. Where light is totally
@@ -358,7 +358,7 @@ def _parameter(bsdf: Any, key: str) -> float:
     return float("nan")
 
 
-def camera_rays(camera: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def camera_rays(camera: Any, *, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return origins and directions of a camera's rays through points of its picture (0 to 1), float64 (ray, 3)."""
     if dr.is_jit_v(mi.Float):
         at = mi.Point2f(mi.Float(x.astype(np.float32)), mi.Float(y.astype(np.float32)))
@@ -372,7 +372,7 @@ def camera_rays(camera: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, 
 
 
 def apparent_distance(
-    setup: RenderSetup, sight: PinholeSight, ends: Ends, *, slope: np.ndarray, position: float
+    setup: RenderSetup, sight: PinholeSight, *, ends: Ends, slope: np.ndarray, position: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return where a target behind glass appears, for lines of sight that end on it.
 

@@ -138,7 +138,7 @@ class SceneRenderer:
 
     def require_own_light(self, seen: DepthAndTarget) -> None:
         """Raise BadInput if the target is black; see :func:`saf_gen.render.own_light.require_own_light`."""
-        own_light.require_own_light([self.prepare()], self.scene.card.target, seen)
+        own_light.require_own_light([self.prepare()], self.scene.card.target, seen=seen)
 
     def bounds(self, *names: str) -> np.ndarray:
         """Return the corners (m) of the box around the shapes with these names; without names, around everything.

@@ -237,9 +237,9 @@ OWN = {
 def test_a_target_must_send_light_of_its_own(look, shapes, shines):
     setup, seen = look(*shapes, light="target" if "emitter" in shapes[0] else "room")
     if shines:
-        require_own_light([setup], ("target",), seen)
+        require_own_light([setup], ("target",), seen=seen)
     else:
-        error = refusal(require_own_light, [setup], ("target",), seen)
+        error = refusal(require_own_light, [setup], ("target",), seen=seen)
         assert "(target) is black: its own light reaches 0.0% of its pixels" in error.problem
 
 
