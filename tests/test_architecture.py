@@ -19,7 +19,7 @@ LAYERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlin
 IMPORTERS = {
     "mitsuba": ["render", "scene.library.surfaces_1"],  # for scene scripts, which only render/ runs
     "drjit": ["render"],
-    "OpenEXR": ["stack.exr"],
+    "OpenEXR": ["core.exr"],
     "fsspec": ["core.object_store"],
     "s3fs": [],
     "h5py": ["stream.checked_file", "stream.stream_file", "stream.stream_writer", "stream.interop.array_files"],

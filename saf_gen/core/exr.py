@@ -89,7 +89,7 @@ class FlatHeader:
 
 
 def read_flat_header(path: Path) -> FlatHeader:
-    """Return the header of a file of one uncompressed part, as :func:`saf_gen.stack.exr.write_planes` writes it.
+    """Return the header of a file of one uncompressed part, as :func:`saf_gen.core.exr.write_planes` writes it.
 
     Raises OSError, ValueError, LookupError or struct.error for any other file.
     """
