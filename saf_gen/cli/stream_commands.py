@@ -23,7 +23,9 @@ Bits = Annotated[
     str | None, typer.Option("--bits", help="First bit of a byte: lsb or msb (default: lsb, or as the file shows).")
 ]
 Rate = Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")]
-Key = Annotated[str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several.")]
+Key = Annotated[
+    str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several, or layer of OpenEXR files.")
+]
 FocusLog = Annotated[
     Path | None, typer.Option(help="Lens log: CSV with frame,position or seconds,position (0 to 1 of the travel).")
 ]
@@ -217,7 +219,9 @@ def _count_frames(stream: Path) -> int:
 
 
 def encode_command(
-    pictures: Annotated[Path, typer.Argument(help="Folder of images, a video, or a .npy, .npz or .mat file.")],
+    pictures: Annotated[
+        Path, typer.Argument(help="Folder of images or OpenEXR files, a video, or a .npy, .npz or .mat file.")
+    ],
     target: Annotated[Path, typer.Option("--out", help="Stream file to write.")],
     *,
     rate: Annotated[float | None, typer.Option(help="Pictures per second (default: the rate of the video).")] = None,
@@ -250,10 +254,12 @@ def encode_command(
             "and a focus between two pictures is a mixture of both, not physics"
         )
     encode_pictures(plan, target, seed=seed, **fields)
-    values = "linear light" if linear else "sRGB decoded"
+    values = "linear light" if source.linear else "sRGB decoded"
     _print_written_stream(target, f"from {plan.count} pictures at {plan.rate_hz:g} Hz, {values}")
     if source.order:
         out.print(f"in this order: {source.order}", soft_wrap=True, markup=False)
+    for note in source.notes:
+        out.print(note, soft_wrap=True, markup=False)
 
 
 def export_command(

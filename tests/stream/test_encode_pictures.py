@@ -15,7 +15,8 @@ from refusals import assert_says, refusal
 from saf_gen.camera import get_sensor
 from saf_gen.stream.interop import encode_pictures as module
 from saf_gen.stream.interop.encode_pictures import encode_pictures, prepare_pictures
-from saf_gen.stream.interop.picture_frames import decode_srgb, open_pictures
+from saf_gen.stream.interop.linear_light import decode_srgb
+from saf_gen.stream.interop.picture_frames import open_pictures
 from saf_gen.stream.stream_file import open_stream
 
 IDEAL = get_sensor("ideal")
@@ -291,11 +292,6 @@ def test_bits_that_would_be_lost_are_refused(tmp_path, channels):
         assert np.array_equal(np.rint(light * 65535), values[:, :, 0])
     else:
         assert "16 bits per colour" in refusal(open_pictures, tmp_path / "a.png").problem
-
-
-def test_a_file_of_exr_is_refused_rather_than_clipped(tmp_path):
-    (tmp_path / "a.exr").write_bytes(b"v/1\x01")
-    assert_says(refusal(open_pictures, tmp_path / "a.exr", linear=True), "OpenEXR | .npy | --linear")
 
 
 RATES = [15_000.0, 23_976.0, 30_000.0, 40_000.0, 60_000.0, 70_001.0, 200_000.0, 9_999.5]

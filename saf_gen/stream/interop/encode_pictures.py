@@ -13,7 +13,7 @@ import numpy as np
 from saf_gen.camera import Encoder, Sensor, exposure_scale
 from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop.picture_frames import PictureFrames
+from saf_gen.stream.interop.linear_light import PictureFrames
 from saf_gen.stream.metadata import metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -102,7 +102,8 @@ def prepare_pictures(
         If neither the caller nor the source states a rate, if there are too many frames, if all pictures are black, or
         if the sensor cannot reach the mean rate.
     """
-    rate = pictures.rate_hz if rate_hz is None else rate_hz
+    stated = pictures.rate_hz if rate_hz is None else rate_hz
+    rate = None if stated is None else float(stated)
     total, count = np.zeros(pictures.shape, np.float64), 0
     for light in pictures:
         total += light

@@ -3,7 +3,6 @@
 import os
 import re
 from collections.abc import Iterator
-from math import prod
 from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
@@ -14,80 +13,14 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from saf_gen.core.extras import require_extra
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.array_files import DAMAGE, ENDINGS, SlicedArray, open_array
+from saf_gen.stream.interop.exr_frames import ExrFrames
+from saf_gen.stream.interop.linear_light import PictureFrames
 from saf_gen.stream.metadata import MAX_PIXELS
 
 IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".pgm", ".ppm"})
+EXR = ".exr"
 FEW_NAMES = 3
 """Names of pictures that are listed from each end of a folder."""
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-"""Weights of linear red, green and blue (ITU-R BT.709), since a spike camera sees no colour."""
-
-
-def decode_srgb(values: np.ndarray) -> np.ndarray:
-    """Return the linear light, float32, of sRGB values from 0 to 1 (IEC 61966-2-1)."""
-    v = np.asarray(values, np.float32)
-    linear: np.ndarray = np.where(v <= 0.04045, v / 12.92, ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4)
-    return linear.astype(np.float32)
-
-
-class PictureFrames:
-    """Pictures as linear light, float32 (H, W), 0 and above; each iteration begins with the first.
-
-    Attributes
-    ----------
-    path : Path
-        Folder or file from which the pictures are read.
-    linear : bool
-        True if the values in the source are linear light already, False if they are sRGB, which is decoded.
-    shape : tuple of int
-        (H, W).
-    rate_hz : float or None
-        Pictures per second; None if the source does not state it.
-    order : str
-        The names of the first and last pictures of a folder, in the order in which they are read; otherwise ''.
-    """
-
-    rate_hz: float | None = None
-    order: str = ""
-
-    def __init__(self, path: Path, *, linear: bool, shape: tuple[int, ...]) -> None:
-        if len(shape) != 2 or min(shape) < 1 or prod(shape) > MAX_PIXELS:
-            raise BadInput(
-                f"the pictures have the shape {shape}",
-                where=str(path),
-                allowed=f"rows and columns, at most {MAX_PIXELS} pixels",
-            )
-        self.path, self.linear, self.shape = path, linear, (int(shape[0]), int(shape[1]))
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        for name, values in self._read():
-            if values.shape[:2] != self.shape:
-                size = f"{name} has {values.shape[:2]} pixels"
-                raise BadInput(size, where=str(self.path), allowed=f"{self.shape}, like the first")
-            yield self._to_light(values, name=name)
-
-    def _read(self) -> Iterator[tuple[str, np.ndarray]]:
-        raise NotImplementedError
-
-    def _to_light(self, values: np.ndarray, *, name: str) -> np.ndarray:
-        """Return grey, RGB or RGBA values (H, W) or (H, W, c) as linear light; alpha is ignored."""
-        kind = values.dtype.kind
-        if kind not in "uf" or values.dtype.itemsize > 8:
-            raise BadInput(f"{name} is {values.dtype}", where=str(self.path), allowed="uint8, uint16 or floats",
-                           hint="use saf-gen import for spikes")  # fmt: skip
-        scaled = values.astype(np.float32) / (1 if kind == "f" else np.iinfo(values.dtype).max)
-        low, high = float(scaled.min()), float(scaled.max())
-        if not (low >= 0 and high < np.inf and (self.linear or high <= 1)):
-            allowed, hint = (
-                ("0 and above", "") if self.linear else ("0 to 1", "add --linear if the values are linear light")
-            )
-            raise BadInput(f"{name} has values {low:g} to {high:g}", where=str(self.path), allowed=allowed, hint=hint)
-        light = scaled if self.linear else decode_srgb(scaled)
-        if light.ndim == 2:
-            return light
-        if light.ndim != 3 or light.shape[2] not in (1, 2, 3, 4):
-            raise BadInput(f"{name} has shape {values.shape}", where=str(self.path), allowed="1 to 4 channels")
-        return light[:, :, 0] if light.shape[2] < 3 else np.asarray(light[:, :, :3] @ LUMINANCE)
 
 
 class _ImageFiles(PictureFrames):
@@ -101,10 +34,7 @@ class _ImageFiles(PictureFrames):
             raise BadInput("has no picture", where=str(path), allowed=f"files {', '.join(sorted(IMAGES))}")
         first, _ = next(_read_pages(self._files[0]))
         super().__init__(path, linear=linear, shape=first.shape[:2])
-        names = [file.name for file in self._files]
-        if is_folder and len(names) > 2 * FEW_NAMES:
-            names[FEW_NAMES:-FEW_NAMES] = ["…"]
-        self.order = ", ".join(names) if is_folder else ""
+        self.order = _name_order(self._files) if is_folder else ""
         if not is_folder:
             self.rate_hz = _page_rate(path)
 
@@ -112,6 +42,13 @@ class _ImageFiles(PictureFrames):
         for file in self._files:
             for number, (values, _) in enumerate(_read_pages(file)):
                 yield f"{file.name}{f', page {number + 1}' if number else ''}", values
+
+
+def _name_order(files: list[Path]) -> str:
+    names = [file.name for file in files]
+    if len(names) > 2 * FEW_NAMES:
+        names[FEW_NAMES:-FEW_NAMES] = ["…"]
+    return ", ".join(names)
 
 
 def _number_sort_key(path: Path) -> list[Any]:
@@ -216,24 +153,42 @@ class _VideoFrames(PictureFrames):
             yield f"frame {number}", np.frombuffer(data, np.uint8).reshape(*self.shape, 3)
 
 
+def _list_exr(path: Path) -> list[Path]:
+    """Return the OpenEXR files of a folder in the order of the numbers in their names, or ``path`` if it is one.
+
+    Raises BadInput for a folder that holds other images as well, whose light is stored in another way.
+    """
+    if not path.is_dir():
+        return [path] if path.suffix.lower() == EXR else []
+    files = [file for file in path.iterdir() if file.suffix.lower() in (EXR, *IMAGES)]
+    found = {file.suffix.lower() for file in files}
+    if EXR in found and len(found) > 1:
+        raise BadInput(
+            f"has both {EXR} and {', '.join(sorted(found - {EXR}))} files", where=str(path),
+            allowed="OpenEXR files alone, or none", hint="put them in folders of their own",
+        )  # fmt: skip
+    return sorted(files, key=_number_sort_key) if EXR in found else []
+
+
 def open_pictures(path: str | os.PathLike[str], *, linear: bool = False, key: str | None = None) -> PictureFrames:
     """Return the pictures in a folder of images, an image file with pages, or an array file; others are read as video.
 
-    ``linear`` states that the values are linear light already, and ``key`` names the array in a file with several.
+    ``linear`` states that the values are linear light already, as those of OpenEXR files always are. ``key`` names the
+    array in a file with several, or the layer of OpenEXR files.
 
     Raises BadInput if the path is missing, cannot be read, or holds no pictures.
     """
     where = Path(path)
     if not where.exists():
         raise BadInput("there is no such file or folder", where=str(path))
+    if exr := _list_exr(where):
+        pictures = ExrFrames(where, exr, key=key)
+        pictures.order = _name_order(exr) if where.is_dir() else ""
+        return pictures
     if key is not None and where.suffix.lower() not in ENDINGS:
         raise BadInput(
-            f"--key {key} is given for pictures that are not in an array file", where=str(path), hint="leave it out"
-        )
-    if where.suffix.lower() == ".exr":
-        raise BadInput(
-            "is an OpenEXR file, which would lose its light above 1 and most of its bits", where=str(path),
-            allowed="images, video or arrays", hint="save it as floats in a .npy file, and add --linear",
+            f"--key {key} is given for pictures that are neither in an array file nor in OpenEXR files",
+            where=str(path), hint="leave it out",
         )  # fmt: skip
     if where.is_dir() or where.suffix.lower() in IMAGES:
         return _ImageFiles(where, linear=linear)
