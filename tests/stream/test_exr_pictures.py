@@ -93,13 +93,14 @@ def test_files_follow_the_numbers_in_their_names(tmp_path):
     assert [float(light[0, 0]) for light in open_pictures(tmp_path)] == [1, 2, 3, 4]
 
 
-@pytest.mark.parametrize(
-    ("rates", "expected"),
-    [([(24000, 1001)] * 2, Fraction(24000, 1001)), ([(24, 1), (25, 1)], None), ([(0, 1)] * 2, None)],
-)
-def test_a_sequence_has_the_rate_that_all_its_files_state(tmp_path, rates, expected):
+RATES = {"equal": (["24000/1001"] * 2, Fraction(24000, 1001)), "different": (["24", "25"], None)}
+
+
+@pytest.mark.parametrize("name", RATES)
+def test_a_sequence_has_the_rate_that_all_its_files_state(tmp_path, name):
+    rates, expected = RATES[name]
     for number, rate in enumerate(rates):
-        write(tmp_path / f"{number}.exr", {"Y": LIGHT}, framesPerSecond=OpenEXR.Rational(*rate))
+        write(tmp_path / f"{number}.exr", {"Y": LIGHT}, framesPerSecond=Fraction(rate))
     assert open_pictures(tmp_path).rate_hz == expected
 
 
