@@ -32,7 +32,12 @@ IMPORTERS = {
         "authoring.contact_sheet",
         "leaderboard.figures",
     ],
-    "PIL": ["stream.pictures", "stream.interop.picture_frames", "leaderboard.figures"],
+    "PIL": [
+        "stream.pictures",
+        "stream.interop.picture_frames",
+        "stream.interop.stack_positions",
+        "leaderboard.figures",
+    ],
     "jinja2": ["leaderboard.report"],
     "distributed": ["core.execution.dask_cluster"],
     "multiprocessing": ["core.execution.executor", "core.execution.worker_pool"],

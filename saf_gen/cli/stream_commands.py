@@ -141,16 +141,22 @@ def _print_written_stream(stream: Path, how: str) -> None:
 
 
 def _read_lens_log_and_truth(
-    frames: int, *, rate: float, focus: Path | None, truth: str | None, depth_of_focus: tuple[float, float] | None
+    frames: int,
+    *,
+    rate: float,
+    focus: Path | None,
+    truth: str | None,
+    depth_of_focus: tuple[float, float] | None,
+    lens: np.ndarray | None = None,
 ) -> dict[str, Any]:
-    """Return the fields of a stream that follow from a lens log and a true focus."""
+    """Return the fields of a stream that follow from a lens log, or from its positions ``lens``, and a true focus."""
     from saf_gen.stream.interop import import_lens_log, truth_from_text
 
-    fields: dict[str, Any] = {}
+    fields: dict[str, Any] = {"focus_position": lens}
     if focus is not None:
         fields["focus_position"] = import_lens_log(focus, frames=frames, readout_hz=rate)
     if truth is not None:
-        lens = fields.get("focus_position")
+        lens = fields["focus_position"]
         fields["truth"] = truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus)
     elif depth_of_focus is not None:
         raise BadInput("--depth-of-focus is given without --truth", hint="add the position of best focus")
@@ -247,7 +253,10 @@ def encode_command(
     source = open_pictures(pictures, linear=linear, key=key)
     plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate, mean_rate=mean_rate, frames=frames)
     hz = plan.sensor.readout_hz
-    fields = _read_lens_log_and_truth(plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
+    lens = None if focus is not None else plan.focus_position
+    fields = _read_lens_log_and_truth(
+        plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus, lens=lens
+    )
     if plan.count > 1 and plan.readouts_per_picture > SLOW_READOUTS:
         err.print(
             f"{plan.readouts_per_picture:.0f} readouts per picture: moving objects fade from one position to the next, "
@@ -258,6 +267,9 @@ def encode_command(
     _print_written_stream(target, f"from {plan.count} pictures at {plan.rate_hz:g} Hz, {values}")
     if source.order:
         out.print(f"in this order: {source.order}", soft_wrap=True, markup=False)
+    if source.positions is not None:
+        use = "left out, for --focus" if focus is not None else "stored as 0 to 1 of the travel of the lens"
+        out.print(f"focus at {source.positions}, {use}", soft_wrap=True, markup=False)
     for note in source.notes:
         out.print(note, soft_wrap=True, markup=False)
 

@@ -61,6 +61,17 @@ class PictureEncoding:
         return self.sensor.readout_hz / self.rate_hz
 
     @property
+    def focus_position(self) -> np.ndarray | None:
+        """Position of the lens in the middle of each readout, float32 (frames,), if the pictures state it.
+
+        Raises BadInput if they state positions that turn back.
+        """
+        if self.pictures.positions is None:
+            return None
+        at = (np.arange(self.frames) + 0.5) / self.readouts_per_picture
+        return np.interp(at, np.arange(self.count), self.pictures.positions.travel).astype(np.float32)
+
+    @property
     def integrates(self) -> bool:
         """Whether readouts collect an integral, because the middle of a readout does not stand for all of it."""
         pace = self.readouts_per_picture
@@ -138,7 +149,8 @@ def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed:
     Picture k is the light at the time k/rate_hz, and between two pictures the light changes linearly. Each readout
     collects the light of its middle; if there are fewer than SLOW_READOUTS readouts per picture, and not a whole
     number, it collects the exact integral, so that no light falls between two readouts. The use of memory does not grow
-    with the number of pictures. ``optional`` are fields of :class:`Metadata` other than the provenance.
+    with the number of pictures. ``optional`` are fields of :class:`Metadata` other than the provenance; by default, the
+    position of the lens is what the pictures state.
 
     Raises BadInput if a picture differs in size from the first, has values that are not allowed, or is missing.
     """
@@ -147,6 +159,10 @@ def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed:
         "values": "linear" if plan.pictures.linear else "sRGB, decoded", "between": "linear cross-fade",
         "sensor": plan.sensor.name, "mean_rate": plan.mean_rate, "scale": plan.scale, "seed": seed,
     }  # fmt: skip
+    if (stated := plan.pictures.positions) is not None:
+        settings["focus"] = {"source": stated.source, "unit": stated.unit, "z": stated.z.tolist()}
+        if optional.get("focus_position") is None:
+            optional["focus_position"] = plan.focus_position
     metadata = metadata_from_options({**optional, "provenance": {"encode": dumps(settings, ensure_ascii=False)}})
     encoder = Encoder(plan.sensor, plan.pictures.shape, seed=seed)
     shape, readout_hz = (plan.frames, *plan.pictures.shape), plan.sensor.readout_hz

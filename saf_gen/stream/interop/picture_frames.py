@@ -15,6 +15,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.interop.array_files import DAMAGE, ENDINGS, SlicedArray, open_array
 from saf_gen.stream.interop.exr_frames import ExrFrames
 from saf_gen.stream.interop.linear_light import PictureFrames
+from saf_gen.stream.interop.stack_positions import read_stack_positions
 from saf_gen.stream.metadata import MAX_PIXELS
 
 IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".pgm", ".ppm"})
@@ -37,6 +38,7 @@ class _ImageFiles(PictureFrames):
         self.order = _name_order(self._files) if is_folder else ""
         if not is_folder:
             self.rate_hz = _page_rate(path)
+            self.positions = read_stack_positions(path)
 
     def _read(self) -> Iterator[tuple[str, np.ndarray]]:
         for file in self._files:
