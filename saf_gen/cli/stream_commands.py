@@ -230,7 +230,10 @@ def encode_command(
     ],
     target: Annotated[Path, typer.Option("--out", help="Stream file to write.")],
     *,
-    rate: Annotated[float | None, typer.Option(help="Pictures per second (default: the rate of the video).")] = None,
+    rate: Annotated[
+        str | None,
+        typer.Option(help="Pictures per second, such as 240 or 24000/1001 (default: the times of the file)."),
+    ] = None,
     linear: Annotated[bool, typer.Option("--linear", help="Values are linear light instead of sRGB.")] = False,
     sensor: Annotated[str, typer.Option(help="Sensor, by name or file; its array gets the size of the pictures.")] = (
         "vidar_400x250"
@@ -247,11 +250,12 @@ def encode_command(
 ) -> None:
     """Turn pictures into spikes with the model of a sensor, cross-fading light from each picture to the next."""
     from saf_gen.camera import get_sensor
-    from saf_gen.stream.interop.encode_pictures import SLOW_READOUTS, encode_pictures, prepare_pictures
+    from saf_gen.stream.interop.encode_pictures import SLOW_READOUTS, encode_pictures, prepare_pictures, rate_from_text
     from saf_gen.stream.interop.picture_frames import open_pictures
 
+    rate_hz = None if rate is None else rate_from_text(rate)
     source = open_pictures(pictures, linear=linear, key=key)
-    plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate, mean_rate=mean_rate, frames=frames)
+    plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate_hz, mean_rate=mean_rate, frames=frames)
     hz = plan.sensor.readout_hz
     lens = None if focus is not None else plan.focus_position
     fields = _read_lens_log_and_truth(
@@ -263,15 +267,14 @@ def encode_command(
             "and a focus between two pictures is a mixture of both, not physics"
         )
     encode_pictures(plan, target, seed=seed, **fields)
-    values = "linear light" if source.linear else "sRGB decoded"
-    _print_written_stream(target, f"from {plan.count} pictures at {plan.rate_hz:g} Hz, {values}")
+    for note in plan.notes:
+        err.print(note, markup=False)
+    _print_written_stream(target, f"from {plan.count} pictures {plan.pace}, {source.transfer.name}")
     if source.order:
         out.print(f"in this order: {source.order}", soft_wrap=True, markup=False)
     if source.positions is not None:
         use = "left out, for --focus" if focus is not None else "stored as 0 to 1 of the travel of the lens"
         out.print(f"focus at {source.positions}, {use}", soft_wrap=True, markup=False)
-    for note in source.notes:
-        out.print(note, soft_wrap=True, markup=False)
 
 
 def export_command(

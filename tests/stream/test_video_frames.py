@@ -1,0 +1,300 @@
+"""Videos of others: their times, all of their bits, their light, and damage, each against what PyAV has written."""
+
+from fractions import Fraction
+from itertools import accumulate
+
+import numpy as np
+import pytest
+from refusals import assert_says, refusal
+from videos import frame_of, write_video
+
+from saf_gen.camera import get_sensor
+from saf_gen.stream.interop import video_frames as module
+from saf_gen.stream.interop.encode_pictures import prepare_pictures
+from saf_gen.stream.interop.linear_light import decode_hlg, decode_pq, decode_srgb
+from saf_gen.stream.interop.picture_frames import open_pictures
+
+IDEAL = get_sensor("ideal")
+GREYS = [np.full((16, 16), 40 + 5 * number, np.uint8) for number in range(12)]
+H264 = {"codec": "libx264", "pix_fmt": "yuv420p", "options": {"g": "4", "bf": "2"}}
+VARIED = [
+    *accumulate([Fraction(n, 1000) for n in (33, 34, 500, 10, 33, 250, 17, 33, 90, 500, 500)], initial=Fraction(0))
+]
+
+
+TIMES = {
+    "whole": ("a.mp4", H264, {"rate": 25}, 25),
+    "film": ("a.mp4", H264, {"rate": Fraction(24000, 1001)}, Fraction(24000, 1001)),
+    "film rounded to ms": ("a.mkv", H264, {"rate": Fraction(24000, 1001)}, Fraction(24000, 1001)),
+    "thirtieths rounded to ms": ("a.mkv", {}, {"rate": 30}, 30),
+    "one in three seconds": ("a.mkv", {}, {"rate": Fraction(1, 3)}, Fraction(1, 3)),
+    "slow motion": ("a.mp4", H264, {"rate": 240}, 240),
+    "1000": ("a.mp4", H264, {"rate": 1000}, 1000),
+    "2000": ("a.mov", H264, {"rate": 2000}, 2000),
+    "2000 in hundredths of ms": (
+        "a.mp4",
+        {**H264, "muxing": {"video_track_timescale": "100000"}},
+        {"rate": 2000},
+        2000,
+    ),
+    "10000": ("a.mp4", H264, {"rate": 10000, "muxing": {"video_track_timescale": "10000"}}, 10000),
+    "ticks of 90 kHz": ("a.ts", H264, {"rate": Fraction(30000, 1001)}, Fraction(30000, 1001)),
+    "avi": ("a.avi", {"codec": "mjpeg", "pix_fmt": "yuvj420p"}, {"rate": 50}, 50),
+    "variable": ("a.mp4", H264, {"times": VARIED, "tick": Fraction(1, 1000)}, None),
+    "variable, 90 kHz": ("a.mp4", H264, {"times": VARIED, "tick": Fraction(1, 90000)}, None),
+    "variable, Matroska": ("a.mkv", {}, {"times": VARIED, "tick": Fraction(1, 1000)}, None),
+    "variable, WebM": (
+        "a.webm",
+        {"codec": "libvpx-vp9", "pix_fmt": "yuv420p"},
+        {"times": VARIED, "tick": Fraction(1, 1000)},
+        None,
+    ),
+    "late start": ("a.mp4", H264, {"times": [5 + t for t in VARIED], "tick": Fraction(1, 1000)}, None),
+    "late steady start": (
+        "a.mkv",
+        {},
+        {"times": [7 + Fraction(n, 20) for n in range(12)], "tick": Fraction(1, 1000)},
+        20,
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "how", "when", "rate"), TIMES.values(), ids=TIMES)
+def test_times_are_those_that_were_written(tmp_path, name, how, when, rate):
+    write_video(tmp_path / name, GREYS, **how, **when)
+    pictures = open_pictures(tmp_path / name)
+    assert pictures.rate_hz == rate
+    expected = [n / rate for n in range(12)] if rate else VARIED
+    error = max(abs(found - wanted) for found, wanted in zip(pictures.times, expected, strict=True))
+    assert error <= (Fraction(1, 1000) if name.endswith("mkv") and rate else Fraction(1, 80000))
+    assert prepare_pictures(pictures, IDEAL).frames == int(expected[-1] * 20_000)
+
+
+def test_times_that_do_not_increase_are_refused_and_a_rate_overrides_them(tmp_path, call):
+    """Matroska rounds to ms, so that two of these pictures come at the same one."""
+    times = [Fraction(n, 10_000) for n in (0, 100, 200, 202, 300, 400, 500, 600, 700, 800, 900, 1000)]
+    write_video(tmp_path / "a.mkv", GREYS, times=times, tick=Fraction(1, 10_000))
+    code, _, err = call("encode", tmp_path / "a.mkv", "--out", tmp_path / "a.h5")
+    assert code == 2
+    assert "picture 4 is at 0.02 s, and picture 3 at 0.02 s" in err
+    code, out, err = call("encode", tmp_path / "a.mkv", "--out", tmp_path / "a.h5", "--rate", "24000/1001")
+    assert code == 0
+    assert "12 pictures at 24000/1001 Hz (23.976)" in out
+    assert "a.mkv: its pictures at times 0 to 10 ms apart are taken to be at 24000/1001 Hz (23.976) (--rate)" in err
+
+
+def test_raw_video_without_times_asks_for_a_rate(tmp_path):
+    write_video(tmp_path / "a.h264", GREYS, **H264)
+    pictures = open_pictures(tmp_path / "a.h264")
+    assert (pictures.rate_hz, pictures.times, len(list(pictures))) == (None, None, 12)
+    assert_says(refusal(prepare_pictures, pictures, IDEAL), "does not state how many pictures | --rate HZ")
+
+
+# All bits, whatever the format of the pixels.
+
+
+def reference_rgb(planes, bits, *, full, matrix):
+    """The equations of BT.601, BT.709 and BT.2020 in float64, for chroma of the size of luma."""
+    kr, kb = {1: (0.2126, 0.0722), 6: (0.299, 0.114), 9: (0.2627, 0.0593)}[matrix]
+    y, u, v = (plane.astype(float) for plane in planes)
+    step = 2 ** (bits - 8)
+    if full:
+        y, u, v = y / (2**bits - 1), (u - 128 * step) / (2**bits - 1), (v - 128 * step) / (2**bits - 1)
+    else:
+        y, u, v = (y - 16 * step) / (219 * step), (u - 128 * step) / (224 * step), (v - 128 * step) / (224 * step)
+    red, blue = y + 2 * (1 - kr) * v, y + 2 * (1 - kb) * u
+    return np.stack([red, (y - kr * red - kb * blue) / (1 - kr - kb), blue], axis=2)
+
+
+def integers(bits, shape=(16, 16), seed=0):
+    """Values of limited range around grey, so that no colour leaves RGB."""
+    return np.random.default_rng(seed).integers(100 << (bits - 8), 150 << (bits - 8), shape, np.uint16)
+
+
+LUMA = {
+    "gray": (8, ()), "gray10le": (10, ()), "gray12le": (12, ()), "gray14le": (14, ()), "gray16le": (16, ()),
+    "yuv420p": (8, ((8, 8),) * 2), "yuv420p9le": (9, ((8, 8),) * 2), "yuv420p10le": (10, ((8, 8),) * 2),
+    "yuv422p10le": (10, ((16, 8),) * 2), "yuv444p10le": (10, ((16, 16),) * 2), "yuv420p12le": (12, ((8, 8),) * 2),
+    "yuv444p12le": (12, ((16, 16),) * 2), "yuv444p16le": (16, ((16, 16),) * 2), "yuv440p10le": (10, ((8, 16),) * 2),
+    "yuva444p10le": (10, ((16, 16),) * 3), "p010le": (10, ((8, 16),)), "p210le": (10, ((16, 16),)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("full", [False, True], ids=["limited", "full"])
+@pytest.mark.parametrize("pix_fmt", LUMA)
+def test_every_level_of_grey_in_any_format_is_kept(tmp_path, pix_fmt, full):
+    """Chroma is neutral; values are compared with the numbers that went into the file, to a tenth of a level,
+    or to one level of 8 bits, as players do."""
+    bits, others = LUMA[pix_fmt]
+    luma = integers(bits)
+    up = 6 if pix_fmt.startswith("p") else 0  # these hold 10 bits in the upper part of 16
+    kind = np.uint8 if bits == 8 else np.uint16
+    planes = [(luma << up).astype(kind), *(np.full(shape, 128 << (bits - 8) << up, kind) for shape in others)]
+    tags = {"colorspace": 1, "color_range": 2 if full else 1}
+    frame = frame_of(planes, pix_fmt, **tags)
+    if up:  # FFV1 has no such format
+        values = module._values(frame, where=tmp_path)
+    else:
+        write_video(tmp_path / "a.mkv", [frame] * 2, **tags)
+        (light, _) = open_pictures(tmp_path / "a.mkv", linear=True)
+        values = light[:, :, None]
+    top, step = 2**bits - 1, 2 ** (bits - 8)
+    expected = luma / top if full else (luma - 16.0 * step) / (219 * step)
+    assert np.abs(values - expected[:, :, None]).max() * top < (0.1 if bits > 8 else 1)
+
+
+@pytest.mark.parametrize("matrix", [1, 6, 9], ids=["BT.709", "BT.601", "BT.2020"])
+@pytest.mark.parametrize("full", [False, True], ids=["limited", "full"])
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_colours_follow_the_matrix_and_range_that_are_stated(tmp_path, bits, full, matrix):
+    planes = [integers(bits, seed=seed) for seed in range(3)]
+    tags = {"colorspace": matrix, "color_range": 2 if full else 1}
+    write_video(tmp_path / "a.mkv", [frame_of(planes, f"yuv444p{bits}le", **tags)] * 2, **tags)
+    (light, _) = open_pictures(tmp_path / "a.mkv", linear=True)
+    rgb = np.clip(reference_rgb(planes, bits, full=full, matrix=matrix), 0, 1)
+    assert np.abs(light - rgb @ [0.2126, 0.7152, 0.0722]).max() * (2**bits - 1) < 0.1
+
+
+RGB = {"bgra": 8, "gbrp9le": 9, "gbrp10le": 10, "gbrp12le": 12, "gbrp14le": 14, "gbrp16le": 16, "gbrap12le": 12,
+       "rgb48le": 16, "rgba64le": 16}  # fmt: skip
+
+
+@pytest.mark.parametrize("pix_fmt", RGB)
+def test_every_bit_of_red_green_and_blue_is_kept(tmp_path, pix_fmt):
+    """Alpha is zero, and is ignored."""
+    bits, kind = RGB[pix_fmt], np.uint8 if RGB[pix_fmt] == 8 else np.uint16
+    red, green, blue = (np.random.default_rng(seed).integers(0, 1 << bits, (16, 16), kind) for seed in range(3))
+    channels = {"r": red, "g": green, "b": blue, "a": 0 * red}
+    order = [channels[name] for name in pix_fmt.removesuffix("le") if name in channels]
+    planes = order if "p" in pix_fmt else [np.stack(order, axis=2).reshape(16, -1)]
+    write_video(tmp_path / "a.mkv", [frame_of(planes, pix_fmt)] * 2)
+    (light, _) = open_pictures(tmp_path / "a.mkv", linear=True)
+    expected = np.stack([red, green, blue], axis=2) / (2**bits - 1) @ [0.2126, 0.7152, 0.0722]
+    assert np.abs(light - expected).max() < 1e-6
+
+
+# Light: what the tags say, against the closed forms of the standards and their inverses.
+
+
+def encode_pq(luminance):
+    """The inverse EOTF of SMPTE ST 2084, for luminance in cd/m²."""
+    m1, m2, c1, c2, c3 = 2610 / 16384, 2523 / 4096 * 128, 3424 / 4096, 2413 / 4096 * 32, 2392 / 4096 * 32
+    power = (luminance / 10_000) ** m1
+    return ((c1 + c2 * power) / (1 + c3 * power)) ** m2
+
+
+def encode_hlg(light):
+    """The OETF of ITU-R BT.2100, for light of the scene from 0 to 1."""
+    a, b, c = 0.17883277, 0.28466892, 0.55991073
+    return np.where(light <= 1 / 12, np.sqrt(3 * light), a * np.log(np.maximum(12 * light - b, 1e-9)) + c)
+
+
+def test_pq_and_hlg_are_undone(tmp_path):
+    light = np.linspace(0, 1, 1001)
+    assert decode_pq(encode_pq(10_000 * light)) == pytest.approx(10_000 * light, rel=1e-5, abs=1e-4)
+    assert decode_hlg(encode_hlg(light)) == pytest.approx(light, rel=1e-5, abs=1e-6)
+    # ITU-R BT.2408: the reference white of 203 cd/m² is 58 % of PQ, and a card of 26.5 % of the light is 75 % of HLG.
+    assert decode_pq(np.array([0.58])) == pytest.approx(203, rel=0.01)
+    assert decode_hlg(np.array([0.75])) == pytest.approx(0.265, rel=0.01)
+
+
+TRANSFERS = {
+    "unspecified": (2, decode_srgb, "sRGB decoded"), "BT.709": (1, decode_srgb, "sRGB decoded"),
+    "BT.601": (6, decode_srgb, "sRGB decoded"), "sRGB": (13, decode_srgb, "sRGB decoded"),
+    "BT.2020": (14, decode_srgb, "sRGB decoded"), "BT.2020, 12 bits": (15, decode_srgb, "sRGB decoded"),
+    "linear": (8, lambda v: v, "linear light"), "PQ": (16, decode_pq, "PQ decoded"), "HLG": (18, decode_hlg, "HLG decoded"),
+    "gamma 2.2": (4, lambda v: v**2.2, "gamma 2.2 decoded"), "gamma 2.8": (5, lambda v: v**2.8, "gamma 2.8 decoded"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("number", "decode", "words"), TRANSFERS.values(), ids=TRANSFERS)
+def test_light_is_decoded_by_the_tag_of_its_transfer(tmp_path, call, number, decode, words):
+    luma = integers(12)
+    tags = {"color_range": 1, "color_trc": number}
+    write_video(tmp_path / "a.mkv", [frame_of([luma], "gray12le", **tags)] * 3, **tags)
+    light = next(iter(open_pictures(tmp_path / "a.mkv")))
+    assert light == pytest.approx(decode((luma - 256.0) / 3504), rel=1e-4)
+    code, out, _ = call("encode", tmp_path / "a.mkv", "--out", tmp_path / "a.h5")
+    assert (code, f"3 pictures at 25 Hz, {words}" in out) == (0, True)
+
+
+@pytest.mark.parametrize("number", [7, 9, 10, 12, 17])
+def test_light_that_cannot_be_decoded_is_refused_unless_it_is_stated_to_be_linear(tmp_path, number):
+    luma = integers(12)
+    tags = {"color_range": 1, "color_trc": number}
+    write_video(tmp_path / "a.mkv", [frame_of([luma], "gray12le", **tags)] * 3, **tags)
+    assert_says(refusal(open_pictures, tmp_path / "a.mkv"), "light is stored as | PQ, HLG | --linear")
+    assert next(iter(open_pictures(tmp_path / "a.mkv", linear=True))) == pytest.approx((luma - 256.0) / 3504, abs=1e-6)
+
+
+def test_wide_colours_have_the_weights_of_their_primaries(tmp_path):
+    """A red and a green of BT.2020 and of P3."""
+    planes = [np.zeros((16, 16), np.uint16) for _ in range(3)]
+    planes[0][:, 8:], planes[2][:, :8] = 1023, 1023  # green on the right, red on the left
+    for primaries, red, green in ((1, 0.2126, 0.7152), (9, 0.2627, 0.6780), (12, 0.2290, 0.6917)):
+        write_video(tmp_path / "a.mkv", [frame_of(planes, "gbrp10le")] * 2, color_primaries=primaries)
+        light = next(iter(open_pictures(tmp_path / "a.mkv")))
+        assert light[0, [0, 15]] == pytest.approx([red, green], abs=1e-4)
+
+
+# Damage: never a shorter stream.
+
+
+def damage(tmp_path, name, change, **how):
+    """Write 24 noisy pictures at 12 Hz, change the bytes, and return the refusal."""
+    noise = np.random.default_rng(2).integers(0, 256, (24, 32, 32), np.uint8)
+    write_video(tmp_path / name, list(noise), rate=12, **how)
+    (tmp_path / name).write_bytes(change((tmp_path / name).read_bytes()))
+    return refusal(open_pictures, tmp_path / name)
+
+
+def halve(data):
+    return data[: len(data) // 2]
+
+
+def overwrite(data):
+    middle = len(data) // 2
+    return data[:middle] + bytes(200) + data[middle + 200 :]
+
+
+FAST_START = {**H264, "muxing": {"movflags": "faststart"}}
+MJPEG = {"codec": "mjpeg", "pix_fmt": "yuvj420p"}
+DAMAGE = {
+    "half of an MP4": ("a.mp4", halve, FAST_START, "of 24 pictures can be read | the container states 2 s"),
+    "a damaged MP4": ("a.mp4", overwrite, FAST_START, "of 24 pictures can be read"),
+    "an MP4 without its end": ("a.mp4", lambda data: data[:-2000], H264, "cannot be decoded"),
+    "an MP4 without its moov": ("a.mp4", lambda data: data.replace(b"moov", b"moof"), H264, "cannot be decoded"),
+    "half of a fragmented MP4": ("a.mp4", halve, {**H264, "muxing": {"movflags": "frag_keyframe+empty_moov"}}, "pictures"),
+    "a fragmented MP4 that lost one": (
+        "a.mp4", lambda data: data.replace(b"moof", b"xxxx", 2).replace(b"xxxx", b"moof", 1),
+        {**H264, "muxing": {"movflags": "frag_keyframe+empty_moov"}}, "begins no part of an MP4",
+    ),
+    "half of a MOV": ("a.mov", halve, {**FAST_START, "codec": "libx264"}, "of 24 pictures can be read"),
+    "half of a Matroska": ("a.mkv", halve, H264, "pictures can be read | the container states 2 s"),
+    "a Matroska without its last bytes": ("a.mkv", lambda data: data[:-300], {}, "is damaged or cut off"),
+    "a damaged Matroska": ("a.mkv", overwrite, {}, "is damaged or cut off"),
+    "half of a WebM": ("a.webm", halve, {"codec": "libvpx-vp9", "pix_fmt": "yuv420p"}, "the container states 2 s"),
+    "half of an AVI": ("a.avi", halve, MJPEG, "of 24 pictures can be read"),
+    "a damaged AVI": ("a.avi", overwrite, MJPEG, "of 24 pictures can be read"),
+    "half of a transport stream": ("a.ts", lambda data: halve(data)[:-7], H264, "pictures can be read"),
+    "a transport stream that lost packets": ("a.ts", lambda data: data[: 188 * 40] + data[188 * 45 :], H264, "pictures"),
+    "half of a FLV": ("a.flv", halve, H264, "pictures can be read | the container states 2"),
+    "half of a WMV": ("a.wmv", halve, {"codec": "wmv2", "pix_fmt": "yuv420p"}, "pictures can be read"),
+    "nothing": ("a.mp4", lambda data: b"", H264, "cannot be decoded"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "change", "how", "says"), DAMAGE.values(), ids=DAMAGE)
+def test_a_damaged_or_short_file_is_refused_with_what_was_found(tmp_path, name, change, how, says):
+    assert_says(damage(tmp_path, name, change, **how), says)
+
+
+@pytest.mark.parametrize("ending", ["mkv", "mp4"])
+def test_damage_is_found_wherever_the_file_is_cut(tmp_path, ending):
+    """With checksums (FFV1) or a table of pictures (MP4), at each of 40 lengths."""
+    how = {} if ending == "mkv" else FAST_START
+    write_video(tmp_path / f"a.{ending}", GREYS, **how)
+    data = (tmp_path / f"a.{ending}").read_bytes()
+    for stop in np.linspace(1, len(data) - 1, 40).astype(int):
+        (tmp_path / f"b.{ending}").write_bytes(data[:stop])
+        refusal(open_pictures, tmp_path / f"b.{ending}")
