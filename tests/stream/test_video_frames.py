@@ -3,8 +3,10 @@
 from fractions import Fraction
 from itertools import accumulate
 
+import av
 import numpy as np
 import pytest
+from PIL import Image
 from refusals import assert_says, refusal
 from videos import frame_of, write_video
 
@@ -16,11 +18,14 @@ from saf_gen.stream.interop.picture_frames import open_pictures
 
 IDEAL = get_sensor("ideal")
 GREYS = [np.full((16, 16), 40 + 5 * number, np.uint8) for number in range(12)]
+MJPEG = {"codec": "mjpeg", "pix_fmt": "yuvj420p"}
 H264 = {"codec": "libx264", "pix_fmt": "yuv420p", "options": {"g": "4", "bf": "2"}}
 VARIED = [
     *accumulate([Fraction(n, 1000) for n in (33, 34, 500, 10, 33, 250, 17, 33, 90, 500, 500)], initial=Fraction(0))
 ]
 
+
+GAPS = [Fraction(n, 50) for n in (0, 1, 2, 5, 6, 10, 11, 12, 13, 20, 21, 22)]
 
 TIMES = {
     "whole": ("a.mp4", H264, {"rate": 25}, 25),
@@ -39,7 +44,9 @@ TIMES = {
     ),
     "10000": ("a.mp4", H264, {"rate": 10000, "muxing": {"video_track_timescale": "10000"}}, 10000),
     "ticks of 90 kHz": ("a.ts", H264, {"rate": Fraction(30000, 1001)}, Fraction(30000, 1001)),
-    "avi": ("a.avi", {"codec": "mjpeg", "pix_fmt": "yuvj420p"}, {"rate": 50}, 50),
+    "avi": ("a.avi", MJPEG, {"rate": 50}, 50),
+    "avi with B pictures": ("a.avi", {**H264, "options": {"bf": "3"}}, {"rate": 50}, 50),
+    "variable, AVI": ("a.avi", MJPEG, {"times": GAPS, "rate": 50}, None),
     "variable": ("a.mp4", H264, {"times": VARIED, "tick": Fraction(1, 1000)}, None),
     "variable, 90 kHz": ("a.mp4", H264, {"times": VARIED, "tick": Fraction(1, 90000)}, None),
     "variable, Matroska": ("a.mkv", {}, {"times": VARIED, "tick": Fraction(1, 1000)}, None),
@@ -64,7 +71,7 @@ def test_times_are_those_that_were_written(tmp_path, name, how, when, rate):
     write_video(tmp_path / name, GREYS, **how, **when)
     pictures = open_pictures(tmp_path / name)
     assert pictures.rate_hz == rate
-    expected = [n / rate for n in range(12)] if rate else VARIED
+    expected = [n / Fraction(rate) for n in range(12)] if rate else GAPS if "rate" in when else VARIED
     error = max(abs(found - wanted) for found, wanted in zip(pictures.times, expected, strict=True))
     assert error <= (Fraction(1, 1000) if name.endswith("mkv") and rate else Fraction(1, 80000))
     assert prepare_pictures(pictures, IDEAL).frames == int(expected[-1] * 20_000)
@@ -258,7 +265,6 @@ def overwrite(data):
 
 
 FAST_START = {**H264, "muxing": {"movflags": "faststart"}}
-MJPEG = {"codec": "mjpeg", "pix_fmt": "yuvj420p"}
 DAMAGE = {
     "half of an MP4": ("a.mp4", halve, FAST_START, "of 24 pictures can be read | the container states 2 s"),
     "a damaged MP4": ("a.mp4", overwrite, FAST_START, "of 24 pictures can be read"),
@@ -274,8 +280,8 @@ DAMAGE = {
     "a Matroska without its last bytes": ("a.mkv", lambda data: data[:-300], {}, "is damaged or cut off"),
     "a damaged Matroska": ("a.mkv", overwrite, {}, "is damaged or cut off"),
     "half of a WebM": ("a.webm", halve, {"codec": "libvpx-vp9", "pix_fmt": "yuv420p"}, "the container states 2 s"),
-    "half of an AVI": ("a.avi", halve, MJPEG, "of 24 pictures can be read"),
-    "a damaged AVI": ("a.avi", overwrite, MJPEG, "of 24 pictures can be read"),
+    "half of an AVI": ("a.avi", halve, MJPEG, "pictures can be read, up to"),
+    "a damaged AVI": ("a.avi", overwrite, MJPEG, "pictures can be read"),
     "half of a transport stream": ("a.ts", lambda data: halve(data)[:-7], H264, "pictures can be read"),
     "a transport stream that lost packets": ("a.ts", lambda data: data[: 188 * 40] + data[188 * 45 :], H264, "pictures"),
     "half of a FLV": ("a.flv", halve, H264, "pictures can be read | the container states 2"),
@@ -298,3 +304,161 @@ def test_damage_is_found_wherever_the_file_is_cut(tmp_path, ending):
     for stop in np.linspace(1, len(data) - 1, 40).astype(int):
         (tmp_path / f"b.{ending}").write_bytes(data[:stop])
         refusal(open_pictures, tmp_path / f"b.{ending}")
+
+
+# What else may be in a file.
+
+
+def add_sound(file, rate=8000, seconds=1):
+    stream = file.add_stream("pcm_s16le" if file.format.name == "matroska" else "aac", rate=rate)
+    stream.layout = "mono"
+    return stream, [frame for number in range(seconds * 8) if (frame := sound_frame(rate, number))]
+
+
+def sound_frame(rate, number):
+    frame = av.AudioFrame.from_ndarray(np.zeros((1, rate // 8), np.int16), format="s16", layout="mono")
+    frame.sample_rate, frame.pts, frame.time_base = rate, number * (rate // 8), Fraction(1, rate)
+    return frame
+
+
+def write_streams(path, *, videos=1, sound=False, marks=(), levels=None):
+    """Write streams of 12 pictures at 12 Hz, each of its own level, with sound; ``marks`` are their dispositions."""
+    with av.open(str(path), "w") as file:
+        streams = [file.add_stream("ffv1", rate=12, options={}) for _ in range(videos)]
+        for number, stream in enumerate(streams):
+            stream.width = stream.height = 16
+            stream.pix_fmt = "gray"
+            if number < len(marks):
+                stream.disposition = marks[number]
+        heard, sounds = add_sound(file) if sound else (None, [])
+        for number in range(12):
+            for level, stream in enumerate(streams):
+                frame = av.VideoFrame.from_ndarray(np.full((16, 16), 50 + 100 * level, np.uint8), format="gray")
+                frame.pts, frame.time_base = number, Fraction(1, 12)
+                file.mux(stream.encode(frame))
+            if number < len(sounds):
+                file.mux(heard.encode(sounds[number]))
+        for stream in [*streams, *([heard] if sound else [])]:
+            file.mux(stream.encode())
+
+
+def test_sound_does_not_count(tmp_path):
+    write_streams(tmp_path / "a.mkv", sound=True)
+    assert len(list(open_pictures(tmp_path / "a.mkv"))) == 12
+    write_streams(tmp_path / "a.mkv", sound=True, videos=0)
+    assert_says(refusal(open_pictures, tmp_path / "a.mkv"), "has no moving pictures, but audio")
+
+
+def test_of_two_streams_the_default_one_is_read_and_named(tmp_path):
+    none, default, cover = av.stream.Disposition(0), av.stream.Disposition.default, av.stream.Disposition.attached_pic
+    for marks, level in (((default, none), 50), ((none, default), 150)):
+        write_streams(tmp_path / "a.mkv", videos=2, marks=marks)
+        pictures = open_pictures(tmp_path / "a.mkv", linear=True)
+        assert [round(float(light.mean()) * 255) for light in pictures] == [level] * 12
+        assert "of 2 streams of pictures, number " in pictures.notes[0]
+    write_streams(tmp_path / "a.mkv", videos=2, marks=(default, default))
+    assert_says(refusal(open_pictures, tmp_path / "a.mkv"), "has 2 streams of pictures | ffmpeg -i FILE -map 0:v:0")
+
+
+def test_a_cover_is_no_video(tmp_path):
+    """Matroska stores covers as attachments."""
+    write_streams(tmp_path / "a.mkv", videos=0, sound=True)
+    Image.new("RGB", (16, 16)).save(tmp_path / "cover.png")
+    with av.open(str(tmp_path / "a.mkv")) as source, av.open(str(tmp_path / "b.mkv"), "w") as file:
+        sound = file.add_stream_from_template(source.streams.audio[0])
+        file.add_attachment("cover.png", "image/png", (tmp_path / "cover.png").read_bytes())
+        for packet in source.demux(audio=0):
+            if packet.dts is not None:
+                packet.stream = sound
+                file.mux(packet)
+    assert_says(refusal(open_pictures, tmp_path / "b.mkv"), "has no moving pictures, but a cover and audio")
+
+
+def test_interlaced_pictures_are_refused_with_the_next_step(tmp_path):
+    with av.open(str(tmp_path / "a.ts"), "w") as file:
+        stream = file.add_stream("libx264", rate=25, options={"x264-params": "tff=1"})
+        stream.width = stream.height = 32
+        stream.pix_fmt = "yuv420p"
+        for number in range(12):
+            frame = av.VideoFrame(32, 32, "yuv420p")
+            frame.pts = number
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+    assert_says(refusal(open_pictures, tmp_path / "a.ts"), "is interlaced | progressive | -vf bwdif")
+
+
+def test_pictures_that_change_in_size_are_refused(tmp_path):
+    """Two transport streams one after the other are a transport stream."""
+    for number, size in enumerate((32, 48)):
+        write_video(tmp_path / f"{number}.ts", [np.full((size, size), 90, np.uint8)] * 8, **H264)
+    (tmp_path / "a.ts").write_bytes((tmp_path / "0.ts").read_bytes() + (tmp_path / "1.ts").read_bytes())
+    assert "a.ts" in str(refusal(open_pictures, tmp_path / "a.ts"))
+
+
+def test_pixels_that_are_not_square_are_named(tmp_path):
+    def setup(stream):
+        stream.codec_context.sample_aspect_ratio = Fraction(4, 3)
+
+    write_video(tmp_path / "a.mp4", GREYS, setup=setup, **H264)
+    pictures = open_pictures(tmp_path / "a.mp4")
+    assert "a.mp4: its pixels are 4:3, and are taken as square" in pictures.notes
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("degrees", [0, 90, 180, 270])
+def test_video_that_a_phone_took_on_its_side_is_turned_upright(tmp_path, degrees, mirrored):
+    """The angle is counterclockwise, as ffmpeg counts it; the mirror is applied after."""
+    picture = np.zeros((32, 48), np.uint8) + 40
+    picture[:16, :16] = 200  # the upper left corner
+
+    def setup(stream):
+        stream.set_display_rotation(degrees, hflip=mirrored)
+
+    how = {**H264, "options": {"crf": "5"}}
+    write_video(tmp_path / "a.mp4", [picture] * 4, setup=setup, **how)
+    light = next(iter(open_pictures(tmp_path / "a.mp4", linear=True)))
+    expected = np.rot90(picture, degrees // 90)
+    expected = expected[:, ::-1] if mirrored else expected
+    assert light.shape == expected.shape
+    assert np.abs(light * 255 - expected).mean() < 6
+
+
+def test_pictures_that_an_edit_list_cuts_off_do_not_count(tmp_path):
+    """A copy that begins before its first shown picture, as a trimmed MP4 does."""
+    write_video(tmp_path / "a.mp4", GREYS, rate=12, codec="libx264", pix_fmt="yuv420p", options={"bf": "0", "g": "12"})
+    with (
+        av.open(str(tmp_path / "a.mp4")) as source,
+        av.open(str(tmp_path / "b.mp4"), "w", container_options={"avoid_negative_ts": "disabled"}) as file,
+    ):
+        stream = file.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                shift = round(5 / 12 / packet.time_base)
+                packet.pts, packet.dts, packet.stream = packet.pts - shift, packet.dts - shift, stream
+                file.mux(packet)
+    pictures = open_pictures(tmp_path / "b.mp4", linear=True)
+    assert pictures.rate_hz == 12
+    assert np.array([light.mean() * 255 for light in pictures]) == pytest.approx(40 + 5 * np.arange(5, 12), abs=3)
+
+
+PLAYLISTS = {
+    "HLS": "#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{other}\n#EXT-X-ENDLIST\n",
+    "HLS with a byte range": "#EXTM3U\n#EXT-X-VERSION:4\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n#EXT-X-BYTERANGE:900@0\n{other}\n",
+    "HLS with a host": "#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\nhttp://127.0.0.1:9/a.ts\n#EXT-X-ENDLIST\n",
+    "HLS of a script": "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nconcat:{other}|{other}\n#EXT-X-ENDLIST\n",
+    "concat": "ffconcat version 1.0\nfile {other}\nduration 1\n", "concat, plain": "file '{other}'\n",
+    "SDP": "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nc=IN IP4 127.0.0.1\nt=0 0\nm=video 9 RTP/AVP 96\na=rtpmap:96 H264/90000\n",
+    "DASH": '<?xml version="1.0"?><MPD xmlns="urn:mpeg:dash:schema:mpd:2011" type="static"><Period><AdaptationSet><BaseURL>{other}</BaseURL></AdaptationSet></Period></MPD>',
+    "Smooth": '<SmoothStreamingMedia MajorVersion="2"><StreamIndex Type="video" Url="{other}"/></SmoothStreamingMedia>',
+    "RTSP": "rtsp://127.0.0.1:9/a\n", "images": "frame_%03d.png\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("ending", ["mp4", "m3u8", "ffconcat", "sdp", "mkv"])
+@pytest.mark.parametrize("text", PLAYLISTS.values(), ids=PLAYLISTS)
+def test_a_file_that_names_others_opens_none_of_them(tmp_path, text, ending, monkeypatch):
+    other = tmp_path / "other.ts"
+    write_video(other, GREYS, **H264)
+    hostile = tmp_path / f"a.{ending}"
+    hostile.write_text(text.format(other=other))
+    assert "cannot be decoded" in refusal(open_pictures, hostile).problem

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -41,10 +41,11 @@ KEEP_REST = "to keep what can be read: ffmpeg -i FILE -c:v ffv1 NEW.mkv"
 class Scan:
     """What a video turned out to hold when all of it was decoded.
 
-    ``times`` are those of its pictures in s, exact, from the first; ``tick`` is their resolution in s; ``rates`` are
-    the pictures per second that the container states, several of them if they differ.
+    ``times`` are those of its pictures in s, exact, from the first, or none at all; ``tick`` is their resolution in s;
+    ``rates`` are the pictures per second that the container states, several of them if they differ.
     """
 
+    count: int
     times: tuple[Fraction | None, ...]
     tick: Fraction
     rates: tuple[Fraction, ...]
@@ -66,10 +67,9 @@ class VideoFrames(PictureFrames):
         super().__init__(path, linear=linear, shape=scan.shape)
         self.transfer = LINEAR if linear else find_transfer(scan.transfer, where=path)
         self.weights = WIDE_LUMINANCE.get(scan.primaries, LUMINANCE)
-        self.notes, self._count = scan.notes, len(scan.times)
-        if any(time is not None for time in scan.times):
-            self.times = scan.times
-            self.rate_hz = steady_rate(scan.times, tick=scan.tick, stated=scan.rates)
+        self.notes, self._count = scan.notes, scan.count
+        if scan.times:
+            self.times, self.rate_hz = scan.times, steady_rate(scan.times, tick=scan.tick, stated=scan.rates)
 
     def _read(self) -> Iterator[tuple[str, np.ndarray]]:
         number = 0
@@ -203,56 +203,83 @@ def _scan(path: Path) -> Scan:
     """
     import av
 
-    times: list[Fraction | None] = []
-    faults: list[str] = []
-    first: VideoFrame | None = None
-    end, empty = Fraction(0), 0
     with _messages() as messages, _open(path) as (container, stream):
-        length_size = _length_size(stream)
-        for packet in container.demux():
-            time = packet.pts if packet.pts is not None else packet.dts
-            if time is not None:
-                end = max(end, (time + (packet.duration or 0)) * packet.time_base)
-            if packet.stream.index != stream.index:
-                continue
-            empty += time is not None and packet.size == 0
-            if packet.is_corrupt or _has_hole(packet, length_size):
-                faults.append("a part of it is missing")
-            try:
-                frames = stream.codec_context.decode(packet)
-            except av.FFmpegError as error:
-                faults.append(error.strerror or str(error))
-                continue
-            for frame in frames:
-                if first is None:
-                    first = frame
-                if frame.is_corrupt:
-                    faults.append("a picture is damaged")
-                elif not faults:
-                    _check_frame(frame, first, number=len(times) + 1, where=path)
-                times.append(None if frame.pts is None or frame.time_base is None else frame.pts * frame.time_base)
+        found = _decode_all(container, stream, where=path)
         others = {s.codec_context.name for s in container.streams if s.codec_context and s is not stream}
-        faults += [message.strip() for _, name, message in messages if name not in others]
+        found.faults += [message.strip() for _, name, message in messages if name not in others]
         kind = container.format.name.partition(",")[0]
-        start = next((time for time in times if time is not None), Fraction(0))
-        stated = None
-        if container.duration and kind not in {*ESTIMATED, *UNTIMED}:
-            stated = Fraction(container.duration, av.time_base)
-        _check_length(
-            path, len(times), expected=_count_stated(stream, kind, empty=empty), faults=faults, end=end, stated=stated
-        )
-        if first is None:
-            raise BadInput("has no picture that can be read", where=str(path))
+        estimated = kind in (*ESTIMATED, *UNTIMED) or not container.duration
+        stated = None if estimated else Fraction(container.duration or 0, av.time_base)
+        _check_length(path, found, expected=_count_listed(stream, kind), stated=stated)
         rates = [rate for rate in (stream.average_rate, stream.base_rate, stream.guessed_rate) if rate]
-        tick = stream.time_base or Fraction(1, 1000)
-        notes = _list_notes(first, stream, container, where=path)
-    times = [None if time is None or kind in UNTIMED else time - start for time in times]
-    height, width = _upright(np.empty((first.height, first.width), bool), first, where=path).shape
+        tick = stream.time_base or Fraction(1, av.time_base)
+        if found.first is None:
+            raise BadInput("has no picture", where=str(path))
+        first, notes = found.first, _list_notes(found.first, stream, container, where=path)
+    times = [] if kind in UNTIMED else found.times
+    if kind == "avi":  # they are stated in the order of decoding
+        times = sorted(times, key=lambda time: time or 0)
+    start = next((time for time in times if time is not None), Fraction(0))
+    times = [None if time is None else time - start for time in times]
     if kind == "mpeg" and steady_rate(times, tick=tick, stated=rates) is None:  # it states no length
         raise BadInput("is damaged: its pictures do not follow each other steadily", where=str(path), hint=KEEP_REST)
+    height, width = _upright(np.empty((first.height, first.width), bool), first, where=path).shape
     return Scan(
-        tuple(times), tick, tuple(dict.fromkeys(rates)), (height, width), first.color_trc, first.color_primaries, notes
+        len(found.times),
+        tuple(times),
+        tick,
+        tuple(rates),
+        (height, width),
+        first.color_trc,
+        first.color_primaries,
+        notes,
     )
+
+
+@dataclass
+class _Decoded:
+    """What came out of a video: times in s, what went wrong, where it ends in s, and how many packets were empty.
+
+    ``last_step`` is how long the last packet lasts in s, 0 if this is not stated.
+    """
+
+    first: "VideoFrame | None" = None
+    times: list[Fraction | None] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+    end: Fraction = Fraction(0)
+    last_step: Fraction = Fraction(0)
+    empty: int = 0
+
+
+def _decode_all(container: "InputContainer", stream: "VideoStream", *, where: Path) -> _Decoded:
+    import av
+
+    found, length_size = _Decoded(), _length_size(stream)
+    for packet in container.demux():
+        time = packet.pts if packet.pts is not None else packet.dts
+        if time is not None:
+            found.last_step = (packet.duration or 0) * packet.time_base
+            found.end = max(found.end, time * packet.time_base + found.last_step)
+        if packet.stream.index != stream.index:
+            continue
+        found.empty += time is not None and packet.size == 0
+        if packet.is_corrupt or _has_hole(packet, length_size):
+            found.faults.append("a part of it is missing")
+        try:
+            frames = stream.codec_context.decode(packet)
+        except av.FFmpegError as error:
+            found.faults.append(error.strerror or str(error))
+            continue
+        for frame in frames:
+            if found.first is None:
+                found.first = frame
+            if frame.is_corrupt:
+                found.faults.append("a picture is damaged")
+            elif not found.faults:
+                _check_frame(frame, found.first, number=len(found.times) + 1, where=where)
+            pts, unit = frame.pts, frame.time_base
+            found.times.append(None if pts is None or unit is None else pts * unit)
+    return found
 
 
 def _length_size(stream: "VideoStream") -> int:
@@ -276,29 +303,33 @@ def _has_hole(packet: "Packet", length_size: int) -> bool:
     return False
 
 
-def _count_stated(stream: "VideoStream", kind: str, *, empty: int) -> int | None:
-    """Return the number of pictures that a container lists, without those that it tells players to skip."""
-    if not stream.frames:
+def _count_listed(stream: "VideoStream", kind: str) -> int | None:
+    """Return the number of pictures that a container lists, without those that it tells players to skip.
+
+    An AVI lists the pictures that are repeats of the one before as well.
+    """
+    if not stream.frames or kind == "avi":
         return None
-    listed = sum(not entry.is_discard for entry in stream.index_entries) if kind == "mov" else stream.frames
-    return listed - empty
+    if kind == "mov":
+        return sum(not entry.is_discard for entry in stream.index_entries)
+    return stream.frames
 
 
-def _check_length(
-    path: Path, found: int, *, expected: int | None, faults: list[str], end: Fraction, stated: Fraction | None
-) -> None:
-    """Raise BadInput if fewer pictures could be read than the container states, or if there was any fault."""
+def _check_length(path: Path, found: _Decoded, *, expected: int | None, stated: Fraction | None) -> None:
+    """Raise BadInput if there are fewer pictures, or less time, than the container states, or if there was a fault."""
+    count, faults = len(found.times), found.faults
     if expected is None and not faults and (cut := find_cut(path)):
         faults = [cut]
-    # Half of the usual time between two pictures is left for rounding.
-    short = found < (expected or 0) or bool(found and stated and end + stated / found / 2 < stated)
+    short = expected is not None and count + found.empty < expected
+    if stated and count:  # half of the usual time between two pictures is left for rounding
+        short |= found.end + (stated / count) * Fraction(1 if found.last_step else 3, 2) < stated
     if not (short or faults):
         return
     of = f" of {expected}" if expected else ""
-    until = "" if stated is None else f", up to {float(end):.4g} s; the container states {float(stated):.4g} s"
+    until = f", up to {float(found.end):.4g} s; the container states {float(stated):.4g} s" if stated else ""
     reason = f" ({faults[0]})" if faults else ""
     raise BadInput(
-        f"is damaged or cut off: {found}{of} pictures can be read{until}{reason}", where=str(path), hint=KEEP_REST
+        f"is damaged or cut off: {count}{of} pictures can be read{until}{reason}", where=str(path), hint=KEEP_REST
     )
 
 
@@ -328,7 +359,9 @@ def _list_notes(
 ) -> tuple[str, ...]:
     notes = []
     if len(container.streams.video) > 1:
-        notes.append(f"{where.name}: of {len(container.streams.video)} streams of pictures, {stream.index} is read")
+        notes.append(
+            f"{where.name}: of {len(container.streams.video)} streams of pictures, number {stream.index} is read"
+        )
     wide = stream.sample_aspect_ratio
     if wide and wide != 1:
         notes.append(f"{where.name}: its pixels are {wide.numerator}:{wide.denominator}, and are taken as square")
@@ -400,10 +433,8 @@ def _planes(frame: "VideoFrame", bits: int, *, where: Path) -> list[np.ndarray]:
             f"has pixels of the format {form.name}", where=str(where), allowed="grey, RGB or YUV of 8 to 16 bits",
             hint="ffmpeg -i FILE -pix_fmt gbrp16 -c:v ffv1 NEW.mkv",
         ) from error  # fmt: skip
-    rows = (
-        np.frombuffer(memoryview(plane), "u1" if bits == 8 else "<u2").reshape(plane.height, -1)
-        for plane in planes[:colours]
-    )
+    dtype = "u1" if bits == 8 else "<u2"
+    rows = (np.frombuffer(memoryview(plane), dtype).reshape(plane.height, -1) for plane in planes[:colours])
     return [values[:, : plane.width].astype(np.float32) for values, plane in zip(rows, planes, strict=False)]
 
 
