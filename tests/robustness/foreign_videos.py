@@ -145,7 +145,9 @@ def write_video_file(random: np.random.Generator, folder: Path, draw: Callable[[
     planes = [to_planes(one, pix_fmt, tags.get("colorspace", 1)) for one in values]
     times, rate, tick, how = draw_times(random, name, len(values))
     path = folder / f"in.{container}"
-    muxing = {"movflags": "+faststart"} if container in ("mp4", "mov") and random.integers(2) else {}
+    muxing = {}
+    if container in ("mp4", "mov"):  # otherwise edit lists are rounded to ms, and leave out pictures of fast video
+        muxing = {"movie_timescale": "90000", **({"movflags": "+faststart"} if random.integers(2) else {})}
     size = values.shape[1:3]
     frames = [to_frame(one, pix_fmt, size) for one in planes]
     write_frames(path, frames, times, codec=codec, options=options, muxing=muxing, rate=rate, tick=tick, tags=tags)

@@ -321,7 +321,9 @@ def _check_length(path: Path, found: _Decoded, *, expected: int | None, stated: 
     if expected is None and not faults and (cut := find_cut(path)):
         faults = [cut]
     short = expected is not None and count + found.empty < expected
-    if stated and count:  # half of the usual time between two pictures is left for rounding
+    # Half of the usual time between two pictures is left for rounding. Where pictures are listed, their number says
+    # more: with B-frames, MP4 adds the last step in the order of decoding.
+    if stated and count and expected is None:
         short |= found.end + (stated / count) * Fraction(1 if found.last_step else 3, 2) < stated
     if not (short or faults):
         return
@@ -347,7 +349,8 @@ def _check_frame(frame: "VideoFrame", first: "VideoFrame", *, number: int, where
         )  # fmt: skip
     if (frame.color_trc, frame.color_primaries) != (first.color_trc, first.color_primaries):
         raise BadInput(f"picture {number} has other tags of colour than the first", where=str(where))
-    if not frame.format.is_rgb and frame.colorspace not in MATRICES:
+    is_yuv = len(frame.format.components) > 2 and not frame.format.is_rgb
+    if is_yuv and frame.colorspace not in MATRICES:
         raise BadInput(
             f"its colours are stored with the matrix {frame.colorspace} of ITU-T H.273", where=str(where),
             allowed="BT.601, BT.709, BT.2020 or RGB", hint="ffmpeg -i FILE -pix_fmt gbrp16 -c:v ffv1 NEW.mkv",
