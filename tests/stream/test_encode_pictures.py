@@ -351,9 +351,11 @@ def test_no_light_is_lost_between_uneven_times(tmp_path, steps):
 
 RATES_AS_WRITTEN = {
     "24000/1001": (Fraction(24000, 1001), "24000/1001 Hz (23.976)"), "1/3": (Fraction(1, 3), "1/3 Hz"),
-    "23.976": (Fraction(23976, 1000), "23.976 Hz"), "240": (Fraction(240), "240 Hz"), "1e3": (Fraction(1000), "1000 Hz"),
+    "23.976": (Fraction(23976, 1000), "23.976 Hz"), "240": (Fraction(240), "240 Hz"),
+    "1e3": (Fraction(1000), "1000 Hz"),
     "0.5": (Fraction(1, 2), "0.5 Hz"), ".25": (Fraction(1, 4), "0.25 Hz"), "60/1": (Fraction(60), "60 Hz"),
-    "20000.0": (Fraction(20000), "20000 Hz"), "2e-1": (Fraction(1, 5), "0.2 Hz"), "100/3": (Fraction(100, 3), "100/3 Hz (33.333)"),
+    "20000.0": (Fraction(20000), "20000 Hz"), "2e-1": (Fraction(1, 5), "0.2 Hz"),
+    "100/3": (Fraction(100, 3), "100/3 Hz (33.333)"),
 }  # fmt: skip
 
 

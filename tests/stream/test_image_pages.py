@@ -159,12 +159,14 @@ def gamma(value):
 
 
 LIGHT = {
-    "no tag": ([], decode_srgb), "sRGB gamma": ([gamma(45455)], decode_srgb), "linear gamma": ([gamma(100000)], lambda v: v),
+    "no tag": ([], decode_srgb), "sRGB gamma": ([gamma(45455)], decode_srgb),
+    "linear gamma": ([gamma(100000)], lambda v: v),
     "gamma 1.8": ([gamma(55556)], lambda v: v**1.8), "gamma 3": ([gamma(33333)], lambda v: v**3),
     "sRGB before gamma": ([(b"sRGB", b"\0"), gamma(100000)], decode_srgb),
     "cICP sRGB": ([(b"cICP", bytes([1, 13, 0, 1]))], decode_srgb),
     "cICP linear": ([(b"cICP", bytes([1, 8, 0, 1]))], lambda v: v),
-    "cICP PQ": ([(b"cICP", bytes([1, 16, 0, 1]))], decode_pq), "cICP HLG": ([(b"cICP", bytes([1, 18, 0, 1]))], decode_hlg),
+    "cICP PQ": ([(b"cICP", bytes([1, 16, 0, 1]))], decode_pq),
+    "cICP HLG": ([(b"cICP", bytes([1, 18, 0, 1]))], decode_hlg),
     "cICP before gamma": ([gamma(45455), (b"cICP", bytes([1, 8, 0, 1]))], lambda v: v),
 }  # fmt: skip
 
@@ -178,6 +180,39 @@ def test_a_png_is_decoded_as_it_says(tmp_path, chunks, decode, dtype):
     assert light == pytest.approx(decode(values / np.iinfo(dtype).max) @ LUMINANCE, rel=1e-3, abs=1e-6)
     (light,) = open_pictures(tmp_path / "a.png", linear=True)
     assert light == pytest.approx(values / np.iinfo(dtype).max @ LUMINANCE, abs=1e-6)
+
+
+def icc(curve):
+    """The part of an ICC profile that matters here: a curve of green, in a profile of one tag."""
+    return bytes(128) + struct.pack(">I4sII", 1, b"gTRC", 144, len(curve)) + curve
+
+
+def formula(kind, *numbers):
+    return struct.pack(f">4sIHH{len(numbers)}i", b"para", 0, kind, 0, *(round(n * 65536) for n in numbers))
+
+
+SRGB_TABLE = np.rint(65535 * decode_srgb(np.arange(257) / 256)).astype(int)
+PROFILES = {
+    "linear": (struct.pack(">4sII", b"curv", 0, 0), lambda v: v),
+    "linear as a power": (struct.pack(">4sIIH", b"curv", 0, 1, 256), lambda v: v),
+    "linear as a table": (struct.pack(">4sII3H", b"curv", 0, 3, 0, 32768, 65535), lambda v: v),
+    "linear as a formula": (formula(0, 1), lambda v: v),
+    "power 2.2, close to sRGB": (struct.pack(">4sIIH", b"curv", 0, 1, 563), decode_srgb),
+    "power 1.8": (struct.pack(">4sIIH", b"curv", 0, 1, 461), lambda v: v ** (461 / 256)),
+    "sRGB as a formula": (formula(3, 2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045), decode_srgb),
+    "a table of sRGB": (struct.pack(">4sII257H", b"curv", 0, 257, *SRGB_TABLE), decode_srgb),
+    "no curve": (b"mft2", decode_srgb),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("ending", ["png", "tif", "webp"])
+@pytest.mark.parametrize(("curve", "decode"), PROFILES.values(), ids=PROFILES)
+def test_an_icc_profile_says_how_light_is_stored(tmp_path, curve, decode, ending):
+    values = noise(3, np.uint8)
+    options = {"lossless": True} if ending == "webp" else {}
+    Image.fromarray(values).save(tmp_path / f"a.{ending}", icc_profile=icc(curve), **options)
+    (light,) = open_pictures(tmp_path / f"a.{ending}")
+    assert light == pytest.approx(decode(values / 255) @ LUMINANCE, rel=2e-3, abs=1e-5)
 
 
 def test_png_that_cannot_be_decoded_as_it_says_is_refused(tmp_path):
@@ -195,9 +230,11 @@ def test_png_that_cannot_be_decoded_as_it_says_is_refused(tmp_path):
 
 PAGES = [np.full((8, 10), level, np.uint8) for level in (50, 100, 150, 200, 250)]
 DURATIONS = {
-    "GIF": ("a.gif", [20, 500, 30, 20, 40]), "WebP": ("a.webp", [20, 501, 33, 1, 40]), "APNG": ("a.png", [20, 501, 33, 1, 40]),
+    "GIF": ("a.gif", [20, 500, 30, 20, 40]), "WebP": ("a.webp", [20, 501, 33, 1, 40]),
+    "APNG": ("a.png", [20, 501, 33, 1, 40]),
     "steady GIF": ("a.gif", [30] * 5), "steady WebP": ("a.webp", [4] * 5), "steady APNG": ("a.png", [40] * 5),
-    "GIF with a long last page": ("a.gif", [20, 20, 20, 20, 2000]), "GIF with a long first page": ("a.gif", [900, 20, 20, 20, 20]),
+    "GIF with a long last page": ("a.gif", [20, 20, 20, 20, 2000]),
+    "GIF with a long first page": ("a.gif", [900, 20, 20, 20, 20]),
 }  # fmt: skip
 
 

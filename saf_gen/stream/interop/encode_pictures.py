@@ -324,19 +324,19 @@ def _blocks(plan: PictureEncoding) -> Iterator[tuple[list[np.ndarray], np.ndarra
         index, fraction, lights = first - before, at - first, list(reader.held)
         for readout in crossed:
             index[readout], fraction[readout] = len(lights), 0
-            lights.append(_mean_light(reader, times, begin + int(readout)))
+            lights.append(_mean_light(reader, times, readout=begin + int(readout)))
         yield lights, index, fraction
         begin = stop
 
 
-def _mean_light(reader: _Reader, times: np.ndarray, readout: int) -> np.ndarray:
+def _mean_light(reader: _Reader, times: np.ndarray, *, readout: int) -> np.ndarray:
     """Return the mean light (H, W) of one readout."""
     first = int(np.searchsorted(times, readout, "right")) - 1
     last = min(int(np.searchsorted(times, readout + 1, "left")), len(times) - 1)
     edges = np.array([readout, readout + 1])
     light = np.zeros_like(reader[first])
     for number in range(first, last + 1):
-        light += np.float32(_light_shares(edges, times, number)[0]) * reader[number]
+        light += np.float32(_light_shares(edges, times, number=number)[0]) * reader[number]
     return light
 
 
@@ -351,13 +351,13 @@ def _integrated(plan: PictureEncoding) -> Iterator[tuple[list[np.ndarray], np.nd
         last = min(int(np.searchsorted(times, edges[-1], "left")), plan.count - 1)
         for number in range(first, last + 1):
             reader.hold(min(number, last - 1), number)
-            shares = _light_shares(edges, times, number)
+            shares = _light_shares(edges, times, number=number)
             for readout in np.flatnonzero(shares):
                 light[readout] += np.float32(shares[readout]) * reader[number]
         yield list(light), np.arange(len(light)), np.zeros(len(light))
 
 
-def _light_shares(edges: np.ndarray, times: np.ndarray, number: int) -> np.ndarray:
+def _light_shares(edges: np.ndarray, times: np.ndarray, *, number: int) -> np.ndarray:
     """Return the share of picture ``number`` in the mean light of the readouts between ``edges``.
 
     A picture contributes a triangle of light, from the time of the picture before it to that of the one after it.

@@ -1,8 +1,11 @@
 """The pages of one image file with all their bits, and what the file says about their time and their light."""
 
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from io import SEEK_CUR
+from math import log
 from pathlib import Path
 from typing import Literal
 from warnings import catch_warnings
@@ -21,8 +24,8 @@ ORIENTATION, BITS_PER_SAMPLE, PHOTOMETRIC, WHITE_IS_ZERO = 0x0112, 258, 262, 0
 DEEP_CODECS = {"PNG": "png", "TIFF": "tiff", "PPM": "ppm"}
 LONGEST_DIVISOR = 65_535
 """APNG states a duration as a fraction of two numbers of 16 bits; GIF and WebP state hundredths and thousandths."""
-USUAL_GAMMA, TOLERANCE = 0.45455, 0.02
-"""What a PNG with sRGB values states for gamma, and how far others may be from it to be taken as sRGB."""
+SRGB_AT_HALF, TOLERANCE = 0.214, 0.015
+"""The light of half of the largest value in sRGB, and how far other curves may be from it to be taken as sRGB."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ def read_pages(path: Path) -> Iterator[Page]:
             if image.width * image.height > MAX_PIXELS:
                 size = f"has {image.width} × {image.height} pixels"
                 raise BadInput(size, where=str(path), allowed=f"at most {MAX_PIXELS}")
-            transfer, primaries = _png_light(path) if image.format == "PNG" else (SRGB, 1)
+            transfer, primaries = _read_light(path, image)
             for number in range(getattr(image, "n_frames", 1)):
                 image.seek(number)
                 deep = _is_deep(image, path)
@@ -129,23 +132,62 @@ def _upright(values: np.ndarray, orientation: int) -> np.ndarray:
     return values[:: -1 if up else 1, :: -1 if left else 1]
 
 
-def _png_light(path: Path) -> tuple[Transfer, int]:
-    """Return how a PNG says that its values stand for light, and its primaries (PNG, third edition, 4.3).
+def _read_light(path: Path, image: Image.Image) -> tuple[Transfer, int]:
+    """Return how a file says that its values stand for light, and its primaries.
 
-    The chunk cICP counts before iCCP and sRGB, which are taken as sRGB, and those count before gAMA.
+    In a PNG, the chunk cICP counts before an ICC profile, that before sRGB, and that before gAMA (third edition, 4.3).
     """
-    chunks = {}
-    with path.open("rb") as file:
-        file.seek(8)
-        while (head := file.read(8)) and head[4:] not in (b"IDAT", b"IEND"):
-            length = int.from_bytes(head[:4])
-            chunks[head[4:]] = file.read(length) if length < 1 << 16 else b""
-            file.seek(4 if length < 1 << 16 else length + 4, 1)
+    chunks = _png_chunks(path) if image.format == "PNG" else {}
     if len(code := chunks.get(b"cICP", b"")) == 4:
         if code[2] != 0 or code[3] != 1:
             raise BadInput("has a cICP chunk of YUV or limited range", where=str(path), allowed="RGB of full range")
         return find_transfer(code[1], where=path), code[0]
-    gamma = int.from_bytes(chunks.get(b"gAMA", b"")) / 100_000
-    if b"iCCP" in chunks or b"sRGB" in chunks or not gamma or abs(gamma - USUAL_GAMMA) < TOLERANCE:
+    if profile := image.info.get("icc_profile"):
+        half = _profile_at_half(profile)
+    elif gamma := int.from_bytes(chunks.get(b"gAMA", b"")) * (b"sRGB" not in chunks):
+        half = 0.5 ** (100_000 / gamma)
+    else:
+        half = SRGB_AT_HALF
+    if abs(half - SRGB_AT_HALF) < TOLERANCE:
         return SRGB, 1
-    return (LINEAR if gamma == 1 else power_law(1 / gamma)), 1
+    exponent = round(log(half) / log(0.5), 4)
+    return (LINEAR if exponent == 1 else power_law(exponent)), 1
+
+
+def _png_chunks(path: Path) -> dict[bytes, bytes]:
+    """Return the short chunks of a PNG before its pixels, by their names."""
+    chunks = {}
+    with path.open("rb") as file:
+        file.seek(8)
+        while len(head := file.read(8)) == 8 and head[4:] not in (b"IDAT", b"IEND"):
+            length = int.from_bytes(head[:4])
+            chunks[head[4:]] = file.read(min(length, 64))
+            file.seek(max(length - 64, 0) + 4, SEEK_CUR)
+    return chunks
+
+
+def _profile_at_half(profile: bytes) -> float:
+    """Return the light that an ICC profile assigns to half of the largest value, that of sRGB if it has no such curve.
+
+    Curves are tables, powers or formulas (ICC.1:2022, 10.6 and 10.18).
+    """
+    curve = b""
+    for number in range(min(int.from_bytes(profile[128:132]), 100)):
+        name, offset, length = struct.unpack(">4sII", profile[132 + 12 * number :][:12])
+        if name in (b"gTRC", b"kTRC"):
+            curve = profile[offset:][:length]
+    if curve[:4] == b"curv":
+        table = np.frombuffer(curve[12 : 12 + 2 * int.from_bytes(curve[8:12])], ">u2").astype(float)
+        if len(table) < 2:
+            return 0.5 ** (table[0] / 256) if len(table) else 0.5
+        return float(np.interp((len(table) - 1) / 2, np.arange(len(table)), table)) / 65_535
+    if curve[:4] == b"para":
+        kind, count = int.from_bytes(curve[8:10]), len(curve[12:40]) // 4
+        numbers = np.frombuffer(curve[12 : 12 + 4 * count], ">i4") / 65_536
+        g, a, b, c, d, e, f = np.pad(numbers, (0, 7 - count)).tolist()
+        if kind == 0:
+            return float(0.5**g)
+        if (d if kind > 2 else -b / a) > 0.5:  # in the straight part near black
+            return c / 2 + f if kind > 2 else c
+        return float((a / 2 + b) ** g + (c if kind == 2 else e))
+    return SRGB_AT_HALF

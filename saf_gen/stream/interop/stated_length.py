@@ -38,7 +38,7 @@ def find_cut(path: Path) -> str:
             at = head.find(ASF_FILE) + 40  # the file properties object, section 3.2 of the specification
             end = int.from_bytes(head[at : at + 8], "little") if at >= 40 else 0
         else:
-            return _check_packets(np.memmap(path, np.uint8, "r")) if head else ""
+            return _check_packets(np.memmap(path, np.uint8, "r")) if SYNC in head[:5] else ""
     return f"at least {end - size} bytes are missing" if end > size else ""
 
 

@@ -32,6 +32,8 @@ MATRICES = {
     9: (0.2627, 0.0593),
 }  # fmt: skip
 """Shares of red and blue in the luma, by the number of the matrix coefficients in ITU-T H.273; 2 is unspecified."""
+HIDING = {"vp8", "vp9", "mpeg4", "msmpeg4v3", "wmv3", "vc1", "theora"}
+"""Codecs with packets that are intact and show no picture, or show the one before again."""
 UNSPECIFIED, LIMITED_RANGE, FULL_RANGE = 2, 1, 2
 ERRORS = "crccheck+bitstream+buffer+careful"
 KEEP_REST = "to keep what can be read: ffmpeg -i FILE -c:v ffv1 NEW.mkv"
@@ -210,12 +212,16 @@ def _scan(path: Path) -> Scan:
         kind = container.format.name.partition(",")[0]
         estimated = kind in (*ESTIMATED, *UNTIMED) or not container.duration
         stated = None if estimated else Fraction(container.duration or 0, av.time_base)
-        _check_length(path, found, expected=_count_listed(stream, kind), stated=stated)
+        listed = _count_listed(stream, kind)
+        if not (listed or found.faults) and (cut := find_cut(path)):
+            found.faults.append(cut)
+        packets = 0 if stream.codec_context.name in HIDING else found.packets
+        _check_length(found, where=path, expected=max(listed - found.empty, packets), stated=stated)
         rates = [rate for rate in (stream.average_rate, stream.base_rate, stream.guessed_rate) if rate]
         tick = stream.time_base or Fraction(1, av.time_base)
         if found.first is None:
             raise BadInput("has no picture", where=str(path))
-        first, notes = found.first, _list_notes(found.first, stream, container, where=path)
+        first, notes = found.first, _list_notes(found.first, stream, container=container, where=path)
     times = [] if kind in UNTIMED else found.times
     if kind == "avi":  # they are stated in the order of decoding
         times = sorted(times, key=lambda time: time or 0)
@@ -238,9 +244,10 @@ def _scan(path: Path) -> Scan:
 
 @dataclass
 class _Decoded:
-    """What came out of a video: times in s, what went wrong, where it ends in s, and how many packets were empty.
+    """What came out of a video: the times of its pictures in s, what went wrong, and where it ends in s.
 
-    ``last_step`` is how long the last packet lasts in s, 0 if this is not stated.
+    ``last_step`` is how long the last packet lasts in s, 0 if this is not stated; ``packets`` are those that should
+    become a picture, and ``empty`` those that repeat the picture before.
     """
 
     first: "VideoFrame | None" = None
@@ -248,6 +255,7 @@ class _Decoded:
     faults: list[str] = field(default_factory=list)
     end: Fraction = Fraction(0)
     last_step: Fraction = Fraction(0)
+    packets: int = 0
     empty: int = 0
 
 
@@ -262,6 +270,7 @@ def _decode_all(container: "InputContainer", stream: "VideoStream", *, where: Pa
             found.end = max(found.end, time * packet.time_base + found.last_step)
         if packet.stream.index != stream.index:
             continue
+        found.packets += packet.size > 0 and not packet.is_discard
         found.empty += time is not None and packet.size == 0
         if packet.is_corrupt or _has_hole(packet, length_size):
             found.faults.append("a part of it is missing")
@@ -303,35 +312,33 @@ def _has_hole(packet: "Packet", length_size: int) -> bool:
     return False
 
 
-def _count_listed(stream: "VideoStream", kind: str) -> int | None:
-    """Return the number of pictures that a container lists, without those that it tells players to skip.
+def _count_listed(stream: "VideoStream", kind: str) -> int:
+    """Return the number of pictures that a container lists, without those that it tells players to skip; 0 for none.
 
     An AVI lists the pictures that are repeats of the one before as well.
     """
     if not stream.frames or kind == "avi":
-        return None
+        return 0
     if kind == "mov":
         return sum(not entry.is_discard for entry in stream.index_entries)
     return stream.frames
 
 
-def _check_length(path: Path, found: _Decoded, *, expected: int | None, stated: Fraction | None) -> None:
+def _check_length(found: _Decoded, *, where: Path, expected: int, stated: Fraction | None) -> None:
     """Raise BadInput if there are fewer pictures, or less time, than the container states, or if there was a fault."""
     count, faults = len(found.times), found.faults
-    if expected is None and not faults and (cut := find_cut(path)):
-        faults = [cut]
-    short = expected is not None and count + found.empty < expected
+    short = count < expected
     # Half of the usual time between two pictures is left for rounding. Where pictures are listed, their number says
     # more: with B-frames, MP4 adds the last step in the order of decoding.
-    if stated and count and expected is None:
+    if stated and count and not expected:
         short |= found.end + (stated / count) * Fraction(1 if found.last_step else 3, 2) < stated
     if not (short or faults):
         return
-    of = f" of {expected}" if expected else ""
+    of = f" of {expected}" if expected > count else ""
     until = f", up to {float(found.end):.4g} s; the container states {float(stated):.4g} s" if stated else ""
     reason = f" ({faults[0]})" if faults else ""
     raise BadInput(
-        f"is damaged or cut off: {count}{of} pictures can be read{until}{reason}", where=str(path), hint=KEEP_REST
+        f"is damaged or cut off: {count}{of} pictures can be read{until}{reason}", where=str(where), hint=KEEP_REST
     )
 
 
@@ -358,7 +365,7 @@ def _check_frame(frame: "VideoFrame", first: "VideoFrame", *, number: int, where
 
 
 def _list_notes(
-    frame: "VideoFrame", stream: "VideoStream", container: "InputContainer", *, where: Path
+    frame: "VideoFrame", stream: "VideoStream", *, container: "InputContainer", where: Path
 ) -> tuple[str, ...]:
     notes = []
     if len(container.streams.video) > 1:
