@@ -216,6 +216,8 @@ def _scan(path: Path) -> Scan:
         if not (listed or found.faults) and (cut := find_cut(path)):
             found.faults.append(cut)
         packets = 0 if stream.codec_context.name in HIDING else found.packets
+        if listed == len(found.times):  # with B-frames, MP4 adds the last step in the order of decoding to its length
+            stated = None
         _check_length(found, where=path, expected=max(listed - found.empty, packets), stated=stated)
         rates = [rate for rate in (stream.average_rate, stream.base_rate, stream.guessed_rate) if rate]
         tick = stream.time_base or Fraction(1, av.time_base)
@@ -328,9 +330,7 @@ def _check_length(found: _Decoded, *, where: Path, expected: int, stated: Fracti
     """Raise BadInput if there are fewer pictures, or less time, than the container states, or if there was a fault."""
     count, faults = len(found.times), found.faults
     short = count < expected
-    # Half of the usual time between two pictures is left for rounding. Where pictures are listed, their number says
-    # more: with B-frames, MP4 adds the last step in the order of decoding.
-    if stated and count and not expected:
+    if stated and count:  # half of the usual time between two pictures is left for rounding
         short |= found.end + (stated / count) * Fraction(1 if found.last_step else 3, 2) < stated
     if not (short or faults):
         return
