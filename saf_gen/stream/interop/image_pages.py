@@ -73,7 +73,11 @@ def read_pages(path: Path) -> Iterator[Page]:
                     values = _shallow_values(image)
                 duration = Fraction(float(image.info.get("duration", 0)) / 1000).limit_denominator(LONGEST_DIVISOR)
                 yield Page(values, duration, transfer, primaries)
-    except (*DAMAGE, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+    except UnidentifiedImageError as error:  # an OSError
+        raise BadInput(
+            "cannot be read: it is no picture of a known format", where=str(path), allowed="a picture"
+        ) from error
+    except (*DAMAGE, SyntaxError, Image.DecompressionBombError) as error:
         raise BadInput(f"cannot be read: {error}", where=str(path), allowed="a picture") from error
 
 
