@@ -174,6 +174,8 @@ def test_pictures_that_do_not_fit_are_one_line(tmp_path, write, options, message
         (np.ones((2, 3, 4), bool), "frame 0 is bool | saf-gen import"),
         (np.ones((2, 3, 4, 7)), "frame 0 has shape (3, 4, 7)"),
         (np.ones((3, 4)), "the array has shape (3, 4)"),
+        (np.ones((32, 48, 3)), "the array has shape (32, 48, 3) | one colour picture"),
+        (np.ones((32, 48, 4), np.uint8), "the array has shape (32, 48, 4) | one colour picture"),
     ],
 )
 def test_values_that_are_no_pictures_are_one_line(tmp_path, array, message):

@@ -22,6 +22,8 @@ IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", "
 EXR = ".exr"
 FEW_NAMES = 3
 """Names of pictures that are listed from each end of a folder."""
+MIN_SIZE = 16
+"""Rows and columns from which an array of 3 or 4 columns is rather one picture in colour."""
 
 
 class _ImageFiles(PictureFrames):
@@ -78,9 +80,11 @@ class _ArrayFrames(PictureFrames):
     def __init__(self, path: Path, *, linear: bool, key: str | None) -> None:
         self._array: SlicedArray = open_array(path, key=key)
         shape = self._array.shape
-        if len(shape) not in (3, 4) or 0 in shape:
+        one_picture = len(shape) == 3 and shape[2] in (3, 4) and min(shape[:2]) >= MIN_SIZE
+        if len(shape) not in (3, 4) or 0 in shape or one_picture:
             axes = "(frames, rows, columns) or (frames, rows, columns, channels)"
-            raise BadInput(f"the array has shape {shape}", where=str(path), allowed=axes)
+            hint = "save one colour picture with a first axis of 1" if one_picture else ""
+            raise BadInput(f"the array has shape {shape}", where=str(path), allowed=axes, hint=hint)
         super().__init__(path, linear=linear, shape=shape[1:3])
 
     def _read(self) -> Iterator[tuple[str, np.ndarray]]:
