@@ -32,6 +32,9 @@ TIMES = {
     "film": ("a.mp4", H264, {"rate": Fraction(24000, 1001)}, Fraction(24000, 1001)),
     "film rounded to ms": ("a.mkv", H264, {"rate": Fraction(24000, 1001)}, Fraction(24000, 1001)),
     "thirtieths rounded to ms": ("a.mkv", {}, {"rate": 30}, 30),
+    "television rounded to ms": ("a.mkv", {}, {"rate": Fraction(60000, 1001)}, Fraction(60000, 1001)),
+    "2000 rounded to ms": ("a.mkv", {}, {"rate": 2000}, 2000),
+    "a rate that a stream does not state": ("a.ts", H264, {"rate": Fraction(120000, 1001)}, Fraction(120000, 1001)),
     "one in three seconds": ("a.mkv", {}, {"rate": Fraction(1, 3)}, Fraction(1, 3)),
     "slow motion": ("a.mp4", H264, {"rate": 240}, 240),
     "1000": ("a.mp4", H264, {"rate": 1000}, 1000),
@@ -88,6 +91,13 @@ def test_times_that_do_not_increase_are_refused_and_a_rate_overrides_them(tmp_pa
     assert code == 0
     assert "12 pictures at 24000/1001 Hz (23.976)" in out
     assert "a.mkv: its pictures at times 0 to 10 ms apart are taken to be at 24000/1001 Hz (23.976) (--rate)" in err
+
+
+def test_a_video_of_one_picture_is_a_scene_at_rest(tmp_path):
+    write_video(tmp_path / "a.mp4", GREYS[:1], **H264)
+    pictures = open_pictures(tmp_path / "a.mp4")
+    assert_says(refusal(prepare_pictures, pictures, IDEAL), "is a single picture | --frames N")
+    assert prepare_pictures(pictures, IDEAL, frames=50).frames == 50
 
 
 def test_raw_video_without_times_asks_for_a_rate(tmp_path):

@@ -16,7 +16,7 @@ from saf_gen.stream.interop.image_pages import read_pages
 from saf_gen.stream.interop.linear_light import LINEAR, LUMINANCE, WIDE_LUMINANCE, PictureFrames
 from saf_gen.stream.interop.video_frames import VideoFrames, steady_rate
 
-IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".pgm", ".ppm"})
+IMAGES = frozenset({".png", ".apng", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".pgm", ".ppm"})
 FEW_NAMES = 3
 """Names of pictures that are listed from each end of a folder."""
 
