@@ -167,8 +167,12 @@ def _refusing(path: Path) -> Iterator[None]:
     try:
         yield
     except (av.FFmpegError, OSError, ValueError, LookupError, MemoryError) as error:
+        report: Any = getattr(error, "log", None)  # level, name of the part, and message
+        reason = report[2].strip() if report else getattr(error, "strerror", None) or str(error)
+        if "whitelist" in reason:
+            reason = "it is in none of the containers that are read"
         raise BadInput(
-            f"cannot be decoded: {getattr(error, 'strerror', None) or error}", where=str(path),
+            f"cannot be decoded: {reason}", where=str(path),
             allowed=f"a picture, or a video in a container such as {', '.join(TIMED[:3])}",
         ) from error  # fmt: skip
 
@@ -219,12 +223,14 @@ def _scan(path: Path) -> Scan:
 
     with _messages() as messages, _open(path) as (container, stream):
         found = _decode_all(container, stream, where=path)
-        others = {s.codec_context.name for s in container.streams if s.codec_context and s is not stream}
-        found.faults += [message.strip() for _, name, message in messages if name not in others]
         kind = container.format.name.partition(",")[0]
         estimated = kind in (*ESTIMATED, *UNTIMED) or not container.duration
         stated = None if estimated else Fraction(container.duration or 0, av.time_base)
         listed = _count_listed(stream, kind)
+        others = {s.codec_context.name for s in container.streams if s.codec_context and s is not stream}
+        if listed:  # what the container complains about, such as chapters, took no picture away
+            others.add(container.format.name)
+        found.faults += [message.strip() for _, name, message in messages if name not in others]
         if not (listed or found.faults) and (cut := find_cut(path)):
             found.faults.append(cut)
         packets = 0 if stream.codec_context.name in HIDING else found.packets
