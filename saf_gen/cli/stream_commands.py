@@ -23,7 +23,9 @@ Bits = Annotated[
     str | None, typer.Option("--bits", help="First bit of a byte: lsb or msb (default: lsb, or as the file shows).")
 ]
 Rate = Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")]
-Key = Annotated[str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several.")]
+Key = Annotated[
+    str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several, or layer of OpenEXR files.")
+]
 FocusLog = Annotated[
     Path | None, typer.Option(help="Lens log: CSV with frame,position or seconds,position (0 to 1 of the travel).")
 ]
@@ -139,16 +141,22 @@ def _print_written_stream(stream: Path, how: str) -> None:
 
 
 def _read_lens_log_and_truth(
-    frames: int, *, rate: float, focus: Path | None, truth: str | None, depth_of_focus: tuple[float, float] | None
+    frames: int,
+    *,
+    rate: float,
+    focus: Path | None,
+    truth: str | None,
+    depth_of_focus: tuple[float, float] | None,
+    lens: np.ndarray | None = None,
 ) -> dict[str, Any]:
-    """Return the fields of a stream that follow from a lens log and a true focus."""
+    """Return the fields of a stream that follow from a lens log, or from its positions ``lens``, and a true focus."""
     from saf_gen.stream.interop import import_lens_log, truth_from_text
 
-    fields: dict[str, Any] = {}
+    fields: dict[str, Any] = {"focus_position": lens}
     if focus is not None:
         fields["focus_position"] = import_lens_log(focus, frames=frames, readout_hz=rate)
     if truth is not None:
-        lens = fields.get("focus_position")
+        lens = fields["focus_position"]
         fields["truth"] = truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus)
     elif depth_of_focus is not None:
         raise BadInput("--depth-of-focus is given without --truth", hint="add the position of best focus")
@@ -217,7 +225,9 @@ def _count_frames(stream: Path) -> int:
 
 
 def encode_command(
-    pictures: Annotated[Path, typer.Argument(help="Folder of images, a video, or a .npy, .npz or .mat file.")],
+    pictures: Annotated[
+        Path, typer.Argument(help="Folder of images or OpenEXR files, a video, or a .npy, .npz or .mat file.")
+    ],
     target: Annotated[Path, typer.Option("--out", help="Stream file to write.")],
     *,
     rate: Annotated[
@@ -247,7 +257,10 @@ def encode_command(
     source = open_pictures(pictures, linear=linear, key=key)
     plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate_hz, mean_rate=mean_rate, frames=frames)
     hz = plan.sensor.readout_hz
-    fields = _read_lens_log_and_truth(plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
+    lens = None if focus is not None else plan.focus_position
+    fields = _read_lens_log_and_truth(
+        plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus, lens=lens
+    )
     if plan.count > 1 and plan.readouts_per_picture > SLOW_READOUTS:
         err.print(
             f"{plan.readouts_per_picture:.0f} readouts per picture: moving objects fade from one position to the next, "
@@ -259,6 +272,9 @@ def encode_command(
     _print_written_stream(target, f"from {plan.count} pictures {plan.pace}, {source.transfer.name}")
     if source.order:
         out.print(f"in this order: {source.order}", soft_wrap=True, markup=False)
+    if source.positions is not None:
+        use = "left out, for --focus" if focus is not None else "stored as 0 to 1 of the travel of the lens"
+        out.print(f"focus at {source.positions}, {use}", soft_wrap=True, markup=False)
 
 
 def export_command(

@@ -7,11 +7,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 from refusals import assert_says, refusal
 from videos import write_video
 
 from saf_gen.camera import get_sensor
+from saf_gen.errors import BadInput
 from saf_gen.stream.interop import encode_pictures as module
 from saf_gen.stream.interop.encode_pictures import encode_pictures, prepare_pictures
 from saf_gen.stream.interop.linear_light import decode_srgb
@@ -245,9 +247,48 @@ def test_a_photograph_that_lies_on_its_side_is_turned_upright(tmp_path):
     assert np.array_equal(np.rint(light * 255), np.rot90(values, -1))
 
 
-def test_a_file_of_exr_is_refused_rather_than_clipped(tmp_path):
-    (tmp_path / "a.exr").write_bytes(b"v/1\x01")
-    assert_says(refusal(open_pictures, tmp_path / "a.exr", linear=True), "OpenEXR | .npy | --linear")
+@pytest.mark.parametrize("compression", ["none", "zlib"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_pages_that_lie_on_their_side_are_turned_upright(tmp_path, orientation, compression):
+    """Orientations of Exif, of which 5 to 8 swap rows and columns; Pillow mixes up pages without compression."""
+    pages = np.arange(2 * 8 * 10, dtype=np.uint8).reshape(2, 8, 10)
+    turn = {
+        1: lambda a: a, 2: np.fliplr, 3: lambda a: np.rot90(a, 2), 4: np.flipud, 5: np.transpose,
+        6: lambda a: np.rot90(a, -1), 7: lambda a: np.rot90(a, 2).T, 8: np.rot90,
+    }[orientation]  # fmt: skip
+    tags = [(0x0112, "H", 1, orientation, False)]
+    tifffile.imwrite(tmp_path / "a.tif", pages, photometric="minisblack", metadata=None, extratags=tags,
+                     compression=compression)  # fmt: skip
+    light = np.stack(list(open_pictures(tmp_path / "a.tif", linear=True)))
+    assert np.array_equal(np.rint(light * 255), np.stack([turn(page) for page in pages]))
+
+
+TIFFS = {
+    "plain": {}, "big-endian": {"byteorder": ">"}, "BigTIFF": {"bigtiff": True}, "deflate": {"compression": "zlib"},
+    "a page a write": {"contiguous": False},
+    "tiles": {"tile": (16, 16)}, "ImageJ": {"imagej": True, "metadata": {"axes": "TYX"}},
+    "OME": {"ome": True, "metadata": {"axes": "TYX"}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TIFFS)
+def test_a_tiff_that_ends_early_never_has_fewer_pages(tmp_path, name):
+    """Cut anywhere, it is refused, or all its pages are read as before; Pillow leaves out pages without a word."""
+    pages = np.arange(5 * 8 * 10, dtype=np.uint8).reshape(5, 8, 10) + 20
+    options = {"photometric": "minisblack", "metadata": None, **TIFFS[name]}
+    tifffile.imwrite(tmp_path / "a.tif", pages, **options)
+    whole = np.stack(list(open_pictures(tmp_path / "a.tif", linear=True)))
+    assert np.array_equal(np.rint(whole * 255), pages)
+    content, refused = (tmp_path / "a.tif").read_bytes(), 0
+    for length in range(1, len(content), 7):
+        (tmp_path / "b.tif").write_bytes(content[:length])
+        try:
+            found = np.stack(list(open_pictures(tmp_path / "b.tif", linear=True)))
+        except BadInput:
+            refused += 1
+        else:
+            assert np.array_equal(found, whole)
+    assert refused > 0.8 * len(content) / 7
 
 
 RATES = [15_000.0, 23_976.0, 30_000.0, 40_000.0, 60_000.0, 70_001.0, 200_000.0, 9_999.5]

@@ -477,3 +477,21 @@ def test_a_file_that_names_others_opens_none_of_them(tmp_path, text, ending, mon
     hostile = tmp_path / f"a.{ending}"
     hostile.write_text(text.format(other=other))
     assert "cannot be decoded" in refusal(open_pictures, hostile).problem
+
+
+def test_grey_needs_no_matrix_of_colours(tmp_path):
+    """PNG states the matrix of RGB for its grey pictures as well."""
+    write_video(tmp_path / "a.mov", GREYS, codec="png", pix_fmt="gray")
+    assert [round(light.mean() * 255) for light in open_pictures(tmp_path / "a.mov", linear=True)] == [
+        40 + 5 * number for number in range(12)
+    ]
+
+
+def test_times_of_pictures_that_are_all_there_prove_no_damage(tmp_path):
+    """With B-frames, the length of an MP4 is not the end of its last picture: here it is 20 ms more."""
+    times = [Fraction(n, 90_000) for n in (0, 5850, 11700, 15300, 18750, 23850, 28500, 29550, 31200, 34950, 39000)]
+    wave = 200 + 50 * np.sin(np.add.outer(3 * np.arange(20), 2 * np.arange(50)) / 50)
+    pictures = [((0.3 + 0.06 * number) * wave).astype(np.uint8) for number in range(11)]
+    codec = {"codec": "libx264", "pix_fmt": "yuv420p", "options": {"crf": "8"}}
+    write_video(tmp_path / "a.mp4", pictures, times=times, tick=Fraction(1, 90_000), **codec)
+    assert list(open_pictures(tmp_path / "a.mp4").times) == times

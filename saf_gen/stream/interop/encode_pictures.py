@@ -81,6 +81,17 @@ class PictureEncoding:
         return pace.denominator == 1 or (self.rate_hz.denominator == 1 and pace >= SLOW_READOUTS)
 
     @property
+    def focus_position(self) -> np.ndarray | None:
+        """Position of the lens in the middle of each readout, float32 (frames,), if the pictures state it.
+
+        Raises BadInput if they state positions that turn back.
+        """
+        if self.pictures.positions is None:
+            return None
+        middle = np.arange(self.frames) + 0.5
+        return np.interp(middle, _times_in_readouts(self), self.pictures.positions.travel).astype(np.float32)
+
+    @property
     def pace(self) -> str:
         """The times of the pictures in words, such as "at 24000/1001 Hz (23.976)"."""
         return describe_pace(self.pictures.times, self.rate_hz)
@@ -219,7 +230,8 @@ def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed:
     Picture k is the light at its time, k/rate_hz if they are steady, and between two pictures the light changes
     linearly. Each readout collects the exact integral of this light, so that none of it falls between two readouts, or
     the light of its middle where that is as good (:attr:`PictureEncoding.samples`). The use of memory does not grow
-    with the number of pictures. ``optional`` are fields of :class:`Metadata` other than the provenance.
+    with the number of pictures. ``optional`` are fields of :class:`Metadata` other than the provenance; by default, the
+    position of the lens is what the pictures state.
 
     Raises BadInput if a picture differs in size from the first, has values that are not allowed, or is missing.
     """
@@ -229,6 +241,10 @@ def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed:
         "values": plan.pictures.transfer.name, "between": "linear cross-fade",
         "sensor": plan.sensor.name, "mean_rate": plan.mean_rate, "scale": plan.scale, "seed": seed,
     }  # fmt: skip
+    if (stated := plan.pictures.positions) is not None:
+        settings["focus"] = {"source": stated.source, "unit": stated.unit, "z": stated.z.tolist()}
+        if optional.get("focus_position") is None:
+            optional["focus_position"] = plan.focus_position
     metadata = metadata_from_options({**optional, "provenance": {"encode": dumps(settings, ensure_ascii=False)}})
     encoder = Encoder(plan.sensor, plan.pictures.shape, seed=seed)
     shape, readout_hz = (plan.frames, *plan.pictures.shape), plan.sensor.readout_hz

@@ -53,8 +53,9 @@ def read_pages(path: Path) -> Iterator[Page]:
             raise ValueError("not a file on a disk")
         if cut := find_cut(path):
             raise ValueError(cut)
-        # Pillow's warnings are harmless or reported as errors below.
-        with catch_warnings(action="ignore"), Image.open(path) as image:
+        # Pillow's warnings are harmless or reported as errors below. Given a name, it would map a TIFF into memory, and
+        # mix up the pixels of one that lies on its side.
+        with catch_warnings(action="ignore"), path.open("rb") as file, Image.open(file) as image:
             if image.width * image.height > MAX_PIXELS:
                 size = f"has {image.width} × {image.height} pixels"
                 raise BadInput(size, where=str(path), allowed=f"at most {MAX_PIXELS}")
@@ -72,7 +73,11 @@ def read_pages(path: Path) -> Iterator[Page]:
                     values = _shallow_values(image)
                 duration = Fraction(float(image.info.get("duration", 0)) / 1000).limit_denominator(LONGEST_DIVISOR)
                 yield Page(values, duration, transfer, primaries)
-    except (*DAMAGE, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+    except UnidentifiedImageError as error:  # an OSError
+        raise BadInput(
+            "cannot be read: it is no picture of a known format", where=str(path), allowed="a picture"
+        ) from error
+    except (*DAMAGE, SyntaxError, Image.DecompressionBombError) as error:
         raise BadInput(f"cannot be read: {error}", where=str(path), allowed="a picture") from error
 
 

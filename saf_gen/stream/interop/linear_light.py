@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.stream.interop.stack_positions import StackPositions
 from saf_gen.stream.metadata import MAX_PIXELS
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -115,12 +116,15 @@ class PictureFrames:
         The names of the first and last pictures of a folder, in the order in which they are read; otherwise ''.
     notes : tuple of str
         What was assumed or left out, a line each.
+    positions : StackPositions or None
+        Where the focus was in each picture, if the source states it.
     """
 
     rate_hz: Fraction | None = None
     times: tuple[Fraction | None, ...] | None = None
     order: str = ""
     notes: tuple[str, ...] = ()
+    positions: StackPositions | None = None
     weights: np.ndarray = LUMINANCE
 
     def __init__(self, path: Path, *, linear: bool, shape: tuple[int, ...]) -> None:

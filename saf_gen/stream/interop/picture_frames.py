@@ -12,11 +12,14 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.array_files import ENDINGS, SlicedArray, open_array
+from saf_gen.stream.interop.exr_frames import ExrFrames
 from saf_gen.stream.interop.image_pages import read_pages
 from saf_gen.stream.interop.linear_light import LINEAR, LUMINANCE, WIDE_LUMINANCE, PictureFrames
+from saf_gen.stream.interop.stack_positions import read_stack_positions
 from saf_gen.stream.interop.video_frames import VideoFrames, steady_rate
 
 IMAGES = frozenset({".png", ".apng", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".pgm", ".ppm"})
+EXR = ".exr"
 FEW_NAMES = 3
 """Names of pictures that are listed from each end of a folder."""
 
@@ -36,11 +39,9 @@ class _ImageFiles(PictureFrames):
         self._linear, self._primaries = linear, first.primaries
         self.transfer = LINEAR if linear else first.transfer
         self.weights = WIDE_LUMINANCE.get(first.primaries, LUMINANCE)
-        names = [file.name for file in self._files]
-        if is_folder and len(names) > 2 * FEW_NAMES:
-            names[FEW_NAMES:-FEW_NAMES] = ["…"]
-        self.order = ", ".join(names) if is_folder else ""
+        self.order = _name_order(self._files) if is_folder else ""
         if not is_folder:
+            self.positions = read_stack_positions(path)
             seconds = [first.seconds, *(page.seconds for page in pages)]
             if len(seconds) > 1 and any(seconds):
                 self.times = tuple(accumulate(seconds[:-1], initial=Fraction(0)))
@@ -55,6 +56,13 @@ class _ImageFiles(PictureFrames):
                         allowed=self.transfer.name, hint="convert them, or add --linear if the values are linear light",
                     )  # fmt: skip
                 yield f"{file.name}{f', page {number + 1}' if number else ''}", page.values
+
+
+def _name_order(files: list[Path]) -> str:
+    names = [file.name for file in files]
+    if len(names) > 2 * FEW_NAMES:
+        names[FEW_NAMES:-FEW_NAMES] = ["…"]
+    return ", ".join(names)
 
 
 def _number_sort_key(path: Path) -> list[Any]:
@@ -80,24 +88,42 @@ class _ArrayFrames(PictureFrames):
             yield f"frame {number}", self._array[slice(number, number + 1)][0]
 
 
+def _list_exr(path: Path) -> list[Path]:
+    """Return the OpenEXR files of a folder in the order of the numbers in their names, or ``path`` if it is one.
+
+    Raises BadInput for a folder that holds other images as well, whose light is stored in another way.
+    """
+    if not path.is_dir():
+        return [path] if path.suffix.lower() == EXR else []
+    files = [file for file in path.iterdir() if file.suffix.lower() in (EXR, *IMAGES)]
+    found = {file.suffix.lower() for file in files}
+    if EXR in found and len(found) > 1:
+        raise BadInput(
+            f"has both {EXR} and {', '.join(sorted(found - {EXR}))} files", where=str(path),
+            allowed="OpenEXR files alone, or none", hint="put them in folders of their own",
+        )  # fmt: skip
+    return sorted(files, key=_number_sort_key) if EXR in found else []
+
+
 def open_pictures(path: str | os.PathLike[str], *, linear: bool = False, key: str | None = None) -> PictureFrames:
     """Return the pictures in a folder of images, an image file with pages, or an array file; others are read as video.
 
-    ``linear`` states that the values are linear light already, and ``key`` names the array in a file with several.
+    ``linear`` states that the values are linear light already, as those of OpenEXR files always are. ``key`` names the
+    array in a file with several, or the layer of OpenEXR files.
 
     Raises BadInput if the path is missing, cannot be read, or holds no pictures.
     """
     where = Path(path)
     if not where.exists():
         raise BadInput("there is no such file or folder", where=str(path))
+    if exr := _list_exr(where):
+        pictures = ExrFrames(where, exr, key=key)
+        pictures.order = _name_order(exr) if where.is_dir() else ""
+        return pictures
     if key is not None and where.suffix.lower() not in ENDINGS:
         raise BadInput(
-            f"--key {key} is given for pictures that are not in an array file", where=str(path), hint="leave it out"
-        )
-    if where.suffix.lower() == ".exr":
-        raise BadInput(
-            "is an OpenEXR file, which would lose its light above 1 and most of its bits", where=str(path),
-            allowed="images, video or arrays", hint="save it as floats in a .npy file, and add --linear",
+            f"--key {key} is given for pictures that are neither in an array file nor in OpenEXR files",
+            where=str(path), hint="leave it out",
         )  # fmt: skip
     if where.is_dir() or where.suffix.lower() in IMAGES:
         return _ImageFiles(where, linear=linear)

@@ -1,11 +1,13 @@
 """Whether a file is as long as its container states, for containers that state it in a few bytes."""
 
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 import numpy as np
 
 EBML = b"\x1a\x45\xdf\xa3"
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""The first bytes of TIFF and BigTIFF, which say the order of bytes of all numbers."""
 ASF_HEADER, ASF_FILE = (
     bytes.fromhex("3026b2758e66cf11a6d900aa0062ce6c"),
     bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365"),
@@ -19,8 +21,8 @@ TS_PACKETS, SYNC, NULL_PACKETS = ((188, 0), (192, 4), (204, 0)), 0x47, 0x1FFF
 def find_cut(path: Path) -> str:
     """Return how a file falls short of what its container states, in words, or an empty text.
 
-    Knows ISO media (MP4, MOV), Matroska and WebM, RIFF (AVI, WebP), ASF (WMV), MPEG transport streams and GIF. All
-    other files pass.
+    Knows ISO media (MP4, MOV), Matroska and WebM, RIFF (AVI, WebP), ASF (WMV), MPEG transport streams, GIF and TIFF.
+    All other files pass.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -29,6 +31,8 @@ def find_cut(path: Path) -> str:
             return _check_boxes(file, size)
         if head[:6] in (b"GIF87a", b"GIF89a"):
             return _check_gif(head + file.read())
+        if head[:4] in TIFF:
+            return _check_pages(file, size)
         if head.startswith(EBML):
             end = _segment_end(file, size)
         elif head.startswith(b"RIFF"):
@@ -55,6 +59,26 @@ def _check_boxes(file: BinaryIO, size: int) -> str:
             return ""
         at += max(length, 8)
     return f"at least {at - size} bytes are missing" if at > size else ""
+
+
+def _check_pages(file: BinaryIO, size: int) -> str:
+    """Go through the directories of a TIFF (revision 6.0, section 2), a list in which each page states the next."""
+    file.seek(0)
+    head = file.read(16)
+    order: Literal["little", "big"] = "little" if head[:2] == b"II" else "big"
+    is_big = b"+" in head[:4]
+    count_bytes, entry_bytes, place_bytes = (8, 20, 8) if is_big else (2, 12, 4)
+    at, seen = int.from_bytes(head[8:16] if is_big else head[4:8], order), set[int]()
+    while at and at not in seen:
+        seen.add(at)
+        file.seek(at)
+        entries = int.from_bytes(file.read(count_bytes), order)
+        following = at + count_bytes + entries * entry_bytes
+        if not entries or following + place_bytes > size:
+            return f"page {len(seen)} is missing or cut off"
+        file.seek(following)
+        at = int.from_bytes(file.read(place_bytes), order)
+    return ""
 
 
 def _segment_end(file: BinaryIO, size: int) -> int:

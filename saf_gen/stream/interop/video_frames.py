@@ -234,6 +234,8 @@ def _scan(path: Path) -> Scan:
         if not (listed or found.faults) and (cut := find_cut(path)):
             found.faults.append(cut)
         packets = 0 if stream.codec_context.name in HIDING else found.packets
+        if listed == len(found.times):  # with B-frames, MP4 adds the last step in the order of decoding to its length
+            stated = None
         _check_length(found, where=path, expected=max(listed - found.empty, packets), stated=stated)
         tick = stream.time_base or Fraction(1, av.time_base)
         rates = [rate for rate in (stream.average_rate, stream.base_rate, stream.guessed_rate) if rate]
@@ -372,7 +374,8 @@ def _check_frame(frame: "VideoFrame", first: "VideoFrame", *, number: int, where
         )  # fmt: skip
     if (frame.color_trc, frame.color_primaries) != (first.color_trc, first.color_primaries):
         raise BadInput(f"picture {number} has other tags of colour than the first", where=str(where))
-    if not frame.format.is_rgb and frame.colorspace not in MATRICES:
+    is_yuv = len(frame.format.components) > 2 and not frame.format.is_rgb
+    if is_yuv and frame.colorspace not in MATRICES:
         raise BadInput(
             f"its colours are stored with the matrix {frame.colorspace} of ITU-T H.273", where=str(where),
             allowed="BT.601, BT.709, BT.2020 or RGB", hint="ffmpeg -i FILE -pix_fmt gbrp16 -c:v ffv1 NEW.mkv",
