@@ -417,7 +417,8 @@ def stated_times(source: object, count: int) -> np.ndarray | None:
 def judge_stream(random: np.random.Generator, file: Foreign) -> str:
     """Encode a source with the ideal sensor, and return how its length or mean rate is off, or ''.
 
-    The mean rate is the integral of the light, which is linear between two pictures, over that of the mean picture.
+    The mean rate is the integral of the light, which is linear between two pictures, over that of the mean picture, in
+    which pictures at uneven times count for as long as they last.
     """
     source = open_pictures(file.path, **file.options)  # type: ignore[arg-type]
     rate, times, last = None, file.times, len(file.light) - 1
@@ -438,7 +439,8 @@ def judge_stream(random: np.random.Generator, file: Foreign) -> str:
     if abs(length - frames) > 1 + file.tick * READOUT_HZ:
         return f"{length} readouts, not {frames}"
     at = np.linspace(0, length / READOUT_HZ, 20_001)
-    expected = mean_rate * length * np.trapezoid(np.interp(at, times, level), at) / at[-1] / level.mean()
+    mean = level.mean() if plan.rate_hz is not None else np.trapezoid(level, times) / times[-1]
+    expected = mean_rate * length * np.trapezoid(np.interp(at, times, level), at) / at[-1] / mean
     # Every pixel begins empty, and so loses up to one spike.
     if not expected * (0.985 - file.tolerance / 4) - 1 <= counts <= expected * (1.015 + file.tolerance / 4):
         return f"{counts:.2f} spikes per pixel, not {expected:.2f}, in {length} readouts"

@@ -376,8 +376,9 @@ def test_no_light_is_lost_between_uneven_times(tmp_path, steps):
     encode_pictures(plan, tmp_path / "out.h5", seed=3)
     with open_stream(tmp_path / "out.h5") as stream:
         spikes = stream.counts(0, plan.frames).mean()
-    area = np.trapezoid(light[:, 0, 0], np.array(pictures.times, float)) * 20_000 / light.mean() * 0.2
+    area = np.trapezoid(light[:, 0, 0], np.array(pictures.times, float)) * 20_000 * plan.scale / IDEAL.threshold_e
     assert spikes == pytest.approx(area, rel=0.01, abs=1)
+    assert spikes / plan.frames == pytest.approx(0.2, rel=0.01, abs=1 / plan.frames)
 
 
 RATES_AS_WRITTEN = {

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
+from itertools import pairwise, repeat
 from json import dumps
 from math import floor, prod
 from typing import Any
@@ -160,22 +160,22 @@ def prepare_pictures(
     if rate_hz is not None and not 0 < rate_hz < np.inf:
         raise BadInput(f"{rate_hz:g} pictures per second", where=where, allowed="above 0")
     rate = pictures.rate_hz if rate_hz is None else Fraction(str(rate_hz))
-    total, count = np.zeros(pictures.shape, np.float64), 0
-    for light in pictures:
-        total += light
-        count += 1
+    own_times = rate is None and pictures.times is not None and len(pictures.times) > 1
+    shares = iter(_time_shares(pictures)) if own_times else repeat(1.0)
+    total, count, all_shares = np.zeros(pictures.shape, np.float64), 0, 0.0
+    for light, share in zip(pictures, shares, strict=False):
+        total += share * light
+        count, all_shares = count + 1, all_shares + share
     if count == 1:
         if frames is None:
             raise BadInput("is a single picture", where=where, hint="state the number of readouts with --frames N")
         rate = Fraction(sensor.readout_hz) if rate is None else rate
-    elif rate is None:
-        _check_times(pictures, count)
-    elif pictures.times is not None and rate != pictures.rate_hz:
+    elif rate is None and pictures.times is None:
+        raise BadInput("does not state how many pictures it has per second", where=where, hint="add --rate HZ")
+    elif rate is not None and pictures.times is not None and rate != pictures.rate_hz:
         own = describe_pace(pictures.times, pictures.rate_hz)
-        notes = (
-            *notes,
-            f"{pictures.path.name}: its pictures {own} are taken to be {describe_pace(None, rate)} (--rate)",
-        )
+        taken = describe_pace(None, rate)
+        notes = (*notes, f"{pictures.path.name}: its pictures {own} are taken to be {taken} (--rate)")
     max_frames = _max_frames(pictures, sensor, count=count, rate=rate) if count > 1 else None
     if max_frames is not None and (max_frames < 1 or (frames is not None and frames > max_frames)):
         raise BadInput(
@@ -183,33 +183,35 @@ def prepare_pictures(
             where=where,
             allowed=f"1 to {max_frames}" if max_frames else f"pictures that last a readout, 1/{sensor.readout_hz:g} s",
         )
-    length = frames if frames is not None else max_frames
-    mean = total / count
+    mean = total / all_shares
     if not mean.max() > 0:
         raise BadInput("all pictures are black", where=where, allowed="pictures with light")
     everywhere = np.ones(pictures.shape, bool)
     scale = exposure_scale(mean, everywhere, sensor=sensor, mean_rate=mean_rate)
-    return PictureEncoding(pictures, sensor, count, rate, int(length or 1), scale, mean_rate, notes)
+    return PictureEncoding(pictures, sensor, count, rate, int(frames or max_frames or 1), scale, mean_rate, notes)
 
 
-def _check_times(pictures: PictureFrames, count: int) -> None:
-    """Raise BadInput unless the source states times that increase from each picture to the next."""
-    where, times = str(pictures.path), pictures.times
-    if times is None or len(times) != count:
-        raise BadInput("does not state how many pictures it has per second", where=where, hint="add --rate HZ")
-    for number, time in enumerate(times, start=1):
-        before = times[number - 2] if number > 1 else None
+def _time_shares(pictures: PictureFrames) -> list[float]:
+    """Return how long each picture counts in the mean of the light between all of them, in s.
+
+    Raises BadInput unless the times that the source states increase from each picture to the next.
+    """
+    known: list[Fraction] = []
+    for number, time in enumerate(pictures.times or (), start=1):
         if time is None:
-            raise BadInput(f"states no time for picture {number}", where=where, hint="add --rate HZ")
-        if before is not None and time <= before:
+            raise BadInput(f"states no time for picture {number}", where=str(pictures.path), hint="add --rate HZ")
+        if known and time <= known[-1]:
             raise BadInput(
-                f"picture {number} is at {float(time):.6g} s, and picture {number - 1} at {float(before):.6g} s",
-                where=where, allowed="times that increase", hint="add --rate HZ",
+                f"picture {number} is at {float(time):.6g} s, and picture {number - 1} at {float(known[-1]):.6g} s",
+                where=str(pictures.path), allowed="times that increase", hint="add --rate HZ",
             )  # fmt: skip
+        known.append(time)
+    around = [known[0], *known, known[-1]]
+    return [float(after - before) / 2 for before, after in zip(around, around[2:], strict=False)]
 
 
 def _last_time(pictures: PictureFrames) -> Fraction:
-    """Return the time of the last picture in s, after :func:`_check_times`."""
+    """Return the time of the last picture in s."""
     return (pictures.times or ())[-1] or Fraction(0)
 
 

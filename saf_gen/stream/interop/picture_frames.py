@@ -18,7 +18,7 @@ from saf_gen.stream.interop.linear_light import LINEAR, LUMINANCE, WIDE_LUMINANC
 from saf_gen.stream.interop.stack_positions import read_stack_positions
 from saf_gen.stream.interop.video_frames import VideoFrames, steady_rate
 
-IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".pgm", ".ppm"})
+IMAGES = frozenset({".png", ".apng", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".pgm", ".ppm"})
 EXR = ".exr"
 FEW_NAMES = 3
 """Names of pictures that are listed from each end of a folder."""

@@ -90,18 +90,30 @@ def steady_rate(
     """Return the pictures per second if ``times`` (s) follow each other at equal steps, or None.
 
     A container rounds times to its ``tick`` (s). They are also steady if each picture is less than a tick away from its
-    place at one of the ``stated`` rates.
+    place at one of the ``stated`` rates, or at a single one of the usual rates near the average.
     """
     known = [time for time in times if time is not None]
-    if len(known) < 2 or len(known) < len(times):
+    if len(known) < 2 or len(known) < len(times) or known[0] >= known[-1]:
         return None
     steps = {after - before for before, after in pairwise(known)}
-    if len(steps) == 1 and min(steps) > 0:
+    if len(steps) == 1:
         return 1 / steps.pop()
-    for rate in stated:
-        if all(abs(time - known[0] - number / rate) < tick for number, time in enumerate(known)):
-            return rate
-    return None
+
+    def fits(rate: Fraction) -> bool:
+        return all(abs(time - known[0] - number / rate) < tick for number, time in enumerate(known))
+
+    for rate in sorted(stated, key=lambda rate: rate.denominator not in (1, 1001)):
+        if fits(rate):  # Matroska makes 60000/1001 of the television into 19001/317
+            television = _television_rate(rate)
+            return television if abs(television - rate) < rate / 1_000_000 else rate
+    average = (len(known) - 1) / (known[-1] - known[0])
+    usual = [rate for rate in (Fraction(round(average)), _television_rate(average)) if rate and fits(rate)]
+    return usual[0] if len(usual) == 1 else None
+
+
+def _television_rate(rate: Fraction) -> Fraction:
+    """Return the nearest multiple of 1000/1001."""
+    return Fraction(round(rate * 1001 / 1000) * 1000, 1001)
 
 
 def decode_image(data: bytes, codec: str, *, where: Path) -> np.ndarray:
@@ -155,8 +167,12 @@ def _refusing(path: Path) -> Iterator[None]:
     try:
         yield
     except (av.FFmpegError, OSError, ValueError, LookupError, MemoryError) as error:
+        report: Any = getattr(error, "log", None)  # level, name of the part, and message
+        reason = report[2].strip() if report else getattr(error, "strerror", None) or str(error)
+        if "whitelist" in reason:
+            reason = "it is in none of the containers that are read"
         raise BadInput(
-            f"cannot be decoded: {getattr(error, 'strerror', None) or error}", where=str(path),
+            f"cannot be decoded: {reason}", where=str(path),
             allowed=f"a picture, or a video in a container such as {', '.join(TIMED[:3])}",
         ) from error  # fmt: skip
 
@@ -207,20 +223,22 @@ def _scan(path: Path) -> Scan:
 
     with _messages() as messages, _open(path) as (container, stream):
         found = _decode_all(container, stream, where=path)
-        others = {s.codec_context.name for s in container.streams if s.codec_context and s is not stream}
-        found.faults += [message.strip() for _, name, message in messages if name not in others]
         kind = container.format.name.partition(",")[0]
         estimated = kind in (*ESTIMATED, *UNTIMED) or not container.duration
         stated = None if estimated else Fraction(container.duration or 0, av.time_base)
         listed = _count_listed(stream, kind)
+        others = {s.codec_context.name for s in container.streams if s.codec_context and s is not stream}
+        if listed:  # what the container complains about, such as chapters, took no picture away
+            others.add(container.format.name)
+        found.faults += [message.strip() for _, name, message in messages if name not in others]
         if not (listed or found.faults) and (cut := find_cut(path)):
             found.faults.append(cut)
         packets = 0 if stream.codec_context.name in HIDING else found.packets
         if listed == len(found.times):  # with B-frames, MP4 adds the last step in the order of decoding to its length
             stated = None
         _check_length(found, where=path, expected=max(listed - found.empty, packets), stated=stated)
-        rates = [rate for rate in (stream.average_rate, stream.base_rate, stream.guessed_rate) if rate]
         tick = stream.time_base or Fraction(1, av.time_base)
+        rates = [rate for rate in (stream.average_rate, stream.base_rate, stream.guessed_rate) if rate]
         if found.first is None:
             raise BadInput("has no picture", where=str(path))
         first, notes = found.first, _list_notes(found.first, stream, container=container, where=path)
@@ -330,8 +348,8 @@ def _check_length(found: _Decoded, *, where: Path, expected: int, stated: Fracti
     """Raise BadInput if there are fewer pictures, or less time, than the container states, or if there was a fault."""
     count, faults = len(found.times), found.faults
     short = count < expected
-    if stated and count:  # half of the usual time between two pictures is left for rounding
-        short |= found.end + (stated / count) * Fraction(1 if found.last_step else 3, 2) < stated
+    if stated and count:  # half of the usual time between two pictures, and 1 ms, are left for rounding
+        short |= found.end + (stated / count) * Fraction(1 if found.last_step else 3, 2) + Fraction(1, 1000) < stated
     if not (short or faults):
         return
     of = f" of {expected}" if expected > count else ""
