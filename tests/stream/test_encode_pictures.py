@@ -265,6 +265,16 @@ def test_pages_that_lie_on_their_side_are_turned_upright(tmp_path, orientation, 
     assert np.array_equal(np.rint(light * 255), np.stack([turn(page) for page in pages]))
 
 
+@pytest.mark.parametrize(
+    ("bits", "linear", "said"), [(10, False, True), (12, False, True), (12, True, False), (16, False, False)]
+)
+def test_raw_values_in_words_of_16_bits_are_pointed_out(tmp_path, bits, linear, said):
+    """A camera's 12 bits are 6 % of the words that hold them; as sRGB, they would be half a percent of the light."""
+    np.save(tmp_path / "a.npy", np.random.default_rng(1).integers(0, 1 << bits, (3, 16, 16), np.uint16))
+    notes = prepare_pictures(open_pictures(tmp_path / "a.npy", linear=linear), IDEAL, rate_hz=1000).notes
+    assert [f"have {bits} at most: add --linear" in note for note in notes] == [True] * said
+
+
 TIFFS = {
     "plain": {}, "big-endian": {"byteorder": ">"}, "BigTIFF": {"bigtiff": True}, "deflate": {"compression": "zlib"},
     "a page a write": {"contiguous": False},

@@ -22,6 +22,8 @@ from saf_gen.stream.stream_writer import StreamWriter
 
 BLOCK_FRAMES, BLOCK_KNOTS, BLOCK_BYTES = 2_000, 64, 256 << 20
 """Largest numbers of readouts, pictures, and bytes of pictures in memory at a time."""
+RAW_BITS = 14
+"""Bits of raw values in words of 16: they are light, and far too dim if they are decoded as sRGB."""
 SLOW_READOUTS = 10
 """Readouts per picture from which a camera counts as slow: motion then looks like a fade."""
 
@@ -176,6 +178,9 @@ def prepare_pictures(
         own = describe_pace(pictures.times, pictures.rate_hz)
         taken = describe_pace(None, rate)
         notes = (*notes, f"{pictures.path.name}: its pictures {own} are taken to be {taken} (--rate)")
+    if 0 < pictures.highest < 1 << RAW_BITS and pictures.transfer.bounded:
+        said = f"its numbers of 16 bits have {pictures.highest.bit_length()} at most: add --linear if they are raw"
+        notes = (*notes, f"{pictures.path.name}: {said}")
     max_frames = _max_frames(pictures, sensor, count=count, rate=rate) if count > 1 else None
     if max_frames is not None and (max_frames < 1 or (frames is not None and frames > max_frames)):
         raise BadInput(

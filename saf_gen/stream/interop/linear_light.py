@@ -118,6 +118,8 @@ class PictureFrames:
         What was assumed or left out, a line each.
     positions : StackPositions or None
         Where the focus was in each picture, if the source states it.
+    highest : int
+        The largest integer of 16 bits that has been read.
     """
 
     rate_hz: Fraction | None = None
@@ -126,6 +128,7 @@ class PictureFrames:
     notes: tuple[str, ...] = ()
     positions: StackPositions | None = None
     weights: np.ndarray = LUMINANCE
+    highest: int = 0
 
     def __init__(self, path: Path, *, linear: bool, shape: tuple[int, ...]) -> None:
         if len(shape) != 2 or min(shape) < 1 or prod(shape) > MAX_PIXELS:
@@ -153,6 +156,8 @@ class PictureFrames:
         if kind not in "uf" or values.dtype.itemsize > 8:
             raise BadInput(f"{name} is {values.dtype}", where=str(self.path), allowed="uint8, uint16 or floats",
                            hint="use saf-gen import for spikes")  # fmt: skip
+        if values.dtype.itemsize == 2 and kind == "u":
+            self.highest = max(self.highest, int(values.max(initial=0)))
         scaled = values.astype(np.float32) / (1 if kind == "f" else np.iinfo(values.dtype).max)
         low, high = float(scaled.min()), float(scaled.max())
         if not (low >= 0 and high < np.inf and (high <= 1 or not self.transfer.bounded)):
