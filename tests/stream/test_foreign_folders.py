@@ -48,8 +48,8 @@ def test_two_streams_of_one_id_are_refused(tmp_path, first, second):
     assert not (tmp_path / "manifest.json").exists()
 
 
-@pytest.mark.parametrize("folder", ["set.v1.2", "a+b", "a (copy)", "v2,x", "ünï.1", "two  blanks", "run.h5", "50 %"])
-def test_names_with_dots_and_blanks_survive_every_export(tmp_path, call, folder):
+@pytest.mark.parametrize("folder", ["set.v1.2", "a+b (copy)", "v2,x", "ünï.1", "two  blanks", "run.h5", "50 %", "it's"])
+def test_names_with_dots_and_blanks_survive_every_export(tmp_path, call, drawn_figures, folder):
     spikes = np.random.default_rng(1).integers(0, 2, (64, 8, 8), np.uint8)
     lens = np.linspace(0, 1, len(spikes), dtype=np.float32)
     names = ["test/run.v1.5", "test/run.v1.6", "test/a.b c", "test/a.b_c", "test/x.h5.bak"]
