@@ -7,7 +7,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from inspect import signature
 from pathlib import Path
@@ -15,14 +15,25 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict
 
+from saf_gen.benchmark.guests.guest import Guest, GuestSpec, guest_of
+from saf_gen.benchmark.guests.host import GuestPart, Limits
 from saf_gen.benchmark.records import Count, Number, pop_format
+from saf_gen.benchmark.tracks.search_run import run_search
+from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
-from saf_gen.core.config.registry import names, plugin_class, refuse_code
+from saf_gen.core.config.registry import (
+    allow_code,
+    check_code_allowed,
+    entry_point_names,
+    names,
+    plugin_class,
+    refuse_code,
+)
 from saf_gen.core.config.source_digest import class_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
-from saf_gen.parts import Measure, Search, wants_measures
+from saf_gen.parts import Answer, Measure, Search, wants_measures
 from saf_gen.plugins.measures import get_measure, measure_names
 from saf_gen.plugins.searches import get_search, search_names
 
@@ -83,6 +94,9 @@ class Method:
     """First 12 digits of the SHA-256 of the tuned file that named the method (``@FILE``), or ''."""
     region: str = ""
     """Region that the method looks at, one of REGIONS; '' leaves the choice to the evaluation."""
+    guest: Guest | None = None
+    """Process that runs the method, whose measure and search then only state what they are; None for methods of
+    saf_gen, which run in the evaluator."""
 
     @property
     def measure_name(self) -> str:
@@ -100,7 +114,11 @@ class Method:
     @property
     def record_fields(self) -> dict[str, str]:
         """Fields of a record that say which method it is of."""
-        return {"method": self.name, "code": self.code, "parameters": self.parameters, "tuning": self.tuning}
+        limits = str(self.guest.limits) if self.guest else ""
+        return {
+            "method": self.name, "code": self.code, "parameters": self.parameters, "limits": limits,
+            "tuning": self.tuning,
+        }  # fmt: skip
 
 
 def parse_method(spec: str) -> Method:
@@ -133,6 +151,23 @@ def parse_method(spec: str) -> Method:
         method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
         with refuse_code(path):
             return replace(parse_method(method), tuning=digest)
+    halves, text, region = _split_method(spec)
+    (measure, measure_options), (search, search_options) = (parse_options(half, spec) for half in halves)
+    try:
+        built = build_method(measure, measure_options, search, search_options)
+    except BadInput as error:
+        raise _of_method(error, spec) from None
+    return replace(built, name=f"{text}@{region}" if region else text, region=region)
+
+
+def _of_method(error: BadInput, spec: str) -> BadInput:
+    hint = error.hint or "`saf-gen methods` lists measures and searches"
+    where = f"method {spec!r}"
+    return BadInput(error.problem, where=where, allowed=error.allowed, nearest=error.nearest, hint=hint)
+
+
+def _split_method(spec: str) -> tuple[list[str], str, str]:
+    """Return the measure and the search in a name, the name without its region, and the region."""
     text, region = split_region("".join(spec.split()))
     halves = text.split("+")
     if len(halves) != 2 or not all(halves):
@@ -141,20 +176,92 @@ def parse_method(spec: str) -> Method:
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
             hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
         )
-    (measure, measure_options), (search, search_options) = (parse_options(half, spec) for half in halves)
+    return halves, text, region
+
+
+def build_method(measure: str, measure_options: Any, search: str, search_options: Any) -> Method:
+    """Return the method of a measure and a search with their options, in this process.
+
+    Raises BadInput if one of them is unknown or refuses its options.
+    """
+    plugins = get_measure(measure, **measure_options), get_search(search, **search_options)
+    others = [get_measure(name) for name in wants_measures(plugins[1])]
+    return Method(f"{measure}+{search}", *plugins, code=_digest_code([*plugins, *others]))
+
+
+def admit_method(spec: str, limits: Limits | None = None) -> Method:
+    """Return the method with the given name; if anything in it is not part of saf_gen, it is a guest with these limits.
+
+    The name is as for :func:`parse_method`. The code of others is not loaded into this process.
+
+    Raises BadInput as :func:`parse_method` does.
+    """
+    if spec.startswith("@"):
+        path, region = split_region(spec[1:])
+        tuned, digest = read_tuned(path)
+        if tuned.method.startswith("@"):
+            raise BadInput(
+                f"{spec[1:]} names another tuned file, {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file"
+            )
+        method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
+        with refuse_code(path):
+            return replace(admit_method(method, limits), tuning=digest)
+    halves, text, region = _split_method(spec)
+    parsed = [parse_options(half, spec) for half in halves]
+    kinds = ("measures", "searches")
+    if not any(is_foreign(kind, name, options) for kind, (name, options) in zip(kinds, parsed, strict=True)):
+        return parse_method(spec)
+    names = [name for name, _ in parsed]
+    for name in names:
+        check_code_allowed(name)
     try:
-        plugins = get_measure(measure, **measure_options), get_search(search, **search_options)
-        others = [get_measure(name) for name in wants_measures(plugins[1])]
+        guest = guest_of(_guest_spec(text, parsed), limits or Limits())
     except BadInput as error:
-        raise BadInput(
-            error.problem,
-            where=f"method {spec!r}",
-            allowed=error.allowed,
-            nearest=error.nearest,
-            hint=error.hint or "`saf-gen methods` lists measures and searches",
-        ) from None
-    name = f"{text}@{region}" if region else text
-    return Method(name, *plugins, code=_digest_code([*plugins, *others]), region=region)
+        raise _of_method(error, spec) from None
+    for name in names:
+        allow_code(name)
+    written = [guest.parameters, guest.files]
+    code = hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
+    measure, _, search = guest.parameters.partition(" + ")
+    parts: tuple[Any, Any] = GuestPart(measure), GuestPart(search, commands=guest.commands)
+    return Method(f"{text}@{region}" if region else text, *parts, code=code, region=region, guest=guest)
+
+
+def run_method(method: Method, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
+    """Return the answer of a method and '', or an empty answer and why it failed, wherever it runs.
+
+    See :func:`saf_gen.benchmark.tracks.search_run.run_search`, also for what it raises.
+    """
+    if method.guest is not None:
+        return method.guest.run(view, scorer=scorer, stream_path=stream_path)
+    return run_search(method.search, view, scorer=scorer, stream_path=stream_path)
+
+
+def is_foreign(kind: str, name: str, options: Mapping[str, Any]) -> bool:
+    """Return whether a plug-in is code of others, or reads a file of others."""
+    return ":" in name or name in entry_point_names(kind) or any(map(_is_file, options.values()))
+
+
+def _is_file(value: object) -> bool:
+    return isinstance(value, str) and Path(value).is_file()
+
+
+def _guest_spec(text: str, parsed: Sequence[tuple[str, dict[str, Any]]]) -> GuestSpec:
+    halves, shown, files, folders = [], [], [], dict[str, None]()
+    for name, options in parsed:
+        path, _, member = name.rpartition(":")
+        given = {key: str(Path(value).resolve()) for key, value in options.items() if _is_file(value)}
+        if path.endswith(".py"):
+            file = Path(path).resolve()
+            name = f"{file}:{member}"
+            files.append(str(file))
+            folders[str(file.parent)] = None
+        elif path:
+            folders[str(Path.cwd())] = None  # a module may be in the working folder
+        files += given.values()
+        shown += [(file, options[key]) for key, file in given.items()]
+        halves.append((name, {**options, **given}))
+    return GuestSpec(text, halves[0], halves[1], tuple(files), tuple(folders), tuple(shown))
 
 
 def split_region(method: str) -> tuple[str, str]:
@@ -211,20 +318,20 @@ def _digest_code(plugins: Sequence[Measure | Search]) -> str:
     """
     written = [
         [repr(plugin) for plugin in plugins],
-        class_source_digests(type(nested) for plugin in plugins for nested in _find_nested(plugin)),
+        class_source_digests(type(nested) for plugin in plugins for nested in nested_plugins(plugin)),
     ]
     return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
 
 
-def _find_nested(plugin: object) -> Iterator[object]:
+def nested_plugins(plugin: object) -> Iterator[object]:
     """Yield a plug-in and all plug-ins that it wraps."""
     if is_dataclass(plugin):
         yield plugin
         for field in fields(plugin):
-            yield from _find_nested(getattr(plugin, field.name))
+            yield from nested_plugins(getattr(plugin, field.name))
 
 
-def read_methods(path: Path) -> list[str]:
+def read_methods(path: Path, limits: Limits | None = None) -> list[str]:
     """Return the names in a list of methods.
 
     A list cannot cause other code to be loaded: it may name only plug-ins that are registered or already loaded.
@@ -234,6 +341,8 @@ def read_methods(path: Path) -> list[str]:
     path : Path
         Text file with one method per line. Empty lines and comments are ignored; a comment starts with ``#`` at the
         beginning of a line, or with ``#`` between two spaces.
+    limits : Limits, optional
+        What methods that are not part of saf_gen may use.
 
     Returns
     -------
@@ -255,7 +364,7 @@ def read_methods(path: Path) -> list[str]:
         if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
             try:
                 with refuse_code(str(path)):
-                    parse_method(name)
+                    admit_method(name, limits)
             except BadInput as error:
                 raise BadInput(str(error), where=f"{path}:{number}") from error
             names.append(name)

@@ -156,6 +156,8 @@ class Record:
     """Number of times that the lens changed its direction, if the method moved it."""
     parameters: str = ""
     """Measure and search with every option, defaults included."""
+    limits: str = ""
+    """What the process of the method might use on a sequence, if it is not part of saf_gen; otherwise ''."""
     tuning: str = ""
     """First 12 digits of the SHA-256 of the tuned file that named the method (``@FILE``), or ''."""
     machine: str = ""

@@ -50,6 +50,24 @@ def refuse_code(where: str) -> Iterator[None]:
         _CODE_REFUSED_IN.reset(token)
 
 
+def allow_code(name: str) -> None:
+    """Allow files to name ``package.module:Class`` or ``file.py:Class``, because the command line named it."""
+    _ALLOWED.add(name)
+
+
+def check_code_allowed(name: str) -> None:
+    """Raise BadInput if a file names code that the command line did not name."""
+    if ":" in name and name not in _ALLOWED and (where := _CODE_REFUSED_IN.get()):
+        raise BadInput(
+            f"{where} names the code {name!r}",
+            allowed="registered names in files; code is run only if the command line names it",
+            hint="read the code; if you trust it, name it in a separate --method before the one with the file",
+        )
+
+
+_ALLOWED: set[str] = set()
+
+
 @cache
 def _builtin_names(plugin_kind: str) -> frozenset[str]:
     folder = Path(__file__).parents[2] / "plugins" / plugin_kind
@@ -64,6 +82,11 @@ def _entry_points(plugin_kind: str) -> dict[str, EntryPoint]:
 def names(plugin_kind: str) -> list[str]:
     """Return every registered name of a kind, sorted, without importing anything."""
     return sorted({*_builtin_names(plugin_kind), *_entry_points(plugin_kind), *_registered_here[plugin_kind]})
+
+
+def entry_point_names(plugin_kind: str) -> frozenset[str]:
+    """Return the names of the plug-ins of a kind that packages offer."""
+    return frozenset(_entry_points(plugin_kind))
 
 
 def is_builtin_name(plugin_kind: str, name: str) -> bool:
@@ -114,12 +137,7 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
             source.load, what, plugin_kind=plugin_kind, hint="repair or remove the package that offers it"
         )
     if ":" in name:
-        if where := _CODE_REFUSED_IN.get():
-            raise BadInput(
-                f"{where} names the code {name!r}",
-                allowed="registered names in files; code is run only if the command line names it",
-                hint="read the code; if you trust it, name it in a separate --method before the one with the file",
-            )
+        check_code_allowed(name)
         path, _, member = name.rpartition(":")
 
         def load() -> Any:
