@@ -1,7 +1,7 @@
 """Methods that are hostile or clumsy, and what their rows must say; the file is loaded as a stranger's.
 
-Each search of HOSTILE is run alone by tests/benchmark/test_guests.py. The reason is a regular expression for the note of
-the failed run, or "" if the method must answer like any other.
+Each search of HOSTILE is run alone by tests/benchmark/test_guests.py. The reason is a regular expression for the note
+of the failed run, or "" if the method must answer like any other.
 """
 
 import atexit
@@ -14,7 +14,9 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from functools import wraps
+from pathlib import Path
 
 import numpy as np
 
@@ -168,19 +170,15 @@ def prints_much(view):
 @says("its process sent|closed its wire|did not answer")
 def writes_nonsense_to_every_descriptor(view):
     for descriptor in range(3, 64):
-        try:
+        with suppress(OSError):
             os.write(descriptor, b"\xff" * 64)
-        except OSError:
-            pass
 
 
 @says("")
 def shortens_the_shared_memory(view):
     for descriptor in range(3, 64):
-        try:
+        with suppress(OSError):
             os.ftruncate(descriptor, 0)
-        except OSError:
-            pass
     view.score(0, 100)
 
 
@@ -270,12 +268,12 @@ def allows_itself_no_files(view):
 
 @says("")
 def deletes_its_folder(view):
-    subprocess.run(["rm", "-rf", os.getcwd()])
+    subprocess.run(["rm", "-rf", Path.cwd()])
 
 
 @says("OSError|SIGXFSZ")
 def fills_the_disk(view):
-    with open("large", "wb") as file:
+    with Path("large").open("wb") as file:
         file.truncate(1 << 40)
 
 

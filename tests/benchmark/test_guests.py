@@ -1,11 +1,7 @@
-"""Methods of others run as guests: whatever they do, only their own runs fail, and they see counts and positions only."""
+"""Methods of others run as guests: whatever they do, only their own runs fail, and they see counts and positions."""
 
 import importlib.util
-import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +12,9 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.method_spec import admit_method, run_method
 from saf_gen.benchmark.records import record_to_json
+from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
+from saf_gen.optics.actuators import get_actuator
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
@@ -91,6 +89,47 @@ def test_a_guest_gives_what_the_same_method_gives_in_the_evaluator(tmp_path):
             assert {key: (a[key], b[key]) for key in a if a[key] != b[key]} == {}, other
 
 
+def test_the_closed_loop_is_the_same_for_a_guest(tmp_path, captured_dataset):
+    (tmp_path / "mine.py").write_text(COPIES + WAITS)
+    searches = ("hill_climb", "golden_section", "sgfs_causal", "photon_aware", f"{tmp_path}/mine.py:Waits")
+    copy = f"{tmp_path}/mine.py:Copy:of=sd"
+    protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
+    methods = [f"{measure}+{search}" for search in searches for measure in ("sd", copy)]
+    records = evaluate(captured_dataset, methods=methods, protocol=protocol, draw=False, limits=LONG).records
+    for one, other in zip(methods[::2], methods[1::2], strict=True):
+        mine, theirs = ([plain(r) for r in records if r.method == name] for name in (one, other))
+        for a, b in zip(mine, theirs, strict=True):
+            assert {key: (a[key], b[key]) for key in a if a[key] != b[key]} == {}, other
+    waits = next(record for record in records if record.method == methods[-1])
+    assert (waits.status, waits.note) == ("failed", f"the budget of {waits.frames} frames was spent")
+
+
+def test_hostile_methods_fail_for_themselves_in_the_closed_loop(tmp_path, captured_dataset):
+    protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
+    hostile = {f"sd+{FILE}:{name}": HOSTILE[name] for name in FEW}
+    methods = ["sd+hill_climb", *hostile, "tenengrad_n+golden_section"]
+    records = evaluate(captured_dataset, methods=methods, protocol=protocol, draw=False, limits=SHORT).records
+    alone = evaluate(captured_dataset, methods=[methods[0], methods[-1]], protocol=protocol, draw=False).records
+    assert [plain(r) for r in records if r.method not in hostile] == [plain(r) for r in alone]
+    for record in records:
+        if hostile.get(record.method):
+            assert record.status == "failed"
+            assert re.search(hostile[record.method], record.note), record.note
+
+
+WAITS = """
+class Waits:
+    commands = True
+
+    def __call__(self, view):
+        from saf_gen.parts import Answer
+        view.move(0.3)
+        while True:
+            try:
+                view.wait(1000)
+            except Exception:
+                view.score(view.now - 8, view.now)
+"""
 GUESTS = [
     ("Copy:of=sd", "argmax:window=50"),
     ("Halves", "egs_code"),
@@ -171,7 +210,7 @@ def spy(view):
         kind = type(thing).__name__
         if kind in ("SpikeStream", "Truth", "WindowCounts", "SequenceTask", "Record", "Dataset", "File"):
             found.append(kind)
-        elif isinstance(thing, dict) and any(isinstance(v, str) and word in v and v is not word for v in thing.values()):
+        elif isinstance(thing, dict) and any(isinstance(v, str) and word in v for v in thing.values() if v is not word):
             found.append(f"a dict with {sorted(map(str, thing))[:3]}")
     walked, seen = [view], set()
     while walked and len(seen) < 20_000:

@@ -162,7 +162,12 @@ class GuestProcess:
         shape: tuple[int, ...] = ()  # of the image in the message
         while True:
             sent = self._send(message)
-            request, arrived = self._receive(left, "answer")
+            try:
+                request, arrived = self._receive(left, "answer")
+            except GuestLost:
+                if spent is not None:
+                    raise spent from None
+                raise
             used = max(arrived - sent - self._ping_s[shape], 0.0)
             left -= used
             if spent is None:

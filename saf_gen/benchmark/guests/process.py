@@ -158,6 +158,8 @@ def _end_with(parent: int) -> None:
 
 def _serve(line: Line) -> None:
     from saf_gen.benchmark.tracks.search_run import run_search
+    from saf_gen.benchmark.view.restricted_view import BudgetSpentError
+    from saf_gen.parts import Answer
 
     order = line.receive()
     sys.path[:0] = order["folders"]  # a method may import its neighbours
@@ -167,7 +169,10 @@ def _serve(line: Line) -> None:
         message = line.receive()
         line.run = message["start"]
         view = RemoteView(line, message, method.measure)
-        answer, problem = run_search(method.search, view, scorer=view.scorer)
+        try:
+            answer, problem = run_search(method.search, view, scorer=view.scorer)
+        except BudgetSpentError as spent:  # the evaluator knows
+            answer, problem = Answer(), str(spent)
         scores = [[*window, score] for window, score in view.scorer.scores.items()]
         line.send({"answer": asdict(answer), "problem": problem, "scores": scores[:MAX_SCORES]})
 
