@@ -7,29 +7,19 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from inspect import signature
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from pydantic import ConfigDict
 
-from saf_gen.benchmark.guests.guest import Guest, GuestSpec, guest_of
-from saf_gen.benchmark.guests.host import GuestPart, Limits
 from saf_gen.benchmark.records import Count, Number, pop_format
-from saf_gen.benchmark.tracks.search_run import run_search
 from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
-from saf_gen.core.config.registry import (
-    allow_code,
-    check_code_allowed,
-    entry_point_names,
-    names,
-    plugin_class,
-    refuse_code,
-)
+from saf_gen.core.config.registry import FORM_SUFFIXES, names, plugin_class, refuse_code
 from saf_gen.core.config.source_digest import class_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
@@ -74,10 +64,23 @@ DEFAULT_CLOSED_LOOP_METHODS = (
 )
 """Methods that ``saf-gen evaluate --track closed_loop`` runs by default."""
 
-MAX_LIST_BYTES = 1 << 22
-FORM_SUFFIXES = ("_n", "_tfi")
 TUNING_FORMAT = "saf-gen tuning 1"
 TUNE_HINT = "make it with saf-gen tune"
+
+
+Half = tuple[str, dict[str, Any]]
+"""Name and options of a measure or a search."""
+
+
+class MethodGuest(Protocol):
+    """A process that runs a method of others; see :class:`saf_gen.benchmark.guests.guest.Guest`."""
+
+    limits: Any
+    plugins: list[dict[str, Any]]
+
+    def run(self, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]: ...
+
+    def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ class Method:
     """First 12 digits of the SHA-256 of the tuned file that named the method (``@FILE``), or ''."""
     region: str = ""
     """Region that the method looks at, one of REGIONS; '' leaves the choice to the evaluation."""
-    guest: Guest | None = None
+    guest: "MethodGuest | None" = None
     """Process that runs the method, whose measure and search then only state what they are; None for methods of
     saf_gen, which run in the evaluator."""
 
@@ -151,22 +154,23 @@ def parse_method(spec: str) -> Method:
         method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
         with refuse_code(path):
             return replace(parse_method(method), tuning=digest)
-    halves, text, region = _split_method(spec)
-    (measure, measure_options), (search, search_options) = (parse_options(half, spec) for half in halves)
+    halves, text, region = split_method(spec)
+    measure, search = (parse_options(half, spec) for half in halves)
     try:
-        built = build_method(measure, measure_options, search, search_options)
+        built = build_method(measure, search)
     except BadInput as error:
-        raise _of_method(error, spec) from None
+        raise of_method(error, spec) from None
     return replace(built, name=f"{text}@{region}" if region else text, region=region)
 
 
-def _of_method(error: BadInput, spec: str) -> BadInput:
+def of_method(error: BadInput, spec: str) -> BadInput:
+    """Return an error that says which method it concerns."""
     hint = error.hint or "`saf-gen methods` lists measures and searches"
     where = f"method {spec!r}"
     return BadInput(error.problem, where=where, allowed=error.allowed, nearest=error.nearest, hint=hint)
 
 
-def _split_method(spec: str) -> tuple[list[str], str, str]:
+def split_method(spec: str) -> tuple[list[str], str, str]:
     """Return the measure and the search in a name, the name without its region, and the region."""
     text, region = split_region("".join(spec.split()))
     halves = text.split("+")
@@ -179,89 +183,14 @@ def _split_method(spec: str) -> tuple[list[str], str, str]:
     return halves, text, region
 
 
-def build_method(measure: str, measure_options: Any, search: str, search_options: Any) -> Method:
-    """Return the method of a measure and a search with their options, in this process.
+def build_method(measure: Half, search: Half) -> Method:
+    """Return the method of a measure and a search, each a name with options, in this process.
 
     Raises BadInput if one of them is unknown or refuses its options.
     """
-    plugins = get_measure(measure, **measure_options), get_search(search, **search_options)
+    plugins = get_measure(measure[0], **measure[1]), get_search(search[0], **search[1])
     others = [get_measure(name) for name in wants_measures(plugins[1])]
-    return Method(f"{measure}+{search}", *plugins, code=_digest_code([*plugins, *others]))
-
-
-def admit_method(spec: str, limits: Limits | None = None) -> Method:
-    """Return the method with the given name; if anything in it is not part of saf_gen, it is a guest with these limits.
-
-    The name is as for :func:`parse_method`. The code of others is not loaded into this process.
-
-    Raises BadInput as :func:`parse_method` does.
-    """
-    if spec.startswith("@"):
-        path, region = split_region(spec[1:])
-        tuned, digest = read_tuned(path)
-        if tuned.method.startswith("@"):
-            raise BadInput(
-                f"{spec[1:]} names another tuned file, {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file"
-            )
-        method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
-        with refuse_code(path):
-            return replace(admit_method(method, limits), tuning=digest)
-    halves, text, region = _split_method(spec)
-    parsed = [parse_options(half, spec) for half in halves]
-    kinds = ("measures", "searches")
-    if not any(is_foreign(kind, name, options) for kind, (name, options) in zip(kinds, parsed, strict=True)):
-        return parse_method(spec)
-    names = [name for name, _ in parsed]
-    for name in names:
-        check_code_allowed(name)
-    try:
-        guest = guest_of(_guest_spec(text, parsed), limits or Limits())
-    except BadInput as error:
-        raise _of_method(error, spec) from None
-    for name in names:
-        allow_code(name)
-    written = [guest.parameters, guest.files]
-    code = hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
-    measure, _, search = guest.parameters.partition(" + ")
-    parts: tuple[Any, Any] = GuestPart(measure), GuestPart(search, commands=guest.commands)
-    return Method(f"{text}@{region}" if region else text, *parts, code=code, region=region, guest=guest)
-
-
-def run_method(method: Method, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
-    """Return the answer of a method and '', or an empty answer and why it failed, wherever it runs.
-
-    See :func:`saf_gen.benchmark.tracks.search_run.run_search`, also for what it raises.
-    """
-    if method.guest is not None:
-        return method.guest.run(view, scorer=scorer, stream_path=stream_path)
-    return run_search(method.search, view, scorer=scorer, stream_path=stream_path)
-
-
-def is_foreign(kind: str, name: str, options: Mapping[str, Any]) -> bool:
-    """Return whether a plug-in is code of others, or reads a file of others."""
-    return ":" in name or name in entry_point_names(kind) or any(map(_is_file, options.values()))
-
-
-def _is_file(value: object) -> bool:
-    return isinstance(value, str) and Path(value).is_file()
-
-
-def _guest_spec(text: str, parsed: Sequence[tuple[str, dict[str, Any]]]) -> GuestSpec:
-    halves, shown, files, folders = [], [], [], dict[str, None]()
-    for name, options in parsed:
-        path, _, member = name.rpartition(":")
-        given = {key: str(Path(value).resolve()) for key, value in options.items() if _is_file(value)}
-        if path.endswith(".py"):
-            file = Path(path).resolve()
-            name = f"{file}:{member}"
-            files.append(str(file))
-            folders[str(file.parent)] = None
-        elif path:
-            folders[str(Path.cwd())] = None  # a module may be in the working folder
-        files += given.values()
-        shown += [(file, options[key]) for key, file in given.items()]
-        halves.append((name, {**options, **given}))
-    return GuestSpec(text, halves[0], halves[1], tuple(files), tuple(folders), tuple(shown))
+    return Method(f"{measure[0]}+{search[0]}", *plugins, code=_digest_code([*plugins, *others]))
 
 
 def split_region(method: str) -> tuple[str, str]:
@@ -329,48 +258,6 @@ def nested_plugins(plugin: object) -> Iterator[object]:
         yield plugin
         for field in fields(plugin):
             yield from nested_plugins(getattr(plugin, field.name))
-
-
-def read_methods(path: Path, limits: Limits | None = None) -> list[str]:
-    """Return the names in a list of methods.
-
-    A list cannot cause other code to be loaded: it may name only plug-ins that are registered or already loaded.
-
-    Parameters
-    ----------
-    path : Path
-        Text file with one method per line. Empty lines and comments are ignored; a comment starts with ``#`` at the
-        beginning of a line, or with ``#`` between two spaces.
-    limits : Limits, optional
-        What methods that are not part of saf_gen may use.
-
-    Returns
-    -------
-    list of str
-        Names of methods, all of which can be parsed.
-
-    Raises
-    ------
-    BadInput
-        If the list cannot be read or is empty, or if a name cannot be parsed; the error then gives the line.
-    """
-    try:
-        text = read_text(path, max_bytes=MAX_LIST_BYTES, encoding="utf-8-sig")
-    except BadInput as error:
-        problem = f"this is not a list of methods: {error.problem}"
-        raise BadInput(problem, allowed="a text file, one method per line", nearest=error.nearest) from error
-    names = []
-    for number, line in enumerate(text.splitlines(), 1):
-        if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
-            try:
-                with refuse_code(str(path)):
-                    admit_method(name, limits)
-            except BadInput as error:
-                raise BadInput(str(error), where=f"{path}:{number}") from error
-            names.append(name)
-    if not names:
-        raise BadInput(f"{path} names no method", allowed="one method per line, such as sd+argmax")
-    return names
 
 
 def resolve_name(spec: str) -> Method | tuple[str, Any]:

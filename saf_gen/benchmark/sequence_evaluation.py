@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality, assess_curve
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.judgement import judged_dof, lens_position
-from saf_gen.benchmark.method_spec import Method, admit_method
+from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LensPath, SweepSummary
 from saf_gen.benchmark.tracks.predictions import PredictionSet

@@ -69,10 +69,10 @@ def evaluate_command(
     ] = False,
 ) -> None:
     """Run focus methods on recordings, rank them, and write tables, figures and a page."""
+    from saf_gen.benchmark.admission import admit_method, read_methods
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.guests.host import Limits
     from saf_gen.benchmark.kept_sequences import KeptSequences
-    from saf_gen.benchmark.method_spec import admit_method, read_methods
     from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_writable
     from saf_gen.core.object_store import StorePath, find_path

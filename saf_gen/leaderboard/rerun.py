@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from saf_gen import __version__
+from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
-from saf_gen.benchmark.method_spec import Method, admit_method, split_region
+from saf_gen.benchmark.method_spec import Method, split_region
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from planted_sweeps import make_spikes, write_three_sweeps
 
+from saf_gen.benchmark.admission import admit_method, run_method
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.guests.host import Limits
-from saf_gen.benchmark.method_spec import admit_method, run_method
 from saf_gen.benchmark.records import record_to_json
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts

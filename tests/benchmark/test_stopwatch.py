@@ -7,8 +7,8 @@ import pytest
 from in_memory_stream import InMemory
 
 from saf_gen.benchmark.method_spec import Method
+from saf_gen.benchmark.search_run import run_search
 from saf_gen.benchmark.tracks import closed_loop
-from saf_gen.benchmark.tracks.search_run import run_search
 from saf_gen.benchmark.view import recording
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError

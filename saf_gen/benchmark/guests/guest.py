@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.benchmark.guests.host import GuestLost, GuestProcess, GuestView, Limits
-from saf_gen.benchmark.tracks.search_run import answer_fault, to_one_line, to_plain_numbers
+from saf_gen.benchmark.search_run import answer_fault, to_one_line, to_plain_numbers
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
 from saf_gen.core.config.source_digest import source_digest
 from saf_gen.errors import BadInput
@@ -43,11 +43,6 @@ class Guest:
     limits : Limits
         What it may use.
 
-    Raises
-    ------
-    BadInput
-        If the method cannot be loaded.
-
     Attributes
     ----------
     parameters : str
@@ -58,6 +53,11 @@ class Guest:
         Name and digest of each file that the method read while it was loaded.
     plugins : list of dict
         Descriptions of the measure and the search.
+
+    Raises
+    ------
+    BadInput
+        If the method cannot be loaded.
     """
 
     def __init__(self, spec: GuestSpec, limits: Limits) -> None:

@@ -64,7 +64,7 @@ class Limits:
 class GuestView(View, Protocol):
     """A view that gives images to a guest, which scores them itself."""
 
-    def image(self, form: Form, first: int, stop: int) -> np.ndarray:
+    def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
         """Return a window as a measure is called with it."""
         ...
 
@@ -100,17 +100,17 @@ class GuestProcess:
     limits : Limits
         What it may use.
 
+    Attributes
+    ----------
+    hello : dict
+        What it said of its method.
+
     Raises
     ------
     BadInput
         If the method cannot be loaded.
     GuestLost
         If it ends while it loads, or takes too long.
-
-    Attributes
-    ----------
-    hello : dict
-        What it said of its method.
     """
 
     def __init__(self, spec: dict[str, Any], folders: list[str], *, limits: Limits) -> None:
@@ -134,6 +134,8 @@ class GuestProcess:
             self.hello, _ = self._receive(limits.load_s, "load")
             if "refused" in self.hello:
                 raise BadInput(**{key: str(text) for key, text in self.hello["refused"].items()})
+            if "broken" in self.hello:
+                raise GuestLost(str(self.hello["broken"]))
             self._ping_s: dict[tuple[int, ...], float] = {(): self._ping({"ping": 1})}  # by the shape of an image
         except BaseException:
             self.close()
@@ -203,7 +205,7 @@ class GuestProcess:
                 form = request["image"]
                 if form not in FORMS:
                     raise GuestLost(f"its process asked for an image of the form {form!r:.40}")
-                image = view.image(form, request["first"], request["stop"])
+                image = view.image(form, first=request["first"], stop=request["stop"])
                 return {"now": view.now, **self._memory.write(image)}
             if "position" in request:
                 position = view.position(request["position"])

@@ -27,7 +27,7 @@ MAX_FILE_BYTES = 1 << 30
 class Line:
     """The guest's end of the wire: each request has one reply."""
 
-    def __init__(self, incoming: BinaryIO, outgoing: BinaryIO, memory: SharedMemory) -> None:
+    def __init__(self, incoming: BinaryIO, outgoing: BinaryIO, *, memory: SharedMemory) -> None:
         self._incoming, self._outgoing, self.memory = incoming, outgoing, memory
         self._owner, self.run = os.getpid(), 0
 
@@ -66,7 +66,7 @@ class Line:
 class RemoteView:
     """The view of a recording or camera on the other side of the wire; see :class:`saf_gen.parts.View`."""
 
-    def __init__(self, line: Line, start: dict[str, Any], measure: Any) -> None:
+    def __init__(self, line: Line, start: dict[str, Any], *, measure: Any) -> None:
         from saf_gen.benchmark.view.restricted_view import MeteredScorer
 
         self._line, self.scorer = line, MeteredScorer(measure)
@@ -75,15 +75,15 @@ class RemoteView:
         self._sensed = line.memory.read(start["positions"])
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        image = self._image(self.scorer.form(measure), first, stop)
+        image = self._image(self.scorer.form(measure), first=first, stop=stop)
         return self.scorer.rate(image, first=first, stop=stop, measure=measure)
 
     def counts(self, first: int, stop: int) -> np.ndarray:
-        counts = self._image("counts", first, stop)
+        counts = self._image("counts", first=first, stop=stop)
         self.scorer.note_look()
         return counts
 
-    def _image(self, form: str, first: int, stop: int) -> np.ndarray:
+    def _image(self, form: str, *, first: int, stop: int) -> np.ndarray:
         reply = self._line.ask({"image": form, "first": _whole(first), "stop": _whole(stop)})
         self.now = reply["now"]
         self.scorer.windows += 1
@@ -132,7 +132,7 @@ class _FilesRead:
 def main() -> None:
     """Serve the evaluator until it is gone."""
     descriptor, path = int(sys.argv[1]), sys.argv[2]
-    line = Line(os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb"), SharedMemory.attach(descriptor, path))
+    line = Line(os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb"), memory=SharedMemory.attach(descriptor, path))
     with open(os.devnull) as nothing:  # noqa: PTH123
         os.dup2(nothing.fileno(), 0)
     os.dup2(2, 1)  # what the method prints goes where its errors go
@@ -157,7 +157,7 @@ def _end_with(parent: int) -> None:
 
 
 def _serve(line: Line) -> None:
-    from saf_gen.benchmark.tracks.search_run import run_search
+    from saf_gen.benchmark.search_run import run_search
     from saf_gen.benchmark.view.restricted_view import BudgetSpentError
     from saf_gen.parts import Answer
 
@@ -168,7 +168,7 @@ def _serve(line: Line) -> None:
     while True:
         message = line.receive()
         line.run = message["start"]
-        view = RemoteView(line, message, method.measure)
+        view = RemoteView(line, message, measure=method.measure)
         try:
             answer, problem = run_search(method.search, view, scorer=view.scorer)
         except BudgetSpentError as spent:  # the evaluator knows
@@ -186,24 +186,29 @@ def _load(spec: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     before, read = set(sys.modules), _FilesRead()
     from saf_gen.benchmark.method_spec import build_method, nested_plugins
     from saf_gen.benchmark.plugin_description import describe_plugins
+    from saf_gen.benchmark.search_run import describe_exception
     from saf_gen.core.config.source_digest import class_source_files
+    from saf_gen.core.user_code import user_code
     from saf_gen.errors import BadInput
     from saf_gen.parts import commands
 
     try:
-        method = replace(build_method(*spec["measure"], *spec["search"]), name=spec["name"])
+        with user_code():
+            method = replace(build_method(spec["measure"], spec["search"]), name=spec["name"])
+            classes = {type(nested) for half in (method.measure, method.search) for nested in nested_plugins(half)}
+            hello = {
+                "parameters": method.parameters,
+                "commands": commands(method.search),
+                "plugins": [asdict(plugin) for plugin in describe_plugins([method])],
+            }
     except BadInput as error:
         keys = ("problem", "allowed", "nearest", "hint", "where")
         return None, {"refused": {key: getattr(error, key) for key in keys}}
+    except Exception as error:  # noqa: BLE001  code of others may raise anything
+        return None, {"broken": describe_exception(error)}
     modules = [module for name, module in list(sys.modules.items()) if name not in before]
-    classes = {type(nested) for half in (method.measure, method.search) for nested in nested_plugins(half)}
-    return method, {
-        "parameters": method.parameters,
-        "commands": commands(method.search),
-        "class_files": [str(file) for cls in classes for file in class_source_files(cls)],
-        "read": read.finish(modules),
-        "plugins": [asdict(plugin) for plugin in describe_plugins([method])],
-    }
+    files = [str(file) for cls in classes for file in class_source_files(cls)]
+    return method, {**hello, "class_files": files, "read": read.finish(modules)}
 
 
 if __name__ == "__main__":

@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.benchmark.admission import run_method
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judged_dof
-from saf_gen.benchmark.method_spec import Method, run_method
+from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import LensPath
+from saf_gen.benchmark.search_run import withhold
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.search_run import withhold
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view.recording import WindowCounts

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.benchmark.admission import run_method
 from saf_gen.benchmark.judgement import judge
-from saf_gen.benchmark.method_spec import Method, run_method
+from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
+from saf_gen.benchmark.search_run import withhold
 from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
-from saf_gen.benchmark.tracks.search_run import withhold
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts

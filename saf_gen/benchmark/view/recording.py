@@ -158,7 +158,7 @@ class RecordingView:
         lens = self._counts.lens_position
         return np.full(self.frames - first, np.nan) if lens is None else np.asarray(lens[first:], np.float64)
 
-    def image(self, form: Form, first: int, stop: int) -> np.ndarray:
+    def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
         """Return frames ``first <= t < stop`` as a measure is called with them, read-only.
 
         Raises BadInput if the window is empty or outside the recording.

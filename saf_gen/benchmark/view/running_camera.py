@@ -185,7 +185,7 @@ class RunningCamera:
         """
         return self.scorer.look(self.run_until(first, stop), first=first, stop=stop)
 
-    def image(self, form: Form, first: int, stop: int) -> np.ndarray:
+    def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
         """Return frames ``first <= t < stop`` as a measure is called with them; raises what :meth:`counts` raises."""
         return self.scorer.image(self.run_until(first, stop), form, first=first, stop=stop)
 
@@ -303,10 +303,10 @@ class SweepView:
         window = validate_window(first, stop, total=self.frames)
         return self._camera.counts(self._offset + window.start, self._offset + window.stop)
 
-    def image(self, form: Form, first: int, stop: int) -> np.ndarray:
+    def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
         """Return a window of the sweep as a measure is called with it; raises what :meth:`counts` raises."""
         window = validate_window(first, stop, total=self.frames)
-        return self._camera.image(form, self._offset + window.start, self._offset + window.stop)
+        return self._camera.image(form, first=self._offset + window.start, stop=self._offset + window.stop)
 
     def positions(self, first: int) -> np.ndarray:
         """Return the readings of the position sensor at all frames of the sweep from ``first`` that have passed."""

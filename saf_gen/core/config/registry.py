@@ -33,6 +33,8 @@ from saf_gen.errors import BadInput, unknown
 
 PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
 
+FORM_SUFFIXES = ("_n", "_tfi")
+"""Endings of the names of measures that say in which form a measure is used."""
 _registered_here: dict[str, dict[str, type]] = {plugin_kind: {} for plugin_kind in PLUGIN_KINDS}  # by this process
 _CODE_REFUSED_IN: ContextVar[str] = ContextVar("code refused in", default="")
 
@@ -52,17 +54,23 @@ def refuse_code(where: str) -> Iterator[None]:
 
 def allow_code(name: str) -> None:
     """Allow files to name ``package.module:Class`` or ``file.py:Class``, because the command line named it."""
-    _ALLOWED.add(name)
+    _ALLOWED.update((name, _without_form(name)))
 
 
 def check_code_allowed(name: str) -> None:
     """Raise BadInput if a file names code that the command line did not name."""
-    if ":" in name and name not in _ALLOWED and (where := _CODE_REFUSED_IN.get()):
+    if ":" in name and not {name, _without_form(name)} & _ALLOWED and (where := _CODE_REFUSED_IN.get()):
         raise BadInput(
             f"{where} names the code {name!r}",
             allowed="registered names in files; code is run only if the command line names it",
             hint="read the code; if you trust it, name it in a separate --method before the one with the file",
         )
+
+
+def _without_form(name: str) -> str:
+    while name.endswith(FORM_SUFFIXES):
+        name = name[: name.rindex("_")]
+    return name
 
 
 _ALLOWED: set[str] = set()
@@ -145,7 +153,9 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
 
         what = f"{PLUGIN_KINDS[plugin_kind]} {name!r}"
         allowed = "package.module:NAME that Python can import, or file.py:NAME, of a class or function"
-        return _load_plugin(load, what, plugin_kind=plugin_kind, allowed=allowed)
+        plugin = _load_plugin(load, what, plugin_kind=plugin_kind, allowed=allowed)
+        allow_code(name)
+        return plugin
     raise unknown(PLUGIN_KINDS[plugin_kind], name, allowed=names(plugin_kind))
 
 
