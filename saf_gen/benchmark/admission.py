@@ -51,15 +51,15 @@ def admit_method(spec: str, limits: Limits | None = None) -> Method:
     kinds = ("measures", "searches")
     if not any(map(is_foreign, parsed, kinds)):
         return parse_method(spec)
-    names = [name for name, _ in parsed]
-    for name in names:
-        check_code_allowed(name)
+    codes = [code for half in parsed for code in codes_of(half)]
+    for code_name in codes:
+        check_code_allowed(code_name)
     try:
         guest = guest_of(_guest_spec(text, parsed), limits or Limits())
     except BadInput as error:
         raise of_method(error, spec) from None
-    for name in names:
-        allow_code(name)
+    for code_name in codes:
+        allow_code(code_name)
     written = [guest.parameters, guest.files]
     code = hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
     measure, _, search = guest.parameters.partition(" + ")
@@ -122,26 +122,39 @@ def run_method(method: Method, view: Any, *, scorer: MeteredScorer, stream_path:
 def is_foreign(half: Half, kind: str) -> bool:
     """Return whether a plug-in is code of others, or reads a file of others."""
     name, options = half
-    return ":" in name or name in entry_point_names(kind) or any(map(_is_file, options.values()))
+    return bool(codes_of(half)) or name in entry_point_names(kind) or any(map(_is_file, options.values()))
+
+
+def codes_of(half: Half) -> list[str]:
+    """Return the names of code of others in a measure or search: its own, and those of measures in its options."""
+    return [one for one in (half[0], *half[1].values()) if isinstance(one, str) and ":" in one and not _is_file(one)]
 
 
 def _is_file(value: object) -> bool:
     return isinstance(value, str) and Path(value).is_file()
 
 
-def _guest_spec(text: str, parsed: Sequence[tuple[str, dict[str, Any]]]) -> GuestSpec:
-    halves, shown, files, folders = [], [], [], dict[str, None]()
-    for name, options in parsed:
-        path, _, member = name.rpartition(":")
-        given = {key: str(Path(value).resolve()) for key, value in options.items() if _is_file(value)}
-        if path.endswith(".py"):
-            file = Path(path).resolve()
-            name = f"{file}:{member}"
-            files.append(str(file))
-            folders[str(file.parent)] = None
-        elif path:
-            folders[str(Path.cwd())] = None  # a module may be in the working folder
-        files += given.values()
-        shown += [(file, options[key]) for key, file in given.items()]
-        halves.append((name, {**options, **given}))
-    return GuestSpec(text, halves[0], halves[1], tuple(files), tuple(folders), tuple(shown))
+def _guest_spec(text: str, parsed: Sequence[Half]) -> GuestSpec:
+    """Return a method with absolute paths, because a guest has a working folder of its own."""
+    shown: dict[str, str] = {}
+    folders: dict[str, None] = {}
+
+    def make_absolute(value: Any) -> Any:
+        path, _, member = value.rpartition(":") if isinstance(value, str) else ("", "", "")
+        if _is_file(value):
+            absolute = str(Path(value).resolve())
+        elif path.endswith(".py"):
+            absolute = f"{Path(path).resolve()}:{member}"
+            folders[str(Path(path).resolve().parent)] = None
+        else:
+            if path:
+                folders[str(Path.cwd())] = None  # a module may be in the working folder
+            return value
+        shown[absolute] = value
+        return absolute
+
+    measure, search = (
+        (make_absolute(name), {key: make_absolute(value) for key, value in options.items()}) for name, options in parsed
+    )
+    files = [absolute if _is_file(absolute) else absolute.rpartition(":")[0] for absolute in shown]
+    return GuestSpec(text, measure, search, tuple(files), tuple(folders), tuple(shown.items()))

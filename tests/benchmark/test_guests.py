@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -223,3 +224,93 @@ def spy(view):
         walked += [r for r in gc.get_referents(thing) if not isinstance(r, type(sys))][:100]
     return Answer(7.0, note="; ".join(map(str, found))[:900] or "nothing found")
 """
+
+
+READS = """
+import json, pathlib
+from dataclasses import dataclass
+import helper
+from inside import deeper
+
+HERE = pathlib.Path(__file__).parent
+WEIGHTS = json.loads((HERE / "weights.json").read_text())
+with open(HERE / "table.bin", "rb") as file:
+    TABLE = file.read()
+
+@dataclass(frozen=True)
+class Mine:
+    file: str = ""
+    scale: float = 1.0
+
+    def __call__(self, counts):
+        option = float(open(self.file).read()) if self.file else 0.0
+        return float(counts.var()) * self.scale * helper.FACTOR + deeper.PART + WEIGHTS["w"] + TABLE[0] + option
+"""
+READ = {"mine.py": READS, "helper.py": "FACTOR = 2", "inside/__init__.py": "", "inside/deeper.py": "PART = 1",
+        "weights.json": '{"w": 1}', "table.bin": "a", "option.txt": "5"}  # fmt: skip
+
+
+@pytest.fixture
+def method_folder(tmp_path):
+    for name, text in READ.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("mine.py", READS.replace("+ TABLE[0]", "- TABLE[0]")),
+        ("helper.py", "FACTOR = 3"),
+        ("inside/deeper.py", "PART = 2"),
+        ("inside/__init__.py", "import math"),
+        ("weights.json", '{"w": 2}'),
+        ("table.bin", "b"),
+        ("option.txt", "6"),
+    ],
+)
+def test_the_digest_of_a_method_covers_what_it_reads_while_it_loads(method_folder, file, text):
+    spec = f"{method_folder}/mine.py:Mine:file={method_folder}/option.txt+argmax:window=50"
+    before = admit_method(spec)
+    (method_folder / file).write_text(text)
+    after = admit_method(spec)
+    assert before.code != after.code
+    (method_folder / file).write_text(READ[file])
+    again = admit_method(spec)
+    assert again.code == before.code
+    for method in (after, again):
+        method.guest.close()
+
+
+@pytest.mark.parametrize(("old", "new"), [("FACTOR = 2", "# a remark\nFACTOR = 2"), ("FACTOR = 2", "FACTOR  =  2")])
+def test_remarks_and_blanks_do_not_change_a_digest(method_folder, old, new):
+    spec = f"{method_folder}/mine.py:Mine+argmax:window=50"
+    before = admit_method(spec).code
+    (method_folder / "helper.py").write_text(READ["helper.py"].replace(old, new))
+    method = admit_method(spec)
+    assert method.code == before
+    method.guest.close()
+
+
+def test_the_digest_does_not_depend_on_the_folder_but_on_the_options(method_folder, tmp_path_factory):
+    other = tmp_path_factory.mktemp("elsewhere") / "moved"
+    shutil.copytree(method_folder, other)
+    codes = []
+    for folder, scale in ((method_folder, ""), (other, ""), (other, ":scale=2")):
+        method = admit_method(f"{folder}/mine.py:Mine{scale}+argmax:window=50")
+        codes.append(method.code)
+        method.guest.close()
+    assert codes[0] == codes[1] != codes[2]
+
+
+def test_two_files_with_equally_named_helpers_stay_apart(tmp_path, run):
+    for name, factor in (("a", 1.0), ("b", -1.0)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "helper.py").write_text(f"FACTOR = {factor}")
+        text = "import helper\ndef mine(counts):\n    return float(counts.var()) * helper.FACTOR\n"
+        (tmp_path / name / "mine.py").write_text(text)
+    a, b = (run(f"{tmp_path}/{name}/mine.py:mine+argmax:window=50", LONG) for name in "ab")
+    scores = [view.scorer.scores for *_, view in (a, b)]
+    assert scores[0] == {window: -score for window, score in scores[1].items()}
+    assert a[0].frame != b[0].frame

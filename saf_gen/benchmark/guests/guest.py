@@ -16,6 +16,9 @@ from saf_gen.core.config.source_digest import source_digest
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
+MAX_ALIVE = 96
+"""Processes of guests that are kept; the one that was started first is ended for another, and started again if needed.
+"""
 PACKAGE = Path(__file__).resolve().parents[2]
 
 
@@ -84,7 +87,11 @@ class Guest:
 
     def _start(self) -> GuestProcess:
         order = {"name": self._spec.name, "measure": self._spec.measure, "search": self._spec.search}
-        return GuestProcess(order, list(self._spec.folders), limits=self.limits)
+        process = GuestProcess(order, list(self._spec.folders), limits=self.limits)
+        _ALIVE.append(self)
+        if len(_ALIVE) > MAX_ALIVE:  # a tuning may have hundreds of methods
+            _ALIVE[0].close()
+        return process
 
     def _as_written(self, text: str) -> str:
         for absolute, shown in self._spec.shown:
@@ -126,6 +133,8 @@ class Guest:
             try:
                 if self._process is None or not self._process.alive:
                     self.close()
+                    if not self.is_current:
+                        return Answer(), "its files changed since the evaluation began"
                     self._process = self._start()
                 last = self._process.run(view, scorer, stream_path=stream_path)
                 answer, problem = _read_answer(last, commanding=self.commands)
@@ -144,6 +153,8 @@ class Guest:
         if self._process is not None:
             self._process.close()
         self._process = None
+        if self in _ALIVE:
+            _ALIVE.remove(self)
 
 
 def _read_answer(last: dict[str, Any], *, commanding: bool) -> tuple[Answer, str]:
@@ -195,3 +206,4 @@ def guest_of(spec: GuestSpec, limits: Limits) -> Guest:
 
 
 _GUESTS: dict[str, Guest] = {}
+_ALIVE: list[Guest] = []
