@@ -31,6 +31,9 @@ FAIR_FAILURES = ("BadInput", "the budget of ", "answered frame ", "frames_seen i
 """Beginnings of the notes of failures that are results: an input that a method refuses, a budget that it spends, and an
 answer outside the recording."""
 
+OVER_A_LIMIT = "over a limit: "
+"""Beginning of the notes of runs that were ended at a limit of time or memory; another machine may end them elsewhere.
+"""
 MAX_COUNT = 2**53
 """Largest whole number up to which a float represents every whole number."""
 MAX_SECONDS_OR_TRAVELS = 1e9

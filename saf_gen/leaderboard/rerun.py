@@ -11,7 +11,7 @@ from saf_gen import __version__
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
 from saf_gen.benchmark.method_spec import Method, split_region
-from saf_gen.benchmark.records import Record, read_records
+from saf_gen.benchmark.records import OVER_A_LIMIT, Record, read_records
 from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
@@ -71,6 +71,9 @@ def verify(
     runs: dict[str, Method] = {}
     reasons: dict[str, str] = {}
     for label, group in rows.items():
+        if ended := sum(record.note.startswith(OVER_A_LIMIT) for record in group):
+            reasons[label] = f"not comparable: {ended} of {len(group)} runs were ended at a limit ({group[0].limits})"
+            continue
         found = _find_method(label, group[0].code, trusted=trusted, where=str(folder))
         if isinstance(found, Method):
             runs[label] = found

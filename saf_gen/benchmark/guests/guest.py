@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.benchmark.guests.host import GuestLost, GuestProcess, GuestView, Limits
+from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.search_run import answer_fault, to_one_line, to_plain_numbers
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
 from saf_gen.core.config.source_digest import source_digest
@@ -73,7 +74,8 @@ class Guest:
             self._process = self._start()
             self._describe(self._process.hello)
         except GuestLost as lost:
-            self._lost = f"while it was loaded, {lost}"
+            is_limit = str(lost).startswith(OVER_A_LIMIT)
+            self._lost = str(lost) if is_limit else f"while it was loaded, {lost}"
             self.close()
         self.files = self._digest_files()
 

@@ -22,6 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from saf_gen.benchmark.guests.wire import MessageReader, SharedMemory, write_message
+from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
 from saf_gen.errors import BadInput
 from saf_gen.parts import View
@@ -244,7 +245,7 @@ class GuestProcess:
                 self._check_memory()
                 if perf_counter() >= deadline:
                     limit = self._limits.load_s if doing == "load" else self._limits.run_s
-                    raise self._lost(f"it did not {doing} within {limit:g} s")
+                    raise self._lost(f"{OVER_A_LIMIT}it did not {doing} within {limit:g} s")
                 continue
             arrived = perf_counter()
             try:
@@ -260,7 +261,7 @@ class GuestProcess:
     def _check_memory(self) -> None:
         self._checked, allowed = perf_counter(), self._limits.resident_bytes
         if (resident := resident_bytes(self._process.pid)) > allowed:
-            raise self._lost(f"it used {resident >> 20:,} MiB of memory; allowed: {allowed >> 20:,} MiB")
+            raise self._lost(f"{OVER_A_LIMIT}it used {resident >> 20:,} MiB of memory; allowed: {allowed >> 20:,} MiB")
 
     def _lost(self, why: str) -> GuestLost:
         """End the process, and return the error that says why it is lost."""
