@@ -71,8 +71,9 @@ def verify(
     runs: dict[str, Method] = {}
     reasons: dict[str, str] = {}
     for label, group in rows.items():
-        if ended := sum(record.note.startswith(OVER_A_LIMIT) for record in group):
-            reasons[label] = f"not comparable: {ended} of {len(group)} runs were ended at a limit ({group[0].limits})"
+        if ended := [record for record in group if record.note.startswith(OVER_A_LIMIT)]:
+            runs_ended = f"{len(ended)} of {len(group)} runs were ended at a limit ({ended[0].limits})"
+            reasons[label] = f"not comparable: {runs_ended}"
             continue
         found = _find_method(label, group[0].code, trusted=trusted, where=str(folder))
         if isinstance(found, Method):
