@@ -218,6 +218,7 @@ def test_an_icc_profile_says_how_light_is_stored(tmp_path, curve, decode, ending
 def test_png_that_cannot_be_decoded_as_it_says_is_refused(tmp_path):
     write_png(tmp_path / "a.png", noise(3), (b"cICP", bytes([1, 10, 0, 1])))
     assert_says(refusal(open_pictures, tmp_path / "a.png"), "logarithmic | --linear")
+    assert open_pictures(tmp_path / "a.png", linear=True).transfer.name == "linear light"
     write_png(tmp_path / "a.png", noise(3), (b"cICP", bytes([1, 13, 0, 0])))
     assert_says(refusal(open_pictures, tmp_path / "a.png"), "limited range")
     (tmp_path / "a.png").unlink()
@@ -259,6 +260,20 @@ def test_apng_states_times_as_fractions(tmp_path):
         data[begin + 26 : begin + 30] = struct.pack(">I", zlib.crc32(data[begin - 4 : begin + 26]))
     (tmp_path / "a.png").write_bytes(data)
     assert open_pictures(tmp_path / "a.png").rate_hz == Fraction(24000, 1001)
+
+
+def test_an_animation_of_16_bits_is_refused(tmp_path):
+    """Two frames of deep colour, of which Pillow reads 8 bits and ffmpeg's decoder of PNG the first."""
+    values = noise(3)
+    control = struct.pack(">IIIII", 0, 10, 8, 0, 0) + struct.pack(">HHBB", 1, 25, 0, 0)
+    write_png(tmp_path / "a.png", values, (b"acTL", struct.pack(">II", 2, 0)), (b"fcTL", control))
+    data = (tmp_path / "a.png").read_bytes()
+    rows = zlib.compress(b"".join(b"\0" + row.astype(">u2").tobytes() for row in values))
+    extra = b""
+    for name, body in ((b"fcTL", struct.pack(">I", 1) + control[4:]), (b"fdAT", struct.pack(">I", 2) + rows)):
+        extra += struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+    (tmp_path / "a.png").write_bytes(data[:-12] + extra + data[-12:])
+    assert_says(refusal(open_pictures, tmp_path / "a.png"), "is an animation of 16 bits")
 
 
 def test_a_page_that_lasts_no_time_is_refused_unless_a_rate_is_given(tmp_path):

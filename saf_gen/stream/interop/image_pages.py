@@ -43,8 +43,8 @@ class Page:
     primaries: int
 
 
-def read_pages(path: Path) -> Iterator[Page]:
-    """Yield each page of an image file.
+def read_pages(path: Path, *, linear: bool) -> Iterator[Page]:
+    """Yield each page of an image file; ``linear`` states that its values are linear light, whatever the file says.
 
     Raises BadInput if the file is damaged, has no picture, or has colours that cannot be read as they are meant.
     """
@@ -59,10 +59,12 @@ def read_pages(path: Path) -> Iterator[Page]:
             if image.width * image.height > MAX_PIXELS:
                 size = f"has {image.width} × {image.height} pixels"
                 raise BadInput(size, where=str(path), allowed=f"at most {MAX_PIXELS}")
-            transfer, primaries = _read_light(path, image)
+            transfer, primaries = _read_light(path, image, linear=linear)
             for number in range(getattr(image, "n_frames", 1)):
                 image.seek(number)
                 deep = _is_deep(image, path)
+                if deep and number and image.format != "TIFF":
+                    raise BadInput("is an animation of 16 bits", where=str(path), allowed="single pictures, or 8 bits")
                 turned = image.getexif().get(ORIENTATION, 1) if deep else 1
                 image.load()  # Pillow forgets the orientation of a TIFF here, and may find that of a PNG
                 if deep:
@@ -136,7 +138,7 @@ def _upright(values: np.ndarray, orientation: int) -> np.ndarray:
     return values[:: -1 if up else 1, :: -1 if left else 1]
 
 
-def _read_light(path: Path, image: Image.Image) -> tuple[Transfer, int]:
+def _read_light(path: Path, image: Image.Image, *, linear: bool) -> tuple[Transfer, int]:
     """Return how a file says that its values stand for light, and its primaries.
 
     In a PNG, the chunk cICP counts before an ICC profile, that before sRGB, and that before gAMA (third edition, 4.3).
@@ -145,7 +147,9 @@ def _read_light(path: Path, image: Image.Image) -> tuple[Transfer, int]:
     if len(code := chunks.get(b"cICP", b"")) == 4:
         if code[2] != 0 or code[3] != 1:
             raise BadInput("has a cICP chunk of YUV or limited range", where=str(path), allowed="RGB of full range")
-        return find_transfer(code[1], where=path), code[0]
+        return LINEAR if linear else find_transfer(code[1], where=path), code[0]
+    if linear:
+        return LINEAR, 1
     if profile := image.info.get("icc_profile"):
         half = _profile_at_half(profile)
     elif gamma := int.from_bytes(chunks.get(b"gAMA", b"")) * (b"sRGB" not in chunks):

@@ -14,7 +14,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.interop.array_files import ENDINGS, SlicedArray, open_array
 from saf_gen.stream.interop.exr_frames import ExrFrames
 from saf_gen.stream.interop.image_pages import read_pages
-from saf_gen.stream.interop.linear_light import LINEAR, LUMINANCE, WIDE_LUMINANCE, PictureFrames
+from saf_gen.stream.interop.linear_light import LUMINANCE, WIDE_LUMINANCE, PictureFrames
 from saf_gen.stream.interop.stack_positions import read_stack_positions
 from saf_gen.stream.interop.video_frames import VideoFrames, steady_rate
 
@@ -35,11 +35,11 @@ class _ImageFiles(PictureFrames):
         self._files = sorted(files, key=_number_sort_key)
         if not self._files:
             raise BadInput("has no picture", where=str(path), allowed=f"files {', '.join(sorted(IMAGES))}")
-        pages = read_pages(self._files[0])
+        pages = read_pages(self._files[0], linear=linear)
         first = next(pages)
         super().__init__(path, linear=linear, shape=first.values.shape[:2])
         self._linear, self._primaries = linear, first.primaries
-        self.transfer = LINEAR if linear else first.transfer
+        self.transfer = first.transfer
         self.weights = WIDE_LUMINANCE.get(first.primaries, LUMINANCE)
         self.order = _name_order(self._files) if is_folder else ""
         if not is_folder:
@@ -51,8 +51,8 @@ class _ImageFiles(PictureFrames):
 
     def _read(self) -> Iterator[tuple[str, np.ndarray]]:
         for file in self._files:
-            for number, page in enumerate(read_pages(file)):
-                if page.primaries != self._primaries or not (self._linear or page.transfer == self.transfer):
+            for number, page in enumerate(read_pages(file, linear=self._linear)):
+                if (page.transfer, page.primaries) != (self.transfer, self._primaries):
                     raise BadInput(
                         f"{file.name} has other tags of light and colour than the first picture", where=str(self.path),
                         allowed=self.transfer.name, hint="convert them, or add --linear if the values are linear light",
