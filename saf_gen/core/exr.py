@@ -502,6 +502,10 @@ def _foreign_part(one: dict[str, tuple[str, bytes]], number: int, *, flags: int,
 def _silence() -> Iterator[StringIO]:
     """Yield what OpenEXR's wrapper prints; what its C library writes to the standard error is left out."""
     said = StringIO()
+    if sys.stderr is None:  # a process without a terminal has no such file
+        with redirect_stdout(said):
+            yield said
+        return
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
