@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from av.container import InputContainer
     from av.video.stream import VideoStream
 
+OLDEST_AV = 18
 TIMED = ("mov", "matroska", "avi", "mpegts", "mpeg", "flv", "asf", "ogg", "mxf", "ivf", "yuv4mpegpipe", "cine")
 UNTIMED = ("h264", "hevc", "m4v", "mjpeg", "mpegvideo", "obu")
 """Containers by their names in ffmpeg. All others are refused, because some of them name other files or hosts; the
@@ -64,7 +65,7 @@ class VideoFrames(PictureFrames):
     """
 
     def __init__(self, path: Path, *, linear: bool) -> None:
-        require_extra("video", "av", of=f"a video ({path.name})")
+        _check_av(of=f"a video ({path.name})")
         scan = _scan(path)
         super().__init__(path, linear=linear, shape=scan.shape)
         self.transfer = LINEAR if linear else find_transfer(scan.transfer, where=path)
@@ -121,7 +122,7 @@ def decode_image(data: bytes, codec: str, *, where: Path) -> np.ndarray:
 
     ``codec`` is ffmpeg's name of the format, such as png. Raises BadInput if the picture cannot be decoded.
     """
-    require_extra("video", "av", of=f"a picture with more than 8 bits per colour ({where.name})")
+    _check_av(of=f"a picture with more than 8 bits per colour ({where.name})")
     import av
 
     with _messages() as messages, _refusing(where):
@@ -131,6 +132,18 @@ def decode_image(data: bytes, codec: str, *, where: Path) -> np.ndarray:
         if len(frames) != 1 or frames[0].is_corrupt or messages:
             raise ValueError(messages[0][2].strip() if messages else "damaged")
         return _values(frames[0], where=where)
+
+
+def _check_av(*, of: str) -> None:
+    """Raise BadInput if PyAV is missing, or is a release that crashes on some damaged files."""
+    require_extra("video", "av", of=of)
+    import av
+
+    if int(av.__version__.partition(".")[0]) < OLDEST_AV:
+        raise BadInput(
+            f"{of} is read with PyAV, here of version {av.__version__}", allowed=f"version {OLDEST_AV} or newer",
+            hint="pip install --upgrade 'saf-gen[video]'",
+        )  # fmt: skip
 
 
 @contextmanager
