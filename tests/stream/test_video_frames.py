@@ -417,6 +417,15 @@ def test_pixels_that_are_not_square_are_named(tmp_path):
     write_video(tmp_path / "a.mp4", GREYS, setup=setup, **H264)
     pictures = open_pictures(tmp_path / "a.mp4")
     assert "a.mp4: its pixels are 4:3, and are taken as square" in pictures.notes
+    assert "a.mp4: no tag states its colour matrix, which is assumed to be that of BT.601" in pictures.notes
+
+
+def test_a_video_that_lies_at_an_angle_or_is_too_large_is_refused(tmp_path, monkeypatch):
+    write_video(tmp_path / "a.mp4", GREYS, setup=lambda stream: stream.set_display_rotation(30), **H264)
+    assert_says(refusal(open_pictures, tmp_path / "a.mp4"), "lies at an angle | 90")
+    write_video(tmp_path / "a.mkv", GREYS)
+    monkeypatch.setattr(module, "MAX_PIXELS", 100)
+    assert_says(refusal(open_pictures, tmp_path / "a.mkv"), "has 16 × 16 pixels | at most 100")
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

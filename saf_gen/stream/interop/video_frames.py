@@ -127,7 +127,7 @@ def decode_image(data: bytes, codec: str, *, where: Path) -> np.ndarray:
 
     with _messages() as messages, _refusing(where):
         context: Any = av.CodecContext.create(codec, "r")
-        context.options = {"max_pixels": str(MAX_PIXELS), "err_detect": ERRORS}
+        context.options = {"max_pixels": str(4 * MAX_PIXELS), "err_detect": ERRORS}
         frames = [*context.decode(av.Packet(data)), *context.decode(None)]
         if len(frames) != 1 or frames[0].is_corrupt or messages:
             raise ValueError(messages[0][2].strip() if messages else "damaged")
@@ -155,7 +155,7 @@ def _open(path: Path) -> Iterator[tuple["InputContainer", "VideoStream"]]:
         raise PermissionError("names another file")
 
     allowed = {"format_whitelist": ",".join((*TIMED, *UNTIMED)), "protocol_whitelist": "file"}
-    limits = {"max_pixels": str(MAX_PIXELS)}
+    limits = {"max_pixels": str(4 * MAX_PIXELS)}  # codecs store more pixels than they show
     with _refusing(path):
         if not path.is_file():  # opening a pipe would wait for ever
             raise ValueError("not a file on a disk")
@@ -167,6 +167,9 @@ def _open(path: Path) -> Iterator[tuple["InputContainer", "VideoStream"]]:
             ) as container,
         ):
             stream = _choose_stream(container, where=path)
+            if stream.width * stream.height > MAX_PIXELS:
+                size = f"has {stream.width} × {stream.height} pixels"
+                raise BadInput(size, where=str(path), allowed=f"at most {MAX_PIXELS}")
             stream.thread_count = 1  # so that errors come in the order of the pictures
             stream.codec_context.options = {**limits, "err_detect": ERRORS}
             yield container, stream
@@ -422,7 +425,7 @@ def _upright(values: np.ndarray, frame: "VideoFrame", *, where: Path) -> np.ndar
     elif (b, c) == (0, 0) and a and d:
         across, down = a, d
     else:
-        raise BadInput("is turned by less than a right angle", where=str(where), allowed="0, 90, 180 or 270 degrees")
+        raise BadInput("lies at an angle", where=str(where), allowed="0, 90, 180 or 270 degrees")
     return values[:: 1 if down > 0 else -1, :: 1 if across > 0 else -1]
 
 
