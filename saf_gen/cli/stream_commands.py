@@ -268,7 +268,7 @@ def encode_command(
         )
     encode_pictures(plan, target, seed=seed, **fields)
     for note in plan.notes:
-        err.print(note, soft_wrap=True, markup=False)
+        err.print(escape_controls(note), soft_wrap=True, markup=False)
     _print_written_stream(target, f"from {plan.count} pictures {plan.pace}, {source.transfer.name}")
     if source.order:
         out.print(f"in this order: {source.order}", soft_wrap=True, markup=False)

@@ -197,6 +197,9 @@ def test_a_video_without_its_package_says_what_to_install(tmp_path, monkeypatch)
     monkeypatch.setitem(sys.modules, "av", None)
     (tmp_path / "clip.mp4").write_bytes(b"video")
     assert refusal(open_pictures, tmp_path / "clip.mp4").hint == "pip install 'saf-gen[video]'"
+    monkeypatch.undo()
+    monkeypatch.setattr("av.__version__", "17.0.0")
+    assert_says(refusal(open_pictures, tmp_path / "clip.mp4"), "17.0.0 | 18 or newer | --upgrade")
 
 
 # Pictures of others: their order, pages and time.

@@ -324,36 +324,31 @@ def test_damage_is_found_wherever_the_file_is_cut(tmp_path, ending):
 # What else may be in a file.
 
 
-def add_sound(file, rate=8000, seconds=1):
-    stream = file.add_stream("pcm_s16le" if file.format.name == "matroska" else "aac", rate=rate)
-    stream.layout = "mono"
-    return stream, [frame for number in range(seconds * 8) if (frame := sound_frame(rate, number))]
-
-
-def sound_frame(rate, number):
+def silence(number, rate=8000):
+    """An eighth of a second."""
     frame = av.AudioFrame.from_ndarray(np.zeros((1, rate // 8), np.int16), format="s16", layout="mono")
     frame.sample_rate, frame.pts, frame.time_base = rate, number * (rate // 8), Fraction(1, rate)
     return frame
 
 
-def write_streams(path, *, videos=1, sound=False, marks=(), levels=None):
+def write_streams(path, *, videos=1, sound=False, marks=()):
     """Write streams of 12 pictures at 12 Hz, each of its own level, with sound; ``marks`` are their dispositions."""
     with av.open(str(path), "w") as file:
-        streams = [file.add_stream("ffv1", rate=12, options={}) for _ in range(videos)]
-        for number, stream in enumerate(streams):
+        streams = [file.add_stream("ffv1", rate=12) for _ in range(videos)]
+        for stream, mark in zip(streams, marks or [None] * videos, strict=True):
             stream.width = stream.height = 16
             stream.pix_fmt = "gray"
-            if number < len(marks):
-                stream.disposition = marks[number]
-        heard, sounds = add_sound(file) if sound else (None, [])
+            if mark is not None:
+                stream.disposition = mark
+        heard = [file.add_stream("pcm_s16le", rate=8000, layout="mono")] if sound else []
         for number in range(12):
             for level, stream in enumerate(streams):
                 frame = av.VideoFrame.from_ndarray(np.full((16, 16), 50 + 100 * level, np.uint8), format="gray")
                 frame.pts, frame.time_base = number, Fraction(1, 12)
                 file.mux(stream.encode(frame))
-            if number < len(sounds):
-                file.mux(heard.encode(sounds[number]))
-        for stream in [*streams, *([heard] if sound else [])]:
+            for stream in heard:
+                file.mux(stream.encode(silence(number)))
+        for stream in (*streams, *heard):
             file.mux(stream.encode())
 
 
@@ -417,6 +412,15 @@ def test_pixels_that_are_not_square_are_named(tmp_path):
     write_video(tmp_path / "a.mp4", GREYS, setup=setup, **H264)
     pictures = open_pictures(tmp_path / "a.mp4")
     assert "a.mp4: its pixels are 4:3, and are taken as square" in pictures.notes
+    assert "a.mp4: no tag states its colour matrix, which is assumed to be that of BT.601" in pictures.notes
+
+
+def test_a_video_that_lies_at_an_angle_or_is_too_large_is_refused(tmp_path, monkeypatch):
+    write_video(tmp_path / "a.mp4", GREYS, setup=lambda stream: stream.set_display_rotation(30), **H264)
+    assert_says(refusal(open_pictures, tmp_path / "a.mp4"), "lies at an angle | 90")
+    write_video(tmp_path / "a.mkv", GREYS)
+    monkeypatch.setattr(module, "MAX_PIXELS", 100)
+    assert_says(refusal(open_pictures, tmp_path / "a.mkv"), "has 16 × 16 pixels | at most 100")
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

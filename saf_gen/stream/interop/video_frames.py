@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from av.container import InputContainer
     from av.video.stream import VideoStream
 
+OLDEST_AV = 18
 TIMED = ("mov", "matroska", "avi", "mpegts", "mpeg", "flv", "asf", "ogg", "mxf", "ivf", "yuv4mpegpipe", "cine")
 UNTIMED = ("h264", "hevc", "m4v", "mjpeg", "mpegvideo", "obu")
 """Containers by their names in ffmpeg. All others are refused, because some of them name other files or hosts; the
@@ -64,7 +65,7 @@ class VideoFrames(PictureFrames):
     """
 
     def __init__(self, path: Path, *, linear: bool) -> None:
-        require_extra("video", "av", of=f"a video ({path.name})")
+        _check_av(of=f"a video ({path.name})")
         scan = _scan(path)
         super().__init__(path, linear=linear, shape=scan.shape)
         self.transfer = LINEAR if linear else find_transfer(scan.transfer, where=path)
@@ -121,16 +122,28 @@ def decode_image(data: bytes, codec: str, *, where: Path) -> np.ndarray:
 
     ``codec`` is ffmpeg's name of the format, such as png. Raises BadInput if the picture cannot be decoded.
     """
-    require_extra("video", "av", of=f"a picture with more than 8 bits per colour ({where.name})")
+    _check_av(of=f"a picture with more than 8 bits per colour ({where.name})")
     import av
 
     with _messages() as messages, _refusing(where):
         context: Any = av.CodecContext.create(codec, "r")
-        context.options = {"max_pixels": str(MAX_PIXELS), "err_detect": ERRORS}
+        context.options = {"max_pixels": str(4 * MAX_PIXELS), "err_detect": ERRORS}
         frames = [*context.decode(av.Packet(data)), *context.decode(None)]
         if len(frames) != 1 or frames[0].is_corrupt or messages:
             raise ValueError(messages[0][2].strip() if messages else "damaged")
         return _values(frames[0], where=where)
+
+
+def _check_av(*, of: str) -> None:
+    """Raise BadInput if PyAV is missing, or is a release that crashes on some damaged files."""
+    require_extra("video", "av", of=of)
+    import av
+
+    if int(av.__version__.partition(".")[0]) < OLDEST_AV:
+        raise BadInput(
+            f"{of} is read with PyAV, here of version {av.__version__}", allowed=f"version {OLDEST_AV} or newer",
+            hint="pip install --upgrade 'saf-gen[video]'",
+        )  # fmt: skip
 
 
 @contextmanager
@@ -142,7 +155,7 @@ def _open(path: Path) -> Iterator[tuple["InputContainer", "VideoStream"]]:
         raise PermissionError("names another file")
 
     allowed = {"format_whitelist": ",".join((*TIMED, *UNTIMED)), "protocol_whitelist": "file"}
-    limits = {"max_pixels": str(MAX_PIXELS)}
+    limits = {"max_pixels": str(4 * MAX_PIXELS)}  # codecs store more pixels than they show
     with _refusing(path):
         if not path.is_file():  # opening a pipe would wait for ever
             raise ValueError("not a file on a disk")
@@ -154,6 +167,9 @@ def _open(path: Path) -> Iterator[tuple["InputContainer", "VideoStream"]]:
             ) as container,
         ):
             stream = _choose_stream(container, where=path)
+            if stream.width * stream.height > MAX_PIXELS:
+                size = f"has {stream.width} × {stream.height} pixels"
+                raise BadInput(size, where=str(path), allowed=f"at most {MAX_PIXELS}")
             stream.thread_count = 1  # so that errors come in the order of the pictures
             stream.codec_context.options = {**limits, "err_detect": ERRORS}
             yield container, stream
@@ -409,7 +425,7 @@ def _upright(values: np.ndarray, frame: "VideoFrame", *, where: Path) -> np.ndar
     elif (b, c) == (0, 0) and a and d:
         across, down = a, d
     else:
-        raise BadInput("is turned by less than a right angle", where=str(where), allowed="0, 90, 180 or 270 degrees")
+        raise BadInput("lies at an angle", where=str(where), allowed="0, 90, 180 or 270 degrees")
     return values[:: 1 if down > 0 else -1, :: 1 if across > 0 else -1]
 
 
