@@ -79,10 +79,15 @@ def _cut_metadata(stream: SpikeStream, window: range, *, box: Region) -> Metadat
     kept = {name: text for name, text in held.provenance.items() if name == "sensor"}
     whole = (rows.stop - rows.start, columns.stop - columns.start) == stream.shape[1:]
     truth = _cut_truth(stream.truth, window, lens=in_time["focus_position"])
-    target = _crop(truth.target, box)
+    target, mask = _crop(truth.target, box), _crop(held.mask, box)
+    if mask is not None and mask.all():
+        raise BadInput("every pixel of the part is masked", where=str(stream.path), hint="choose other rows or columns")
+    readout = None if held.readout is None else held.readout[span] - held.readout[window.start]
     return replace(
         held,
         **in_time,
+        mask=mask if mask is not None and mask.any() else None,
+        readout=readout if readout is not None and readout[-1] >= len(window) else None,
         truth=replace(
             truth,
             depth=_crop(truth.depth, box),
