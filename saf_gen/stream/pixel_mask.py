@@ -86,7 +86,10 @@ class Filling:
         used = ((bad >= (top, left)) & (bad < (bottom, right))).all(axis=1)
         numbers = np.diff(starts, append=len(near))
         bad, near, self._numbers = bad[used], near[np.repeat(used, numbers)], numbers[used]
-        (y0, x0), (y1, x1) = np.minimum(near.min(axis=0), (top, left)), np.maximum(near.max(axis=0) + 1, (bottom, right))
+        (y0, x0), (y1, x1) = (
+            np.minimum(near.min(axis=0), (top, left)),
+            np.maximum(near.max(axis=0) + 1, (bottom, right)),
+        )
         self.region = slice(int(y0), int(y1)), slice(int(x0), int(x1))
         self._inner = slice(top - int(y0), bottom - int(y0)), slice(left - int(x0), right - int(x0))
         width = region_shape(self.region)[1]
@@ -102,7 +105,11 @@ class Filling:
             return image
         flat = image.reshape(*image.shape[:-2], -1)
         is_whole = flat.dtype.kind in "ui"
-        sums = np.add.reduceat(flat[..., self._near].astype(np.int64 if is_whole else flat.dtype), self._starts, axis=-1)
+        sums = np.add.reduceat(
+            flat[..., self._near].astype(np.int64 if is_whole else flat.dtype), self._starts, axis=-1
+        )
         flat = flat.copy()
-        flat[..., self._targets] = (2 * sums + self._numbers) // (2 * self._numbers) if is_whole else sums / self._numbers
+        flat[..., self._targets] = (
+            (2 * sums + self._numbers) // (2 * self._numbers) if is_whole else sums / self._numbers
+        )
         return np.ascontiguousarray(flat.reshape(image.shape)[..., *self._inner])

@@ -249,9 +249,7 @@ class SpikeStream:
             bits.unpack_bits(self._planes(start, part), out[begin : begin + high - low], first=low)
         return out
 
-    def counts(
-        self, first: int, stop: int, *, region: Region | None = None, filled: bool = True
-    ) -> np.ndarray:
+    def counts(self, first: int, stop: int, *, region: Region | None = None, filled: bool = True) -> np.ndarray:
         """Return the number of spikes of each pixel in frames ``first <= t < stop``; masked pixels are filled.
 
         Parameters
