@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core import bits
+from saf_gen.core.files import check_apart
 from saf_gen.core.region import Region, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.optics.focus_crossings import focus_crossings
@@ -51,8 +52,7 @@ def cut_stream(
         ``source`` or cannot be written.
     """
     with open_stream(source) as stream:
-        if os.path.exists(out) and os.path.samefile(out, source):  # noqa: PTH110, PTH121 either may be text
-            raise BadInput("would be written over itself", where=str(source), hint="choose another output file")
+        check_apart(source, out)
         total, height, width = stream.shape
         window = validate_window(first, total if stop is None else stop, total=total)
         rows, columns = box = validate_region(region, (height, width))

@@ -20,14 +20,15 @@ def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict
 
     All spikes are read if ``with_rates`` is true, and none otherwise.
     """
-    frames, rows, columns = stream.shape
+    _, rows, columns = stream.shape
     planned = _read_json(stream, "sequence")
     scene = [str(planned[key]) for key in ("scene", "scene_motion") if key in planned]
     facts = {"scene": ", ".join(scene)} if scene else {}
     facts |= {
         "pixels": f"{columns}×{rows}",
-        "frames": f"{frames} at {stream.readout_hz:g} Hz ({frames / stream.readout_hz:g} s)",
+        "frames": _describe_frames(stream),
         **(_describe_rates(stream) if with_rates else {}),
+        **_describe_mask(stream),
     }
     if "light" in planned:
         facts["light"] = str(planned["light"])
@@ -78,6 +79,22 @@ def _read_json(stream: ReadableStream, name: str) -> dict[str, Any]:
     except ValueError:
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def _describe_frames(stream: ReadableStream) -> str:
+    frames, hz, readout = stream.shape[0], stream.readout_hz, stream.metadata.readout
+    readouts = stream.metadata.readout_of(frames - 1) + 1
+    if readout is None:
+        return f"{frames} at {hz:g} Hz ({frames / hz:g} s)"
+    gaps = np.count_nonzero(np.diff(readout) > 1)
+    return f"{frames} of {readouts} readouts at {hz:g} Hz ({readouts / hz:g} s); the others are lost, in {gaps} gaps"
+
+
+def _describe_mask(stream: ReadableStream) -> dict[str, str]:
+    mask = stream.metadata.mask
+    if mask is None:
+        return {}
+    return {"mask": f"{np.count_nonzero(mask)} bad pixels ({np.mean(mask):.2%}), filled in counts and pictures"}
 
 
 def _describe_rates(stream: ReadableStream) -> dict[str, str]:

@@ -123,8 +123,9 @@ class SpikeStream:
 
     Frame t is the readout [t, t+1)/readout_hz, unless ``metadata.readout`` says that readouts were lost. If the stream
     has a mask of bad pixels, :meth:`counts`, :meth:`counts_of_windows` and :meth:`texture` fill them from their nearest
-    valid pixels; :meth:`frames` and :meth:`packed` return what was recorded. A region is a pair of slices (rows, columns) of step 1 within the
-    frame. Spikes that were read stay in memory, up to 512 MiB for all open streams together.
+    valid pixels; :meth:`frames` and :meth:`packed` return what was recorded. A region is a pair of slices (rows,
+    columns) of step 1 within the frame. Spikes that were read stay in memory, up to 512 MiB for all open streams
+    together.
 
     A stream can be passed to other processes: it is pickled as its path, which is opened again on unpickling. In a
     forked process, a stream opens its file again when it is first used.

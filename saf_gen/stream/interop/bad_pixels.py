@@ -21,7 +21,7 @@ MAX_MASKED = 0.5
 """Largest fraction of the pixels that a file may mark; if it marks more, it probably marks the good ones."""
 
 FALSE_FINDS = 0.01
-"""Expected number of good pixels that are found in a recording; in fact fewer, as spikes are more regular than chance."""
+"""Largest expected number of good pixels found in a recording; spikes are more regular than chance, so it is less."""
 CLUSTER = 4
 """Largest group of adjacent pixels that is taken to be bad; larger ones may be black or white parts of the scene."""
 FACTOR = 2.0
@@ -115,7 +115,9 @@ def read_table(path: Path, headings: tuple[str, ...]) -> dict[str, np.ndarray]:
     if ",".join(names) not in headings:
         raise BadInput(f"the columns are {heading.strip()!r}", where=str(path), allowed=" or ".join(headings))
     # The first column of a table must rise, so the numbers of the lines are put before the others.
-    numbered = [f"{number},{line}" if counts else line for number, (line, counts) in enumerate(zip(lines, is_row))]
+    numbered = [
+        f"{number},{line}" if counts else line for number, (line, counts) in enumerate(zip(lines, is_row, strict=True))
+    ]
     at = is_row.index(True)
     numbered[at] = f"line,{lines[at]}"
     _, *columns = parse_columns("\n".join(numbered), ("line", *names), name=str(path))

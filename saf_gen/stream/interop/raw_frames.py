@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import atomic_file, name_as_text
+from saf_gen.core.files import atomic_file, check_apart, name_as_text
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop.evidence import CYCLE, bit_order, frame_bits, row_match
 from saf_gen.stream.interop.source import write_source
@@ -251,11 +251,6 @@ def _has_empty_gaps(path: Path, of: RawLayout) -> bool:
     return spikes >= _GAP_SPIKES
 
 
-def _check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
-    if Path(out).exists() and Path(out).samefile(source):
-        raise BadInput("would be written over itself", where=str(source), hint="choose another output file")
-
-
 def _file_size(source: Path) -> int:
     try:
         size = source.stat().st_size
@@ -331,6 +326,7 @@ class RawFrames:
         if order not in BIT_ORDERS:
             raise unknown("order of bits", order, allowed=BIT_ORDERS)
         self.path, self.layout = Path(path), layout
+        self.total = _frame_count(self.path, layout, frames=None)
         self.shape = (_frame_count(self.path, layout, frames=frames), layout.rows, layout.columns)
         flipped = layout.flip if flip is None else bool(flip)
         self._bit = layout.bit_indices(flipped, order=order)
@@ -400,9 +396,8 @@ def import_raw_frames(
         If the size is not a whole number of frames, in which case the message names layouts that would fit; if the file
         has fewer frames than requested; or if ``out`` is ``source``.
     """
-    frames_of = RawFrames(source, find_layout(layout, size=size), order=order, frames=frames, flip=flip)
-    _check_apart(source, out)
-    return write_source(frames_of, out, readout_hz=readout_hz, **optional)
+    recording = RawFrames(source, find_layout(layout, size=size), order=order, frames=frames, flip=flip)
+    return write_source(recording, out, readout_hz=readout_hz, **optional)
 
 
 def export_raw_frames(
@@ -423,7 +418,7 @@ def export_raw_frames(
         raise unknown("order of bits", order, allowed=BIT_ORDERS)
     kind = find_layout(layout)
     with open_stream(source) as stream:
-        _check_apart(source, out)
+        check_apart(source, out)
         total, rows, columns = stream.shape
         if layout == "dense":
             kind = dense_layout(rows, columns)

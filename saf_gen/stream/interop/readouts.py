@@ -1,4 +1,4 @@
-"""Readouts that a recording holds twice or has lost: from frame counters and time stamps, or from the spikes themselves.
+"""Readouts that a recording holds twice or has lost: from frame counters and time stamps, or from its spikes.
 
 A recorder that is too slow stores a readout twice or leaves some out. Counters and time stamps show it. The spikes show
 it too: no two readouts of a scene are alike, because a pixel that has just fired starts again; and where readouts are
@@ -14,9 +14,9 @@ from scipy.ndimage import median_filter
 from saf_gen.core import bits
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.bad_pixels import read_table
-from saf_gen.stream.interop.lens_log import SECONDS
 from saf_gen.stream.interop.source import BLOCK, Source, blocks, unpack
 
+SECONDS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6}
 NUMBERS = ("readout", "counter")
 MAX_DRIFT = 0.02
 """Largest difference of the median step of time stamps from one readout."""
@@ -46,6 +46,11 @@ class Readouts:
     def of_kept(self) -> np.ndarray:
         """Number of the readout of each frame that is kept, int64."""
         return self.number[self.kept]
+
+    @property
+    def of_gaps(self) -> np.ndarray | None:
+        """The same, or None if no readout is lost, so that they follow each other."""
+        return None if (np.diff(self.of_kept) == 1).all() else self.of_kept
 
     @property
     def are_usual(self) -> bool:
@@ -80,8 +85,8 @@ def _list_frames(frames: np.ndarray) -> str:
     return f"{'frame' if frames.size == 1 else 'frames'} {shown}{', …' * (frames.size > 5)}"
 
 
-def read_times(path: Path, *, frames: int, of_file: int, readout_hz: float) -> Readouts:
-    """Return the readouts that a CSV file states, for the first ``frames`` frames of a recording of ``of_file`` frames.
+def read_times(path: Path, *, frames: int, total: int, readout_hz: float) -> Readouts:
+    """Return the readouts that a CSV file states, for the first ``frames`` frames of a recording of ``total`` frames.
 
     The file has one row for each frame of the recording, with its time (``seconds``, ``milliseconds`` or
     ``microseconds``) or the camera's own number (``readout`` or ``counter``); a column ``frame`` may stand before it.
@@ -93,9 +98,9 @@ def read_times(path: Path, *, frames: int, of_file: int, readout_hz: float) -> R
     table = read_table(path, (*kinds, *(f"frame,{kind}" for kind in kinds)))
     frame = table.pop("frame", None)
     ((kind, value),) = table.items()
-    if value.size not in (frames, of_file):
+    if value.size not in (frames, total):
         raise BadInput(
-            f"has {value.size} rows", where=str(path), allowed=f"{of_file}, one for each frame of the recording"
+            f"has {value.size} rows", where=str(path), allowed=f"{total}, one for each frame of the recording"
         )
     if frame is not None and (wrong := np.flatnonzero(frame != np.arange(frame.size))).size:
         raise BadInput(f"frame is {frame[wrong[0]]:g} in row {wrong[0]}", where=str(path), allowed="0, 1, 2 and so on")

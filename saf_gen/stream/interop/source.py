@@ -3,11 +3,13 @@
 import os
 from collections.abc import Iterator
 from json import dumps
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from saf_gen.core import bits
+from saf_gen.core.files import check_apart
 from saf_gen.stream.metadata import metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -20,13 +22,19 @@ class Source(Protocol):
 
     Attributes
     ----------
+    path : Path
+        The file.
     shape : tuple of int
-        (T, H, W).
+        (T, H, W) of the frames to read.
+    total : int
+        Number of frames in the file.
     origin : dict
         What the provenance of a stream says about the file and how it was read.
     """
 
+    path: Path
     shape: tuple[int, int, int]
+    total: int
     origin: dict[str, Any]
 
     def packed(self, first: int, stop: int) -> np.ndarray:
@@ -61,7 +69,13 @@ def write_source(
     **optional
         Fields of :class:`Metadata`, for the frames that are written. Texts in ``provenance`` are added to the text that
         describes the import.
+
+    Raises
+    ------
+    BadInput
+        If the file cannot be read, a field is not allowed, or ``out`` is the file itself or cannot be written.
     """
+    check_apart(source.path, out)
     frames, height, width = source.shape
     origin = source.origin
     if kept is not None and not kept.all():

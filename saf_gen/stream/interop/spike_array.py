@@ -332,7 +332,7 @@ class SpikeArray:
             )
         if frames is not None and not 1 <= frames <= total:
             raise BadInput(f"{frames} frames were requested", where=str(path), allowed=f"1 to {total}")
-        self.shape = (frames or total, height, width)
+        self.total, self.shape = total, (frames or total, height, width)
         self._step = max(min(BLOCK_BYTES // (height * width * max(array.dtype.itemsize, 1)), BLOCK) // 8 * 8, 8)
         self.origin: dict[str, Any] = {
             "file": name_as_text(self.path.name), "layout": self.layout, "flip": flip, "frames": self.shape[0]
