@@ -14,7 +14,7 @@ import numpy as np
 from saf_gen.core.region import Region, region_shape
 
 Donors = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Masked pixels, int (n, 2); the pixels that fill them, int (m, 2), in turn; and where those of each begin, int (n,)."""
+"""Masked pixels, int (n, 2); the pixels that fill them, int (m, 2), in turn; and where each begins, int (n,)."""
 
 
 class PixelMask:

@@ -108,20 +108,12 @@ def read_table(path: Path, headings: tuple[str, ...]) -> dict[str, np.ndarray]:
 
     Raises BadInput if the file cannot be read or has another heading, or if a row does not hold finite numbers.
     """
-    lines = read_text(path).removeprefix("\ufeff").splitlines()
-    is_row = [bool(line.strip()) and not line.startswith("#") for line in lines]
-    heading = next((line for line, counts in zip(lines, is_row, strict=True) if counts), "")
+    text = read_text(path).removeprefix("\ufeff")
+    heading = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     names = tuple(cell.strip() for cell in heading.split(","))
     if ",".join(names) not in headings:
         raise BadInput(f"the columns are {heading.strip()!r}", where=str(path), allowed=" or ".join(headings))
-    # The first column of a table must rise, so the numbers of the lines are put before the others.
-    numbered = [
-        f"{number},{line}" if counts else line for number, (line, counts) in enumerate(zip(lines, is_row, strict=True))
-    ]
-    at = is_row.index(True)
-    numbered[at] = f"line,{lines[at]}"
-    _, *columns = parse_columns("\n".join(numbered), ("line", *names), name=str(path))
-    return dict(zip(names, columns, strict=True))
+    return dict(zip(names, parse_columns(text, names, name=str(path), rising=False), strict=True))
 
 
 def find_bad_pixels(counts: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:

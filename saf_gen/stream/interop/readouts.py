@@ -19,7 +19,7 @@ from saf_gen.stream.interop.source import BLOCK, Source, blocks, unpack
 SECONDS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6}
 NUMBERS = ("readout", "counter")
 MAX_DRIFT = 0.02
-"""Largest difference of the median step of time stamps from one readout."""
+"""Largest difference of the mean step of many time stamps from one readout."""
 MAX_JITTER = 0.3
 """Largest distance of a step between two time stamps from whole readouts."""
 
@@ -119,10 +119,11 @@ def read_times(path: Path, *, frames: int, total: int, readout_hz: float) -> Rea
 
 def _whole_steps(steps: np.ndarray, path: Path, *, readout_hz: float) -> np.ndarray:
     """Return steps between time stamps, in readouts, as whole numbers; raise BadInput if they are not nearly whole."""
-    usual = float(np.median(steps)) if steps.size else 1.0
-    if abs(usual - 1) > MAX_DRIFT:
+    single = steps[np.abs(steps - 1) < 0.5]
+    usual = float(single.mean()) if single.size else float(np.median(steps)) if steps.size else 1.0
+    if abs(usual - 1) > MAX_DRIFT + MAX_JITTER / np.sqrt(max(single.size, 1)):
         raise BadInput(
-            f"the median step of the time stamps is {usual:.4g} readouts", where=str(path), allowed="about 1",
+            f"the usual step of the time stamps is {usual:.4g} readouts", where=str(path), allowed="about 1",
             hint=f"is the unit of time right, and --rate {readout_hz:g}?",
         )  # fmt: skip
     steps = steps / usual
