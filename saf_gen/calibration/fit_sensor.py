@@ -203,7 +203,7 @@ def _fit(
         if varied.light is not None:
             line = f"at {varied.hz:.0f} Hz" if varied.hz else "slowly"
             notes.append(f"the light of {key} varies by {varied.rms:.2%} rms, {line}; the frame mean is divided out")
-    bad, kinds = bad_pixels(lit, dark_statistics, response.response)
+    bad, kinds = bad_pixels(lit, dark_statistics, response=response.response)
     if kinds:
         notes.append(f"bad pixels: {kinds}")
     known = {f.name for f in fields(Sensor)}
@@ -337,7 +337,7 @@ def _spread_per_dark(estimates: dict[str, Estimate]) -> dict[str, Estimate]:
     return {"response_per_dark_spread": Estimate(ends[0], ends[1], ends[2], spread.how)}
 
 
-def bad_pixels(flats: list[SpikeStatistics], dark: SpikeStatistics, response: np.ndarray) -> tuple[np.ndarray, str]:
+def bad_pixels(flats: list[SpikeStatistics], dark: SpikeStatistics, *, response: np.ndarray) -> tuple[np.ndarray, str]:
     """Return the pixels that a mask should mark, bool (H, W), and how many there are of each kind in words.
 
     Dead pixels never fire in a flat field. Hot ones, among them those that fire at every readout, fire in the dark at

@@ -158,10 +158,10 @@ def test_a_folder_of_recordings_takes_no_mask(call, tmp_path):
 def test_a_mask_without_bad_pixels_is_none(call, tmp_path):
     np.save(tmp_path / "a.npy", SPIKES)
     np.save(tmp_path / "bad.npy", 0 * BYTES)
-    for mask, words in ((tmp_path / "bad.npy", "mask: no bad pixel\n"), ("find", "mask: no bad pixel found\n")):
+    for mask in (tmp_path / "bad.npy", "find"):
         code, out, _ = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--mask", mask)
         assert code == 0
-        assert words in out
+        assert "mask: no bad pixel\n" in out
         with open_stream(tmp_path / "a.h5") as stream:
             assert stream.metadata.mask is None
 

@@ -236,11 +236,24 @@ def test_a_complete_recording_holds_no_numbers(call, tmp_path):
 
 def test_a_table_outvotes_the_spikes(call, tmp_path):
     (tmp_path / "t.csv").write_text("readout\n" + "\n".join(map(str, range(FRAMES + 1))))
-    assert "readouts" not in import_stored(call, tmp_path, STORED["one copy"], "--times", tmp_path / "t.csv")
+    out = import_stored(call, tmp_path, STORED["one copy"], "--times", tmp_path / "t.csv")
+    assert "copies that the times do not state: 1, kept (frame 201)" in out
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.shape[0] == FRAMES + 1
     number = STORED["a gap of 5"]
     (tmp_path / "t.csv").write_text("readout\n" + "\n".join(map(str, number)))
     out = import_stored(call, tmp_path, number, "--times", tmp_path / "t.csv")
     assert "lost readouts: 5 in 1 gap (before frame 300)" in out
+
+
+def test_frames_that_differ_are_not_one_readout(call, tmp_path):
+    np.save(tmp_path / "a.npy", SPIKES)
+    (tmp_path / "t.csv").write_text("readout\n" + "\n".join(str(k - (k > 70)) for k in range(FRAMES)))
+    options = ("--axes", "TYX", "--times", tmp_path / "t.csv")
+    code, _, err = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", *options)
+    assert code == 2
+    assert "frames 70 and 71 have the same time, but differ" in err
+    assert not (tmp_path / "a.h5").exists()
 
 
 def test_logs_and_truth_follow_the_readouts(call, tmp_path):

@@ -149,8 +149,11 @@ def find_bad_pixels(counts: np.ndarray, frames: int) -> tuple[np.ndarray, np.nda
     dark = (counts > 0) & (counts < usual / NEAR)
     bright = (counts < frames) & (frames - counts < (frames - usual) / NEAR)
     good = ~(silent | full)
-    dead, stuck = _find_groups(silent, counts, good, test=is_dead), _find_groups(full, counts, good, test=is_stuck)
-    dark_spots = np.count_nonzero(_find_groups(dark, counts, good & ~dark, test=is_dead))
+    dead, stuck = (
+        _find_groups(silent, counts, good=good, test=is_dead),
+        _find_groups(full, counts, good=good, test=is_stuck),
+    )
+    dark_spots = np.count_nonzero(_find_groups(dark, counts, good=good & ~dark, test=is_dead))
     bright_spots = np.count_nonzero(bright | (full & ~stuck))
     for found, spots in ((dead, dark_spots), (stuck, bright_spots)):
         found &= np.count_nonzero(found) > FEW * spots
@@ -158,7 +161,7 @@ def find_bad_pixels(counts: np.ndarray, frames: int) -> tuple[np.ndarray, np.nda
 
 
 def _find_groups(
-    suspect: np.ndarray, counts: np.ndarray, good: np.ndarray, *, test: Callable[[np.ndarray], bool]
+    suspect: np.ndarray, counts: np.ndarray, *, good: np.ndarray, test: Callable[[np.ndarray], bool]
 ) -> np.ndarray:
     """Return the groups of suspect pixels that are small, and that the counts of the good pixels around them convict.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.stream.interop.bad_pixels import find_bad_pixels, read_mask
-from saf_gen.stream.interop.readouts import Readouts, Survey, find_readouts, read_times, survey
+from saf_gen.stream.interop.readouts import Readouts, check_copies, find_readouts, read_times, survey
 from saf_gen.stream.interop.source import Source
 
 FIND = "find"
@@ -38,7 +38,7 @@ def examine(source: Source, *, mask: str | None, times: Path | None, readout_hz:
     Parameters
     ----------
     source : Source
-        The recording, which is read once if anything has to be found.
+        The recording, which is read once.
     mask : str, optional
         A mask, as :func:`read_mask` takes it, or FIND; by default no pixel is bad.
     times : Path, optional
@@ -51,32 +51,31 @@ def examine(source: Source, *, mask: str | None, times: Path | None, readout_hz:
     BadInput
         If the mask or the table cannot be read, or does not fit the recording.
     """
-    stated = None if mask in (None, FIND) else read_mask(str(mask), source.shape[1:])
-    readouts = None
+    named = None if mask in (None, FIND) else read_mask(str(mask), source.shape[1:])
+    stated = None
     if times is not None:
-        readouts = read_times(times, frames=source.shape[0], total=source.total, readout_hz=readout_hz)
-    seen = survey(source) if mask == FIND or times is None else None
-    if readouts is None and seen is not None:
+        stated = read_times(times, frames=source.shape[0], total=source.total, readout_hz=readout_hz)
+    seen = survey(source)
+    bad, lines = None, []
+    if named is not None:
+        bad, lines = named, [_describe(named, "")]
+    elif mask == FIND:
+        dead, stuck = find_bad_pixels(seen.counts, source.shape[0])
+        kinds = f" ({np.count_nonzero(dead)} never fire, {np.count_nonzero(stuck)} always fire)"
+        bad, lines = dead | stuck, [_describe(dead | stuck, kinds)]
+    if stated is None or times is None:
         readouts = find_readouts(source, seen)
-    bad, lines = _name_pixels(mask, stated, seen, frames=source.shape[0])
-    if readouts is not None:
-        lines += readouts.describe(about=times is None)
-    return Examination(bad, None if readouts is None or readouts.are_usual else readouts, tuple(lines))
-
-
-def _name_pixels(
-    mask: str | None, stated: np.ndarray | None, seen: Survey | None, *, frames: int
-) -> tuple[np.ndarray | None, list[str]]:
-    """Return the bad pixels, None without any, and a line on them if a mask was asked for."""
-    if mask is None:
-        return None, []
-    if stated is None and seen is not None:
-        dead, stuck = find_bad_pixels(seen.counts, frames)
-        bad, kinds = dead | stuck, f" ({np.count_nonzero(dead)} never fire, {np.count_nonzero(stuck)} always fire)"
+        lines += readouts.describe(about=True)
     else:
-        bad, kinds = np.asarray(stated), ""
+        readouts = stated
+        lines += [*stated.describe(about=False), *check_copies(stated, seen, path=times)]
+    return Examination(
+        bad if bad is not None and bad.any() else None, None if readouts.are_usual else readouts, tuple(lines)
+    )
+
+
+def _describe(bad: np.ndarray, kinds: str) -> str:
     number = np.count_nonzero(bad)
     if not number:
-        return None, ["mask: no bad pixel" + (" found" if mask == FIND else "")]
-    pixels = "bad pixel" if number == 1 else "bad pixels"
-    return bad, [f"mask: {number:,} {pixels}{kinds}, filled in counts and pictures"]
+        return "mask: no bad pixel"
+    return f"mask: {number:,} bad {'pixel' if number == 1 else 'pixels'}{kinds}, filled in counts and pictures"

@@ -7,6 +7,7 @@ missing, many pixels fire in two frames in a row that otherwise never do.
 
 from dataclasses import dataclass
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -113,11 +114,11 @@ def read_times(path: Path, *, frames: int, total: int, readout_hz: float) -> Rea
             allowed="a column that never falls", hint="add the size of the counter where it began again",
         )  # fmt: skip
     if kind in SECONDS:
-        steps = _whole_steps(steps * SECONDS[kind] * readout_hz, path, readout_hz=readout_hz)
+        steps = _whole_steps(steps * SECONDS[kind] * readout_hz, path=path, readout_hz=readout_hz)
     return Readouts(np.concatenate([[0], np.cumsum(steps)]).astype(np.int64))
 
 
-def _whole_steps(steps: np.ndarray, path: Path, *, readout_hz: float) -> np.ndarray:
+def _whole_steps(steps: np.ndarray, *, path: Path, readout_hz: float) -> np.ndarray:
     """Return steps between time stamps, in readouts, as whole numbers; raise BadInput if they are not nearly whole."""
     single = steps[np.abs(steps - 1) < 0.5]
     usual = float(single.mean()) if single.size else float(np.median(steps)) if steps.size else 1.0
@@ -148,8 +149,8 @@ class Survey:
         Spikes in each frame.
     again : ndarray of int64, shape (T - 1,)
         Pixels that fire in a frame and in the next.
-    content : ndarray of uint64, shape (T,)
-        A number that is the same for frames that are alike.
+    content : ndarray of int64, shape (T,)
+        A checksum, the same for frames that are alike.
     """
 
     counts: np.ndarray
@@ -157,24 +158,33 @@ class Survey:
     again: np.ndarray
     content: np.ndarray
 
+    @property
+    def repeats(self) -> np.ndarray:
+        """The frames that are the same as the one before, bit for bit, bool (T,)."""
+        return np.concatenate([[False], (self.again == self.spikes[1:]) & (self.again == self.spikes[:-1])])
+
+
+SURVEY_BYTES = 32 << 20
+"""Packed spikes that are surveyed at a time; up to five times as much is in memory."""
+
 
 def survey(source: Source) -> Survey:
     """Read a recording once."""
     frames, height, width = source.shape
     pixels = -(-height * width // 64) * 64
-    weights = np.random.Generator(np.random.PCG64(0)).integers(1 << 63, size=pixels // 64, dtype=np.uint64) * 2 + 1
     counts = np.zeros((height, width), np.int64)
-    spikes, again, content = (np.zeros(frames, kind) for kind in (np.int64, np.int64, np.uint64))
+    spikes, again, content = (np.zeros(frames, np.int64) for _ in range(3))
     last = np.zeros((0, pixels // 64), np.uint64)
-    for number, packed in enumerate(blocks(source)):
-        first, count = number * BLOCK, min(BLOCK, frames - number * BLOCK)
+    step = max(min(BLOCK, 8 * SURVEY_BYTES // pixels // 8 * 8), 8)
+    for number, packed in enumerate(blocks(source, step)):
+        first, count = number * step, min(step, frames - number * step)
         counts += np.bitwise_count(packed).sum(axis=2, dtype=np.int64)
         trains = np.zeros((pixels, packed.shape[2]), np.uint8)
         trains[: height * width] = packed.reshape(height * width, -1)
         rows = np.concatenate([last, bits.to_frames(trains, count).view(np.uint64)])
         stop = first + count
         spikes[first:stop] = np.bitwise_count(rows[-count:]).sum(axis=1, dtype=np.int64)
-        content[first:stop] = (rows[-count:] * weights).sum(axis=1, dtype=np.uint64)
+        content[first:stop] = [crc32(row) for row in rows[-count:]]
         again[stop - len(rows) + 1 : stop] = np.bitwise_count(rows[1:] & rows[:-1]).sum(axis=1, dtype=np.int64)
         last = rows[-1:]
     return Survey(counts, spikes, again[1:], content)
@@ -216,13 +226,29 @@ def find_readouts(source: Source, seen: Survey) -> Readouts:
     steps = np.where(copies[1:], 0, 1)
     kept = np.flatnonzero(~copies)
     for frame in _suspect_gaps(seen, kept):
-        steps[frame - 1] += _lost_before(source, frame, kept)
+        steps[frame - 1] += _lost_before(source, frame, kept=kept)
     return Readouts(np.concatenate([[0], np.cumsum(steps)]).astype(np.int64))
+
+
+def check_copies(stated: Readouts, seen: Survey, *, path: Path) -> list[str]:
+    """Return a line on the copies that the spikes show and a table does not state, if there are any.
+
+    Raises BadInput if frames differ that are the same readout by the table.
+    """
+    if (wrong := np.flatnonzero(~stated.kept & ~seen.repeats)).size:
+        raise BadInput(
+            f"frames {wrong[0] - 1} and {wrong[0]} have the same time, but differ", where=str(path),
+            allowed="a time for each readout", hint="leave --times out, or give it more digits",
+        )  # fmt: skip
+    repeated = np.flatnonzero(_find_copies(seen) & stated.kept)
+    if not repeated.size:
+        return []
+    return [f"copies that the times do not state: {repeated.size:,}, kept ({_list_frames(repeated)})"]
 
 
 def _find_copies(seen: Survey) -> np.ndarray:
     """Return which frames are copies of the one before, bool (T,)."""
-    same = np.concatenate([[False], (seen.again == seen.spikes[1:]) & (seen.again == seen.spikes[:-1])])
+    same = seen.repeats
     copies = np.zeros(same.size, bool)
     if not same.any():
         return copies
@@ -252,7 +278,7 @@ def _suspect_gaps(seen: Survey, kept: np.ndarray) -> list[int]:
     return sorted(kept[clearest + 1].tolist())
 
 
-def _lost_before(source: Source, frame: int, kept: np.ndarray) -> int:
+def _lost_before(source: Source, frame: int, *, kept: np.ndarray) -> int:
     """Return the number of readouts that are lost before a frame; 0 if the phases of the pixels show none."""
     at = int(np.searchsorted(kept, frame))
     used = kept[max(at - SIDE, 0) : at + SIDE]

@@ -45,10 +45,13 @@ class Source(Protocol):
         ...
 
 
-def blocks(source: Source) -> Iterator[np.ndarray]:
-    """Yield the packed spikes of BLOCK frames each, uint8 (H, W, bytes); the last block may be shorter."""
-    for first in range(0, source.shape[0], BLOCK):
-        yield source.packed(first, min(first + BLOCK, source.shape[0]))
+def blocks(source: Source, frames: int = BLOCK) -> Iterator[np.ndarray]:
+    """Yield the packed spikes of so many frames each, uint8 (H, W, bytes); the last block may be shorter.
+
+    ``frames`` is a multiple of 8.
+    """
+    for first in range(0, source.shape[0], frames):
+        yield source.packed(first, min(first + frames, source.shape[0]))
 
 
 def write_source(
