@@ -16,6 +16,9 @@ from saf_gen.core.region import Region, region_shape
 Donors = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Masked pixels, int (n, 2); the pixels that fill them, int (m, 2), in turn; and where each begins, int (n,)."""
 
+KEPT = 16
+"""Number of regions whose neighbours are kept."""
+
 
 class PixelMask:
     """A mask of bad pixels and their nearest valid pixels.
@@ -28,6 +31,16 @@ class PixelMask:
 
     def __init__(self, mask: np.ndarray) -> None:
         self.mask = np.asarray(mask, bool)
+        self._fillings: dict[tuple[int, ...], Filling] = {}
+
+    def filling(self, region: Region) -> "Filling":
+        """Return what fills a region; that of the regions used last is kept."""
+        key = (region[0].start, region[0].stop, region[1].start, region[1].stop)
+        if key not in self._fillings:
+            if len(self._fillings) >= KEPT:
+                self._fillings.clear()
+            self._fillings[key] = Filling(self, region)
+        return self._fillings[key]
 
     @cached_property
     def donors(self) -> Donors:

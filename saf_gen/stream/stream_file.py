@@ -273,7 +273,7 @@ class SpikeStream:
             If not 0 <= first < stop <= T, if the region is empty or leaves the frame, or if the file is damaged.
         """
         window, part = self._validated(first, stop, region=region)
-        filling = Filling(self._mask if filled else None, part)
+        filling = self.filling(part) if filled else Filling(None, part)
         out = np.zeros(region_shape(filling.region), np.uint32)
         for start, low, high in self._time_blocks.split_frames(window.start, window.stop):
             bits.sum_planes(self._planes(start, filling.region), out, first=low, stop=high)
@@ -308,7 +308,8 @@ class SpikeStream:
 
     def filling(self, region: Region | None = None) -> Filling:
         """Return what fills the masked pixels of a region, for counts that are added up before they are filled."""
-        return Filling(self._mask, validate_region(region, self.shape[1:], where=str(self.path)))
+        part = validate_region(region, self.shape[1:], where=str(self.path))
+        return Filling(None, part) if self._mask is None else self._mask.filling(part)
 
     def counts_of_windows(
         self, firsts: Sequence[int] | np.ndarray, window: int, *, region: Region | None = None
