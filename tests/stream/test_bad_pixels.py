@@ -8,8 +8,9 @@ from PIL import Image
 from planted_recordings import fire, make_picture
 from refusals import refusal
 
+from saf_gen.core import bits
 from saf_gen.core.seeds import make_generator
-from saf_gen.stream.interop.bad_pixels import find_bad_pixels, read_mask
+from saf_gen.stream.interop.bad_pixels import CHANCE_PAIRS, EXCESS_PAIRS, find_bad_pixels, find_wild_pixels, read_mask
 from saf_gen.stream.stream_file import open_stream
 
 FRAMES, HEIGHT, WIDTH = 400, 24, 40
@@ -196,6 +197,38 @@ def test_dead_and_stuck_pixels_are_found_and_no_others(low, high):
         dead_pixels += dead.sum() + stuck.sum()
         found_pixels += found.sum() + always.sum()
     assert found_pixels >= 0.9 * dead_pixels
+
+
+def pairs_of(spikes):
+    packed = bits.pack_bits(spikes)
+    return EXCESS_PAIRS[packed].sum(axis=2, dtype=np.int64), CHANCE_PAIRS[packed].sum(axis=2, dtype=np.int64)
+
+
+def test_pairs_are_those_of_every_order_of_the_spikes():
+    """Of all bytes with a number of spikes, one has the fewest pairs, and their mean is that of chance."""
+    for number in range(9):
+        orders = [byte for byte in range(256) if byte.bit_count() == number]
+        pairs = [(byte & byte >> 1).bit_count() for byte in orders]
+        assert EXCESS_PAIRS[orders].tolist() == [n - min(pairs) for n in pairs]
+        assert CHANCE_PAIRS[orders] / 8 == pytest.approx(np.mean(pairs) - min(pairs))
+
+
+@pytest.mark.parametrize("rate", [0.2, 0.5, 0.9])
+def test_pixels_that_fire_wildly_are_found_among_even_ones(rate):
+    random = np.random.default_rng(7)
+    wild = random.random((40, 50)) < 0.005
+    spikes = fire(make_picture(40, 50, low=0.1, high=0.45, smooth=2.0), 2000)
+    assert not find_wild_pixels(*pairs_of(spikes)).any()
+    spikes[:, wild] = random.random((2000, np.count_nonzero(wild))) < rate
+    np.testing.assert_array_equal(find_wild_pixels(*pairs_of(spikes)), wild)
+
+
+def test_nothing_is_wild_where_everything_is_or_where_light_flickers():
+    random = np.random.default_rng(8)
+    picture = make_picture(40, 50, low=0.1, high=0.9, smooth=2.0)
+    flicker = np.concatenate([fire(picture * (0.1 if n % 2 else 1.5), 4, seed=n) for n in range(200)])
+    for spikes in (random.random((800, 40, 50)) < 0.3, flicker, fire(picture * 2, 800), fire(picture * 1e-3, 800)):
+        assert not find_wild_pixels(*pairs_of(spikes.astype(np.uint8))).any()
 
 
 def test_small_groups_and_pixels_at_the_border_are_found():

@@ -116,7 +116,9 @@ def read_table(path: Path, headings: tuple[str, ...]) -> dict[str, np.ndarray]:
     return dict(zip(names, parse_columns(text, names, name=str(path), rising=False), strict=True))
 
 
-def find_bad_pixels(counts: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+def find_bad_pixels(
+    counts: np.ndarray, frames: int, *, wild: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the dead and the stuck pixels that a recording shows, two masks, bool (H, W).
 
     Dead pixels never fire, stuck ones fire at every readout, in groups of at most CLUSTER, while the good pixels around
@@ -132,6 +134,8 @@ def find_bad_pixels(counts: np.ndarray, frames: int) -> tuple[np.ndarray, np.nda
         Spikes of each pixel in all frames.
     frames : int
         Number of frames.
+    wild : ndarray of bool, shape (H, W), optional
+        Pixels that are known to be bad, and say nothing of those beside them.
     """
     limit = log(counts.size / FALSE_FINDS)
     usual = ndimage.median_filter(counts, 5)
@@ -148,7 +152,7 @@ def find_bad_pixels(counts: np.ndarray, frames: int) -> tuple[np.ndarray, np.nda
     silent, full = counts == 0, counts == frames
     dark = (counts > 0) & (counts < usual / NEAR)
     bright = (counts < frames) & (frames - counts < (frames - usual) / NEAR)
-    good = ~(silent | full)
+    good = ~(silent | full) if wild is None else ~(silent | full | wild)
     dead, stuck = (
         _find_groups(silent, counts, good=good, test=is_dead),
         _find_groups(full, counts, good=good, test=is_stuck),
@@ -158,6 +162,44 @@ def find_bad_pixels(counts: np.ndarray, frames: int) -> tuple[np.ndarray, np.nda
     for found, spots in ((dead, dark_spots), (stuck, bright_spots)):
         found &= np.count_nonzero(found) > FEW * spots
     return dead, stuck
+
+
+MIN_CHANCE = 30.0
+"""Least number of pairs that chance would bring, for a pixel to be judged by its pairs."""
+MIN_JUDGED = 100
+"""Least number of pixels that are judged, for one of them to be called wild."""
+EVEN, UNSURE, WILD = 0.1, 0.25, 0.5
+"""Pairs beyond even firing, relative to chance: most in the median pixel, most in nearly all, least in wild ones."""
+_BYTES = np.arange(256, dtype=np.uint8)
+_SPIKES = np.bitwise_count(_BYTES).astype(np.int64)
+_FEWEST = np.maximum(2 * _SPIKES - 9, 0)  # n spikes among 8 - n gaps make at least so many pairs
+EXCESS_PAIRS = (np.bitwise_count(_BYTES & _BYTES >> 1) - _FEWEST).astype(np.uint8)
+"""By byte of 8 readouts: pairs of spikes in a row beyond the fewest that its number of spikes allows."""
+CHANCE_PAIRS = (_SPIKES * (_SPIKES - 1) - 8 * _FEWEST).astype(np.uint8)
+"""By byte: 8 times the number of these pairs if the spikes lay in any order."""
+
+
+def find_wild_pixels(pairs: np.ndarray, chance: np.ndarray) -> np.ndarray:
+    """Return the pixels that fire as irregularly as chance, in groups of at most CLUSTER, bool (H, W).
+
+    A good pixel fires at nearly equal intervals, so it fires twice in a row no more than its rate demands. Nothing is
+    found if that does not hold for most pixels, as in flickering light, or if there is no gap between even and wild
+    ones.
+
+    Parameters
+    ----------
+    pairs, chance : ndarray of int, shape (H, W)
+        Sums of EXCESS_PAIRS and of CHANCE_PAIRS over the bytes of each pixel.
+    """
+    judged = chance >= 8 * MIN_CHANCE
+    ratio = np.divide(8 * pairs, chance, out=np.zeros(pairs.shape), where=judged)
+    wild = ratio >= WILD
+    if np.count_nonzero(judged) < MIN_JUDGED or np.median(ratio[judged]) > EVEN or not wild.any():
+        return np.zeros(wild.shape, bool)
+    groups, _ = ndimage.label(wild, _AROUND)
+    found = wild & (np.bincount(groups.ravel())[groups] <= CLUSTER)
+    unsure = np.count_nonzero((ratio > UNSURE) & ~found)
+    return found if np.count_nonzero(found) > FEW * unsure else np.zeros_like(found)
 
 
 def _find_groups(

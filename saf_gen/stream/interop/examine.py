@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.stream.interop.bad_pixels import find_bad_pixels, read_mask
+from saf_gen.stream.interop.bad_pixels import find_bad_pixels, find_wild_pixels, read_mask
 from saf_gen.stream.interop.readouts import Readouts, check_copies, find_readouts, read_times, survey
 from saf_gen.stream.interop.source import Source
 
@@ -55,14 +55,17 @@ def examine(source: Source, *, mask: str | None, times: Path | None, readout_hz:
     stated = None
     if times is not None:
         stated = read_times(times, frames=source.shape[0], total=source.total, readout_hz=readout_hz)
-    seen = survey(source)
+    seen = survey(source, with_pairs=mask == FIND)
     bad, lines = None, []
     if named is not None:
         bad, lines = named, [_describe(named, "")]
     elif mask == FIND:
-        dead, stuck = find_bad_pixels(seen.counts, source.shape[0])
-        kinds = f" ({np.count_nonzero(dead)} never fire, {np.count_nonzero(stuck)} always fire)"
-        bad, lines = dead | stuck, [_describe(dead | stuck, kinds)]
+        wild = find_wild_pixels(seen.pairs, seen.chance)
+        dead, stuck = find_bad_pixels(seen.counts, source.shape[0], wild=wild)
+        kinds = {"never fire": dead, "always fire": stuck, "fire wildly": wild}
+        bad = np.logical_or.reduce(list(kinds.values()))
+        words = ", ".join(f"{np.count_nonzero(found)} {kind}" for kind, found in kinds.items())
+        lines = [_describe(bad, f" ({words})")]
     if stated is None or times is None:
         readouts = find_readouts(source, seen)
         lines += readouts.describe(about=True)

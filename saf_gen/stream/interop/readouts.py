@@ -14,7 +14,7 @@ from scipy.ndimage import median_filter
 
 from saf_gen.core import bits
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop.bad_pixels import read_table
+from saf_gen.stream.interop.bad_pixels import CHANCE_PAIRS, EXCESS_PAIRS, read_table
 from saf_gen.stream.interop.source import BLOCK, Source, blocks, unpack
 
 SECONDS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6}
@@ -151,12 +151,16 @@ class Survey:
         Pixels that fire in a frame and in the next.
     content : ndarray of int64, shape (T,)
         A checksum, the same for frames that are alike.
+    pairs, chance : ndarray of int64, shape (H, W)
+        How irregularly each pixel fires, as :func:`find_wild_pixels` takes it; 0 if it was not asked for.
     """
 
     counts: np.ndarray
     spikes: np.ndarray
     again: np.ndarray
     content: np.ndarray
+    pairs: np.ndarray
+    chance: np.ndarray
 
     @property
     def repeats(self) -> np.ndarray:
@@ -168,17 +172,20 @@ SURVEY_BYTES = 32 << 20
 """Packed spikes that are surveyed at a time; up to five times as much is in memory."""
 
 
-def survey(source: Source) -> Survey:
-    """Read a recording once."""
+def survey(source: Source, *, with_pairs: bool = False) -> Survey:
+    """Read a recording once; ``with_pairs`` also counts how irregularly each pixel fires."""
     frames, height, width = source.shape
     pixels = -(-height * width // 64) * 64
-    counts = np.zeros((height, width), np.int64)
+    counts, pairs, chance = (np.zeros((height, width), np.int64) for _ in range(3))
     spikes, again, content = (np.zeros(frames, np.int64) for _ in range(3))
     last = np.zeros((0, pixels // 64), np.uint64)
     step = max(min(BLOCK, 8 * SURVEY_BYTES // pixels // 8 * 8), 8)
     for number, packed in enumerate(blocks(source, step)):
         first, count = number * step, min(step, frames - number * step)
         counts += np.bitwise_count(packed).sum(axis=2, dtype=np.int64)
+        if with_pairs:
+            pairs += EXCESS_PAIRS[packed].sum(axis=2, dtype=np.int64)
+            chance += CHANCE_PAIRS[packed].sum(axis=2, dtype=np.int64)
         trains = np.zeros((pixels, packed.shape[2]), np.uint8)
         trains[: height * width] = packed.reshape(height * width, -1)
         rows = np.concatenate([last, bits.to_frames(trains, count).view(np.uint64)])
@@ -187,7 +194,7 @@ def survey(source: Source) -> Survey:
         content[first:stop] = [crc32(row) for row in rows[-count:]]
         again[stop - len(rows) + 1 : stop] = np.bitwise_count(rows[1:] & rows[:-1]).sum(axis=1, dtype=np.int64)
         last = rows[-1:]
-    return Survey(counts, spikes, again[1:], content)
+    return Survey(counts, spikes, again[1:], content, pairs, chance)
 
 
 MIN_CHANGE = 32
