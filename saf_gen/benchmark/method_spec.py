@@ -11,18 +11,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from inspect import signature
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from pydantic import ConfigDict
 
 from saf_gen.benchmark.records import Count, Number, pop_format
+from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
-from saf_gen.core.config.registry import names, plugin_class, refuse_code
+from saf_gen.core.config.registry import FORM_SUFFIXES, names, plugin_class, refuse_code
 from saf_gen.core.config.source_digest import class_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
-from saf_gen.parts import Measure, Search, wants_measures
+from saf_gen.parts import Answer, Measure, Search, wants_measures
 from saf_gen.plugins.measures import get_measure, measure_names
 from saf_gen.plugins.searches import get_search, search_names
 
@@ -63,10 +64,23 @@ DEFAULT_CLOSED_LOOP_METHODS = (
 )
 """Methods that ``saf-gen evaluate --track closed_loop`` runs by default."""
 
-MAX_LIST_BYTES = 1 << 22
-FORM_SUFFIXES = ("_n", "_tfi")
 TUNING_FORMAT = "saf-gen tuning 1"
 TUNE_HINT = "make it with saf-gen tune"
+
+
+Half = tuple[str, dict[str, Any]]
+"""Name and options of a measure or a search."""
+
+
+class MethodGuest(Protocol):
+    """A process that runs a method of others; see :class:`saf_gen.benchmark.guests.guest.Guest`."""
+
+    limits: Any
+    plugins: list[dict[str, Any]]
+
+    def run(self, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]: ...
+
+    def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -83,6 +97,9 @@ class Method:
     """First 12 digits of the SHA-256 of the tuned file that named the method (``@FILE``), or ''."""
     region: str = ""
     """Region that the method looks at, one of REGIONS; '' leaves the choice to the evaluation."""
+    guest: "MethodGuest | None" = None
+    """Process that runs the method, whose measure and search then only state what they are; None for methods of
+    saf_gen, which run in the evaluator."""
 
     @property
     def measure_name(self) -> str:
@@ -100,7 +117,11 @@ class Method:
     @property
     def record_fields(self) -> dict[str, str]:
         """Fields of a record that say which method it is of."""
-        return {"method": self.name, "code": self.code, "parameters": self.parameters, "tuning": self.tuning}
+        limits = str(self.guest.limits) if self.guest else ""
+        return {
+            "method": self.name, "code": self.code, "parameters": self.parameters, "limits": limits,
+            "tuning": self.tuning,
+        }  # fmt: skip
 
 
 def parse_method(spec: str) -> Method:
@@ -133,6 +154,24 @@ def parse_method(spec: str) -> Method:
         method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
         with refuse_code(path):
             return replace(parse_method(method), tuning=digest)
+    halves, text, region = split_method(spec)
+    measure, search = (parse_options(half, spec) for half in halves)
+    try:
+        built = build_method(measure, search)
+    except BadInput as error:
+        raise of_method(error, spec) from None
+    return replace(built, name=f"{text}@{region}" if region else text, region=region)
+
+
+def of_method(error: BadInput, spec: str) -> BadInput:
+    """Return an error that says which method it concerns."""
+    hint = error.hint or "`saf-gen methods` lists measures and searches"
+    where = f"method {spec!r}"
+    return BadInput(error.problem, where=where, allowed=error.allowed, nearest=error.nearest, hint=hint)
+
+
+def split_method(spec: str) -> tuple[list[str], str, str]:
+    """Return the measure and the search in a name, the name without its region, and the region."""
     text, region = split_region("".join(spec.split()))
     halves = text.split("+")
     if len(halves) != 2 or not all(halves):
@@ -141,20 +180,17 @@ def parse_method(spec: str) -> Method:
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
             hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
         )
-    (measure, measure_options), (search, search_options) = (parse_options(half, spec) for half in halves)
-    try:
-        plugins = get_measure(measure, **measure_options), get_search(search, **search_options)
-        others = [get_measure(name) for name in wants_measures(plugins[1])]
-    except BadInput as error:
-        raise BadInput(
-            error.problem,
-            where=f"method {spec!r}",
-            allowed=error.allowed,
-            nearest=error.nearest,
-            hint=error.hint or "`saf-gen methods` lists measures and searches",
-        ) from None
-    name = f"{text}@{region}" if region else text
-    return Method(name, *plugins, code=_digest_code([*plugins, *others]), region=region)
+    return halves, text, region
+
+
+def build_method(measure: Half, search: Half) -> Method:
+    """Return the method of a measure and a search, each a name with options, in this process.
+
+    Raises BadInput if one of them is unknown or refuses its options.
+    """
+    plugins = get_measure(measure[0], **measure[1]), get_search(search[0], **search[1])
+    others = [get_measure(name) for name in wants_measures(plugins[1])]
+    return Method(f"{measure[0]}+{search[0]}", *plugins, code=_digest_code([*plugins, *others]))
 
 
 def split_region(method: str) -> tuple[str, str]:
@@ -211,57 +247,17 @@ def _digest_code(plugins: Sequence[Measure | Search]) -> str:
     """
     written = [
         [repr(plugin) for plugin in plugins],
-        class_source_digests(type(nested) for plugin in plugins for nested in _find_nested(plugin)),
+        class_source_digests(type(nested) for plugin in plugins for nested in nested_plugins(plugin)),
     ]
     return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
 
 
-def _find_nested(plugin: object) -> Iterator[object]:
+def nested_plugins(plugin: object) -> Iterator[object]:
     """Yield a plug-in and all plug-ins that it wraps."""
     if is_dataclass(plugin):
         yield plugin
         for field in fields(plugin):
-            yield from _find_nested(getattr(plugin, field.name))
-
-
-def read_methods(path: Path) -> list[str]:
-    """Return the names in a list of methods.
-
-    A list cannot cause other code to be loaded: it may name only plug-ins that are registered or already loaded.
-
-    Parameters
-    ----------
-    path : Path
-        Text file with one method per line. Empty lines and comments are ignored; a comment starts with ``#`` at the
-        beginning of a line, or with ``#`` between two spaces.
-
-    Returns
-    -------
-    list of str
-        Names of methods, all of which can be parsed.
-
-    Raises
-    ------
-    BadInput
-        If the list cannot be read or is empty, or if a name cannot be parsed; the error then gives the line.
-    """
-    try:
-        text = read_text(path, max_bytes=MAX_LIST_BYTES, encoding="utf-8-sig")
-    except BadInput as error:
-        problem = f"this is not a list of methods: {error.problem}"
-        raise BadInput(problem, allowed="a text file, one method per line", nearest=error.nearest) from error
-    names = []
-    for number, line in enumerate(text.splitlines(), 1):
-        if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
-            try:
-                with refuse_code(str(path)):
-                    parse_method(name)
-            except BadInput as error:
-                raise BadInput(str(error), where=f"{path}:{number}") from error
-            names.append(name)
-    if not names:
-        raise BadInput(f"{path} names no method", allowed="one method per line, such as sd+argmax")
-    return names
+            yield from nested_plugins(getattr(plugin, field.name))
 
 
 def resolve_name(spec: str) -> Method | tuple[str, Any]:

@@ -68,6 +68,10 @@ def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
     found: dict[tuple[str, str], PluginDescription] = {}
     for method in methods:
         halves = split_region(method.name)[0].split("+")
+        if method.guest is not None:
+            for half, kind in zip(halves, ("measures", "searches"), strict=True):
+                found.setdefault((kind, half), _described_by_guest(half, kind, said=method.guest.plugins))
+            continue
         for half, kind, plug_in in zip(halves, ("measures", "searches"), (method.measure, method.search), strict=True):
             if (kind, half) in found:
                 continue
@@ -78,6 +82,19 @@ def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
                 problem = f"it cannot be described: {type(error).__name__}: {error}"
                 found[kind, half] = PluginDescription(half, kind, (("what", problem),), ())
     return tuple(sorted(found.values(), key=lambda d: d.plugin_kind))
+
+
+def _described_by_guest(half: str, kind: str, *, said: Iterable[Any]) -> PluginDescription:
+    """Return what a guest says of one of its plug-ins, of which only texts are taken over."""
+    for one in said:
+        try:
+            if one["plugin_kind"] == kind:
+                facts = tuple((str(key)[:100], str(text)[:MAX_CODE_CHARACTERS]) for key, text in one["facts"])
+                code = tuple((str(name)[:100], str(text)[: MAX_CODE_CHARACTERS + 100]) for name, text in one["code"])
+                return PluginDescription(half, kind, facts, code)
+        except (KeyError, TypeError, ValueError):
+            break
+    return PluginDescription(half, kind, (("what", "it does not describe itself"),), ())
 
 
 def describe_recorded(records: Iterable[Record]) -> tuple[PluginDescription, ...]:

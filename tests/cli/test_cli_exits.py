@@ -198,7 +198,7 @@ def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, swee
 
 
 def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts):
-    mine = write_parts(in_use="raise KeyboardInterrupt")
+    mine = write_parts(in_use="import os, signal, time; os.kill(os.getppid(), signal.SIGINT); time.sleep(9)")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
     assert code == 130
     assert only_error(err).startswith("saf-gen: stopped; finished work is kept")
@@ -207,11 +207,20 @@ def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, w
 # What reaches main()
 
 
-def test_an_exit_at_any_other_place_is_one_line_with_the_place(call, sweeps, tmp_path, write_parts):
+def test_an_exit_while_a_method_is_asked_what_it_is_costs_its_rows(call, sweeps, tmp_path, write_parts):
     mine = write_parts(in_use="sys.exit(0)")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:Asked", "--out", tmp_path / "out")
     assert code == 1
-    assert only_error(err) == f"saf-gen: {mine}, line 21, called exit(0)"
+    assert only_error(err).endswith(
+        "failed on 3 of 3 sequences: while it was loaded, CodeStopped: its code called exit(0)"
+    )
+
+
+def test_an_exit_at_any_other_place_is_one_line_with_the_place(call, monkeypatch):
+    monkeypatch.setattr("saf_gen.scene.scene_folder.scene_names", sys.exit)
+    code, _, err = call("scenes", "list")
+    assert code == 1
+    assert only_error(err).endswith("called exit()")
 
 
 def test_a_broken_pipe_that_is_not_the_output_is_no_success(call, monkeypatch):

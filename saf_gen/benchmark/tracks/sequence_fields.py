@@ -14,7 +14,7 @@ from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, focus_crossing, judg
 from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS, Blank, Obstacle
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
-from saf_gen.benchmark.view import WindowCounts
+from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.camera import Sensor, get_sensor, sensor_names
 from saf_gen.camera.sensor import parse_sensor
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests

@@ -9,6 +9,7 @@ from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.stream.interval_texture import window_time_texture
+from saf_gen.stream.measure_input import Form
 from saf_gen.stream.stream_file import SpikeStream
 
 KNOTS = 256
@@ -132,26 +133,23 @@ class RecordingView:
     ----------
     counts : WindowCounts
         Counts of any window of the recording.
-    measure : callable
-        The method's own measure.
+    measure : callable, optional
+        The method's own measure; None if the method scores the windows elsewhere.
 
     Attributes
     ----------
     now : int
         End of the latest window that was scored or looked at.
-    scores : dict of (int, int) to float
-        Score of each window (first, stop) by the method's own measure.
     scorer : MeteredScorer
         Scorer that measures the cost.
     """
 
     lag_s = 0.0  # a recording stores the positions of the lens itself
 
-    def __init__(self, counts: WindowCounts, measure: Callable[..., float]) -> None:
+    def __init__(self, counts: WindowCounts, measure: Callable[..., float] | None) -> None:
         self._counts, self.scorer = counts, MeteredScorer(measure)
         self.frames, self.readout_hz = counts.frames, counts.readout_hz
         self.now = 0
-        self.scores: dict[tuple[int, int], float] = {}
 
     def position(self, frame: int) -> float:
         """Return the lens position, as a fraction of the travel, or NaN if it was not recorded.
@@ -160,6 +158,21 @@ class RecordingView:
         """
         window, lens = validate_window(frame, frame + 1, total=self.frames), self._counts.lens_position
         return float("nan") if lens is None else float(lens[window.start])
+
+    def positions(self, first: int) -> np.ndarray:
+        """Return the lens positions of all frames from ``first``, float64 (n,); NaN if they were not recorded."""
+        lens = self._counts.lens_position
+        return np.full(self.frames - first, np.nan) if lens is None else np.asarray(lens[first:], np.float64)
+
+    def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
+        """Return frames ``first <= t < stop`` as a measure is called with them, read-only.
+
+        Raises BadInput if the window is empty or outside the recording.
+        """
+        window = validate_window(first, stop, total=self.frames)
+        image = self.scorer.image(self._counts, form, first=window.start, stop=window.stop)
+        self.now = max(self.now, window.stop)
+        return image
 
     def move(self, to: float) -> None:
         """Raise BadInput, because the lens of a recording cannot be moved."""
@@ -179,8 +192,6 @@ class RecordingView:
         first, stop = window.start, window.stop
         score = self.scorer.score(self._counts, first=first, stop=stop, measure=measure)
         self.now = max(self.now, stop)
-        if measure is None:
-            self.scores[first, stop] = score
         return score
 
     def counts(self, first: int, stop: int) -> np.ndarray:

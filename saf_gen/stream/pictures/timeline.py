@@ -13,7 +13,7 @@ from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.measure_input import measure_input
+from saf_gen.stream.measure_input import measure_input, wanted_form
 from saf_gen.stream.metadata import ReadableStream
 
 KINDS = {
@@ -220,7 +220,7 @@ def read_timeline(
     scores: dict[str, list[float]] = {name: [] for name in scorers}
     for a in starts:
         for name, scorer in scorers.items():
-            seen = measure_input(source, scorer, first=a, stop=a + window)
+            seen = measure_input(source, wanted_form(scorer), first=a, stop=a + window)
             with named_user_code(name, "focus measure"):
                 scores[name].append(scorer(seen, **({"frames": window} if wants_frames(scorer) else {})))
     truth, lens, gain = stream.truth, stream.focus_position, stream.gain
