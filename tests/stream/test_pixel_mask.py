@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen.benchmark.view import WindowCounts
+from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.core.seeds import make_generator
 from saf_gen.stream.cutting import cut_stream
 from saf_gen.stream.interop import export_raw_frames, import_raw_frames
