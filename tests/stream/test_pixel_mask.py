@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from own_plugins import PARTS
 from refusals import refusal
 
 from saf_gen.benchmark.view.recording import WindowCounts
@@ -162,3 +163,20 @@ def test_an_export_holds_the_spikes_of_masked_pixels(tmp_path):
     with open_stream(tmp_path / "b.h5") as stream:
         np.testing.assert_array_equal(stream.frames(0, FRAMES), SPIKES)
         assert stream.metadata.mask is None
+
+
+@pytest.mark.parametrize("measure", ["tenengrad", "sd_debiased", "sd_tfi", "my_parts.py:Range"])
+def test_a_measure_sees_no_bad_pixel_whoever_wrote_it(tmp_path, call, monkeypatch, measure):
+    """Pixels that are masked may hold anything: dead, stuck or wild, they change no score."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_parts.py").write_text(PARTS)
+    scores = []
+    for name, value in (("dead", 0), ("stuck", 1), ("wild", SPIKES[::-1, ::-1][:, MASKS["random"]])):
+        spikes = SPIKES.copy()
+        spikes[:, MASKS["random"]] = value
+        write_stream(f"{name}.h5", spikes, mask=MASKS["random"])
+        code, out, err = call("score", f"{name}.h5", "--measure", measure, "--window", 60)
+        assert code == 0, err
+        scores.append(out)
+    assert scores[0].count("\n") == 6
+    assert len(set(scores)) == 1
