@@ -7,6 +7,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from inspect import signature
@@ -103,11 +104,11 @@ class Method:
 
     @property
     def measure_name(self) -> str:
-        return self.name.split("+")[0]
+        return split_halves(split_region(self.name)[0])[0]
 
     @property
     def search_name(self) -> str:
-        return split_options(split_region(self.name)[0].split("+")[1])[0]
+        return split_options(split_halves(split_region(self.name)[0])[1])[0]
 
     @property
     def parameters(self) -> str:
@@ -172,8 +173,9 @@ def of_method(error: BadInput, spec: str) -> BadInput:
 
 def split_method(spec: str) -> tuple[list[str], str, str]:
     """Return the measure and the search in a name, the name without its region, and the region."""
-    text, region = split_region("".join(spec.split()))
-    halves = text.split("+")
+    text, region = split_region(spec)
+    halves = [tidy(half) for half in split_halves(text)]
+    text = "+".join(halves)
     if len(halves) != 2 or not all(halves):
         raise BadInput(
             f"method {spec!r} is not a focus measure and a search",
@@ -198,21 +200,52 @@ def split_region(method: str) -> tuple[str, str]:
 
     Raises BadInput if the region is unknown.
     """
-    name, at, region = method.rpartition("@")
+    name, at, region = method.strip().rpartition("@")
+    region = region.strip()
     if not at or set(region) & set("+/.:"):  # this @ belongs to the path of a file or to an option of the measure
-        return method, ""
+        return method.strip(), ""
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS, where=f"method {method!r}")
     return name, region
 
 
+def split_halves(name: str) -> list[str]:
+    """Return the measure and the search in a name without a region; another number of parts if it is no method.
+
+    A + is a sign of the method unless it is in the path of a file, which ends in ``.py:``.
+    """
+    pieces = name.split("+")
+    for count in range(len(pieces) - 1, 0, -1):
+        halves = ["+".join(pieces[:count]), "+".join(pieces[count:])]
+        if all("+" not in half or ".py:" in half.rpartition("+")[2] for half in halves):
+            return halves
+    return pieces
+
+
 def split_options(half: str) -> tuple[str, str]:
     """Return the name of a measure or search, and its options as a string."""
-    name, _, tail = half.partition(":")
-    if "." in name:  # package.module:Class, or file.py:Class
+    file = _FILE.match(half)
+    path, rest = (file[1], half[file.end() :]) if file and not _OPTION.match(file[1]) else ("", half)
+    name, _, tail = rest.partition(":")
+    if path:
+        return f"{path}:{name}", tail
+    if "." in name:  # package.module:Class
         cls, _, tail = tail.partition(":")
         name = f"{name}:{cls}"
     return name, tail
+
+
+_FILE = re.compile(r"(.+?\.py):")
+_OPTION = re.compile(r"\w+:\w+=")
+"""Beginning of a registered name with an option, whose value may name a file."""
+
+
+def tidy(half: str) -> str:
+    """Return the name of a measure or search without the blanks that mean nothing; a path keeps its own."""
+    half = half.strip()
+    name, _ = split_options(half)
+    path = name.rpartition(":")[0] if ".py:" in name else ""
+    return path + re.sub(r"\s*([:,=])\s*", r"\1", half[len(path) :]).strip()
 
 
 def parse_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
@@ -265,9 +298,9 @@ def resolve_name(spec: str) -> Method | tuple[str, Any]:
 
     Raises BadInput if nothing has this name, or if the plug-in refuses its options.
     """
-    if spec.startswith("@") or "+" in spec:
+    if spec.startswith("@") or len(split_halves(split_region(spec)[0])) > 1:
         return parse_method(spec)
-    name, options = parse_options("".join(spec.split()), spec)
+    name, options = parse_options(tidy(spec), spec)
     if _find_kind(name) == "searches":
         return "searches", get_search(name, **options)
     return "measures", get_measure(name, **options)

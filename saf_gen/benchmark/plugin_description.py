@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from inspect import cleandoc
 from typing import Any
 
-from saf_gen.benchmark.method_spec import Method, parse_method, split_options, split_region
+from saf_gen.benchmark.method_spec import Method, parse_method, split_halves, split_options, split_region
 from saf_gen.benchmark.records import Record
 from saf_gen.core.config.registry import build_plugin, is_builtin_name, plugin_class
 from saf_gen.core.config.source_digest import class_source_files
@@ -67,7 +67,7 @@ def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
     """Return descriptions of the measures of these methods and then of the searches, without repetitions."""
     found: dict[tuple[str, str], PluginDescription] = {}
     for method in methods:
-        halves = split_region(method.name)[0].split("+")
+        halves = split_halves(split_region(method.name)[0])
         if method.guest is not None:
             for half, kind in zip(halves, ("measures", "searches"), strict=True):
                 found.setdefault((kind, half), _described_by_guest(half, kind, said=method.guest.plugins))
@@ -102,7 +102,7 @@ def describe_recorded(records: Iterable[Record]) -> tuple[PluginDescription, ...
     recorded = {record.method: record.code for record in records}
     methods = []
     for name, code in recorded.items():
-        halves = [split_options(half)[0] for half in split_region(name)[0].split("+")]
+        halves = [split_options(half)[0] for half in split_halves(split_region(name)[0])]
         if len(halves) != 2 or not all(map(is_builtin_name, ("measures", "searches"), halves)):
             continue
         try:

@@ -242,9 +242,14 @@ def temporary_name(final: Path) -> Path:
 
 
 def _machine() -> str:
-    """Return a name of this machine and its process namespace that can be part of a file name."""
+    """Return a name of this machine and its process namespace that can be part of a file name.
+
+    Machines of one image may share their host name, and the first namespace has the same number on every Linux; the
+    number of the boot is theirs alone.
+    """
     try:
-        namespace = f"-{Path('/proc/self/ns/pid').stat().st_ino:x}"  # a container sees only the processes in its own
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().replace("-", "")[:12]
+        namespace = f"-{boot}-{Path('/proc/self/ns/pid').stat().st_ino:x}"  # a container sees only its own processes
     except OSError:  # not Linux
         namespace = ""
     return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:40] + namespace

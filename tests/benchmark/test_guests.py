@@ -12,6 +12,7 @@ from planted_sweeps import make_spikes, write_three_sweeps
 from saf_gen.benchmark.admission import admit_method, run_method
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.guests.host import Limits
+from saf_gen.benchmark.method_spec import split_halves
 from saf_gen.benchmark.records import record_to_json
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
@@ -314,3 +315,34 @@ def test_two_files_with_equally_named_helpers_stay_apart(tmp_path, run):
     scores = [view.scorer.scores for *_, view in (a, b)]
     assert scores[0] == {window: -score for window, score in scores[1].items()}
     assert a[0].frame != b[0].frame
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["my dir/mine.py", "a+b/mine.py", "a + b/my file.py", "a,b=c/mine.py", "at@home/mine.py", "it's (1)/mine.py"],
+)
+def test_paths_with_blanks_and_signs_work(tmp_path, run, path):
+    file = tmp_path / path
+    file.parent.mkdir()
+    file.write_text("def mine(counts, scale=1.0):\n    return float(counts.var()) * scale\n")
+    for spec in (f"{file}:mine : scale = 2 + argmax: window=50", f"{file}:mine_n+argmax:window=50@frame"):
+        answer, problem, view = run(spec, LONG)
+        assert (problem, len(view.scorer.scores)) == ("", 8)
+        assert answer.frame is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "halves"),
+    [
+        ("sd+argmax", ["sd", "argmax"]),
+        ("/a+b/m.py:M+argmax", ["/a+b/m.py:M", "argmax"]),
+        ("sd+/a+b/s.py:S:x=1", ["sd", "/a+b/s.py:S:x=1"]),
+        ("/a+b/m.py:M+/c+d/s.py:S", ["/a+b/m.py:M", "/c+d/s.py:S"]),
+        ("m.py:M+/c+d/s.py:S", ["m.py:M", "/c+d/s.py:S"]),
+        ("a.b:M+c.d:S", ["a.b:M", "c.d:S"]),
+        ("sd", ["sd"]),
+        ("sd+argmax+argmax", ["sd", "argmax", "argmax"]),
+    ],
+)
+def test_a_plus_in_a_path_is_no_sign_of_a_method(name, halves):
+    assert split_halves(name) == halves
