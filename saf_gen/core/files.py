@@ -60,6 +60,13 @@ def name_as_text(name: str) -> str:
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
+def check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
+    """Raise BadInput if ``out`` is the file ``source``, which is read while ``out`` is written."""
+    old, new = Path(source), Path(out)
+    if old.exists() and new.exists() and new.samefile(old):
+        raise BadInput("would be written over itself", where=str(source), hint="choose another output file")
+
+
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file; raise BadInput if it cannot be read."""
     try:

@@ -211,11 +211,16 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
         frames=stream.shape[0],
         note=attempt.problem or answer.note,
         data=stream.content_sha256,
-        time_to_focus_s=None if answer.frame is None or not seen else seen / stream.readout_hz,
+        time_to_focus_s=None if answer.frame is None or not seen else _end_s(stream, seen - 1),
         **judged,
         **attempt.fields,
         **common,
     )
+
+
+def _end_s(stream: SpikeStream, frame: int) -> float:
+    """Return the seconds from the beginning of a recording to the end of a frame."""
+    return (stream.metadata.readout_of(frame) + 1) / stream.readout_hz
 
 
 def _make_curve(view: RecordingView, measure: str, *, answer: Answer) -> FocusCurve:

@@ -21,7 +21,7 @@ WINDOW_BYTES = 256 << 20
 
 
 class WindowCounts:
-    """Spike counts of any window of a stream, in a region or in the whole frame.
+    """Spike counts of any window of a stream, in a region or in the whole frame; masked pixels are filled.
 
     A search looks at hundreds of windows, often half as long as the recording, and several methods look at the same
     windows. Long windows are therefore computed from running sums up to some frames (knots), and counted windows kept.
@@ -44,10 +44,13 @@ class WindowCounts:
 
     def __init__(self, stream: SpikeStream, region: Region | None = None) -> None:
         self.frames, height, width = stream.shape
-        self._stream, self._region = stream, validate_region(region, (height, width))
-        self.shape = region_shape(self._region)
+        part = validate_region(region, (height, width))
+        self._stream, self._filling = stream, stream.filling(part)
+        self._region = self._filling.region  # as recorded; what it holds is filled after it was added up
+        self.shape = region_shape(part)
         self.readout_hz, self.lens_position = stream.readout_hz, stream.focus_position
-        image_bytes = 4 * self.shape[0] * self.shape[1]
+        recorded = region_shape(self._region)
+        image_bytes = 4 * recorded[0] * recorded[1]
         between = max(min(KNOTS, KNOT_BYTES // image_bytes) - 1, 1)
         self._step = 8 * -(-self.frames // (8 * between))
         self._sums: np.ndarray | None = None
@@ -62,7 +65,7 @@ class WindowCounts:
         Raises BadInput if the window is empty or extends beyond the recording.
         """
         window = validate_window(first, stop, total=self.frames)
-        return self._compute_once("counts", self._count, window=window)
+        return self._compute_once("counts", lambda a, b: self._filling.apply(self._count(a, b)), window=window)
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
         """Return the interval texture of a window of n frames: float64 (h, w), 0...n, read-only.
@@ -94,29 +97,32 @@ class WindowCounts:
     def _count(self, first: int, stop: int) -> np.ndarray:
         after, before = -(-first // self._step), stop // self._step  # the knots just inside the window
         if before - after < 2:
-            return self._stream.counts(first, stop, region=self._region)
+            return self._count_recorded(first, stop)
         if self._sums is None:
             self._sums = self._running_sums()
         counts = self._sums[before] - self._sums[after]
         for a, b in ((first, after * self._step), (before * self._step, stop)):
             if a < b:
-                counts += self._stream.counts(a, b, region=self._region)
+                counts += self._count_recorded(a, b)
         return counts
+
+    def _count_recorded(self, first: int, stop: int) -> np.ndarray:
+        return self._stream.counts(first, stop, region=self._region, filled=False)
 
     def _compute_texture(self, first: int, stop: int) -> np.ndarray:
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._stream.packed(first_byte, stop_byte, region=self._region)
 
         image, self._texture_seconds[first, stop] = window_time_texture(read, self._count, first=first, stop=stop)
-        return image
+        return self._filling.apply(image)
 
     def _running_sums(self) -> np.ndarray:
         """Return the number of spikes per pixel before each multiple of the step: uint32 (knots, h, w)."""
         full_steps = self.frames // self._step
-        sums = np.zeros((full_steps + 1, *self.shape), dtype=np.uint32)
+        sums = np.zeros((full_steps + 1, *region_shape(self._region)), dtype=np.uint32)
         for knot in range(full_steps):
             first = self._step * knot
-            sums[knot + 1] = sums[knot] + self._stream.counts(first, first + self._step, region=self._region)
+            sums[knot + 1] = sums[knot] + self._count_recorded(first, first + self._step)
         return sums
 
 
