@@ -84,8 +84,8 @@ ANSWERS: dict[str, Answer] = {
     **{
         f"a redirect to {to:.30}": _redirect(to)
         for to in ("http://[::1", "ftp://127.0.0.1/x", "file:///etc/passwd", "javascript:1",
-                   "http://" + "a" * 300 + ".com/", "http://a..b/", "//", "", "http://127.0.0.1:99999/", "http://127.0.0.1:1/", "\\x", "http://xn--zzzzzz/",
-                   "gopher://x", "data:text/plain,x", "/index.json", "http://user:pw@[::ffff:1.2.3.4/")
+                   "http://" + "a" * 300 + ".com/", "http://a..b/", "//", "", "http://127.0.0.1:99999/",
+                   "http://127.0.0.1:1/", "\\x", "http://xn--zzzzzz/", "gopher://x", "data:text/plain,x", "/index.json", "http://user:pw@[::ffff:1.2.3.4/")
     },
     "a negative length": _head("HTTP/1.1 200 OK\nContent-Length: -5", b"x"),
     "two lengths": _head("HTTP/1.1 200 OK\nContent-Length: 5\nContent-Length: 7", b"xxxxx"),
@@ -230,8 +230,8 @@ def hostile_archive(random: np.random.Generator, files: dict[str, bytes]) -> tup
 
 
 KINDS = ("flipped bits", "cut", "noise", "a flipped header", "gzip", "bzip2", "xz", "a long header",
-         "headers of nonsense", "a sparse file", "links", "a device", "a path outside", "a member twice", "another size", "nothing",
-         "a manifest of another kind")  # fmt: skip
+         "headers of nonsense", "a sparse file", "links", "a device", "a path outside", "a member twice",
+         "another size", "nothing", "a manifest of another kind")  # fmt: skip
 
 
 def add(tar: tarfile.TarFile, info: tarfile.TarInfo, content: bytes) -> None:
