@@ -85,7 +85,8 @@ ANSWERS: dict[str, Answer] = {
         f"a redirect to {to:.30}": _redirect(to)
         for to in ("http://[::1", "ftp://127.0.0.1/x", "file:///etc/passwd", "javascript:1",
                    "http://" + "a" * 300 + ".com/", "http://a..b/", "//", "", "http://127.0.0.1:99999/",
-                   "http://127.0.0.1:1/", "\\x", "http://xn--zzzzzz/", "gopher://x", "data:text/plain,x", "/index.json", "http://user:pw@[::ffff:1.2.3.4/")
+                   "http://127.0.0.1:1/",
+                   "\\x", "http://xn--zzzzzz/", "gopher://x", "data:text/plain,x", "/index.json", "http://user:pw@[::ffff:1.2.3.4/")
     },
     "a negative length": _head("HTTP/1.1 200 OK\nContent-Length: -5", b"x"),
     "two lengths": _head("HTTP/1.1 200 OK\nContent-Length: 5\nContent-Length: 7", b"xxxxx"),
