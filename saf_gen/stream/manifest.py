@@ -18,6 +18,7 @@ from saf_gen.core.config.json_document import format_checked_json, parse_checked
 from saf_gen.core.files import write_text
 from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.errors import BadInput, closest, escape_controls
+from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.stream_file import open_stream
 
 MANIFEST_NAME = "manifest.json"
@@ -114,7 +115,12 @@ def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
     path = where / MANIFEST_NAME
     if not path.is_file():
         raise BadInput(f"has no {MANIFEST_NAME}", where=str(where), hint="make the dataset with saf-gen generate")
-    document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
+    return parse_manifest(read_text(path, hint=HINT), path)
+
+
+def parse_manifest(text: str, path: str | Path | StorePath) -> Manifest:
+    """Return the manifest in a JSON text; ``path`` is its name in errors. Raises BadInput as read_manifest does."""
+    document = parse_checked_json(text, path, hint=HINT)
     if not isinstance(document.data, dict) or document.data.pop("format", None) != FORMAT:
         raise BadInput("is not the manifest of a dataset", where=str(path), allowed=f'"format": "{FORMAT}"')
     if (layout := document.data.pop("layout", None)) != LAYOUT:
@@ -129,8 +135,11 @@ def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
     return manifest
 
 
-def verify_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> None:
-    """Read the complete stream of ``entry``; raise BadInput if it is missing, damaged or differs from ``entry``."""
+def verify_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> Metadata:
+    """Read the complete stream of ``entry`` and return its metadata.
+
+    Raises BadInput if it is missing, damaged or differs from ``entry``.
+    """
     with open_stream(find_path(folder) / entry.file) as stream:
         frames = stream.shape[0]
         if stream.content_sha256 != entry.content_sha256 or frames != entry.frames:
@@ -141,6 +150,7 @@ def verify_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntr
                 hint="make it again",
             )
         stream.verify()
+        return stream.metadata
 
 
 def write_manifest(folder: str | os.PathLike[str], manifest: Manifest) -> None:

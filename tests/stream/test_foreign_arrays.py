@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from refusals import assert_says, refusal
 from scipy import io
-from spreadsheets import HEADING, write_xlsx
+from spreadsheets import HEADING, SHEET, write_xlsx
 
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop import SpikeArray, export_raw_frames, spreadsheet
@@ -293,3 +293,17 @@ def test_a_sheet_that_is_invalid_or_too_large_is_refused(tmp_path, monkeypatch):
     assert_says(refusal(read_saf_config, tmp_path), "a spreadsheet (.xlsx)")
     (tmp_path / "config.xlsx").unlink()
     assert_says(refusal(read_saf_config, tmp_path), "this is a folder without config.xlsx")
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ('<row><c r="XFD1"/></row>' * 200_000, "is larger than"),
+        ('<row><c r="ZZZ1"><v>1</v></c></row>', "a cell ZZZ1 | 256 columns"),
+        ('<row><c r="AAA1"/></row>' * 500, "a cell AAA1 | 256 columns"),
+    ],
+)
+def test_a_small_spreadsheet_does_not_become_a_large_table(tmp_path, rows, words):
+    with zipfile.ZipFile(tmp_path / "config.xlsx", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(spreadsheet.SHEET, SHEET.format(rows))
+    assert_says(refusal(read_saf_config, tmp_path), words)

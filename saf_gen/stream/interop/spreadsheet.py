@@ -13,8 +13,10 @@ from xml.etree import ElementTree
 
 from saf_gen.errors import BadInput
 
-MAX_BYTES = 8 << 20
-"""Largest size, in bytes, of a part of the file after decompression."""
+MAX_BYTES, MIN_BYTES, MAX_RATIO = 8 << 20, 1 << 16, 100
+"""Largest size, in bytes, of a part of the file after decompression: MAX_RATIO times the file, within these bounds."""
+MAX_COLUMNS = 256
+"""Columns of a table; the name of a cell states its column, and a row is filled up to it."""
 SHEET, TEXTS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
 _DAMAGE = (
     *(OSError, EOFError, KeyError, IndexError, ValueError, RuntimeError),  # NotImplementedError is a RuntimeError
@@ -30,20 +32,21 @@ def read_sheet(path: str | Path) -> list[list[str]]:
     """
     where = str(path)
     try:
+        limit = min(max(MAX_RATIO * Path(path).stat().st_size, MIN_BYTES), MAX_BYTES)
         with zipfile.ZipFile(path) as archive:
-            sheet = _read_part(archive, SHEET, where=where)
-            texts = _read_part(archive, TEXTS, where=where) if TEXTS in archive.namelist() else None
+            sheet = _read_part(archive, SHEET, where=where, limit=limit)
+            texts = _read_part(archive, TEXTS, where=where, limit=limit) if TEXTS in archive.namelist() else None
             shared = [] if texts is None else ["".join(t.itertext()) for t in texts.iter(f"{_NAME}si")]
             return [_read_row(row, shared) for row in sheet.iter(f"{_NAME}row")]
     except _DAMAGE as error:
         raise BadInput(f"cannot be read: {error}", where=where, allowed="a spreadsheet (.xlsx)") from error
 
 
-def _read_part(archive: zipfile.ZipFile, name: str, *, where: str) -> ElementTree.Element:
+def _read_part(archive: zipfile.ZipFile, name: str, *, where: str, limit: int) -> ElementTree.Element:
     with archive.open(name) as file:
-        text = file.read(MAX_BYTES + 1)
-    if len(text) > MAX_BYTES:
-        raise BadInput(f"{name} is larger than {MAX_BYTES >> 20} MiB", where=where, allowed="a table of recordings")
+        text = file.read(limit + 1)
+    if len(text) > limit:
+        raise BadInput(f"{name} is larger than {limit:,} bytes", where=where, allowed="a table of recordings")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise BadInput(f"{name} declares a document type", where=where, allowed="plain XML")
     return ElementTree.fromstring(text)
@@ -59,6 +62,8 @@ def _read_row(row: ElementTree.Element, shared: list[str]) -> list[str]:
             for letter in letters[0]:
                 column = 26 * column + ord(letter) - ord("A") + 1
             column -= 1
+        if column >= MAX_COLUMNS:
+            raise ValueError(f"it has a cell {cell.get('r')}; allowed: {MAX_COLUMNS} columns")
         cells += [""] * (column - len(cells))
         value = cell.find(f"{_NAME}v")
         text = "".join(cell.itertext()) if value is None else value.text or ""
