@@ -3,7 +3,7 @@
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,7 +65,9 @@ def scene_from_template(name: str, root: Path, *, kind: str = "script") -> list[
     return written
 
 
-def scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
+def scene_from_export(
+    exported: Path, name: str, *, root: Path, notify: Callable[[str], None] = lambda line: None
+) -> list[Path]:
     """Copy an exported scene and its files to ``root/name``, write its card, and return the paths of the files.
 
     Files keep the names that the scene uses; links are followed. The card has the pose and the field of view of the
@@ -80,6 +82,8 @@ def scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
         Name of the new scene.
     root : Path
         Folder of scene folders.
+    notify : callable, optional
+        Called with a line of text for each kind of thing in a mesh file that is left out.
 
     Returns
     -------
@@ -92,7 +96,7 @@ def scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
         describe; or if the name cannot be used. In these cases, no file is left behind.
     """
     if is_mesh(exported):
-        files = scene_of_mesh(exported, name)
+        files = scene_of_mesh(exported, name, notify=notify)
         with _new_folder(name, root) as folder:
             for file, data in files.items():
                 (folder / file).parent.mkdir(parents=True, exist_ok=True)

@@ -63,14 +63,15 @@ def new_scene_command(
     root = Path("scenes")
     trusted = root.resolve() in scene_roots()
     empty = not any(root.glob("*"))
+    left_out: list[str] = []
     if exported is not None:
         if xml:
             raise BadInput("--xml and --from are both given", hint="leave --xml out: --from also takes a scene.xml")
-        written = scene_from_export(exported, name, root=root)
+        written = scene_from_export(exported, name, root=root, notify=left_out.append)
     else:
         written = scene_from_template(name, root, kind="xml" if xml else "script")
-    for path in written:
-        out.print(str(path), soft_wrap=True)
+    for line in [*map(str, written), *left_out]:
+        out.print(line, soft_wrap=True)
     if empty and not trusted:
         register_folder(root)
         out.print(f"registered: {root.resolve()}; saf-gen init --forget undoes it", soft_wrap=True)

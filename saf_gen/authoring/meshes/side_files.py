@@ -1,0 +1,112 @@
+"""Files that a mesh names: they must be beside it, and pictures must be readable."""
+
+import io
+import warnings
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+import numpy as np
+from PIL import Image
+
+from saf_gen.core.config.document import check_plain_file
+from saf_gen.errors import BadInput, closest
+
+MAX_BYTES = 1 << 30
+MAX_PIXELS = 1 << 26
+PICTURE_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "DDS")
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file; raise BadInput if it cannot be read or is larger than MAX_BYTES."""
+    try:
+        check_plain_file(path, max_bytes=MAX_BYTES)
+        return path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error.strerror}") from error
+
+
+def find_side_file(name: str, mesh: Path, *, what: str) -> Path:
+    """Return the path of a file that a mesh names.
+
+    Parameters
+    ----------
+    name : str
+        Name as written in the mesh, relative to its folder.
+    mesh : Path
+        The mesh.
+    what : str
+        What the file is, such as "texture", for messages.
+
+    Raises
+    ------
+    BadInput
+        If the file is missing, or is not in the mesh's folder after links are followed.
+    """
+    folder = mesh.parent.resolve()
+    copy = f"copy it beside {mesh.name} and name it from there"
+    if "://" in name or PureWindowsPath(name).anchor or PurePosixPath(name).anchor:
+        raise BadInput(f"the {what} {name!r} is named by an absolute path", where=str(mesh), hint=copy)
+    try:
+        file = (folder / name.replace("\\", "/")).resolve()
+        inside, there = file.is_relative_to(folder), file.is_file()
+    except (OSError, RuntimeError, ValueError) as error:  # a circular link, a NUL, a name that is too long
+        raise BadInput(f"the {what} {name!r} cannot be found: {error}", where=str(mesh)) from error
+    if not inside:
+        raise BadInput(f"the {what} {name!r} is outside the mesh's folder", where=str(mesh), hint=copy)
+    if not there:
+        neighbours = [p.name for p in file.parent.iterdir()] if file.parent.is_dir() else []
+        near = closest(file.name, neighbours)
+        raise BadInput(
+            f"the {what} {name!r} does not exist",
+            where=str(mesh),
+            nearest=str(PurePosixPath(name.replace("\\", "/")).parent / near) if near else "",
+            hint="export again with its files, or copy it there",
+        )
+    return file
+
+
+def decode_picture(data: bytes, *, name: str, mesh: Path) -> np.ndarray:
+    """Return the sRGB-coded colours and the opacity of a picture file, uint8 (rows, columns, 4).
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    name : str
+        Name of the picture, for messages.
+    mesh : Path
+        The mesh, for messages.
+
+    Raises
+    ------
+    BadInput
+        If Pillow cannot read it, it has other values than 8 or 16 bits, or it is too large.
+    """
+    allowed = ", ".join(PICTURE_FORMATS)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            warnings.simplefilter("ignore", UserWarning)  # about metadata
+            with Image.open(io.BytesIO(data), formats=PICTURE_FORMATS) as picture:
+                if picture.width * picture.height > MAX_PIXELS:
+                    raise ValueError(f"it has {picture.width} × {picture.height} pixels, more than {MAX_PIXELS:,}")
+                if picture.mode.startswith("I;16"):
+                    grey = np.round(np.asarray(picture, dtype=np.float64) / 257).astype(np.uint8)
+                    return np.dstack([grey, grey, grey, np.full_like(grey, 255)])
+                if picture.mode in ("I", "F"):
+                    raise ValueError(f"its values are of Pillow's mode {picture.mode}, not 8 or 16 bits")
+                return np.asarray(picture.convert("RGBA"))
+    except Exception as error:  # an untrusted picture, read by a library that may raise any exception
+        if data[:12] == b"\xabKTX 20\xbb\r\n\x1a\n":
+            reason, hint = "it is a KTX2 file", "convert it to PNG, for glTF with gltf-transform ktxdecompress"
+        else:
+            reason, hint = " ".join(str(error).split()), "convert it to PNG"
+        raise BadInput(
+            f"the texture {name!r} cannot be read: {reason}", where=str(mesh), allowed=allowed, hint=hint
+        ) from (error)
+
+
+def encode_png(pixels: np.ndarray) -> bytes:
+    """Return a PNG file of uint8 pixels (rows, columns) or (rows, columns, 3)."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "PNG")
+    return buffer.getvalue()
