@@ -4,17 +4,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from mesh_cards import LUMINANCE, UV, Gltf, blocks, linear, show
+from mesh_cards import LUMINANCE, UV, Gltf, blocks, linear, quarters, show
 
 FOUR = blocks((255, 0, 0), (0, 255, 0), (0, 0, 255), (188, 188, 188))
 """Red, green, blue and a grey of linear 0.5."""
 COLOURS = linear([[255, 0, 0], [0, 255, 0], [0, 0, 255], [188, 188, 188]])
 LIGHT = blocks((230, 200, 120), (90, 250, 180), (60, 70, 220), (188, 188, 188))
-
-
-def quarters(picture):
-    """Return the colour in the middle of each quarter of a picture of 8 × 8: top left, top right, bottom left, right."""
-    return np.array([picture[r : r + 2, c : c + 2].mean(axis=(0, 1)) for r in (1, 5) for c in (1, 5)])
 
 
 def texture(file, **more):

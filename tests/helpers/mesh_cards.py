@@ -132,10 +132,15 @@ def blocks(*colours, size=8):
     return grid.repeat(size // 2, axis=0).repeat(size // 2, axis=1)
 
 
-def show(mesh: Path, *, size=8, samples=64, path=False):
+def quarters(picture):
+    """Return the colour in the middle of each quarter of a picture of 8 × 8: top left, top right, bottom left, right."""
+    return np.array([picture[r : r + 2, c : c + 2].mean(axis=(0, 1)) for r in (1, 5) for c in (1, 5)])
+
+
+def show(mesh: Path, **how):
     """Return the linear picture (row, column, RGB) of the shapes of a scene around a mesh, and the lines that were said.
 
-    The light is 1 from everywhere, so that a flat card shows its reflectance, and the background is 1.
+    The options are those of :func:`render`.
     """
     said: list[str] = []
     folder = mesh.parent / "shown"
@@ -146,20 +151,26 @@ def show(mesh: Path, *, size=8, samples=64, path=False):
     scene = folder / "scene.xml"
     described = parse_scene_dict(read_scene_xml(scene, {}).text, scene)
     shapes = {name: entry for name, entry in described.items() if name.startswith("mesh")}
+    return render(shapes, **how), said
+
+
+def render(shapes, *, size=8, samples=64, path=False, lamp=False):
+    """Return the linear picture (row, column, RGB) of shapes within 5 cm of the origin, seen along z from the front.
+
+    The light is 1 from everywhere, so that a flat card shows its reflectance, and the background is 1. A lamp from the
+    upper right makes slopes visible; with ``path``, light is reflected more than once.
+    """
+    lamps = {"room": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}}
+    if lamp:
+        lamps["sun"] = {"type": "directional", "direction": [-1, -1, -1], "irradiance": {"type": "rgb", "value": 2.0}}
     to_world = mi.ScalarTransform4f().look_at(origin=[0, 0, 1], target=[0, 0, 0], up=[0, 1, 0])
     film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
-    loaded = mi.load_dict(
-        {
-            "type": "scene",
-            **shapes,
-            "room": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}},
-            # Samples of the surface alone: a matt one then shows its reflectance without noise.
-            "integrator": {"type": "path"} if path else {"type": "direct", "bsdf_samples": 1, "emitter_samples": 0},
-            "sensor": {
-                "type": "orthographic",
-                "to_world": to_world @ mi.ScalarTransform4f().scale([0.05, 0.05, 1]),
-                "film": film,
-            },
-        }
-    )
-    return np.array(mi.render(loaded, spp=samples, seed=1))[..., :3].astype(float), said
+    sensor = {
+        "type": "orthographic",
+        "to_world": to_world @ mi.ScalarTransform4f().scale([0.05, 0.05, 1]),
+        "film": film,
+    }
+    # Samples of the surface alone: a matt one then shows its reflectance without noise.
+    integrator = {"type": "path"} if path else {"type": "direct", "bsdf_samples": 1, "emitter_samples": 0}
+    scene = mi.load_dict({"type": "scene", **shapes, **lamps, "integrator": integrator, "sensor": sensor})
+    return np.array(mi.render(scene, spp=samples, seed=1))[..., :3].astype(float)

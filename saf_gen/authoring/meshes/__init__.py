@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from saf_gen.authoring.meshes.gltf import read_gltf
 from saf_gen.authoring.meshes.obj import read_obj
 from saf_gen.authoring.meshes.ply import read_ply
@@ -20,7 +22,8 @@ def read_mesh(path: Path, left_out: LeftOut) -> list[Shape]:
 
     Raises BadInput if the file is missing, damaged or not supported, or has no face.
     """
-    shapes = [shape for shape in READERS[path.suffix.lower()](path, left_out) if len(shape.triangles)]
+    with np.errstate(all="ignore"):  # values that are not finite are refused by name
+        shapes = [shape for shape in READERS[path.suffix.lower()](path, left_out) if len(shape.triangles)]
     if not shapes:
         raise BadInput("the file has no mesh with a face", where=str(path), hint="; ".join(left_out.lines()))
     return shapes

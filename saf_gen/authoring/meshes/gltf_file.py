@@ -46,7 +46,7 @@ class Entry(BaseModel):
 
 class Asset(Entry):
     version: str
-    min_version: str = "2.0"
+    min_version: str = ""
 
 
 class Buffer(Entry):
@@ -386,14 +386,17 @@ def _parse(text: bytes, path: Path) -> Document:
         data = json.loads(text.decode("utf-8-sig"), parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:
         raise BadInput(f"the mesh is damaged: this is not JSON: {error}", where=str(path)) from error
+    asset = data.get("asset") if isinstance(data, dict) else None
+    version = asset.get("version") if isinstance(asset, dict) else None
+    if not isinstance(version, str) or not version.startswith("2."):
+        what = "is not glTF" if version is None else f"is glTF {str(version)[:20]}"
+        raise BadInput(f"the file {what}", where=str(path), allowed="glTF 2.0", hint="export it again")
     try:
-        version = str(data["asset"]["version"])
-    except (TypeError, KeyError, IndexError):
-        version = "without asset.version"
-    if not version.startswith("2."):
-        raise BadInput(f"the file is glTF {version[:20]}", where=str(path), allowed="glTF 2.0", hint="export it again")
-    try:
-        return Document.model_validate(data)
+        document = Document.model_validate(data)
+        if document.asset.min_version not in ("", "2.0"):
+            needed = document.asset.min_version[:20]
+            raise BadInput(f"the file needs glTF {needed}", where=str(path), allowed="glTF 2.0", hint="export it again")
+        return document
     except ValidationError as error:
         first = error.errors()[0]
         at = ".".join(str(key) for key in first["loc"])

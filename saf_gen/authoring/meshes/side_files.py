@@ -5,7 +5,7 @@ import warnings
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.errors import BadInput, closest
@@ -99,7 +99,8 @@ def decode_picture(data: bytes, *, name: str, mesh: Path) -> np.ndarray:
         if data[:12] == b"\xabKTX 20\xbb\r\n\x1a\n":
             reason, hint = "it is a KTX2 file", "convert it to PNG, for glTF with gltf-transform ktxdecompress"
         else:
-            reason, hint = " ".join(str(error).split()), "convert it to PNG"
+            unknown = isinstance(error, UnidentifiedImageError)  # its message names the object in memory
+            reason, hint = "it is no picture" if unknown else " ".join(str(error).split()), "convert it to PNG"
         raise BadInput(
             f"the texture {name!r} cannot be read: {reason}", where=str(mesh), allowed=allowed, hint=hint
         ) from (error)
