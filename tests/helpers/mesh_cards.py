@@ -119,10 +119,8 @@ class Gltf:
 def encode(pixels, suffix):
     """Return the picture file of uint8 pixels."""
     buffer = io.BytesIO()
-    lossless = (
-        {"lossless": True} if suffix == "webp" else {"quality": 100, "subsampling": 0} if suffix == "jpeg" else {}
-    )
-    Image.fromarray(np.asarray(pixels, np.uint8)).save(buffer, suffix, **lossless)
+    finest = {"webp": {"lossless": True, "exact": True}, "jpeg": {"quality": 100, "subsampling": 0}}
+    Image.fromarray(np.asarray(pixels, np.uint8)).save(buffer, suffix, **finest.get(suffix, {}))
     return buffer.getvalue()
 
 
@@ -133,7 +131,7 @@ def blocks(*colours, size=8):
 
 
 def quarters(picture):
-    """Return the colour in the middle of each quarter of a picture of 8 × 8: top left, top right, bottom left, right."""
+    """Return the colour in the middle of each quarter of a picture of 8 × 8: top left, top right, bottom left, …"""
     return np.array([picture[r : r + 2, c : c + 2].mean(axis=(0, 1)) for r in (1, 5) for c in (1, 5)])
 
 
@@ -154,23 +152,31 @@ def show(mesh: Path, **how):
     return render(shapes, **how), said
 
 
-def render(shapes, *, size=8, samples=64, path=False, lamp=False):
+def render(shapes, *, size=8, samples=64, path=False, lamp=False, pixels=None):
     """Return the linear picture (row, column, RGB) of shapes within 5 cm of the origin, seen along z from the front.
 
     The light is 1 from everywhere, so that a flat card shows its reflectance, and the background is 1. A lamp from the
-    upper right makes slopes visible; with ``path``, light is reflected more than once.
+    upper right makes slopes visible; with ``path``, light is reflected more than once. With ``pixels``, pairs of row
+    and column, only these are rendered: (pixel, RGB).
     """
     lamps = {"room": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}}
     if lamp:
         lamps["sun"] = {"type": "directional", "direction": [-1, -1, -1], "irradiance": {"type": "rgb", "value": 2.0}}
-    to_world = mi.ScalarTransform4f().look_at(origin=[0, 0, 1], target=[0, 0, 0], up=[0, 1, 0])
-    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
-    sensor = {
-        "type": "orthographic",
-        "to_world": to_world @ mi.ScalarTransform4f().scale([0.05, 0.05, 1]),
-        "film": film,
-    }
     # Samples of the surface alone: a matt one then shows its reflectance without noise.
     integrator = {"type": "path"} if path else {"type": "direct", "bsdf_samples": 1, "emitter_samples": 0}
-    scene = mi.load_dict({"type": "scene", **shapes, **lamps, "integrator": integrator, "sensor": sensor})
-    return np.array(mi.render(scene, spp=samples, seed=1))[..., :3].astype(float)
+    scene = mi.load_dict({"type": "scene", **shapes, **lamps, "integrator": integrator})
+
+    def look(**crop):
+        return np.array(mi.render(scene, sensor=_camera(size, **crop), spp=samples, seed=1))[..., :3].astype(float)
+
+    if pixels is None:
+        return look()
+    crops = [{"crop_offset_x": c, "crop_offset_y": r, "crop_width": 1, "crop_height": 1} for r, c in pixels]
+    return np.array([look(**crop)[0, 0] for crop in crops])
+
+
+def _camera(size, **crop):
+    to_world = mi.ScalarTransform4f().look_at(origin=[0, 0, 1], target=[0, 0, 0], up=[0, 1, 0])
+    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb", **crop}
+    to_world = to_world @ mi.ScalarTransform4f().scale([0.05, 0.05, 1])
+    return mi.load_dict({"type": "orthographic", "to_world": to_world, "film": film})

@@ -75,7 +75,7 @@ def read_obj(path: Path, left_out: LeftOut) -> list[Shape]:
                 case "v":
                     points.append([float(word) for word in words])
                 case "vt":
-                    uv.append([float(word) for word in [*words, "0"][:2]])
+                    uv.append([float(word) for word in [words[0], *words[1:], "0"][:2]])
                 case "vn":
                     normals.append([float(word) for word in words[:3]])
                 case "f" | "fo":

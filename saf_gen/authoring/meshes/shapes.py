@@ -14,6 +14,8 @@ GREY = (0.6, 0.6, 0.6)
 MAX_SHAPES, MAX_CORNERS = 1_000, 30_000_000
 MAX_SIDES = 400
 """Largest number of sides of a polygon that is not convex; its triangulation takes time in proportion to the cube."""
+HUGE = 1e30
+"""Limit of all numbers: single precision, in which Mitsuba computes, ends at 3·10³⁸."""
 NAMED = 6  # shapes that a line names; the others are counted
 
 
@@ -111,7 +113,7 @@ def _listed(names: list[str]) -> str:
 def checked(shape: Shape, left_out: LeftOut, *, path: Path) -> Shape:
     """Return a shape with finite values, existing vertices that its triangles use, and usable normals.
 
-    Raises BadInput if a coordinate is not finite or a triangle names a vertex that does not exist.
+    Raises BadInput if a value is not finite, a triangle names a vertex that does not exist, or an emission is negative.
     """
     of = f" of {shape.name!r}" if shape.name else ""
     count = len(shape.points)
@@ -122,7 +124,7 @@ def checked(shape: Shape, left_out: LeftOut, *, path: Path) -> Shape:
         "colour": shape.colours,
     }
     for what, array in values.items():
-        if array is not None and not np.isfinite(array).all():
+        if array is not None and not (np.abs(array) < HUGE).all():
             raise BadInput(f"a {what}{of} is not a finite number", where=str(path), hint="export it again")
     if shape.triangles.size and not (shape.triangles.min() >= 0 and shape.triangles.max() < count):
         low, high = int(shape.triangles.min()), int(shape.triangles.max())
