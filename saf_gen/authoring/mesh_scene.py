@@ -9,14 +9,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from saf_gen.authoring.meshes import READERS, LeftOut, Shape, Surface, read_mesh, srgb_to_linear
 from saf_gen.authoring.meshes.side_files import encode_png
 from saf_gen.errors import BadInput, escape_controls
-from saf_gen.stack.exr import write_planes
 
 UNREADABLE_MESHES = {
     ".blend": "a Blender file",
@@ -48,7 +46,7 @@ lens:
 
 lights:                                      # lamps that are switched together
   lamp: [lamp]
-  room: [room]GLOW
+  room: [ROOM]
 
 target: [TARGET]                             # shapes that should be in focus
 """
@@ -98,7 +96,7 @@ def scene_of_mesh(path: Path, name: str, *, notify: Callable[[str], None] = lamb
     """Return the content of the files of a scene around a mesh, by file name.
 
     The mesh is scaled so that its largest side is SIZE_M, and centred at the origin, 0.5 m in front of the lens. All
-    its shapes form the target; those that emit light form the light group ``glow``.
+    its shapes form the target; those that emit light belong to the light group ``room``.
 
     Parameters
     ----------
@@ -146,7 +144,7 @@ def scene_of_mesh(path: Path, name: str, *, notify: Callable[[str], None] = lamb
     texts = {
         "scene.xml": f'<scene version="3.0.0">\n{"".join(files.xml)}\n{SURROUNDINGS}',
         "scene.yaml": CARD.replace("TARGET", ", ".join(names))
-        .replace("GLOW", f"\n  glow: [{', '.join(glow)}]" if glow else "")
+        .replace("ROOM", ", ".join(["room", *glow]))
         .replace("TITLE", f"{name.replace('_', ' ').capitalize()}, in front of a wall")
         .replace("NAME", name),
         "SOURCE.md": SOURCE.replace("NAME", name)
@@ -222,9 +220,9 @@ class _Files:
         for n, (channel, share) in enumerate(LUMINANCE.items()):
             attributes[f"{channel}_0"] = colours[:, n]
             file = self._store(
-                f"{name}_{channel}.exr",
+                f"{name}_{channel}.pfm",
                 (surface.picture, channel, surface.colour[n]),
-                partial(_encode_exr, srgb_to_linear(surface.picture[..., n] / 255)[..., None] * surface.colour[n]),
+                partial(_encode_pfm, srgb_to_linear(surface.picture[..., n] / 255)[..., None] * surface.colour[n]),
             )
             part = _blend(_attribute("weight", channel), BLACK, _diffuse(_bitmap("reflectance", file, surface)))
             total += share
@@ -238,7 +236,7 @@ class _Files:
             return _bitmap("reflectance", file, surface, raw=False)
         key = (picture, "colour", *surface.colour)
         return _bitmap(
-            "reflectance", self._store(f"{name}.exr", key, partial(_tinted, picture, surface.colour)), surface
+            "reflectance", self._store(f"{name}.pfm", key, partial(_tinted, picture, surface.colour)), surface
         )
 
     def _opacities(self, name: str, shape: Shape, attributes: dict[str, np.ndarray]) -> Iterator[str]:
@@ -270,7 +268,7 @@ class _Files:
         if surface.emission_picture is not None:
             key = (surface.emission_picture, "emission", *surface.emission)
             encode = partial(_tinted, surface.emission_picture, surface.emission)
-            radiance = _bitmap("radiance", self._store(f"{name}_emission.exr", key, encode), surface)
+            radiance = _bitmap("radiance", self._store(f"{name}_emission.pfm", key, encode), surface)
         return f'\t\t<emitter type="area">{radiance}</emitter>\n'
 
     def _store(self, file: str, key: tuple[object, ...], encode: Callable[[], bytes]) -> str:
@@ -317,22 +315,21 @@ def _bitmap(name: str, file: str, surface: Surface, *, raw: bool = True) -> str:
 
 
 def _tinted(picture: np.ndarray, colour: tuple[float, float, float]) -> bytes:
-    """Return the OpenEXR file of the linear product of a picture and a colour."""
+    """Return the file of the linear product of a picture and a colour."""
     decoded = srgb_to_linear(np.arange(256) / 255)
-    return _encode_exr(np.stack([(decoded * colour[n])[picture[..., n]] for n in range(3)], axis=-1))
+    return _encode_pfm(np.stack([(decoded * colour[n])[picture[..., n]] for n in range(3)], axis=-1))
 
 
-def _encode_exr(values: np.ndarray) -> bytes:
-    """Return an OpenEXR file of one or three channels (rows, columns, channel)."""
-    stored = values.astype(np.float16 if float(values.max(initial=0)) < MAX_HALF else np.float32)
-    channels = "RGB" if values.shape[2] == 3 else "Y"
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "picture.exr"
-        write_planes(path, {name: stored[..., n] for n, name in enumerate(channels)}, attributes={})
-        return path.read_bytes()
+def _encode_pfm(values: np.ndarray) -> bytes:
+    """Return a portable float map of one or three channels (rows, columns, channel), which begins at the bottom.
 
-
-MAX_HALF = 60_000.0
+    It is larger than OpenEXR, which Mitsuba reads on several threads or never: see ``on_one_thread`` in
+    :mod:`saf_gen.render.backend`.
+    """
+    rows, columns, channels = values.shape
+    return (
+        f"{'PF' if channels == 3 else 'Pf'}\n{columns} {rows}\n-1.0\n".encode() + values[::-1].astype("<f4").tobytes()
+    )
 
 
 def _format_ply(shape: Shape, attributes: Mapping[str, np.ndarray]) -> bytes:

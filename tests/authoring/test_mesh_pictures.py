@@ -210,7 +210,7 @@ def test_a_sampler_says_what_is_outside_the_picture(tmp_path, code, expected):
     file = Gltf()
     sampler = {"wrapS": code, "wrapT": code}
     number = file.add_texture(FOUR, sampler=sampler)
-    uv = UV + [2, 1] if code == 33648 else UV + [1, 1]
+    uv = np.add(UV, [2, 1] if code == 33648 else [1, 1])
     file.add_card(material=file.add_material(pbr={"baseColorTexture": {"index": number}}), uv=(uv,))
     picture, _ = show(file.save(tmp_path / "a.glb"))
     assert quarters(picture) == pytest.approx(COLOURS[expected], abs=4e-3)
@@ -274,7 +274,7 @@ def test_emission_is_the_product_of_factor_picture_and_strength(tmp_path, factor
     expected = np.array(factor) * (strength or 1) * (COLOURS if with_picture else np.ones((4, 3)))
     assert quarters(picture) == pytest.approx(expected, rel=1e-2, abs=1e-3)
     assert said == []
-    assert "glow: [mesh_card]" in (tmp_path / "shown/scene.yaml").read_text()
+    assert "room: [room, mesh_card]" in (tmp_path / "shown/scene.yaml").read_text()
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ def quarters(picture):
 
 
 def show(mesh: Path, **how):
-    """Return the linear picture (row, column, RGB) of the shapes of a scene around a mesh, and the lines that were said.
+    """Return the linear picture (row, column, RGB) of the shapes of a scene around a mesh, and what was said.
 
     The options are those of :func:`render`.
     """

@@ -257,16 +257,30 @@ def _materials(file: Path) -> dict[str, dict[str, list[str]]]:
 
 
 MAPS = {
-    "map_ks": "specular map", "map_ns": "gloss map", "map_ka": "ambient map", "bump": "bump map", "map_bump": "bump map",
-    "norm": "normal map", "map_kn": "normal map", "disp": "displacement", "map_disp": "displacement",
-    "refl": "reflection map", "map_refl": "reflection map", "decal": "decal", "map_pr": "roughness map",
-    "map_pm": "metallic map", "map_ps": "sheen map", "map_tr": "transparency map",
-}  # fmt: skip
+    "map_ks": "specular map",
+    "map_ns": "gloss map",
+    "map_ka": "ambient map",
+    "bump": "bump map",
+    "map_bump": "bump map",
+    "norm": "normal map",
+    "map_kn": "normal map",
+    "disp": "displacement",
+    "map_disp": "displacement",
+    "refl": "reflection map",
+    "map_refl": "reflection map",
+    "decal": "decal",
+    "map_pr": "roughness map",
+    "map_pm": "metallic map",
+    "map_ps": "sheen map",
+    "map_tr": "transparency map",
+}
 """Maps that are left out."""
-OPTIONS = {
-    "-blendu": 1, "-blendv": 1, "-bm": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1,
-    "-type": 1, "-o": 3, "-s": 3, "-t": 3,
-}  # fmt: skip
+OPTIONS = dict.fromkeys(("-blendu", "-blendv", "-bm", "-boost", "-cc", "-clamp", "-imfchan", "-texres", "-type"), 1) | {
+    "-mm": 2,
+    "-o": 3,
+    "-s": 3,
+    "-t": 3,
+}
 """Number of values of each option of a map; the last three have one to three."""
 KEPT_OPTIONS = ("-blendu", "-blendv", "-clamp", "-imfchan", "-o", "-s")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
