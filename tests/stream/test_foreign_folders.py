@@ -1,6 +1,7 @@
 """Folders of others: hidden files, ids that meet, names for the shell, and disks that refuse."""
 
 import fcntl
+import json
 import os
 import shlex
 
@@ -45,6 +46,44 @@ def test_two_streams_of_one_id_are_refused(tmp_path, first, second):
         write_stream(tmp_path / name, SPIKES)
     assert_says(refusal(index_folder, tmp_path), f"{first} | {second} | the same id | rename")
     assert not (tmp_path / "manifest.json").exists()
+
+
+@pytest.mark.parametrize("folder", ["set.v1.2", "a+b (copy)", "v2,x", "ünï.1", "two  blanks", "run.h5", "50 %", "it's"])
+def test_names_with_dots_and_blanks_survive_every_export(tmp_path, call, folder):
+    spikes = np.random.default_rng(1).integers(0, 2, (64, 8, 8), np.uint8)
+    lens = np.linspace(0, 1, len(spikes), dtype=np.float32)
+    names = ["test/run.v1.5", "test/run.v1.6", "test/a.b c", "test/a.b_c", "test/x.h5.bak"]
+    for name in names:
+        (tmp_path / folder / "test").mkdir(parents=True, exist_ok=True)
+        write_stream(tmp_path / folder / f"{name}.h5", spikes, focus_position=lens)
+    steps = [
+        ("dataset", "index", tmp_path / folder),
+        ("pack", tmp_path / folder, "--licence", "CC0-1.0", "--creator", "me", "--out", tmp_path / "packed.v1"),
+        ("fetch", tmp_path / "packed.v1", "--out", tmp_path / "fetched.v1"),
+        ("verify", tmp_path / "fetched.v1"),
+        ("evaluate", tmp_path / "fetched.v1", "--method", "sd+argmax:window=8", "--out", tmp_path / "ranked.v1"),
+        ("export", tmp_path / "fetched.v1" / "test/run.v1.5.h5", "--out", tmp_path / "raw.v1.5"),
+        ("view", tmp_path / "fetched.v1" / "test/run.v1.5.h5", "--as", "tfp", "--out", tmp_path / "run.v1.5.png"),
+    ]
+    for step in steps:
+        code, _, err = call(*step)
+        assert code == 0, err
+    for name in names:
+        assert (tmp_path / "fetched.v1" / f"{name}.h5").read_bytes() == (tmp_path / folder / f"{name}.h5").read_bytes()
+    records = (tmp_path / "ranked.v1" / "records.jsonl").read_text().splitlines()
+    assert {json.loads(line)["sequence"] for line in records} == {name.replace("/", "-") for name in names}
+    assert (tmp_path / "raw.v1.5").stat().st_size == spikes.size // 8
+    assert (tmp_path / "run.v1.5.png").stat().st_size
+
+
+def test_names_that_differ_in_signs_only_have_figures_of_their_own(tmp_path, call, drawn_figures):
+    for name in ("a b", "a_b", "a.b"):
+        spikes = np.random.default_rng(1).integers(0, 2, (64, 8, 8), np.uint8)
+        write_stream(tmp_path / f"{name}.h5", spikes, focus_position=np.linspace(0, 1, 64, dtype=np.float32))
+    call("dataset", "index", tmp_path)
+    code, _, err = call("evaluate", tmp_path, "--method", "sd+argmax:window=8", "--out", tmp_path / "ranked")
+    assert code == 0, err
+    assert len(list((tmp_path / "ranked" / "figures").glob("curves-*.svg"))) == 3
 
 
 @pytest.mark.parametrize("name", ["my data", "it's", "a;b", "$HOME", "a&b", "(1)", "a.b.c", "*", "tab\there"])

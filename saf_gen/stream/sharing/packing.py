@@ -29,6 +29,7 @@ from saf_gen.stream.sharing.croissant import (
 INDEX_NAME = "index.json"
 FORMAT = "saf-gen shards"
 LAYOUT = 1
+FOLDER_NAME = r"(?![. ])[^\x00-\x1f\x7f/\\:*?\"<>|]{1,100}(?<![. ])"
 MAX_INDEX_BYTES = 1 << 26
 """Largest size of an index, enough for about 300,000 streams; reading the index takes a dozen times as much memory."""
 
@@ -99,10 +100,11 @@ def parse_shard_index(text: str, where: str) -> ShardIndex:
 
 def _check_names(index: ShardIndex, document: Document) -> None:
     where = document.locate()
-    if not re.fullmatch(r"\w[\w. -]{0,99}", index.name):
+    if not re.fullmatch(FOLDER_NAME, index.name):  # fetch makes a folder of this name
         raise BadInput(
-            f"the dataset's name is {index.name!r}", where=where, allowed="letters, digits, _, -, . and spaces"
-        )
+            f"the dataset's name is {index.name!r}", where=where, hint="rename it in manifest.json",
+            allowed="up to 100 characters, none of them / \\ : * ? \" < > |, and neither dots nor blanks at the ends",
+        )  # fmt: skip
     outer_names = [*(one.file for one in index.shards), *(one.file for one in index.files)]
     member_names = [member.file for shard in index.shards for member in shard.members]
     for name in outer_names:
