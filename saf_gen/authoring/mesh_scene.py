@@ -184,6 +184,10 @@ def _is_visible(shape: Shape, left_out: LeftOut) -> bool:
     return highest >= least
 
 
+MAX_BYTES = 4 << 30
+"""Limit of the files of a scene."""
+
+
 class _Files:
     """The files of the shapes, and their XML; shapes with the same picture share its file."""
 
@@ -196,17 +200,22 @@ class _Files:
     def add_shape(self, name: str, shape: Shape) -> None:
         """Add the mesh, the pictures and the XML of a shape whose coordinates are in metres."""
         attributes: dict[str, np.ndarray] = {}
-        bsdf = f'<bsdf type="twosided">{self._reflection(name, shape, attributes)}</bsdf>'
-        for opacity in self._opacities(name, shape, attributes):
+        bsdf = f'<bsdf type="twosided">{self._reflection(name, shape, attributes=attributes)}</bsdf>'
+        for opacity in self._opacities(name, shape, attributes=attributes):
             bsdf = f'<bsdf type="mask">{opacity}{bsdf}</bsdf>'
         flat = '\t\t<boolean name="face_normals" value="true"/>\n' if shape.flat else ""
-        self.data[f"meshes/{name}.ply"] = _format_ply(shape, attributes)
+        self._add(f"meshes/{name}.ply", _format_ply(shape, attributes))
         self.xml.append(
             f'\t<shape type="ply" id="{name}">\n\t\t<string name="filename" value="meshes/{name}.ply"/>\n'
             f"{flat}\t\t{bsdf}\n{self._emission(name, shape.surface)}\t</shape>\n"
         )
 
-    def _reflection(self, name: str, shape: Shape, attributes: dict[str, np.ndarray]) -> str:
+    def _add(self, file: str, data: bytes) -> None:
+        self.data[file] = data
+        if sum(map(len, self.data.values())) > MAX_BYTES:
+            raise BadInput(f"the scene needs more than {MAX_BYTES >> 30} GiB", hint="reduce the mesh or its textures")
+
+    def _reflection(self, name: str, shape: Shape, *, attributes: dict[str, np.ndarray]) -> str:
         """Return the BSDF of colour × picture × colours of the vertices."""
         surface, colours = shape.surface, shape.colours
         if surface.picture is None:
@@ -215,42 +224,44 @@ class _Files:
             attributes |= {f"color_{n}": colours[:, n] * surface.colour[n] for n in range(3)}
             return _diffuse(_attribute("reflectance", "color"))
         if colours is None or (colours[:, :3] == 1).all():
-            return _diffuse(self._coloured(name, surface, surface.picture))
+            return _diffuse(self._coloured(name, surface, picture=surface.picture))
         mixed, total = "", 0.0
         for n, (channel, share) in enumerate(LUMINANCE.items()):
             attributes[f"{channel}_0"] = colours[:, n]
             file = self._store(
                 f"{name}_{channel}.pfm",
                 (surface.picture, channel, surface.colour[n]),
-                partial(_encode_pfm, srgb_to_linear(surface.picture[..., n] / 255)[..., None] * surface.colour[n]),
+                encode=partial(
+                    _encode_pfm, srgb_to_linear(surface.picture[..., n] / 255)[..., None] * surface.colour[n]
+                ),
             )
-            part = _blend(_attribute("weight", channel), BLACK, _diffuse(_bitmap("reflectance", file, surface)))
+            part = _blend(
+                BLACK, _diffuse(_bitmap("reflectance", file, surface=surface)), weight=_attribute("weight", channel)
+            )
             total += share
-            mixed = _blend(_number("weight", share / total), mixed, part) if mixed else part
+            mixed = _blend(mixed, part, weight=_number("weight", share / total)) if mixed else part
         return mixed
 
-    def _coloured(self, name: str, surface: Surface, picture: np.ndarray) -> str:
+    def _coloured(self, name: str, surface: Surface, *, picture: np.ndarray) -> str:
         """Return the texture of colour × picture: a copy of the picture if the colour is white."""
         if surface.colour == (1.0, 1.0, 1.0):
-            file = self._store(f"{name}.png", (picture, "colour"), partial(encode_png, picture[..., :3]))
-            return _bitmap("reflectance", file, surface, raw=False)
+            file = self._store(f"{name}.png", (picture, "colour"), encode=partial(encode_png, picture[..., :3]))
+            return _bitmap("reflectance", file, surface=surface, raw=False)
         key = (picture, "colour", *surface.colour)
-        return _bitmap(
-            "reflectance", self._store(f"{name}.pfm", key, partial(_tinted, picture, surface.colour)), surface
-        )
+        file = self._store(f"{name}.pfm", key, encode=partial(_tinted, picture, surface.colour))
+        return _bitmap("reflectance", file, surface=surface)
 
-    def _opacities(self, name: str, shape: Shape, attributes: dict[str, np.ndarray]) -> Iterator[str]:
+    def _opacities(self, name: str, shape: Shape, *, attributes: dict[str, np.ndarray]) -> Iterator[str]:
         """Yield the XML of each factor of the opacity of a shape that is not opaque."""
         surface, picture = shape.surface, shape.surface.picture
         if surface.alpha == "opaque":
             return
         masked = surface.alpha == "mask"
         if picture is not None and int(picture[..., 3].min()) < 255:
-            alpha = picture[..., 3]
-            if masked:  # what is below the cutoff is not there
-                alpha = np.where(alpha / 255 * surface.opacity >= surface.cutoff, 255, 0).astype(np.uint8)
+            alpha = (255 * _coverage(surface)).astype(np.uint8) if masked else picture[..., 3]
             key = (picture, "opacity", *((surface.opacity, surface.cutoff) if masked else ()))
-            yield _bitmap("opacity", self._store(f"{name}_opacity.png", key, partial(encode_png, alpha)), surface)
+            file = self._store(f"{name}_opacity.png", key, encode=partial(encode_png, alpha))
+            yield _bitmap("opacity", file, surface=surface)
         if not masked and surface.opacity < 1:
             yield _number("opacity", surface.opacity)
         if shape.colours is not None and (shape.colours[:, 3] < 1).any():
@@ -259,24 +270,29 @@ class _Files:
             else:
                 attributes["opacity_0"] = shape.colours[:, 3]
                 yield _attribute("opacity", "opacity")
+                if any(surface.emission):
+                    self.left_out.add("opacity of vertices ignored for emission", shape.name)
 
     def _emission(self, name: str, surface: Surface) -> str:
-        """Return the lamp of a shape that emits light; it shines from the front of the surface."""
+        """Return the lamp of a shape that emits light; it shines from the front, where the surface is opaque."""
         if not any(surface.emission):
             return ""
-        radiance = _rgb("radiance", surface.emission)
-        if surface.emission_picture is not None:
-            key = (surface.emission_picture, "emission", *surface.emission)
-            encode = partial(_tinted, surface.emission_picture, surface.emission)
-            radiance = _bitmap("radiance", self._store(f"{name}_emission.pfm", key, encode), surface)
+        glow, coverage = surface.emission_picture, _coverage(surface)
+        if glow is None and coverage.min() == coverage.max():
+            radiance = _rgb("radiance", (c * float(coverage.max()) for c in surface.emission))
+        else:
+            key = (glow, surface.picture, surface.alpha, surface.opacity, surface.cutoff, *surface.emission)
+            encode = partial(_glowing, glow, surface.emission, coverage=coverage)
+            file = self._store(f"{name}_emission.pfm", key, encode=encode)
+            radiance = _bitmap("radiance", file, surface=surface)
         return f'\t\t<emitter type="area">{radiance}</emitter>\n'
 
-    def _store(self, file: str, key: tuple[object, ...], encode: Callable[[], bytes]) -> str:
+    def _store(self, file: str, key: tuple[object, ...], *, encode: Callable[[], bytes]) -> str:
         """Return the name of a picture's file, which is added unless a file with this key is there."""
         known = tuple(id(part) if isinstance(part, np.ndarray) else part for part in key)
         if known not in self._stored:
             self._stored[known] = f"textures/{file}"
-            self.data[f"textures/{file}"] = encode()
+            self._add(f"textures/{file}", encode())
         return self._stored[known]
 
 
@@ -289,7 +305,7 @@ def _diffuse(reflectance: str) -> str:
     return f'<bsdf type="diffuse">{reflectance}</bsdf>'
 
 
-def _blend(weight: str, first: str, second: str) -> str:
+def _blend(first: str, second: str, *, weight: str) -> str:
     return f'<bsdf type="blendbsdf">{weight}{first}{second}</bsdf>'
 
 
@@ -305,7 +321,7 @@ def _attribute(name: str, attribute: str) -> str:
     return f'<texture type="mesh_attribute" name="{name}"><string name="name" value="vertex_{attribute}"/></texture>'
 
 
-def _bitmap(name: str, file: str, surface: Surface, *, raw: bool = True) -> str:
+def _bitmap(name: str, file: str, *, surface: Surface, raw: bool = True) -> str:
     words = [("filename", file)]
     words += [("wrap_mode", surface.wrap)] if surface.wrap != "repeat" else []
     words += [] if surface.smooth else [("filter_type", "nearest")]
@@ -314,10 +330,30 @@ def _bitmap(name: str, file: str, surface: Surface, *, raw: bool = True) -> str:
     return f'<texture type="bitmap" name="{name}">{inner}{linear}</texture>'
 
 
+def _coverage(surface: Surface) -> np.ndarray:
+    """Return the opacity of the texels of a surface, apart from that of its vertices: 0 to 1, (rows, columns)."""
+    if surface.alpha == "opaque":
+        return np.ones((1, 1))
+    alpha = np.ones((1, 1)) if surface.picture is None else surface.picture[..., 3] / 255
+    opacity = alpha * surface.opacity
+    return (opacity >= surface.cutoff).astype(np.float64) if surface.alpha == "mask" else opacity
+
+
 def _tinted(picture: np.ndarray, colour: tuple[float, float, float]) -> bytes:
     """Return the file of the linear product of a picture and a colour."""
     decoded = srgb_to_linear(np.arange(256) / 255)
     return _encode_pfm(np.stack([(decoded * colour[n])[picture[..., n]] for n in range(3)], axis=-1))
+
+
+def _glowing(picture: np.ndarray | None, emission: tuple[float, float, float], *, coverage: np.ndarray) -> bytes:
+    """Return the file of the linear product of an emission, its picture and the opacity of the surface."""
+    linear = np.ones((1, 1, 3)) if picture is None else srgb_to_linear(picture[..., :3] / 255)
+    rows, columns = np.maximum(linear.shape[:2], coverage.shape)
+    linear, coverage = (
+        part[np.ix_(np.arange(rows) * part.shape[0] // rows, np.arange(columns) * part.shape[1] // columns)]
+        for part in (linear, coverage)
+    )
+    return _encode_pfm(linear * emission * coverage[..., None])
 
 
 def _encode_pfm(values: np.ndarray) -> bytes:

@@ -1,11 +1,14 @@
 """What of a mesh is left out is said in a line, and what cannot be read is refused in one."""
 
+import base64
+import io
 import json
 import struct
 
 import numpy as np
 import pytest
 from mesh_cards import FACES, POINTS, UV, Gltf, blocks, encode, quarters, show
+from PIL import Image
 from refusals import assert_says, refusal
 
 from saf_gen.authoring.mesh_scene import scene_of_mesh
@@ -185,6 +188,15 @@ def packed(file):
     file.data += bytes(4096)
 
 
+def pages():
+    """Return a TIFF file of two pages."""
+    buffer = io.BytesIO()
+    one = Image.fromarray(FOUR)
+    one.save(buffer, "tiff", save_all=True, append_images=[one])
+    return buffer.getvalue()
+
+
+PAGES = base64.b64encode(pages()).decode()
 REQUIRED = "the file requires {}, which saf_gen cannot read"
 REFUSED = [
     (
@@ -215,6 +227,8 @@ REFUSED = [
         on_json(images__0={"uri": "data:image/png;base64,AAAA"}),
         "the texture 'image 0' cannot be read: it is no picture",
     ),
+    (on_json(images__0={"uri": "data:;base64," + PAGES}), "cannot be read: it has several pages"),
+    (on_json(images__0={"uri": "data:;base64,q0tUWCAyMLsNChoK"}), "it is a KTX2 file; | ktxdecompress"),
     (on_json(images__0={}), "image 0 has no data"),
     (on_json(buffers=[{"byteLength": 1 << 40, "uri": "data:;base64,AAAA"}]), "has 3 bytes, not the 1,099,511,627,776"),
     (on_json(buffers=[{"byteLength": 8, "uri": "gone.bin"}]), "the buffer 'gone.bin' does not exist"),

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 from mesh_cards import LUMINANCE, UV, Gltf, blocks, linear, quarters, show
+from written_scenes import VARIANT
 
 FOUR = blocks((255, 0, 0), (0, 255, 0), (0, 0, 255), (188, 188, 188))
 """Red, green, blue and a grey of linear 0.5."""
@@ -135,6 +136,23 @@ def test_vertex_colours_times_a_texture_have_the_right_luminance(tmp_path, grey)
     picture, _ = show(file.save(tmp_path / "a.glb"), samples=4096)
     texels = linear([LIGHT[0, 0], LIGHT[0, 7], LIGHT[7, 0], LIGHT[7, 7]]) * [1, 0.5, 0.8]
     assert quarters(picture) @ LUMINANCE == pytest.approx((at_quarters(stored) * texels) @ LUMINANCE, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mixed", [False, True])
+def test_the_variant_that_renders_stacks_shows_the_same_luminance(tmp_path, mixed):
+    """A card with a tinted picture, colours of vertices or none, opacity and emission."""
+    file = Gltf()
+    number = file.add_texture(LIGHT, sampler={"magFilter": 9728})
+    pbr = {"baseColorTexture": {"index": number}, "baseColorFactor": [1, 0.5, 0.8, 0.5]}
+    glow = {"emissiveFactor": [0.2, 0.4, 1], "emissiveTexture": {"index": number}}
+    material = file.add_material(pbr=pbr, alphaMode="BLEND", **glow)
+    file.add_card(material=material, attributes={"COLOR_0": file.add_array(CORNERS)} if mixed else {})
+    picture, _ = show(file.save(tmp_path / "a.glb"), samples=4096, variant=VARIANT)
+    texels = linear([LIGHT[0, 0], LIGHT[0, 7], LIGHT[7, 0], LIGHT[7, 7]])
+    colour = texels * [1, 0.5, 0.8] * (at_quarters(CORNERS) if mixed else 1)
+    expected = (0.5 * (colour + texels * [0.2, 0.4, 1])) @ LUMINANCE + 0.5
+    assert quarters(picture)[:, 0] == pytest.approx(expected, rel=0.03)
 
 
 def turned(uv, *, offset=(0, 0), rotation=0.0, scale=(1, 1)):
@@ -275,6 +293,21 @@ def test_emission_is_the_product_of_factor_picture_and_strength(tmp_path, factor
     assert quarters(picture) == pytest.approx(expected, rel=1e-2, abs=1e-3)
     assert said == []
     assert "room: [room, mesh_card]" in (tmp_path / "shown/scene.yaml").read_text()
+
+
+@pytest.mark.parametrize("mode", ["MASK", "BLEND", "OPAQUE"])
+@pytest.mark.parametrize("with_picture", [False, True])
+def test_what_is_clear_does_not_emit(tmp_path, mode, with_picture):
+    """The card is black and emits 2; the picture of the emission has another size than that of the opacity."""
+    file = Gltf()
+    pbr = {"baseColorTexture": {"index": file.add_texture(ALPHA)}, "baseColorFactor": [0, 0, 0, 0.9]}
+    glow = {"emissiveFactor": [1, 1, 1], "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 2}}}
+    if with_picture:
+        glow["emissiveTexture"] = {"index": file.add_texture(np.full((2, 4, 3), 255, np.uint8))}
+    file.add_card(material=file.add_material(pbr=pbr, alphaMode=mode, alphaCutoff=0.6, **glow))
+    picture, _ = show(file.save(tmp_path / "a.glb"), samples=1024)
+    shown = {"MASK": (SHARE * 0.9 >= 0.6).astype(float), "BLEND": SHARE * 0.9, "OPAQUE": np.ones(4)}[mode]
+    assert quarters(picture)[:, 0] == pytest.approx(2 * shown + 1 - shown, abs=0.04)
 
 
 @pytest.mark.parametrize(

@@ -135,17 +135,17 @@ def quarters(picture):
     return np.array([picture[r : r + 2, c : c + 2].mean(axis=(0, 1)) for r in (1, 5) for c in (1, 5)])
 
 
-def show(mesh: Path, **how):
+def show(mesh: Path, *, variant="scalar", **how):
     """Return the linear picture (row, column, RGB) of the shapes of a scene around a mesh, and what was said.
 
-    The options are those of :func:`render`.
+    The other options are those of :func:`render`. All variants but scalar give luminance alone.
     """
     said: list[str] = []
     folder = mesh.parent / "shown"
     for file, data in scene_of_mesh(mesh, "shown", notify=said.append).items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_bytes(data)
-    backend.activate_backend("scalar")
+    backend.activate_backend(variant)
     scene = folder / "scene.xml"
     described = parse_scene_dict(read_scene_xml(scene, {}).text, scene)
     shapes = {name: entry for name, entry in described.items() if name.startswith("mesh")}
@@ -177,6 +177,7 @@ def render(shapes, *, size=8, samples=64, path=False, lamp=False, pixels=None):
 
 def _camera(size, **crop):
     to_world = mi.ScalarTransform4f().look_at(origin=[0, 0, 1], target=[0, 0, 0], up=[0, 1, 0])
-    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb", **crop}
+    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, **crop}
+    film["pixel_format"] = "rgb" if mi.variant() == "scalar_rgb" else "luminance"
     to_world = to_world @ mi.ScalarTransform4f().scale([0.05, 0.05, 1])
     return mi.load_dict({"type": "orthographic", "to_world": to_world, "film": film})

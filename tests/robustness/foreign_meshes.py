@@ -50,11 +50,14 @@ class Look:
     colour: np.ndarray
     opacity: np.ndarray
     emission: np.ndarray
+    undimmed: np.ndarray | None = None
+    """Opacity where that of the vertices does not count: for emission."""
 
     def shown(self) -> np.ndarray:
         """Return what is seen in front of a background of 1 in light of 1."""
         clear = self.opacity[:, None]
-        return clear * self.colour + 1 - clear + self.emission
+        glow = clear if self.undimmed is None else self.undimmed[:, None]
+        return clear * self.colour + 1 - clear + glow * self.emission
 
 
 def draw_picture(random: np.random.Generator, *, alpha: bool) -> np.ndarray:
@@ -152,13 +155,14 @@ def write_gltf(random: np.random.Generator, folder: Path, *, kind: str) -> Drawn
     mode = str(random.choice(["OPAQUE", "MASK", "BLEND"], p=[0.4, 0.3, 0.3]))
     material["alphaMode"] = mode
     if mode == "BLEND":
-        look.opacity = alpha * (at_quarters(corners)[:, 3] if attributes else 1)
+        look.opacity, look.undimmed = alpha * (at_quarters(corners)[:, 3] if attributes else 1), alpha
     elif mode == "MASK":
         material["alphaCutoff"] = float(random.choice([0.1, 0.33, 0.45]))
         look.opacity = (alpha >= material["alphaCutoff"]).astype(float)
         if attributes:
             said.add("opacity of vertices ignored beside a mask")
     if random.random() < 0.3:
+        said |= {"opacity of vertices ignored for emission"} if attributes and mode == "BLEND" else set()
         glow = random.choice([1.0, 0.5, 0.25], 3)
         strength = float(random.choice([1, 1, 6]))
         material["emissiveFactor"] = glow.tolist()

@@ -115,7 +115,7 @@ class _Reader:
             node = self.document.nodes[index]
             if node.mesh is None:
                 continue
-            mesh = self.file.get(self.document.meshes, node.mesh, "mesh")
+            mesh = self.file.get(self.document.meshes, node.mesh, what="mesh")
             name = node.name or mesh.name or f"node_{index}"
             for k, primitive in enumerate(mesh.primitives):
                 of = f"{name}_{k + 1}" if len(mesh.primitives) > 1 else name
@@ -166,10 +166,10 @@ class _Reader:
         if not document.scenes:
             yield from range(len(document.nodes))
             return
-        left = list(reversed(self.file.get(document.scenes, document.scene or 0, "scene").nodes))
+        left = list(reversed(self.file.get(document.scenes, document.scene or 0, what="scene").nodes))
         while left:  # no node has two parents, so this ends
             index = left.pop()
-            left += reversed(self.file.get(document.nodes, index, "node").children)
+            left += reversed(self.file.get(document.nodes, index, what="node").children)
             yield index
 
     def _worlds(self) -> list[np.ndarray]:
@@ -178,7 +178,7 @@ class _Reader:
         parents: dict[int, int] = {}
         for index, node in enumerate(nodes):
             for child in node.children:
-                self.file.get(nodes, child, "node")
+                self.file.get(nodes, child, what="node")
                 if parents.setdefault(child, index) != index or node.children.count(child) > 1:
                     raise self.file.refuse(f"node {child} has two parents")
         worlds: dict[int, np.ndarray] = {}
@@ -209,7 +209,10 @@ class _Reader:
     ) -> Shape | None:
         if "KHR_draco_mesh_compression" in primitive.extensions:
             accessor = primitive.attributes.get("POSITION")
-            if accessor is None or self.file.get(self.document.accessors, accessor, "accessor").buffer_view is None:
+            if (
+                accessor is None
+                or self.file.get(self.document.accessors, accessor, what="accessor").buffer_view is None
+            ):
                 raise self.file.refuse(f"the mesh {name!r} is compressed with Draco", hint=COMPRESSED)
         if primitive.mode < 4:
             self.left_out.add("points and lines ignored", name)
@@ -233,7 +236,9 @@ class _Reader:
             self.left_out.add("morph targets ignored, their weights are 0", name)
         skin = node.skin if "JOINTS_0" in primitive.attributes else None
         points, normals, mirrored = (
-            _placed(points, normals, world) if skin is None else self._skinned(primitive, skin, worlds, points, normals)
+            _placed(points, normals, world=world)
+            if skin is None
+            else self._skinned(primitive, skin, worlds=worlds, points=points, normals=normals)
         )
         if mirrored:
             triangles = triangles[:, [0, 2, 1]]
@@ -241,15 +246,15 @@ class _Reader:
         if primitive.material is None:
             surface, where = Surface(GREY if colours is None else (1.0, 1.0, 1.0)), None
         else:
-            material = self.file.get(self.document.materials, primitive.material, "material")
+            material = self.file.get(self.document.materials, primitive.material, what="material")
             surface, where = self._surface(material, material.name or name)
-        uv = self._uv(primitive, where, name) if where is not None else None
+        uv = self._uv(primitive, where, name=name) if where is not None else None
         shape = Shape(name, points, triangles, surface, normals, uv, colours, normals is None)
         return checked(shape, self.left_out, path=self.file.path)
 
     def _attribute(self, primitive: Primitive, key: str, *, kinds: tuple[str, ...]) -> np.ndarray:
         values = self.file.array(primitive.attributes[key], kinds=kinds).astype(np.float64)
-        count = self.file.get(self.document.accessors, primitive.attributes["POSITION"], "accessor").count
+        count = self.file.get(self.document.accessors, primitive.attributes["POSITION"], what="accessor").count
         if len(values) != count:
             raise self.file.refuse(f"a mesh has {len(values)} values of {key} for {count} vertices")
         return values
@@ -289,11 +294,17 @@ class _Reader:
         return points, normals
 
     def _skinned(
-        self, primitive: Primitive, index: int, worlds: list[np.ndarray], points: np.ndarray, normals: np.ndarray | None
+        self,
+        primitive: Primitive,
+        index: int,
+        *,
+        worlds: list[np.ndarray],
+        points: np.ndarray,
+        normals: np.ndarray | None,
     ) -> tuple[np.ndarray, np.ndarray | None, bool]:
         """Return points and normals as the joints place them; the transform of the mesh's node is ignored."""
-        skin = self.file.get(self.document.skins, index, "skin")
-        poses = np.array([self.file.get(worlds, joint, "node") for joint in skin.joints]).reshape(-1, 4, 4)
+        skin = self.file.get(self.document.skins, index, what="skin")
+        poses = np.array([self.file.get(worlds, joint, what="node") for joint in skin.joints]).reshape(-1, 4, 4)
         if skin.inverse_bind_matrices is not None:
             binds = self.file.array(skin.inverse_bind_matrices, kinds=("MAT4",))
             if len(binds) < len(poses):
@@ -331,7 +342,7 @@ class _Reader:
         colours = np.clip(colours, 0, 1)
         return colours if colours.shape[1] == 4 else np.column_stack([colours, np.ones(len(colours))])
 
-    def _uv(self, primitive: Primitive, where: tuple[int, TextureTransform], name: str) -> np.ndarray:
+    def _uv(self, primitive: Primitive, where: tuple[int, TextureTransform], *, name: str) -> np.ndarray:
         number, transform = where
         key = f"TEXCOORD_{number}"
         if key not in primitive.attributes:
@@ -342,7 +353,7 @@ class _Reader:
         """Return a material's surface, and the set and transform of its texture coordinates, None without a texture."""
         pbr = material.pbr_metallic_roughness or MetallicRoughness()
         use, factor = pbr.base_color_texture, pbr.base_color_factor
-        self._say_what_is_ignored(material, pbr, name)
+        self._say_what_is_ignored(material, pbr, name=name)
         old = material.extensions.get("KHR_materials_pbrSpecularGlossiness")
         if old is not None:
             gloss = self._extension(SpecularGlossiness, old)
@@ -373,7 +384,7 @@ class _Reader:
         )
         return surface, where or glow_where
 
-    def _say_what_is_ignored(self, material: Material, pbr: MetallicRoughness, name: str) -> None:
+    def _say_what_is_ignored(self, material: Material, pbr: MetallicRoughness, *, name: str) -> None:
         ext = material.extensions
         old = "KHR_materials_pbrSpecularGlossiness" in ext
         found = {
@@ -397,7 +408,7 @@ class _Reader:
         """Return picture, coordinates (set and transform), whether it is interpolated, and how it repeats."""
         if use is None:
             return None, None, True, "repeat"
-        texture = self.file.get(self.document.textures, use.index, "texture")
+        texture = self.file.get(self.document.textures, use.index, what="texture")
         source = texture.source
         webp = texture.extensions.get("EXT_texture_webp")
         if isinstance(webp, dict) and isinstance(webp.get("source"), int) and webp["source"] >= 0:
@@ -412,7 +423,7 @@ class _Reader:
         number = transform.tex_coord if transform.tex_coord is not None else use.tex_coord
         nearest, wrap = False, "repeat"
         if texture.sampler is not None:
-            sampler = self.file.get(self.document.samplers, texture.sampler, "sampler")
+            sampler = self.file.get(self.document.samplers, texture.sampler, what="sampler")
             nearest, wrap = sampler.mag_filter == NEAREST, WRAPS[sampler.wrap_s]
             if sampler.wrap_t != sampler.wrap_s:
                 self.left_out.add("wrapT ignored, wrapS is used for both axes", name)
@@ -455,7 +466,7 @@ def _local(node: Node) -> np.ndarray:
 
 
 def _placed(
-    points: np.ndarray, normals: np.ndarray | None, world: np.ndarray
+    points: np.ndarray, normals: np.ndarray | None, *, world: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray | None, bool]:
     """Return points and normals after a transform, and whether it mirrors."""
     linear = world[:3, :3]

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.alias_generators import to_camel
 
 from saf_gen.authoring.meshes.shapes import MAX_CORNERS
-from saf_gen.authoring.meshes.side_files import decode_picture, find_side_file, read_bytes
+from saf_gen.authoring.meshes.side_files import Pictures, find_side_file, read_bytes
 from saf_gen.errors import BadInput
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -194,13 +194,13 @@ class GltfFile:
         text, self._binary = _split_container(read_bytes(path), path)
         self.document = _parse(text, path)
         self._buffers: dict[int, bytes] = {}
-        self._pictures: dict[int, np.ndarray] = {}
+        self._pictures = Pictures(path)
 
     def refuse(self, problem: str, *, hint: str = "export it again", allowed: str = "") -> BadInput:
         """Return the error for a fault of the file."""
         return BadInput(problem, where=str(self.path), hint=hint, allowed=allowed)
 
-    def get(self, entries: Sequence[One], index: int, what: str) -> One:
+    def get(self, entries: Sequence[One], index: int, *, what: str) -> One:
         """Return an entry of a list of the document; raise BadInput if it does not exist."""
         if index >= len(entries):
             raise self.refuse(f"{what} {index} does not exist: the file has {len(entries)}")
@@ -226,7 +226,7 @@ class GltfFile:
         BadInput
             If it does not exist, has another type, or the file is shorter than it says.
         """
-        accessor = self.get(self.document.accessors, index, "accessor")
+        accessor = self.get(self.document.accessors, index, what="accessor")
         if kinds and accessor.type not in kinds:
             raise self.refuse(f"accessor {index} has the type {accessor.type}", allowed=" or ".join(kinds))
         width, kind = WIDTHS[accessor.type], np.dtype(COMPONENTS[accessor.component_type])
@@ -243,13 +243,13 @@ class GltfFile:
                 accessor.buffer_view, accessor.byte_offset, count=accessor.count, kind=kind, width=width
             )
         if accessor.sparse is not None:
-            stored = self._fill_in(stored, accessor.sparse, index)
+            stored = self._fill_in(stored, accessor.sparse, index=index)
         values = stored.astype(np.float64) if accessor.component_type == 5126 else stored.astype(np.int64)
         if accessor.normalized and accessor.component_type != 5126:
             values = np.maximum(values / np.iinfo(kind).max, -1.0)
         return values[:, 0] if accessor.type == "SCALAR" else values
 
-    def _fill_in(self, stored: np.ndarray, sparse: Sparse, index: int) -> np.ndarray:
+    def _fill_in(self, stored: np.ndarray, sparse: Sparse, *, index: int) -> np.ndarray:
         kind = np.dtype(COMPONENTS[sparse.indices.component_type])
         if sparse.count > len(stored):
             raise self.refuse(f"accessor {index} replaces {sparse.count} of its {len(stored)} values")
@@ -281,9 +281,9 @@ class GltfFile:
         return values
 
     def _view(self, index: int) -> tuple[bytes, int | None]:
-        view = self.get(self.document.buffer_views, index, "buffer view")
+        view = self.get(self.document.buffer_views, index, what="buffer view")
         if "EXT_meshopt_compression" in view.extensions or "KHR_meshopt_compression" in view.extensions:
-            buffer = self.get(self.document.buffers, view.buffer, "buffer")
+            buffer = self.get(self.document.buffers, view.buffer, what="buffer")
             if buffer.uri is None and not (view.buffer == 0 and self._binary):
                 raise self.refuse("its arrays are compressed with meshopt", hint=COMPRESSED)
         data = self._buffer(view.buffer)
@@ -293,7 +293,7 @@ class GltfFile:
 
     def _buffer(self, index: int) -> bytes:
         if index not in self._buffers:
-            buffer = self.get(self.document.buffers, index, "buffer")
+            buffer = self.get(self.document.buffers, index, what="buffer")
             if buffer.uri is not None:
                 data = self._resource(buffer.uri, what="buffer")
             elif index == 0 and self._binary:
@@ -309,18 +309,19 @@ class GltfFile:
 
     def picture(self, index: int) -> np.ndarray:
         """Return the pixels of an image, sRGB-coded, uint8 (rows, columns, 4); raise BadInput if it is unreadable."""
-        if index not in self._pictures:
-            image = self.get(self.document.images, index, "image")
-            name = image.name or f"image {index}"
+        image = self.get(self.document.images, index, what="image")
+        name = image.name or f"image {index}"
+        if image.uri is not None and not image.uri.startswith("data:"):
+            name = image.uri
+
+        def load() -> bytes:
             if image.buffer_view is not None:
-                data = self._view(image.buffer_view)[0]
-            elif image.uri is not None:
-                data = self._resource(image.uri, what="texture")
-                name = image.uri if not image.uri.startswith("data:") else name
-            else:
+                return self._view(image.buffer_view)[0]
+            if image.uri is None:
                 raise self.refuse(f"image {index} has no data")
-            self._pictures[index] = decode_picture(data, name=name, mesh=self.path)
-        return self._pictures[index]
+            return self._resource(image.uri, what="texture")
+
+        return self._pictures.decode(index, load, name=name)
 
     def _resource(self, uri: str, *, what: str) -> bytes:
         """Return the data of a URI, which is in it or in a file beside the mesh."""

@@ -26,7 +26,7 @@ from saf_gen.authoring.meshes.shapes import (
     srgb_to_linear,
     triangulate,
 )
-from saf_gen.authoring.meshes.side_files import decode_picture, find_side_file, read_bytes
+from saf_gen.authoring.meshes.side_files import Pictures, find_side_file, read_bytes
 from saf_gen.errors import BadInput
 
 FREE_FORM = ("curv", "curv2", "surf", "cstype")
@@ -100,9 +100,9 @@ def read_obj(path: Path, left_out: LeftOut) -> list[Shape]:
     if len(faces) > MAX_SHAPES or sum(len(f.corners) for f in faces.values()) > MAX_CORNERS:
         allowed = f"up to {MAX_SHAPES:,} materials and {MAX_CORNERS:,} corners"
         raise BadInput("the mesh is too large", where=str(path), allowed=allowed, hint="reduce it")
-    looks = _looks(path, [name for name in faces if name], list(libraries), left_out)
+    looks = _looks(path, [name for name in faces if name], libraries=list(libraries), left_out=left_out)
     vertices = _Vertices(path, points, uv=uv, normals=normals, left_out=left_out)
-    shapes = [vertices.shape(name, found, looks.get(name)) for name, found in faces.items()]
+    shapes = [vertices.shape(name, found, look=looks.get(name)) for name, found in faces.items()]
     return [checked(shape, left_out, path=path) for shape in shapes if shape.triangles.size]
 
 
@@ -165,7 +165,7 @@ class _Vertices:
             return None
         return np.column_stack([srgb_to_linear(coded[:, :3]), coded[:, 3]])
 
-    def shape(self, name: str, faces: _Faces, look: "_Look | None") -> Shape:
+    def shape(self, name: str, faces: _Faces, *, look: "_Look | None") -> Shape:
         """Return the shape of a material's faces; without a look, it is grey or has the colours of its vertices."""
         corners, counts = np.array(faces.corners, dtype=np.int64).reshape(-1, 3), np.array(faces.counts, dtype=np.int64)
         for n, (what, there) in enumerate(
@@ -218,16 +218,16 @@ class _Look:
     offset: tuple[float, float] = (0.0, 0.0)
 
 
-def _looks(path: Path, used: list[str], libraries: list[str], left_out: LeftOut) -> dict[str, _Look]:
+def _looks(path: Path, used: list[str], *, libraries: list[str], left_out: LeftOut) -> dict[str, _Look]:
     """Return the looks of the materials in use, by name."""
     entries: dict[str, dict[str, list[str]]] = {}
     for names in libraries if used else ():
         for file in _library_files(path, names):
             entries = _materials(file) | entries  # the first library that has a material counts
-    looks = {}
+    looks, pictures = {}, Pictures(path)
     for name in used:
         if name in entries:
-            looks[name] = _Mtl(path, name, entries[name], left_out).look()
+            looks[name] = _Mtl(path, name, entries[name], pictures, left_out).look()
         else:
             why = "no mtllib has them" if libraries else "the file names no mtllib"
             left_out.add(f"materials are grey, because {why}", name)
@@ -303,11 +303,15 @@ class _Map:
         return (scale[0], scale[1]), (offset[0], offset[1]), self.options.get("-clamp") == ["on"]
 
 
+@dataclass(frozen=True)
 class _Mtl:
     """A material of an MTL file."""
 
-    def __init__(self, path: Path, name: str, entry: dict[str, list[str]], left_out: LeftOut) -> None:
-        self.path, self.name, self.entry, self.left_out = path, name, entry, left_out
+    path: Path
+    name: str
+    entry: dict[str, list[str]]
+    pictures: Pictures
+    left_out: LeftOut
 
     def look(self) -> _Look:
         """Return the look with Kd × map_Kd, d × map_d and Ke × map_Ke; say what else the material has."""
@@ -318,16 +322,15 @@ class _Mtl:
             raise self._refusal("its maps have different options -o, -s or -clamp")
         ((scale, offset, clamped),) = placed
         picture = self._picture(maps["map_kd"])
-        if picture is not None:
-            picture = np.dstack([picture[..., :3], np.full(picture.shape[:2], 255, np.uint8)])  # map_d has the opacity
         colour = self._numbers("kd", GREY if picture is None else ONE)
         if picture is not None and not any(colour):
             self.left_out.add("textures are black, because Kd is 0 0 0", self.name)
         if max(colour) > 1:
             self.left_out.add("Kd above 1 is taken as 1", self.name)
         opacity = self._opacity()
-        picture = self._with_opacity(picture, maps["map_d"])
-        clear = opacity < 1 or (picture is not None and int(picture[..., 3].min()) < 255)
+        clear = opacity < 1 or maps["map_d"] is not None
+        if clear:
+            picture = self._with_opacity(picture, maps["map_d"])
         glow = self._picture(maps["map_ke"])
         emission = self._numbers("ke", NONE if glow is None else ONE)
         red, green, blue = (min(max(c, 0.0), 1.0) for c in colour)
@@ -421,14 +424,13 @@ class _Mtl:
     def _picture(self, named: _Map | None) -> np.ndarray | None:
         if named is None:
             return None
-        file = find_side_file(named.name, self.path, what="texture")
-        return decode_picture(read_bytes(file), name=named.name, mesh=self.path)
+        return self.pictures.named(named.name)
 
     def _with_opacity(self, picture: np.ndarray | None, named: _Map | None) -> np.ndarray | None:
         """Return the picture with the values of map_d as its opacity: its alpha if it has any, else its brightness."""
         mask = self._picture(named)
-        if mask is None or named is None:
-            return picture
+        if mask is None or named is None:  # the alpha of map_Kd does not count
+            return None if picture is None else np.dstack([picture[..., :3], np.full_like(picture[..., 0], 255)])
         channel = (named.options.get("-imfchan") or ["m" if mask[..., 3].min() < 255 else "l"])[0]
         if channel in ("r", "g", "b", "m"):
             values = mask[..., "rgbm".index(channel)]

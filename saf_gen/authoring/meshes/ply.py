@@ -24,7 +24,7 @@ from saf_gen.authoring.meshes.shapes import (
     srgb_to_linear,
     triangulate,
 )
-from saf_gen.authoring.meshes.side_files import decode_picture, find_side_file, read_bytes
+from saf_gen.authoring.meshes.side_files import Pictures, read_bytes
 from saf_gen.errors import BadInput
 from saf_gen.scene.ply_file import CORNERS, Element, read_header, validate_ply
 
@@ -152,7 +152,7 @@ def _picture(data: bytes, path: Path) -> np.ndarray | None:
         )
     if not names:
         return None
-    return decode_picture(read_bytes(find_side_file(names[0], path, what="texture")), name=names[0], mesh=path)
+    return Pictures(path).named(names[0])
 
 
 def _read_elements(data: bytes, path: Path) -> dict[str, Columns]:
@@ -161,12 +161,12 @@ def _read_elements(data: bytes, path: Path) -> dict[str, Columns]:
     order, elements = read_header(stream)
     try:
         read = _text_rows if order == "" else _binary_rows
-        return {element.name: read(stream, element, order) for element in elements}
+        return {element.name: read(stream, element, order=order) for element in elements}
     except (ValueError, IndexError, OverflowError) as error:
         raise BadInput(f"the mesh is damaged: {error}", where=str(path), hint="export it again") from error
 
 
-def _text_rows(stream: io.BytesIO, element: Element, order: str) -> Columns:
+def _text_rows(stream: io.BytesIO, element: Element, *, order: str) -> Columns:
     rows = [stream.readline().split() for _ in range(element.rows)]
     columns: Columns = {}
     if not any(one.counted for one in element.properties):
@@ -185,7 +185,7 @@ def _text_rows(stream: io.BytesIO, element: Element, order: str) -> Columns:
     return columns
 
 
-def _binary_rows(stream: io.BytesIO, element: Element, order: str) -> Columns:
+def _binary_rows(stream: io.BytesIO, element: Element, *, order: str) -> Columns:
     """Read rows together if their lists have the same lengths as those of the first row, else one by one."""
     data, start, at = stream.getbuffer(), stream.tell(), stream.tell()
     lengths = []
@@ -196,7 +196,7 @@ def _binary_rows(stream: io.BytesIO, element: Element, order: str) -> Columns:
             at += np.dtype(one.counted).itemsize
         lengths.append(count)
         at += count * np.dtype(one.kind).itemsize
-    alike = _row_type(element, order, lengths or [0] * len(element.properties))
+    alike = _row_type(element, lengths or [0] * len(element.properties), order=order)
     if start + alike.itemsize * element.rows <= len(data):
         rows = np.frombuffer(data, alike, element.rows, start)
         if all((rows[f"count{n}"] == lengths[n]).all() for n, one in enumerate(element.properties) if one.counted):
@@ -212,7 +212,7 @@ def _binary_rows(stream: io.BytesIO, element: Element, order: str) -> Columns:
     return columns
 
 
-def _row_type(element: Element, order: str, lengths: list[int]) -> np.dtype:
+def _row_type(element: Element, lengths: list[int], *, order: str) -> np.dtype:
     fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = []
     for n, one in enumerate(element.properties):
         if one.counted:

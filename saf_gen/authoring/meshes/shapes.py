@@ -126,6 +126,10 @@ def checked(shape: Shape, left_out: LeftOut, *, path: Path) -> Shape:
     for what, array in values.items():
         if array is not None and not (np.abs(array) < HUGE).all():
             raise BadInput(f"a {what}{of} is not a finite number", where=str(path), hint="export it again")
+    glow = shape.surface.emission
+    if not all(0 <= radiance < HUGE for radiance in glow):
+        said = " ".join(f"{radiance:.6g}" for radiance in glow)
+        raise BadInput(f"the emission{of} is {said}", where=str(path), allowed="0 or more", hint="correct its material")
     if shape.triangles.size and not (shape.triangles.min() >= 0 and shape.triangles.max() < count):
         low, high = int(shape.triangles.min()), int(shape.triangles.max())
         raise BadInput(
@@ -225,15 +229,16 @@ def _cut_ears(ring: np.ndarray, path: Path) -> np.ndarray:
 def _is_ear(ring: np.ndarray, k: int) -> bool:
     """Return whether corner k of a polygon (side, 2) is convex and its triangle holds no other corner."""
     triangle = ring[[k - 1, k, (k + 1) % len(ring)]]
-    if _area(triangle[0], triangle[1], triangle[2]) <= 0:
+    if _area(triangle[:2], triangle[2]) <= 0:
         return False
     others = np.delete(ring, [k, k - 1 if k else len(ring) - 1, (k + 1) % len(ring)], axis=0)
-    inside = [_area(triangle[n], triangle[(n + 1) % 3], others) >= 0 for n in range(3)]
+    inside = [_area(triangle[[n, (n + 1) % 3]], others) >= 0 for n in range(3)]
     return not (inside[0] & inside[1] & inside[2]).any()
 
 
-def _area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Return twice the signed area of the triangles a, b, c."""
+def _area(side: np.ndarray, corner: np.ndarray) -> np.ndarray:
+    """Return twice the signed area of triangles on a side (2, 2), by their third corners (..., 2)."""
+    (a, b), c = side, corner
     return np.asarray((b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0]))
 
 

@@ -2,6 +2,7 @@
 
 import io
 import warnings
+from collections.abc import Callable, Hashable
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
@@ -11,7 +12,8 @@ from saf_gen.core.config.document import check_plain_file
 from saf_gen.errors import BadInput, closest
 
 MAX_BYTES = 1 << 30
-MAX_PIXELS = 1 << 26
+MAX_PIXELS = 1 << 27
+"""Of all pictures of a mesh together: eight of 4096 × 4096."""
 PICTURE_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "DDS")
 
 
@@ -64,46 +66,70 @@ def find_side_file(name: str, mesh: Path, *, what: str) -> Path:
     return file
 
 
-def decode_picture(data: bytes, *, name: str, mesh: Path) -> np.ndarray:
-    """Return the sRGB-coded colours and the opacity of a picture file, uint8 (rows, columns, 4).
+class Pictures:
+    """The pictures of a mesh, each decoded once, and of no more than MAX_PIXELS together."""
 
-    Parameters
-    ----------
-    data : bytes
-        Content of the file.
-    name : str
-        Name of the picture, for messages.
-    mesh : Path
-        The mesh, for messages.
+    def __init__(self, mesh: Path) -> None:
+        self._mesh = mesh
+        self._known: dict[Hashable, np.ndarray] = {}
 
-    Raises
-    ------
-    BadInput
-        If Pillow cannot read it, it has other values than 8 or 16 bits, or it is too large.
-    """
-    allowed = ", ".join(PICTURE_FORMATS)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            warnings.simplefilter("ignore", UserWarning)  # about metadata
-            with Image.open(io.BytesIO(data), formats=PICTURE_FORMATS) as picture:
-                if picture.width * picture.height > MAX_PIXELS:
-                    raise ValueError(f"it has {picture.width} × {picture.height} pixels, more than {MAX_PIXELS:,}")
-                if picture.mode.startswith("I;16"):
-                    grey = np.round(np.asarray(picture, dtype=np.float64) / 257).astype(np.uint8)
-                    return np.dstack([grey, grey, grey, np.full_like(grey, 255)])
-                if picture.mode in ("I", "F"):
-                    raise ValueError(f"its values are of Pillow's mode {picture.mode}, not 8 or 16 bits")
-                return np.asarray(picture.convert("RGBA"))
-    except Exception as error:  # an untrusted picture, read by a library that may raise any exception
-        if data[:12] == b"\xabKTX 20\xbb\r\n\x1a\n":
-            reason, hint = "it is a KTX2 file", "convert it to PNG, for glTF with gltf-transform ktxdecompress"
-        else:
-            unknown = isinstance(error, UnidentifiedImageError)  # its message names the object in memory
-            reason, hint = "it is no picture" if unknown else " ".join(str(error).split()), "convert it to PNG"
-        raise BadInput(
-            f"the texture {name!r} cannot be read: {reason}", where=str(mesh), allowed=allowed, hint=hint
-        ) from (error)
+    def named(self, name: str) -> np.ndarray:
+        """Return the picture in a file that the mesh names; see :meth:`decode`."""
+        file = find_side_file(name, self._mesh, what="texture")
+        return self.decode(file, lambda: read_bytes(file), name=name)
+
+    def decode(self, key: Hashable, load: Callable[[], bytes], *, name: str) -> np.ndarray:
+        """Return the sRGB-coded colours and the opacity of a picture file, uint8 (rows, columns, 4).
+
+        Parameters
+        ----------
+        key : hashable
+            Key of the picture; ``load`` is called if it is new.
+        load : callable
+            Function that returns the content of the file.
+        name : str
+            Name of the picture, for messages.
+
+        Raises
+        ------
+        BadInput
+            If Pillow cannot read it, it has other values than 8 or 16 bits or several pages, or is too large.
+        """
+        if key not in self._known:
+            left = MAX_PIXELS - sum(known.shape[0] * known.shape[1] for known in self._known.values())
+            data = load()
+            try:
+                self._known[key] = _decode(data, most=left)
+            except Exception as error:  # an untrusted picture, read by a library that may raise any exception
+                unknown = isinstance(error, UnidentifiedImageError)  # its message names the object in memory
+                reason, hint = "it is no picture" if unknown else " ".join(str(error).split()), "convert it to PNG"
+                if data.startswith(b"\xabKTX 20"):
+                    reason, hint = "it is a KTX2 file", "convert it to PNG, for glTF with gltf-transform ktxdecompress"
+                raise BadInput(
+                    f"the texture {name!r} cannot be read: {reason}",
+                    where=str(self._mesh),
+                    allowed=", ".join(PICTURE_FORMATS),
+                    hint=hint,
+                ) from error
+        return self._known[key]
+
+
+def _decode(data: bytes, *, most: int) -> np.ndarray:
+    """Return the pixels of a picture file, uint8 (rows, columns, 4); raise anything if it cannot be read."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        warnings.simplefilter("ignore", UserWarning)  # about metadata
+        with Image.open(io.BytesIO(data), formats=PICTURE_FORMATS) as picture:
+            if picture.width * picture.height > most:
+                raise ValueError(f"the textures have more than {MAX_PIXELS:,} pixels")
+            if getattr(picture, "n_frames", 1) > 1:
+                raise ValueError("it has several pages")
+            if picture.mode.startswith("I;16"):
+                grey = np.round(np.asarray(picture, dtype=np.float64) / 257).astype(np.uint8)
+                return np.dstack([grey, grey, grey, np.full_like(grey, 255)])
+            if picture.mode in ("I", "F"):
+                raise ValueError(f"its values are of Pillow's mode {picture.mode}, not 8 or 16 bits")
+            return np.asarray(picture.convert("RGBA"))
 
 
 def encode_png(pixels: np.ndarray) -> bytes:
