@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 import trimesh
+from mesh_cards import Gltf
 from refusals import assert_says, refusal
 
 from saf_gen.authoring.template import scene_from_export
@@ -120,3 +121,20 @@ def test_a_mesh_that_cannot_be_placed_is_refused_and_leaves_nothing(here, name, 
         (here / name).write_bytes(content)
     assert_says(refusal(scene_from_export, here / name, "mine", root=here / "scenes"), message)
     assert not (here / "scenes").exists()
+
+
+def test_the_command_says_what_it_leaves_out_and_a_refusal_is_one_line(here, call):
+    file = Gltf()
+    file.add_card(
+        material=file.add_material(name="car", extensions={"KHR_materials_clearcoat": {"clearcoatFactor": 1}})
+    )
+    file.save(here / "car.glb")
+    code, out, err = call("scenes", "new", "car", "--from", "car.glb")
+    assert (code, err) == (0, "")
+    assert "\nclearcoat ignored: car\n" in out
+    file.json["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    file.save(here / "van.glb")
+    code, out, err = call("scenes", "new", "van", "--from", "van.glb")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "van.glb: the file requires KHR_draco_mesh_compression" in err
+    assert not (here / "scenes/van").exists()

@@ -50,6 +50,7 @@ IGNORED = {
 }
 """What each extension of a material adds that is left out."""
 SAID = ("KHR_lights_punctual", "KHR_materials_variants", "KHR_xmp_json_ld", "KHR_animation_pointer")
+KNOWN = (*KEPT, *IGNORED, *SAID)
 WRAPS = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
 NEAREST = 9728
 MAX_SKIN_SETS = 4
@@ -104,12 +105,13 @@ class _Reader:
     def __init__(self, file: GltfFile, left_out: LeftOut) -> None:
         self.file, self.left_out = file, left_out
         self.document = file.document
+        self._worlds: list[np.ndarray] = []  # transforms of the nodes to the scene
         self._corners = 0
 
     def shapes(self) -> list[Shape]:
         self._check_extensions()
         self._say_what_is_not_drawn()
-        worlds = self._worlds()
+        self._worlds = self._place_nodes()
         shapes: list[Shape] = []
         for index in self._drawn_nodes():
             node = self.document.nodes[index]
@@ -117,10 +119,11 @@ class _Reader:
                 continue
             mesh = self.file.get(self.document.meshes, node.mesh, what="mesh")
             name = node.name or mesh.name or f"node_{index}"
+            weights = node.weights if node.weights is not None else mesh.weights
             for k, primitive in enumerate(mesh.primitives):
+                self._say_extensions(node, mesh, primitive)
                 of = f"{name}_{k + 1}" if len(mesh.primitives) > 1 else name
-                weights = node.weights if node.weights is not None else mesh.weights
-                shape = self._shape(primitive, of, weights=weights, node=node, worlds=worlds, world=worlds[index])
+                shape = self._shape(primitive, of, index=index, weights=weights)
                 shapes += [shape] if shape is not None else []
                 if len(shapes) > MAX_SHAPES:
                     raise self.file.refuse(
@@ -129,20 +132,20 @@ class _Reader:
         return shapes
 
     def _check_extensions(self) -> None:
-        known = (*KEPT, *IGNORED, *SAID)
-        missing = [name for name in self.document.extensions_required if name not in known]
+        missing = [name for name in self.document.extensions_required if name not in KNOWN]
         if missing:
             compressed = [name for name in missing if name in COMPRESSIONS]
             hint = COMPRESSED if compressed else f"export it without {', '.join(missing)}"
             if "KHR_texture_basisu" in missing:
                 hint = "convert its textures to PNG: gltf-transform ktxdecompress IN.glb OUT.glb"
-            raise self.file.refuse(
-                f"the file requires {', '.join(missing)}, which saf_gen cannot read",
-                hint=hint,
-                allowed=", ".join(known),
-            )
+            raise self.file.refuse(f"the file requires {', '.join(missing)}, which saf_gen cannot read", hint=hint)
         for name in self.document.extensions_used:
-            if name not in (*known, *COMPRESSIONS, "KHR_texture_basisu"):
+            if name not in (*KNOWN, *COMPRESSIONS, "KHR_texture_basisu"):
+                self.left_out.add("extensions ignored", name)
+
+    def _say_extensions(self, *entries: Entry) -> None:
+        for name in (name for entry in entries for name in entry.extensions):
+            if name not in (*KNOWN, *COMPRESSIONS):
                 self.left_out.add("extensions ignored", name)
 
     def _say_what_is_not_drawn(self) -> None:
@@ -172,7 +175,7 @@ class _Reader:
             left += reversed(self.file.get(document.nodes, index, what="node").children)
             yield index
 
-    def _worlds(self) -> list[np.ndarray]:
+    def _place_nodes(self) -> list[np.ndarray]:
         """Return the transform to the scene of each node, float64 (4, 4)."""
         nodes = self.document.nodes
         parents: dict[int, int] = {}
@@ -197,22 +200,11 @@ class _Reader:
             raise self.file.refuse("a node of the scene has a parent, or is listed twice")
         return [worlds[index] for index in range(len(nodes))]
 
-    def _shape(
-        self,
-        primitive: Primitive,
-        name: str,
-        *,
-        weights: list[float],
-        node: Node,
-        worlds: list[np.ndarray],
-        world: np.ndarray,
-    ) -> Shape | None:
+    def _shape(self, primitive: Primitive, name: str, *, index: int, weights: list[float]) -> Shape | None:
+        """Return the shape of a primitive below a node, or None if it has no triangle."""
         if "KHR_draco_mesh_compression" in primitive.extensions:
-            accessor = primitive.attributes.get("POSITION")
-            if (
-                accessor is None
-                or self.file.get(self.document.accessors, accessor, what="accessor").buffer_view is None
-            ):
+            first = self.file.get(self.document.accessors, primitive.attributes.get("POSITION", 0), what="accessor")
+            if first.buffer_view is None:  # the file has no copy that is not compressed
                 raise self.file.refuse(f"the mesh {name!r} is compressed with Draco", hint=COMPRESSED)
         if primitive.mode < 4:
             self.left_out.add("points and lines ignored", name)
@@ -234,12 +226,11 @@ class _Reader:
             points, normals = self._morphed(primitive, weights, points=points, normals=normals)
         elif primitive.targets:
             self.left_out.add("morph targets ignored, their weights are 0", name)
-        skin = node.skin if "JOINTS_0" in primitive.attributes else None
-        points, normals, mirrored = (
-            _placed(points, normals, world=world)
-            if skin is None
-            else self._skinned(primitive, skin, worlds=worlds, points=points, normals=normals)
-        )
+        skin = self.document.nodes[index].skin
+        if skin is None or "JOINTS_0" not in primitive.attributes:
+            points, normals, mirrored = _placed(points, normals, world=self._worlds[index])
+        else:
+            points, normals, mirrored = self._skinned(primitive, skin, points=points, normals=normals)
         if mirrored:
             triangles = triangles[:, [0, 2, 1]]
         colours = self._colours(primitive, name)
@@ -294,17 +285,11 @@ class _Reader:
         return points, normals
 
     def _skinned(
-        self,
-        primitive: Primitive,
-        index: int,
-        *,
-        worlds: list[np.ndarray],
-        points: np.ndarray,
-        normals: np.ndarray | None,
+        self, primitive: Primitive, index: int, *, points: np.ndarray, normals: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray | None, bool]:
         """Return points and normals as the joints place them; the transform of the mesh's node is ignored."""
         skin = self.file.get(self.document.skins, index, what="skin")
-        poses = np.array([self.file.get(worlds, joint, what="node") for joint in skin.joints]).reshape(-1, 4, 4)
+        poses = np.array([self.file.get(self._worlds, joint, what="node") for joint in skin.joints]).reshape(-1, 4, 4)
         if skin.inverse_bind_matrices is not None:
             binds = self.file.array(skin.inverse_bind_matrices, kinds=("MAT4",))
             if len(binds) < len(poses):
@@ -392,15 +377,14 @@ class _Reader:
             "gloss": old or pbr.roughness_factor < 1 or pbr.metallic_roughness_texture is not None,
             "normal map": material.normal_texture is not None,
             "occlusion map": material.occlusion_texture is not None,
+            "emission of back sides": material.double_sided and any(material.emissive_factor),
         } | {what: key in ext for key, what in IGNORED.items() if what}
         if material.pbr_metallic_roughness is None and not old:
             found["metallic"] = False  # the file says nothing
         for what, there in found.items():
             if there:
                 self.left_out.add(f"{what} ignored", name)
-        for key in ext:
-            if key not in (*KEPT, *IGNORED):
-                self.left_out.add("extensions ignored", key)
+        self._say_extensions(material)
 
     def _texture(
         self, use: TextureUse | None, name: str

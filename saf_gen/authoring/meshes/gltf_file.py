@@ -159,6 +159,7 @@ class Material(Entry):
     emissive_factor: tuple[Unit, Unit, Unit] = (0, 0, 0)
     alpha_mode: Literal["OPAQUE", "MASK", "BLEND"] = "OPAQUE"
     alpha_cutoff: Annotated[float, Field(ge=0)] = 0.5
+    double_sided: bool = False
 
 
 class Document(Entry):
