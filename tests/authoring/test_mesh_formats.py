@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import trimesh
-from mesh_cards import LUMINANCE, POINTS, UV, blocks, encode, linear, quarters, render, show
+from mesh_cards import FACES, LUMINANCE, POINTS, UV, blocks, encode, linear, quarters, render, show
 from PIL import Image
 
 from saf_gen.authoring.meshes import LeftOut, read_mesh
@@ -232,6 +232,21 @@ def test_an_stl_file_is_grey_and_has_plane_facets(tmp_path, kind):
     picture, said = show(tmp_path / "a.stl")
     assert picture == pytest.approx(np.full((8, 8, 3), 0.6), abs=4e-3)
     assert said == []
+
+
+@pytest.mark.parametrize("kind", ["obj", "glb"])
+@pytest.mark.parametrize("factor", [255, 128])
+def test_a_textured_mesh_that_trimesh_writes_is_shown(tmp_path, kind, factor):
+    picture = Image.fromarray(FOUR)
+    tint = [factor, 255, 255, 255]
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=picture, baseColorFactor=tint, metallicFactor=0, roughnessFactor=1
+    )
+    visual = trimesh.visual.TextureVisuals(np.column_stack([UV[:, 0], 1 - UV[:, 1]]), material=material)
+    trimesh.Trimesh(POINTS, FACES, process=False, visual=visual).export(tmp_path / f"a.{kind}")
+    shown, said = show(tmp_path / f"a.{kind}")
+    assert quarters(shown) == pytest.approx(COLOURS * [factor / 255, 1, 1], abs=5e-3)
+    assert said == (["specular reflection ignored: material_0"] if kind == "obj" else [])
 
 
 def plain_meshes():
