@@ -21,6 +21,8 @@ read_leaderboard
 from importlib import import_module
 from typing import Any
 
+from saf_gen.core.kernel_cache import choose_kernel_cache
+
 __version__ = "0.1.0"
 
 _HOMES = {
@@ -39,6 +41,8 @@ _HOMES = {
 """Module that defines each public name, relative to ``saf_gen``."""
 
 __all__ = ["__version__", *_HOMES]
+
+choose_kernel_cache()  # before anything imports numba
 
 
 def __getattr__(name: str) -> Any:

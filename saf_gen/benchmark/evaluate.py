@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
 from saf_gen.benchmark.plugin_description import describe_plugins
@@ -29,7 +30,7 @@ from saf_gen.benchmark.thumbnails import select_to_show
 from saf_gen.benchmark.tracks.predictions import PredictionSet, read_predictions
 from saf_gen.benchmark.tracks.recorded import check_leaves_lens
 from saf_gen.benchmark.tracks.tasks import SequenceTask, select_sequences_to_evaluate
-from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.core.region import REGIONS
@@ -63,6 +64,7 @@ def evaluate(
     keep: KeptSequences | None = None,
     cluster: str | None = None,
     draw: bool = True,
+    limits: Limits | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Evaluation:
     """Run methods on a dataset or on one stream, and judge their answers.
@@ -98,6 +100,9 @@ def evaluate(
         must see the dataset, and the files that methods name, under the same paths.
     draw : bool, default True
         Whether to return the sweeps and pictures that a page draws.
+    limits : Limits, optional
+        What a method that is not part of saf_gen may use on a sequence; such a method runs in a process of its own,
+        and whatever it does, only its own runs fail.
     tell : callable, optional
         Called with a line for the user if a sequence is evaluated again because a worker died, or if the cluster has
         no workers.
@@ -129,7 +134,7 @@ def evaluate(
         raise BadInput(
             f"{what} does not work on a dataset in an object store", where=str(path), hint="copy it to a disk first"
         )
-    chosen = parse_methods(methods)
+    chosen = parse_methods(methods, limits)
     if protocol is None:
         check_leaves_lens(list(chosen.values()))
     groups = by_region(chosen, region)
@@ -167,7 +172,7 @@ def evaluate(
 
     run: Callable[..., Generator[EndedSequence]] = _run_locally
     if cluster is not None:
-        named = NamedMethods.of(methods, region, groups=groups)
+        named = NamedMethods.of(methods, region, groups=groups, limits=limits or Limits())
         run = partial(_run_on_cluster, cluster=Cluster(cluster, Path(str(path))), methods=named, notify=tell)
     ended = run(tasks, groups, drawn=drawn, store=store, protocol=protocol, predictions=prediction_set, step=step)
     try:

@@ -7,22 +7,24 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from inspect import signature
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from pydantic import ConfigDict
 
 from saf_gen.benchmark.records import Count, Number, pop_format
+from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
-from saf_gen.core.config.registry import names, plugin_class, refuse_code
+from saf_gen.core.config.registry import FORM_SUFFIXES, names, plugin_class, refuse_code
 from saf_gen.core.config.source_digest import class_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
-from saf_gen.parts import Measure, Search, wants_measures
+from saf_gen.parts import Answer, Measure, Search, wants_measures
 from saf_gen.plugins.measures import get_measure, measure_names
 from saf_gen.plugins.searches import get_search, search_names
 
@@ -63,10 +65,23 @@ DEFAULT_CLOSED_LOOP_METHODS = (
 )
 """Methods that ``saf-gen evaluate --track closed_loop`` runs by default."""
 
-MAX_LIST_BYTES = 1 << 22
-FORM_SUFFIXES = ("_n", "_tfi")
 TUNING_FORMAT = "saf-gen tuning 1"
 TUNE_HINT = "make it with saf-gen tune"
+
+
+Half = tuple[str, dict[str, Any]]
+"""Name and options of a measure or a search."""
+
+
+class MethodGuest(Protocol):
+    """A process that runs a method of others; see :class:`saf_gen.benchmark.guests.guest.Guest`."""
+
+    limits: Any
+    plugins: list[dict[str, Any]]
+
+    def run(self, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]: ...
+
+    def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -83,14 +98,17 @@ class Method:
     """First 12 digits of the SHA-256 of the tuned file that named the method (``@FILE``), or ''."""
     region: str = ""
     """Region that the method looks at, one of REGIONS; '' leaves the choice to the evaluation."""
+    guest: "MethodGuest | None" = None
+    """Process that runs the method, whose measure and search then only state what they are; None for methods of
+    saf_gen, which run in the evaluator."""
 
     @property
     def measure_name(self) -> str:
-        return self.name.split("+")[0]
+        return split_halves(split_region(self.name)[0])[0]
 
     @property
     def search_name(self) -> str:
-        return split_options(split_region(self.name)[0].split("+")[1])[0]
+        return split_options(split_halves(split_region(self.name)[0])[1])[0]
 
     @property
     def parameters(self) -> str:
@@ -100,7 +118,11 @@ class Method:
     @property
     def record_fields(self) -> dict[str, str]:
         """Fields of a record that say which method it is of."""
-        return {"method": self.name, "code": self.code, "parameters": self.parameters, "tuning": self.tuning}
+        limits = str(self.guest.limits) if self.guest else ""
+        return {
+            "method": self.name, "code": self.code, "parameters": self.parameters, "limits": limits,
+            "tuning": self.tuning,
+        }  # fmt: skip
 
 
 def parse_method(spec: str) -> Method:
@@ -133,28 +155,44 @@ def parse_method(spec: str) -> Method:
         method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
         with refuse_code(path):
             return replace(parse_method(method), tuning=digest)
-    text, region = split_region("".join(spec.split()))
-    halves = text.split("+")
+    halves, text, region = split_method(spec)
+    measure, search = (parse_options(half, spec) for half in halves)
+    try:
+        built = build_method(measure, search)
+    except BadInput as error:
+        raise of_method(error, spec) from None
+    return replace(built, name=f"{text}@{region}" if region else text, region=region)
+
+
+def of_method(error: BadInput, spec: str) -> BadInput:
+    """Return an error that says which method it concerns."""
+    hint = error.hint or "`saf-gen methods` lists measures and searches"
+    where = f"method {spec!r}"
+    return BadInput(error.problem, where=where, allowed=error.allowed, nearest=error.nearest, hint=hint)
+
+
+def split_method(spec: str) -> tuple[list[str], str, str]:
+    """Return the measure and the search in a name, the name without its region, and the region."""
+    text, region = split_region(spec)
+    halves = [tidy(half) for half in split_halves(text)]
+    text = "+".join(halves)
     if len(halves) != 2 or not all(halves):
         raise BadInput(
             f"method {spec!r} is not a focus measure and a search",
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
             hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
         )
-    (measure, measure_options), (search, search_options) = (parse_options(half, spec) for half in halves)
-    try:
-        plugins = get_measure(measure, **measure_options), get_search(search, **search_options)
-        others = [get_measure(name) for name in wants_measures(plugins[1])]
-    except BadInput as error:
-        raise BadInput(
-            error.problem,
-            where=f"method {spec!r}",
-            allowed=error.allowed,
-            nearest=error.nearest,
-            hint=error.hint or "`saf-gen methods` lists measures and searches",
-        ) from None
-    name = f"{text}@{region}" if region else text
-    return Method(name, *plugins, code=_digest_code([*plugins, *others]), region=region)
+    return halves, text, region
+
+
+def build_method(measure: Half, search: Half) -> Method:
+    """Return the method of a measure and a search, each a name with options, in this process.
+
+    Raises BadInput if one of them is unknown or refuses its options.
+    """
+    plugins = get_measure(measure[0], **measure[1]), get_search(search[0], **search[1])
+    others = [get_measure(name) for name in wants_measures(plugins[1])]
+    return Method(f"{measure[0]}+{search[0]}", *plugins, code=_digest_code([*plugins, *others]))
 
 
 def split_region(method: str) -> tuple[str, str]:
@@ -162,21 +200,52 @@ def split_region(method: str) -> tuple[str, str]:
 
     Raises BadInput if the region is unknown.
     """
-    name, at, region = method.rpartition("@")
+    name, at, region = method.strip().rpartition("@")
+    region = region.strip()
     if not at or set(region) & set("+/.:"):  # this @ belongs to the path of a file or to an option of the measure
-        return method, ""
+        return method.strip(), ""
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS, where=f"method {method!r}")
     return name, region
 
 
+def split_halves(name: str) -> list[str]:
+    """Return the measure and the search in a name without a region; another number of parts if it is no method.
+
+    A + is a sign of the method unless it is in the path of a file, which ends in ``.py:``.
+    """
+    pieces = name.split("+")
+    for count in range(len(pieces) - 1, 0, -1):
+        halves = ["+".join(pieces[:count]), "+".join(pieces[count:])]
+        if all("+" not in half or ".py:" in half.rpartition("+")[2] for half in halves):
+            return halves
+    return pieces
+
+
 def split_options(half: str) -> tuple[str, str]:
     """Return the name of a measure or search, and its options as a string."""
-    name, _, tail = half.partition(":")
-    if "." in name:  # package.module:Class, or file.py:Class
+    file = _FILE.match(half)
+    path, rest = (file[1], half[file.end() :]) if file and not _OPTION.match(file[1]) else ("", half)
+    name, _, tail = rest.partition(":")
+    if path:
+        return f"{path}:{name}", tail
+    if "." in name:  # package.module:Class
         cls, _, tail = tail.partition(":")
         name = f"{name}:{cls}"
     return name, tail
+
+
+_FILE = re.compile(r"(.+?\.py):")
+_OPTION = re.compile(r"\w+:\w+=")
+"""Beginning of a registered name with an option, whose value may name a file."""
+
+
+def tidy(half: str) -> str:
+    """Return the name of a measure or search without the blanks that mean nothing; a path keeps its own."""
+    half = half.strip()
+    name, _ = split_options(half)
+    path = name.rpartition(":")[0] if ".py:" in name else ""
+    return path + re.sub(r"\s*([:,=])\s*", r"\1", half[len(path) :]).strip()
 
 
 def parse_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
@@ -211,57 +280,17 @@ def _digest_code(plugins: Sequence[Measure | Search]) -> str:
     """
     written = [
         [repr(plugin) for plugin in plugins],
-        class_source_digests(type(nested) for plugin in plugins for nested in _find_nested(plugin)),
+        class_source_digests(type(nested) for plugin in plugins for nested in nested_plugins(plugin)),
     ]
     return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
 
 
-def _find_nested(plugin: object) -> Iterator[object]:
+def nested_plugins(plugin: object) -> Iterator[object]:
     """Yield a plug-in and all plug-ins that it wraps."""
     if is_dataclass(plugin):
         yield plugin
         for field in fields(plugin):
-            yield from _find_nested(getattr(plugin, field.name))
-
-
-def read_methods(path: Path) -> list[str]:
-    """Return the names in a list of methods.
-
-    A list cannot cause other code to be loaded: it may name only plug-ins that are registered or already loaded.
-
-    Parameters
-    ----------
-    path : Path
-        Text file with one method per line. Empty lines and comments are ignored; a comment starts with ``#`` at the
-        beginning of a line, or with ``#`` between two spaces.
-
-    Returns
-    -------
-    list of str
-        Names of methods, all of which can be parsed.
-
-    Raises
-    ------
-    BadInput
-        If the list cannot be read or is empty, or if a name cannot be parsed; the error then gives the line.
-    """
-    try:
-        text = read_text(path, max_bytes=MAX_LIST_BYTES, encoding="utf-8-sig")
-    except BadInput as error:
-        problem = f"this is not a list of methods: {error.problem}"
-        raise BadInput(problem, allowed="a text file, one method per line", nearest=error.nearest) from error
-    names = []
-    for number, line in enumerate(text.splitlines(), 1):
-        if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
-            try:
-                with refuse_code(str(path)):
-                    parse_method(name)
-            except BadInput as error:
-                raise BadInput(str(error), where=f"{path}:{number}") from error
-            names.append(name)
-    if not names:
-        raise BadInput(f"{path} names no method", allowed="one method per line, such as sd+argmax")
-    return names
+            yield from nested_plugins(getattr(plugin, field.name))
 
 
 def resolve_name(spec: str) -> Method | tuple[str, Any]:
@@ -269,9 +298,9 @@ def resolve_name(spec: str) -> Method | tuple[str, Any]:
 
     Raises BadInput if nothing has this name, or if the plug-in refuses its options.
     """
-    if spec.startswith("@") or "+" in spec:
+    if spec.startswith("@") or len(split_halves(split_region(spec)[0])) > 1:
         return parse_method(spec)
-    name, options = parse_options("".join(spec.split()), spec)
+    name, options = parse_options(tidy(spec), spec)
     if _find_kind(name) == "searches":
         return "searches", get_search(name, **options)
     return "measures", get_measure(name, **options)

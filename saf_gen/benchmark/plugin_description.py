@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from inspect import cleandoc
 from typing import Any
 
-from saf_gen.benchmark.method_spec import Method, parse_method, split_options, split_region
+from saf_gen.benchmark.method_spec import Method, parse_method, split_halves, split_options, split_region
 from saf_gen.benchmark.records import Record
 from saf_gen.core.config.registry import build_plugin, is_builtin_name, plugin_class
 from saf_gen.core.config.source_digest import class_source_files
@@ -67,7 +67,11 @@ def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
     """Return descriptions of the measures of these methods and then of the searches, without repetitions."""
     found: dict[tuple[str, str], PluginDescription] = {}
     for method in methods:
-        halves = split_region(method.name)[0].split("+")
+        halves = split_halves(split_region(method.name)[0])
+        if method.guest is not None:
+            for half, kind in zip(halves, ("measures", "searches"), strict=True):
+                found.setdefault((kind, half), _described_by_guest(half, kind, said=method.guest.plugins))
+            continue
         for half, kind, plug_in in zip(halves, ("measures", "searches"), (method.measure, method.search), strict=True):
             if (kind, half) in found:
                 continue
@@ -80,12 +84,25 @@ def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
     return tuple(sorted(found.values(), key=lambda d: d.plugin_kind))
 
 
+def _described_by_guest(half: str, kind: str, *, said: Iterable[Any]) -> PluginDescription:
+    """Return what a guest says of one of its plug-ins, of which only texts are taken over."""
+    for one in said:
+        try:
+            if one["plugin_kind"] == kind:
+                facts = tuple((str(key)[:100], str(text)[:MAX_CODE_CHARACTERS]) for key, text in one["facts"])
+                code = tuple((str(name)[:100], str(text)[: MAX_CODE_CHARACTERS + 100]) for name, text in one["code"])
+                return PluginDescription(half, kind, facts, code)
+        except (KeyError, TypeError, ValueError):
+            break
+    return PluginDescription(half, kind, (("what", "it does not describe itself"),), ())
+
+
 def describe_recorded(records: Iterable[Record]) -> tuple[PluginDescription, ...]:
     """Return descriptions of the plug-ins in records, if saf_gen contains them with the code that made the records."""
     recorded = {record.method: record.code for record in records}
     methods = []
     for name, code in recorded.items():
-        halves = [split_options(half)[0] for half in split_region(name)[0].split("+")]
+        halves = [split_options(half)[0] for half in split_halves(split_region(name)[0])]
         if len(halves) != 2 or not all(map(is_builtin_name, ("measures", "searches"), halves)):
             continue
         try:

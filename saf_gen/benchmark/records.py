@@ -31,6 +31,9 @@ FAIR_FAILURES = ("BadInput", "the budget of ", "answered frame ", "frames_seen i
 """Beginnings of the notes of failures that are results: an input that a method refuses, a budget that it spends, and an
 answer outside the recording."""
 
+OVER_A_LIMIT = "over a limit: "
+"""Beginning of the notes of runs that were ended at a limit of time or memory; another machine may end them elsewhere.
+"""
 MAX_COUNT = 2**53
 """Largest whole number up to which a float represents every whole number."""
 MAX_SECONDS_OR_TRAVELS = 1e9
@@ -156,6 +159,8 @@ class Record:
     """Number of times that the lens changed its direction, if the method moved it."""
     parameters: str = ""
     """Measure and search with every option, defaults included."""
+    limits: str = ""
+    """What the process of the method might use on a sequence, if it is not part of saf_gen; otherwise ''."""
     tuning: str = ""
     """First 12 digits of the SHA-256 of the tuned file that named the method (``@FILE``), or ''."""
     machine: str = ""

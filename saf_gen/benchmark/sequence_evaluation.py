@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality, assess_curve
+from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.judgement import judged_dof, lens_position
-from saf_gen.benchmark.method_spec import Method, parse_method
+from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LensPath, SweepSummary
 from saf_gen.benchmark.tracks.predictions import PredictionSet
@@ -61,13 +63,13 @@ def by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Meth
     return {name: group for name, group in groups.items() if group or name == usual}
 
 
-def parse_methods(specs: Sequence[str]) -> dict[str, Method]:
-    """Return methods by name, without duplicates, since a method can be spelled in several ways.
+def parse_methods(specs: Sequence[str], limits: Limits | None = None) -> dict[str, Method]:
+    """Return methods by name, without duplicates, since a method can be spelled in several ways; guests have limits.
 
-    Raises BadInput if :func:`parse_method` does.
+    Raises BadInput if :func:`admit_method` does.
     """
     chosen: dict[str, Method] = {}
-    for method in map(parse_method, specs):
+    for method in (admit_method(spec, limits) for spec in specs):
         chosen.setdefault(method.name, method)
     return chosen
 
@@ -156,22 +158,25 @@ class NamedMethods:
         Folder to which file paths in the names are relative.
     codes : tuple of (str, str)
         Name and code digest of each method, which must be equal on the other machine.
+    limits : Limits
+        What the methods of others may use.
     """
 
     specs: tuple[str, ...]
     region: str
     folder: str
     codes: tuple[tuple[str, str], ...]
+    limits: Limits
 
     @classmethod
-    def of(cls, specs: Sequence[str], region: str, *, groups: MethodGroups) -> Self:
+    def of(cls, specs: Sequence[str], region: str, *, groups: MethodGroups, limits: Limits) -> Self:
         """Return the names and the code digests of methods that this process has loaded."""
-        return cls(tuple(specs), region, os.getcwd(), _codes(groups))  # noqa: PTH109
+        return cls(tuple(specs), region, os.getcwd(), _codes(groups), limits)  # noqa: PTH109
 
     def find(self) -> dict[str, list[Method]]:
         """Return the methods by region; raise BadInput if one is missing on this machine or has different code."""
         with chdir(self.folder):
-            groups = by_region(parse_methods(self.specs), self.region)
+            groups = by_region(parse_methods(self.specs, self.limits), self.region)
         for (name, code), (_, found) in zip(self.codes, _codes(groups), strict=True):
             if code != found:
                 raise BadInput(f"method {name!r} has different code on a worker ({found}, not {code})")

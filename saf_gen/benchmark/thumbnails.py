@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from saf_gen.core.region import Region
-from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.stream_file import SpikeStream
 
 THUMBNAIL_COUNT = 48
@@ -63,19 +62,13 @@ def make_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
     box = _to_fractions(region, (height, width))
     spikes_part = _select_part(box, (height, width))
 
-    def read(first_byte: int, stop_byte: int) -> np.ndarray:
-        return stream.packed(first_byte, stop_byte, region=part)
-
-    def count(first: int, stop: int) -> np.ndarray:
-        return stream.counts(first, stop, region=part)
-
     images, textures, spikes = [], [], []
     for first in firsts:
         middle = first + window // 2
-        images.append(_bin_pixels(count(first, first + window), binning))
-        texture = window_texture(read, count, first=first, stop=first + window)
+        images.append(_bin_pixels(stream.counts(first, first + window, region=part), binning))
+        texture = stream.texture(first, first + window, region=part)
         textures.append(_bin_pixels(texture.astype(np.float32), binning))
-        spikes.append(stream.counts(middle, middle + 1, region=spikes_part).astype(np.uint8))
+        spikes.append(stream.frames(middle, middle + 1, region=spikes_part)[0])
     return Thumbnails(
         images=np.stack(images),
         textures=np.stack(textures),

@@ -23,7 +23,7 @@ from saf_gen.calibration.fit_sensor import SensorFit
 from saf_gen.calibration.interval_noise import difference_variance
 from saf_gen.calibration.spike_statistics import LAGS, SERIES_FRAMES
 from saf_gen.core.figure_style import COLOURS, STYLE, use_plot_style
-from saf_gen.core.files import write_text
+from saf_gen.core.files import atomic_file, write_text
 
 MEASURED, LAW = COLOURS[:2]
 _STYLE: dict[Any, Any] = {**STYLE, "figure.facecolor": "white", "svg.hashsalt": "fit"}
@@ -234,7 +234,11 @@ figcaption {{ font-size: 0.85rem; color: #6b7280 }} svg {{ width: 100%; height: 
 
 
 def write_fit(fit: SensorFit, folder: Path) -> list[Path]:
-    """Write NAME.yaml, NAME.json and NAME.html into a folder, named after the sensor, and return their paths."""
+    """Write NAME.yaml, NAME.json and NAME.html into a folder, named after the sensor, and return their paths.
+
+    If there are bad pixels, NAME-mask.npy marks them, bool (rows, columns), as ``saf-gen import --mask`` takes it. An
+    older mask of this name is removed otherwise.
+    """
     name = fit.sensor.name  # which may have dots
     texts = {
         folder / f"{name}.yaml": _format_fitted_sensor(fit),
@@ -243,7 +247,13 @@ def write_fit(fit: SensorFit, folder: Path) -> list[Path]:
     }
     for path, text in texts.items():
         write_text(path, text)
-    return list(texts)
+    mask = folder / f"{name}-mask.npy"
+    if not fit.bad.any():
+        mask.unlink(missing_ok=True)
+        return list(texts)
+    with atomic_file(mask) as part, part.open("wb") as file:
+        np.save(file, fit.bad)
+    return [*texts, mask]
 
 
 def fitted_number(value: float, like: float | None = None) -> str:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from math import floor, inf, sqrt
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from saf_gen.calibration.dark_rates import DarkFit, fit_dark
 from saf_gen.calibration.estimates import Estimate, binomial_interval, root_estimate
@@ -28,6 +29,10 @@ from saf_gen.core.config.presets import change_fields
 from saf_gen.errors import BadInput
 
 Report = Callable[[str, float], None]
+HOT = 0.5
+"""Dark rate, relative to the mean rate of the dimmest flat field, above which a pixel is bad."""
+FACTOR = 2.0
+"""Response, relative to the pixels around, above which, or below whose inverse, a pixel is bad."""
 _MISFIT_RMS = 0.005
 _FITTED_NOISE = ("shot", "dark", "response", "threshold_spread", "threshold_noise", "dust", "dead")
 
@@ -59,6 +64,8 @@ class SensorFit:
         Parts of the response map.
     dark_fit : DarkFit
         Fitted distribution of the dark rates.
+    bad : ndarray of bool, shape (H, W)
+        Pixels that are no use for pictures: see :func:`bad_pixels`.
     levels : dict of str to float
         Light of each flat field by name, spikes per readout of a mean pixel without dark charge.
     """
@@ -73,6 +80,7 @@ class SensorFit:
     response: ResponseFit
     pattern: PatternFit
     dark_fit: DarkFit
+    bad: np.ndarray
     levels: dict[str, float] = field(default_factory=dict)
 
 
@@ -195,6 +203,9 @@ def _fit(
         if varied.light is not None:
             line = f"at {varied.hz:.0f} Hz" if varied.hz else "slowly"
             notes.append(f"the light of {key} varies by {varied.rms:.2%} rms, {line}; the frame mean is divided out")
+    bad, kinds = bad_pixels(lit, dark_statistics, response=response.response)
+    if kinds:
+        notes.append(f"bad pixels: {kinds}")
     known = {f.name for f in fields(Sensor)}
     changes |= {key: e.value for key, e in estimates.items() if key in known}
     changes |= _legendre(estimates)
@@ -209,6 +220,7 @@ def _fit(
         response=response,
         pattern=pattern,
         dark_fit=dark_fit,
+        bad=bad,
         levels=dict(zip(flats, response.levels.tolist(), strict=True)),
     )
 
@@ -323,6 +335,26 @@ def _spread_per_dark(estimates: dict[str, Estimate]) -> dict[str, Estimate]:
         return {}
     ends = [min(x / per.value, 1.0) for x in (spread.value, spread.low, spread.high)]
     return {"response_per_dark_spread": Estimate(ends[0], ends[1], ends[2], spread.how)}
+
+
+def bad_pixels(flats: list[SpikeStatistics], dark: SpikeStatistics, *, response: np.ndarray) -> tuple[np.ndarray, str]:
+    """Return the pixels that a mask should mark, bool (H, W), and how many there are of each kind in words.
+
+    Dead pixels never fire in a flat field. Hot ones, among them those that fire at every readout, fire in the dark at
+    more than HOT times the mean rate of the dimmest flat field. The others respond to light more than FACTOR times as
+    much as the pixels around them, or less by that factor.
+    """
+    dead = np.min([flat.counts for flat in flats], axis=0) == 0
+    hot = dark.rates > HOT * min(flat.mean_rate for flat in flats)
+    known = np.where(np.isfinite(response) & (response > 0), response, np.nanmedian(response))
+    off = np.abs(np.log(known / median_filter(known, 5, mode="mirror"))) > np.log(FACTOR)
+    kinds = {
+        "never fire": dead,
+        "fire in the dark": hot & ~dead,
+        "respond otherwise than those around": off & ~dead & ~hot,
+    }
+    words = [f"{np.count_nonzero(mask)} {kind}" for kind, mask in kinds.items() if mask.any()]
+    return dead | hot | off, ", ".join(words)
 
 
 def _dead_fraction(dead: np.ndarray) -> Estimate:

@@ -35,7 +35,7 @@ from saf_gen.cli import (
 )
 from saf_gen.cli._examples import help_ending
 from saf_gen.cli._terminal import out, print_error
-from saf_gen.core.cores import check_address_space
+from saf_gen.core.cores import STOPPING, check_address_space
 from saf_gen.core.user_code import describe_exit
 from saf_gen.errors import BadInput, SafGenError
 
@@ -242,8 +242,8 @@ def main(argv: list[str] | None = None) -> NoReturn:
     """Run one command and exit.
 
     An error that the user can correct is printed as one line on stderr. The exit code is 0 for success, 1 if some
-    sequences failed, 2 for wrong input, 130 after Ctrl-C, and 143 after SIGTERM, which batch systems and containers
-    send before they kill a process.
+    sequences failed, 2 for wrong input, 130 after Ctrl-C, 143 after SIGTERM, which batch systems and containers
+    send before they kill a process, and 129 after the terminal was closed, unless that is ignored, as by ``nohup``.
 
     Parameters
     ----------
@@ -257,7 +257,10 @@ def main(argv: list[str] | None = None) -> NoReturn:
         raise KeyboardInterrupt
 
     in_main_thread = threading.current_thread() is threading.main_thread()  # other threads cannot handle signals
-    before = signal.signal(signal.SIGTERM, stop) if in_main_thread else None
+    handlers = {number: signal.getsignal(number) for number in STOPPING if number != signal.SIGINT}
+    before = {number: found for number, found in handlers.items() if in_main_thread and found != signal.SIG_IGN}
+    for number in before:
+        signal.signal(number, stop)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without θ or ┃ shows a question mark
@@ -286,6 +289,6 @@ def main(argv: list[str] | None = None) -> NoReturn:
     except OSError as error:  # a full disk, or a terminal that was closed
         code = print_error(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
     finally:
-        if in_main_thread:
-            signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     sys.exit(code or 0)

@@ -1,5 +1,6 @@
 """The consoles for stdout and stderr, error lines, and progress as bars or as lines of a log."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,6 +25,22 @@ class _PlainConsole(Console):
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=escape_controls(segment.text, keep="\n"))
 
+
+def _prepare_streams() -> None:
+    """Put the null device in place of standard streams that are closed, and forget a width that no terminal has."""
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is None:  # what is opened next would get the number, and what is printed
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+            setattr(sys, name, open(number, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
+    if not os.environ.get("COLUMNS", "80").isdigit() or int(os.environ.get("COLUMNS", "80")) < MIN_COLUMNS:
+        del os.environ["COLUMNS"]
+
+
+MIN_COLUMNS = 10
+_prepare_streams()
 
 # No markup, because names are printed verbatim: brackets in a path are not markup.
 out = _PlainConsole(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)

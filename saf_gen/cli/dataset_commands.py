@@ -12,7 +12,7 @@ from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, ou
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.object_store import find_path
 from saf_gen.core.table import Column, Table
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, escape_controls
 
 if TYPE_CHECKING:
     from saf_gen.generate.plan import Plan
@@ -159,8 +159,13 @@ def _time(seconds: float) -> str:
 def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder, or s3://BUCKET/FOLDER.")]) -> None:
     """Check every file of a dataset against the digest in its manifest."""
     from saf_gen.stream.dataset import verify_dataset
+    from saf_gen.stream.description import describe_flaws
 
-    count, problems = verify_dataset(dataset)
+    flaws: dict[str, dict[str, str]] = {}
+    count, problems = verify_dataset(dataset, report=lambda name, held: flaws.update({name: describe_flaws(held)}))
+    for name, found in flaws.items():
+        for what, words in found.items():
+            out.print(escape_controls(f"{name}: {what}: {words}"), soft_wrap=True, markup=False)
     for name, problem in problems.items():
         print_error(f"{name}: {problem}", 1)
     out.print(f"{count - len(problems)} of {count} sequences are intact")

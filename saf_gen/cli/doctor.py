@@ -16,6 +16,7 @@ from saf_gen.camera import encode, get_sensor
 from saf_gen.camera.counting_law import count_deviations, count_variance, noise_per_spike
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.extras import RENDERER, installed_version
+from saf_gen.core.kernel_cache import choose_kernel_cache
 from saf_gen.errors import BadInput
 from saf_gen.optics.lens_card import ImageDistanceLens
 from saf_gen.scene.scene_folder import load_scene
@@ -67,6 +68,7 @@ def describe_machine() -> tuple[dict[str, str], list[str]]:
     facts["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"
     facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
     facts["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
+    facts["compiled kernels"] = choose_kernel_cache()
     facts["scenes of yours"] = ", ".join(str(folder) for folder in all_trusted()) or "none registered"
     facts["Python"] = platform.python_version()
     for name in PACKAGES:

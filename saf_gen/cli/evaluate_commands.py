@@ -60,23 +60,29 @@ def evaluate_command(
         str, typer.Option(help="Where methods look: target (its bounding box), frame, or both.")
     ] = "target",
     cluster: ClusterAddress = None,
+    limit_s: Annotated[
+        float, typer.Option(help="Seconds of computing that a method of others may use on a sequence.")
+    ] = 60.0,
+    limit_gib: Annotated[float, typer.Option(help="Memory in GiB that the process of such a method may use.")] = 2.0,
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Also write figures as PDF, in the width of a paper's column.")
     ] = False,
 ) -> None:
     """Run focus methods on recordings, rank them, and write tables, figures and a page."""
+    from saf_gen.benchmark.admission import admit_method, read_methods
     from saf_gen.benchmark.evaluate import evaluate as run
+    from saf_gen.benchmark.guests.host import Limits
     from saf_gen.benchmark.kept_sequences import KeptSequences
-    from saf_gen.benchmark.method_spec import parse_method, read_methods
     from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_writable
     from saf_gen.core.object_store import StorePath, find_path
     from saf_gen.leaderboard import rank_methods
     from saf_gen.leaderboard.report import write_evaluation
 
+    limits = Limits(run_s=limit_s, resident_bytes=int(limit_gib * 2**30))
     for one in method or ():
-        parse_method(one)  # lists and tuned files may name only code that --method names as well
-    named = [*(method or ()), *(read_methods(methods) if methods else ())]
+        admit_method(one, limits)  # lists and tuned files may name only code that --method names as well
+    named = [*(method or ()), *(read_methods(methods, limits) if methods else ())]
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
     data = find_path(source)
@@ -99,6 +105,7 @@ def evaluate_command(
             progress=terminal_reporter("evaluate", bars),
             keep=kept,
             cluster=cluster,
+            limits=limits,
             tell=err.print,
         )
     print_kept(kept, splits={record.split for record in result.records})

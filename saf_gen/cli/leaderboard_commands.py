@@ -81,7 +81,8 @@ def rank_on_saf_folder_command(
 
     The authors' protocol uses blocks of dt frames, the last frame of the best block, and a truth chosen by hand.
     """
-    from saf_gen.benchmark.method_spec import parse_method, read_methods
+    from saf_gen.benchmark.admission import read_methods
+    from saf_gen.benchmark.method_spec import parse_method
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard.ranking import rank_methods
     from saf_gen.leaderboard.report import write_evaluation

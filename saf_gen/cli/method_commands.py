@@ -69,15 +69,15 @@ def show_method_command(
     name: Annotated[str, typer.Argument(help="Measure, search or MEASURE+SEARCH, with its form and options.")],
 ) -> None:
     """Show a measure or a search in full: formula, options, range, degree, cost and source."""
-    from saf_gen.benchmark.method_spec import Method, resolve_name, split_region
+    from saf_gen.benchmark.method_spec import Method, resolve_name, split_halves, split_region, tidy
     from saf_gen.benchmark.plugin_description import describe_plugin
 
     found = resolve_name(name)
     if isinstance(found, Method):
-        names, plug_ins = split_region(found.name)[0].split("+"), (found.measure, found.search)
+        names, plug_ins = split_halves(split_region(found.name)[0]), (found.measure, found.search)
         pages = list(zip(names, ("measures", "searches"), plug_ins, strict=True))
     else:
-        pages = [("".join(name.split()), *found)]
+        pages = [(tidy(name), *found)]
     for title, kind, plug_in in pages:
         table = Grid(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
         table.add_column(style="bold", no_wrap=True)

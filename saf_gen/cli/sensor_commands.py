@@ -143,7 +143,7 @@ def fit_command(
     layout: Layout = "auto",
     rate: Rate = 20_000.0,
 ) -> None:
-    """Fit a sensor to flat fields and a dark recording; write a sensor file with intervals, and a page of plots.
+    """Fit a sensor to flat fields and a dark recording; write its file with intervals, plots, and a mask of bad pixels.
 
     A single recording of any scene, without --dark, gives bounds and no file.
     """

@@ -13,7 +13,7 @@ from saf_gen.cli._terminal import AsJson, err, out
 from saf_gen.errors import BadInput, escape_controls, unknown
 
 if TYPE_CHECKING:
-    from saf_gen.stream.interop import RawLayout
+    from saf_gen.stream.interop import RawLayout, Readouts, Source
 
 SHADES = " .:-=+*#%@"
 PICTURE_COLUMNS, PICTURE_FRAMES = 48, 200
@@ -63,6 +63,16 @@ def import_command(
     ] = None,
     truth: TruthText = None,
     depth_of_focus: DepthOfFocus = None,
+    mask: Annotated[
+        str | None,
+        typer.Option(
+            help="Bad pixels, which are filled: a picture or array (not 0 is bad), a CSV of row,column, or `find`."
+        ),
+    ] = None,
+    times: Annotated[
+        Path | None,
+        typer.Option(help="CSV with `seconds` or `readout`, a row per frame (default: losses that the spikes show)."),
+    ] = None,
 ) -> None:
     """Convert a recording from another program to a stream, with its lens log, light log and true focus if given."""
     from saf_gen.stream import interop
@@ -70,49 +80,62 @@ def import_command(
     if file.is_dir():
         options = {"--layout": layout != "auto", "--size": size, "--bits": order, "--axes": axes, "--frames": frames,
                  "--flip": flip is not None, "--key": key,
-                 "--focus": focus, "--light": light, "--truth": truth, "--depth-of-focus": depth_of_focus}  # fmt: skip
+                 "--focus": focus, "--light": light, "--truth": truth, "--depth-of-focus": depth_of_focus,
+                 "--mask": mask, "--times": times}  # fmt: skip
         _import_saf_folder(file, target, rate=rate, refused=[name for name, value in options.items() if value])
         return
-    named, shape = None if layout == "auto" else layout, parse_size(size)
-    if file.suffix.lower() in interop.ARRAY_ENDINGS:
-        array = interop.SpikeArray(
-            file, key=key, layout=named, axes=axes, order=order, size=shape, frames=frames, flip=bool(flip)
-        )
-        fields = _read_lens_log_and_truth(
-            array.shape[0], rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus
-        )
-        fields |= _read_light(light, array.shape[0], rate=rate)
-        digest, how = array.write(target, readout_hz=rate, **fields), str(array.reading)
-    else:
-        if key is not None:
-            raise BadInput(f"--key {key} is given for a raw file", where=str(file), allowed="with .npz and .mat files")
-        if axes is not None:
-            raise BadInput(f"--axes {axes} is given for a raw file", where=str(file), allowed="with arrays")
-        kind, first = interop.recognise(file, layout=named, size=shape, order=order)
-        count = interop.count_raw_frames(file, kind, frames=frames)
-        fields = _read_lens_log_and_truth(count, rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
-        fields |= _read_light(light, count, rate=rate)
-        size_of = kind.rows, kind.columns
-        digest = interop.import_raw_frames(
-            file,
-            target,
-            layout=kind.name,
-            size=size_of,
-            order=first,
-            frames=frames,
-            readout_hz=rate,
-            flip=flip,
-            **fields,
-        )
-        upside = "bottom" if (kind.flip if flip is None else flip) else "top"
-        how = f"{kind.name}, {BIT_NAMES[first]} bit first, {upside} row first"
-        if (named or size) and (other := _other_layout(file, kind)) is not None:
-            err.print(f"{file} looks like {other}, but is read as {_describe_layout(kind)}", soft_wrap=True)
+    source, how = _open_source(
+        file, layout=None if layout == "auto" else layout, size=parse_size(size), order=order, axes=axes,
+        frames=frames, flip=flip, key=key,
+    )  # fmt: skip
+    found = interop.examine(source, mask=mask, times=times, readout_hz=rate)
+    fields = _read_lens_log_and_truth(
+        source.shape[0], rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus, readouts=found.readouts
+    )
+    fields |= _read_light(light, source.shape[0], rate=rate, readouts=found.readouts)
+    if found.readouts is not None:
+        fields |= {"kept": found.readouts.kept, "readout": found.readouts.of_gaps}
+    digest = interop.write_source(source, target, readout_hz=rate, mask=found.mask, **fields)
     _print_written_stream(target, f"read as layout {how}, sha256 {digest[:16]}")
+    for line in found.lines:
+        out.print(line, soft_wrap=True)
     if focus is not None:
-        line, is_odd = interop.describe_coverage(focus, frames=_count_frames(target), readout_hz=rate)
+        line, is_odd = interop.describe_coverage(
+            focus, frames=source.shape[0], readout_hz=rate, readouts=found.readouts
+        )
         (err if is_odd else out).print(f"{'Warning: ' if is_odd else ''}lens log {focus}: {line}", soft_wrap=True)
     _print_picture(target)
+
+
+def _open_source(
+    file: Path,
+    *,
+    layout: str | None,
+    size: tuple[int, int] | None,
+    order: str | None,
+    axes: str | None,
+    frames: int | None,
+    flip: bool | None,
+    key: str | None,
+) -> "tuple[Source, str]":
+    """Return a recording of another program, and how it is read in words."""
+    from saf_gen.stream import interop
+
+    if file.suffix.lower() in interop.ARRAY_ENDINGS:
+        array = interop.SpikeArray(
+            file, key=key, layout=layout, axes=axes, order=order, size=size, frames=frames, flip=bool(flip)
+        )
+        return array, str(array.reading)
+    if key is not None:
+        raise BadInput(f"--key {key} is given for a raw file", where=str(file), allowed="with .npz and .mat files")
+    if axes is not None:
+        raise BadInput(f"--axes {axes} is given for a raw file", where=str(file), allowed="with arrays")
+    kind, first = interop.recognise(file, layout=layout, size=size, order=order)
+    raw = interop.RawFrames(file, kind, order=first, frames=frames, flip=flip)
+    upside = "bottom" if raw.origin["flip"] else "top"
+    if (layout or size) and (other := _other_layout(file, kind)) is not None:
+        err.print(f"{file} looks like {other}, but is read as {_describe_layout(kind)}", soft_wrap=True)
+    return raw, f"{kind.name}, {BIT_NAMES[first]} bit first, {upside} row first"
 
 
 def _import_saf_folder(folder: Path, target: Path, *, rate: float, refused: list[str]) -> None:
@@ -139,28 +162,34 @@ def _print_written_stream(stream: Path, how: str) -> None:
 
 
 def _read_lens_log_and_truth(
-    frames: int, *, rate: float, focus: Path | None, truth: str | None, depth_of_focus: tuple[float, float] | None
+    frames: int,
+    *,
+    rate: float,
+    focus: Path | None,
+    truth: str | None,
+    depth_of_focus: tuple[float, float] | None,
+    readouts: "Readouts | None" = None,
 ) -> dict[str, Any]:
     """Return the fields of a stream that follow from a lens log and a true focus."""
     from saf_gen.stream.interop import import_lens_log, truth_from_text
 
     fields: dict[str, Any] = {}
     if focus is not None:
-        fields["focus_position"] = import_lens_log(focus, frames=frames, readout_hz=rate)
+        fields["focus_position"] = import_lens_log(focus, frames=frames, readout_hz=rate, readouts=readouts)
     if truth is not None:
         lens = fields.get("focus_position")
-        fields["truth"] = truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus)
+        fields["truth"] = truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus, readouts=readouts)
     elif depth_of_focus is not None:
         raise BadInput("--depth-of-focus is given without --truth", hint="add the position of best focus")
     return fields
 
 
-def _read_light(light: Path | None, frames: int, *, rate: float) -> dict[str, Any]:
+def _read_light(light: Path | None, frames: int, *, rate: float, readouts: "Readouts | None") -> dict[str, Any]:
     from saf_gen.stream.interop import import_light_log
 
     if light is None:
         return {}
-    gains = import_light_log(light, frames=frames, readout_hz=rate)
+    gains = import_light_log(light, frames=frames, readout_hz=rate, readouts=readouts)
     return {"gain": np.stack(list(gains.values()), axis=1), "light_names": tuple(gains)}
 
 
@@ -207,13 +236,6 @@ def _print_picture(stream: Path) -> None:
     low, peak = np.percentile(counts, (1, 99))
     level = np.clip((counts - low) / max(peak - low, 1e-9), 0, 1) * (len(SHADES) - 1)
     out.print("\n".join("".join(SHADES[int(value + 0.5)] for value in line) for line in level), markup=False)
-
-
-def _count_frames(stream: Path) -> int:
-    from saf_gen.stream.stream_file import open_stream
-
-    with open_stream(stream) as opened:
-        return opened.shape[0]
 
 
 def encode_command(
@@ -284,6 +306,17 @@ def export_command(
             layout = READERS[reader] if reader else "sps1000" if opened.shape[1:] == (1000, 1000) else "dense"
     count = export_raw_frames(stream, target, layout=layout, order=order or "lsb", flip=flip)
     out.print(f"{count} bytes in {target}, layout {layout}")
+    with open_stream(stream) as opened:
+        held = opened.metadata
+    lost = [
+        name
+        for name, value in (("mask of bad pixels", held.mask), ("lost readouts", held.readout))
+        if value is not None
+    ]
+    if lost:
+        err.print(
+            f"a raw file cannot hold what the stream says of its {' and '.join(lost)}: it has the recorded frames"
+        )
 
 
 def cut_command(

@@ -7,8 +7,5 @@ from numba import njit
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function so that it runs without Python's global interpreter lock; cache it on disk if possible."""
-    try:
-        return njit(nogil=True, cache=True)(function)
-    except RuntimeError:  # numba found no folder that it may write to: the installation is read-only
-        return njit(nogil=True)(function)
+    """Compile a function so that it runs without Python's global interpreter lock; cache it on disk."""
+    return njit(nogil=True, cache=True)(function)

@@ -13,6 +13,9 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
+STOPPING = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+"""Signals that stop a program: Ctrl-C, the end of a batch job, and a terminal that is closed."""
+
 
 def usable_cores() -> int:
     """Return the number of cores that this process may use; a container or scheduler may allow fewer than exist."""
@@ -72,7 +75,7 @@ def defer_interrupts() -> Iterator[None]:
 
 @contextmanager
 def defer_termination() -> Iterator[None]:
-    """Delay Ctrl-C and SIGTERM until the end of the block, whichever thread receives them.
+    """Delay the signals of STOPPING until the end of the block, whichever thread receives them.
 
     Use this for a block that starts no process. In any thread but the main one, signals are neither handled nor
     delayed.
@@ -81,7 +84,7 @@ def defer_termination() -> Iterator[None]:
         yield
         return
     received: list[int] = []
-    before = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {int(number): handler for number in STOPPING if (handler := signal.getsignal(number)) != signal.SIG_IGN}
     try:
         for number in before:
             signal.signal(number, lambda number, frame: received.append(number))

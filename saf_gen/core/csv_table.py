@@ -65,11 +65,11 @@ def parse_csv(file: object, names: tuple[str, ...]) -> tuple[np.ndarray, ...]:
 
 
 @lru_cache(maxsize=64)
-def parse_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.ndarray, ...]:
+def parse_columns(text: str, names: tuple[str, ...], *, name: str, rising: bool = True) -> tuple[np.ndarray, ...]:
     """Return the columns of a CSV text as read-only arrays, float64 (N,) each; the first one rises from row to row.
 
     The first line contains the ``names``, in order. Empty lines and lines that begin with # are skipped. ``name`` is
-    the name of the file in errors.
+    the name of the file in errors. If ``rising`` is false, the first column may hold any numbers.
 
     Raises BadInput, with the line, if the heading differs, a row has too many or too few cells, a value is not a finite
     number, the first column does not rise, or the table has no rows.
@@ -89,7 +89,7 @@ def parse_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.n
         if len(cells) != len(names):
             raise BadInput(f"the row is {line.strip()!r}", where=where, allowed=f"{len(names)} numbers")
         row = [_number(cell, column, where=where) for cell, column in zip(cells, names, strict=True)]
-        if rows and not row[0] > rows[-1][0]:
+        if rising and rows and not row[0] > rows[-1][0]:
             raise BadInput(
                 f"{names[0]} goes from {rows[-1][0]:g} to {row[0]:g}", where=where, allowed="a column that rises"
             )

@@ -60,6 +60,13 @@ def name_as_text(name: str) -> str:
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
+def check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
+    """Raise BadInput if ``out`` is the file ``source``, which is read while ``out`` is written."""
+    old, new = Path(source), Path(out)
+    if old.exists() and new.exists() and new.samefile(old):
+        raise BadInput("would be written over itself", where=str(source), hint="choose another output file")
+
+
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file; raise BadInput if it cannot be read."""
     try:
@@ -235,9 +242,14 @@ def temporary_name(final: Path) -> Path:
 
 
 def _machine() -> str:
-    """Return a name of this machine and its process namespace that can be part of a file name."""
+    """Return a name of this machine and its process namespace that can be part of a file name.
+
+    Machines of one image may share their host name, and the first namespace has the same number on every Linux; the
+    number of the boot is theirs alone.
+    """
     try:
-        namespace = f"-{Path('/proc/self/ns/pid').stat().st_ino:x}"  # a container sees only the processes in its own
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().replace("-", "")[:12]
+        namespace = f"-{boot}-{Path('/proc/self/ns/pid').stat().st_ino:x}"  # a container sees only its own processes
     except OSError:  # not Linux
         namespace = ""
     return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:40] + namespace

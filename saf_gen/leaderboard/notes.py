@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
+from saf_gen.benchmark.method_spec import split_halves
 from saf_gen.benchmark.records import Record
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.leaderboard.intervals import MIN_SCENES
@@ -142,4 +143,4 @@ def grain_warning(records: Iterable[Record]) -> list[str]:
 
 
 def _measure(record: Record) -> str:
-    return record.method.split("+")[0]
+    return split_halves(record.method)[0]

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from saf_gen import __version__
+from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
-from saf_gen.benchmark.method_spec import Method, parse_method, split_region
-from saf_gen.benchmark.records import Record, read_records
+from saf_gen.benchmark.method_spec import Method, split_region
+from saf_gen.benchmark.records import OVER_A_LIMIT, Record, read_records
 from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
@@ -61,7 +62,7 @@ def verify(
         ``methods``.
     """
     rows = group_by(read_records(folder), "method")
-    trusted = {method.code: method for method in map(parse_method, methods)}
+    trusted = {method.code: method for method in map(admit_method, methods)}
     for method in trusted.values():
         if method.code not in {group[0].code for group in rows.values()}:
             raise BadInput(
@@ -70,6 +71,10 @@ def verify(
     runs: dict[str, Method] = {}
     reasons: dict[str, str] = {}
     for label, group in rows.items():
+        if ended := [record for record in group if record.note.startswith(OVER_A_LIMIT)]:
+            runs_ended = f"{len(ended)} of {len(group)} runs were ended at a limit ({ended[0].limits})"
+            reasons[label] = f"not comparable: {runs_ended}"
+            continue
         found = _find_method(label, group[0].code, trusted=trusted, where=str(folder))
         if isinstance(found, Method):
             runs[label] = found
@@ -104,10 +109,10 @@ def _find_method(label: str, code: str, *, trusted: Mapping[str, Method], where:
     """Return the given or registered method with this code digest, or the reason why there is no such method."""
     if code in trusted:
         region = split_region(label)[1]
-        return parse_method(f"{split_region(trusted[code].name)[0]}@{region}") if region else trusted[code]
+        return admit_method(f"{split_region(trusted[code].name)[0]}@{region}") if region else trusted[code]
     try:
         with refuse_code(where):
-            method = parse_method(label)
+            method = admit_method(label)
     except BadInput as error:
         return f"no method on this machine can reproduce this row: {error.problem}"
     return method if method.code == code else f"its code differs: here {method.code}, in the row {code}"

@@ -19,7 +19,14 @@ import numpy as np
 from saf_gen import __version__
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, Method, parse_method, split_options, split_region
+from saf_gen.benchmark.method_spec import (
+    DEFAULT_RECORDED_METHODS,
+    Method,
+    parse_method,
+    split_halves,
+    split_options,
+    split_region,
+)
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.benchmark.tracks.recorded import check_leaves_lens
@@ -310,7 +317,7 @@ def _import_recordings(folder: Path, listed: Sequence[SafRecording], *, streams:
 def _set_block(method: Method, block: int) -> Method:
     """Return the method with this block length, or unchanged if its name states a length or it has no blocks."""
     name, region = split_region(method.name)
-    stated_options = split_options(name.split("+")[-1])[1] if "+" in name else ""
+    stated_options = split_options(halves[1])[1] if len(halves := split_halves(name)) > 1 else ""
     names = {field.name for field in fields(method.search)} if is_dataclass(method.search) else frozenset[str]()
     options = [key for key in BLOCK_OPTIONS if key in names]
     if (

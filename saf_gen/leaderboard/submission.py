@@ -10,7 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Literal
 
-from saf_gen.benchmark.method_spec import read_tuned, split_options, split_region
+from saf_gen.benchmark.method_spec import read_tuned, split_halves, split_options, split_region
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
@@ -166,7 +166,7 @@ def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[Fin
 
 def _check_method(method: str, folder: Path) -> None:
     """Raise BadInput unless both parts of a method are registered or defined in a file of the folder."""
-    halves = split_region(method)[0].split("+")
+    halves = split_halves(split_region(method)[0])
     if len(halves) != 2:
         raise BadInput(f"the method is {method!r}", allowed="MEASURE+SEARCH, such as method.py:Mine+argmax")
     for half, kind in zip(halves, ("measures", "searches"), strict=True):

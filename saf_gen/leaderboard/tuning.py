@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saf_gen import __version__
+from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, parse_method, split_options, split_region
+from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, split_halves, split_options, split_region
 from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
@@ -49,8 +50,8 @@ def expand_grid(method: str, values: ParameterGrid) -> list[str]:
         If there are no values, a key begins with neither ``measure.`` nor ``search.``, there are more than
         MAX_COMBINATIONS combinations, or the measure or the search refuses a key or a value.
     """
-    name, region = split_region(parse_method(method).name)  # reports errors in the method itself first
-    halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
+    name, region = split_region(admit_method(method).name)  # reports errors in the method itself first
+    halves = dict(zip(("measure", "search"), split_halves(name), strict=True))
     for key, choices in values.items():
         half, dot, option = key.partition(".")
         if half not in halves or not dot or not option:
@@ -72,7 +73,7 @@ def expand_grid(method: str, values: ParameterGrid) -> list[str]:
             half, _, option = key.partition(".")
             spec[half] = _set_option(spec[half], option, value=value)
         specs.append("+".join(spec.values()) + (f"@{region}" if region else ""))
-        parse_method(specs[-1])
+        admit_method(specs[-1])
     return specs
 
 

@@ -18,7 +18,7 @@ from saf_gen.core.object_store import ObjectReader
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.metadata import ARRAY_DATASETS, MAX_PIXELS
 
-GROUPS = ("focus", "light", "truth", "provenance")
+GROUPS = ("focus", "light", "pixels", "time", "truth", "provenance")
 NAMES = frozenset(["/spikes", "/light/names", *(name for name, _, _ in ARRAY_DATASETS.values())])
 """The datasets that a stream may have, in addition to any text in ``/provenance``."""
 

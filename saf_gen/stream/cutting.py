@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core import bits
+from saf_gen.core.files import check_apart
 from saf_gen.core.region import Region, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.optics.focus_crossings import focus_crossings
@@ -51,8 +52,7 @@ def cut_stream(
         ``source`` or cannot be written.
     """
     with open_stream(source) as stream:
-        if os.path.exists(out) and os.path.samefile(out, source):  # noqa: PTH110, PTH121 either may be text
-            raise BadInput("would be written over itself", where=str(source), hint="choose another output file")
+        check_apart(source, out)
         total, height, width = stream.shape
         window = validate_window(first, total if stop is None else stop, total=total)
         rows, columns = box = validate_region(region, (height, width))
@@ -79,10 +79,15 @@ def _cut_metadata(stream: SpikeStream, window: range, *, box: Region) -> Metadat
     kept = {name: text for name, text in held.provenance.items() if name == "sensor"}
     whole = (rows.stop - rows.start, columns.stop - columns.start) == stream.shape[1:]
     truth = _cut_truth(stream.truth, window, lens=in_time["focus_position"])
-    target = _crop(truth.target, box)
+    target, mask = _crop(truth.target, box), _crop(held.mask, box)
+    if mask is not None and mask.all():
+        raise BadInput("every pixel of the part is masked", where=str(stream.path), hint="choose other rows or columns")
+    readout = None if held.readout is None else held.readout[span] - held.readout[window.start]
     return replace(
         held,
         **in_time,
+        mask=mask if mask is not None and mask.any() else None,
+        readout=readout if readout is not None and readout[-1] >= len(window) else None,
         truth=replace(
             truth,
             depth=_crop(truth.depth, box),

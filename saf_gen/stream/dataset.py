@@ -1,12 +1,14 @@
 """Datasets of existing streams: the manifest that lists them, and the check of every file against it."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from saf_gen.core.files import name_as_text
 from saf_gen.core.object_store import StorePath
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, verify_entry, write_manifest
+from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.stream_file import open_stream
 
 SEQUENCE_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[a-z0-9_]+)-(?P<repeat>\d+)")
@@ -82,17 +84,19 @@ def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:
     )
 
 
-def verify_dataset(folder: str | Path | StorePath) -> tuple[int, dict[str, str]]:
+def verify_dataset(
+    folder: str | Path | StorePath, *, report: Callable[[str, Metadata], None] = lambda name, metadata: None
+) -> tuple[int, dict[str, str]]:
     """Read every sequence of a dataset and compare it with the manifest.
 
-    Returns the number of sequences, and the problems of faulty sequences by id. Raises BadInput if the manifest is
-    missing or cannot be used.
+    Returns the number of sequences, and the problems of faulty sequences by id; ``report`` is called with the id and
+    the metadata of each that is intact. Raises BadInput if the manifest is missing or cannot be used.
     """
     manifest = read_manifest(folder)
     problems = {}
     for entry in manifest.sequences:
         try:
-            verify_entry(folder, entry)
+            report(entry.id, verify_entry(folder, entry))
         except BadInput as error:
             problems[entry.id] = str(error)
     return len(manifest.sequences), problems

@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.optics.focus_crossings import focus_crossings
-from saf_gen.stream.metadata import ReadableStream
+from saf_gen.stream.metadata import Metadata, ReadableStream
 from saf_gen.stream.recorded_grain import grain_of_stream
 
 RATE_BLOCKS = 50
@@ -21,13 +21,15 @@ def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict
     All spikes are read if ``with_rates`` is true, and none otherwise.
     """
     frames, rows, columns = stream.shape
+    length = stream.metadata.readout_of(frames - 1) + 1
     planned = _read_json(stream, "sequence")
     scene = [str(planned[key]) for key in ("scene", "scene_motion") if key in planned]
     facts = {"scene": ", ".join(scene)} if scene else {}
     facts |= {
         "pixels": f"{columns}×{rows}",
-        "frames": f"{frames} at {stream.readout_hz:g} Hz ({frames / stream.readout_hz:g} s)",
+        "frames": f"{frames} at {stream.readout_hz:g} Hz ({length / stream.readout_hz:g} s)",
         **(_describe_rates(stream) if with_rates else {}),
+        **describe_flaws(stream.metadata),
     }
     if "light" in planned:
         facts["light"] = str(planned["light"])
@@ -78,6 +80,17 @@ def _read_json(stream: ReadableStream, name: str) -> dict[str, Any]:
     except ValueError:
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def describe_flaws(metadata: Metadata) -> dict[str, str]:
+    """Return as texts by name how many bad pixels are masked and how many readouts are lost, if any are."""
+    flaws = {}
+    if (mask := metadata.mask) is not None:
+        flaws["mask"] = f"{np.count_nonzero(mask)} bad pixels ({np.mean(mask):.2%}), filled in counts and pictures"
+    if (readout := metadata.readout) is not None:
+        gaps = np.count_nonzero(np.diff(readout) > 1)
+        flaws["lost readouts"] = f"{readout[-1] + 1 - readout.size} in {gaps} {'gap' if gaps == 1 else 'gaps'}"
+    return flaws
 
 
 def _describe_rates(stream: ReadableStream) -> dict[str, str]:

@@ -18,6 +18,7 @@ from saf_gen.core.config.json_document import format_checked_json, parse_checked
 from saf_gen.core.files import write_text
 from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.errors import BadInput, closest, escape_controls
+from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.stream_file import open_stream
 
 MANIFEST_NAME = "manifest.json"
@@ -129,8 +130,11 @@ def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
     return manifest
 
 
-def verify_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> None:
-    """Read the complete stream of ``entry``; raise BadInput if it is missing, damaged or differs from ``entry``."""
+def verify_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> Metadata:
+    """Read the complete stream of ``entry`` and return its metadata.
+
+    Raises BadInput if it is missing, damaged or differs from ``entry``.
+    """
     with open_stream(find_path(folder) / entry.file) as stream:
         frames = stream.shape[0]
         if stream.content_sha256 != entry.content_sha256 or frames != entry.frames:
@@ -141,6 +145,7 @@ def verify_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntr
                 hint="make it again",
             )
         stream.verify()
+        return stream.metadata
 
 
 def write_manifest(folder: str | os.PathLike[str], manifest: Manifest) -> None:

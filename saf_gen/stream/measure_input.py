@@ -1,6 +1,6 @@
 """The region that a focus measure scores, and its input from a window of frames."""
 
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -18,15 +18,23 @@ class WindowSource(Protocol):
     def intervals(self, first: int, stop: int) -> np.ndarray: ...
 
 
-def measure_input(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
-    """Return the input of a measure from a window of n frames.
+Form = Literal["counts", "halves", "intervals"]
+"""What a measure is called with: the counts of a window, those of its two halves, or its interval texture."""
 
-    The input is counts (h, w); for a measure of intervals, interval texture (h, w); for a half-window measure, the
-    counts (2, h, w) of the first n // 2 frames and of the rest. Raises BadInput if a half-window measure is called for
-    a single frame.
+
+def wanted_form(measure: object) -> Form:
+    """Return what a measure is called with."""
+    return "halves" if wants_halves(measure) else "intervals" if wants_intervals(measure) else "counts"
+
+
+def measure_input(source: WindowSource, form: Form, *, first: int, stop: int) -> np.ndarray:
+    """Return a window of n frames as a measure is called with it.
+
+    These are counts (h, w); interval texture (h, w); or, for halves, the counts (2, h, w) of the first n // 2 frames
+    and of the rest. Raises BadInput if the halves of a single frame are asked for.
     """
-    if not wants_halves(measure):
-        return source.intervals(first, stop) if wants_intervals(measure) else source.window(first, stop)
+    if form != "halves":
+        return source.intervals(first, stop) if form == "intervals" else source.window(first, stop)
     if stop - first < 2:
         raise BadInput(
             f"a window of one frame (frame {first}) has no halves",

@@ -98,6 +98,11 @@ class Metadata:
         Gain of each light group in each readout; 1 is the nominal light.
     light_names : tuple of str, default ()
         Names of the G light groups.
+    mask : ndarray of bool, shape (H, W), optional
+        The bad pixels, which are filled in counts and pictures (:mod:`saf_gen.stream.pixel_mask`); not all.
+    readout : ndarray of int64, shape (T,), optional
+        Number of the camera's readout that each frame is: it begins with 0 and rises by more than 1 where readouts were
+        lost. By default, frame t is readout t.
     truth : Truth, optional
         The true focus.
     provenance : mapping of str to str, optional
@@ -109,8 +114,14 @@ class Metadata:
     object_distance: np.ndarray | None = None
     gain: np.ndarray | None = None
     light_names: tuple[str, ...] = ()
+    mask: np.ndarray | None = None
+    readout: np.ndarray | None = None
     truth: Truth = field(default_factory=Truth)
     provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def readout_of(self, frame: int) -> int:
+        """Return the number of the camera's readout that a frame is, both counted from 0."""
+        return int(frame) if self.readout is None else int(self.readout[frame])
 
 
 # Field of Metadata or Truth -> dataset, dtype, axes (T, H, W, G lights, K positions).
@@ -119,6 +130,8 @@ ARRAY_DATASETS = {
     "image_distance": ("/focus/image_distance", "float32", "T"),
     "object_distance": ("/focus/object_distance", "float32", "T"),
     "gain": ("/light/gain", "float32", "TG"),
+    "mask": ("/pixels/mask", "bool", "HW"),
+    "readout": ("/time/readout", "int64", "T"),
     "position": ("/truth/position", "float64", ""),
     "depth_of_focus": ("/truth/depth_of_focus", "float64", "2"),
     "frame": ("/truth/frame", "float64", ""),
@@ -143,11 +156,23 @@ def _checked_array(name: str, value: Any, *, shape: tuple[int, int, int]) -> np.
     if source.ndim != len(axes) or any(w not in (-1, g) for w, g in zip(wanted, source.shape, strict=True)):
         text = ", ".join(str(w) if w >= 0 else f"any {axis}" for w, axis in zip(wanted, axes, strict=True))
         raise BadInput(f"{name} has shape {source.shape}", allowed=f"({text}) for T, H, W = {shape}")
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         converted = np.ascontiguousarray(source, dtype=dtype).reshape(source.shape)
     if source.dtype.kind == "f" and (beyond := np.isinf(converted) & np.isfinite(source)).any():
         raise BadInput(f"{name} holds {source[beyond].flat[0]:g}", allowed=f"numbers that {dtype} can hold")
+    if name == "mask" and converted.all():
+        raise BadInput("mask marks every pixel", allowed="at least one pixel that is not masked")
+    if name == "readout":
+        _check_readouts(source, converted)
     return converted
+
+
+def _check_readouts(source: np.ndarray, readout: np.ndarray) -> None:
+    """Raise BadInput unless the numbers of readouts are whole, begin with 0 and rise."""
+    wrong = np.flatnonzero((readout != source) | (np.diff(readout, prepend=-1) < 1))
+    if readout[0] != 0 or wrong.size:
+        at = int(wrong[0]) if wrong.size else 0
+        raise BadInput(f"readout is {source[at]} in frame {at}", allowed="whole numbers that rise, from 0")
 
 
 def _check_finite(name: str, array: np.ndarray) -> None:
@@ -307,3 +332,5 @@ class ReadableStream(Protocol):
     def counts(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray: ...
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray: ...
+
+    def texture(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray: ...

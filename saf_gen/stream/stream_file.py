@@ -29,7 +29,9 @@ from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
 from saf_gen.stream.checked_file import open_spikes, read_attribute, read_small_datasets
 from saf_gen.stream.count_cache import count_windows
+from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.metadata import FORMAT, LAYOUT, metadata_from_datasets, stream_digests
+from saf_gen.stream.pixel_mask import Filling, PixelMask
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk, chunk_shape, inflate_chunk
 
 
@@ -119,8 +121,11 @@ def _damaged(path: AnyPath, error: Exception, *, reader: ObjectReader | None = N
 class SpikeStream:
     """An open stream file, as :func:`open_stream` returns it; only one thread at a time may use it.
 
-    Frame t is the readout [t, t+1)/readout_hz. A region is a pair of slices (rows, columns) of step 1 within the
-    frame. Spikes that were read stay in memory, up to 512 MiB for all open streams together.
+    Frame t is the readout [t, t+1)/readout_hz, unless ``metadata.readout`` says that readouts were lost. If the stream
+    has a mask of bad pixels, :meth:`counts`, :meth:`counts_of_windows` and :meth:`texture` fill them from their nearest
+    valid pixels; :meth:`frames` and :meth:`packed` return what was recorded. A region is a pair of slices (rows,
+    columns) of step 1 within the frame. Spikes that were read stay in memory, up to 512 MiB for all open streams
+    together.
 
     A stream can be passed to other processes: it is pickled as its path, which is opened again on unpickling. In a
     forked process, a stream opens its file again when it is first used.
@@ -180,6 +185,7 @@ class SpikeStream:
             self._check_digests(small.items(), str(spikes))
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
+        self._mask = None if self.metadata.mask is None else PixelMask(self.metadata.mask)
         read = choose_chunk_reader(self._spikes)
         self._time_blocks = time_blocks.TimeBlocks(self._spikes.shape, read=read, count=threads)
 
@@ -218,7 +224,7 @@ class SpikeStream:
             self._reader.close()
 
     def frames(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
-        """Return frames ``first <= t < stop``, in which 1 is a spike.
+        """Return frames ``first <= t < stop`` as they were recorded, in which 1 is a spike.
 
         Parameters
         ----------
@@ -244,8 +250,8 @@ class SpikeStream:
             bits.unpack_bits(self._planes(start, part), out[begin : begin + high - low], first=low)
         return out
 
-    def counts(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
-        """Return the number of spikes of each pixel in frames ``first <= t < stop``.
+    def counts(self, first: int, stop: int, *, region: Region | None = None, filled: bool = True) -> np.ndarray:
+        """Return the number of spikes of each pixel in frames ``first <= t < stop``; masked pixels are filled.
 
         Parameters
         ----------
@@ -253,6 +259,8 @@ class SpikeStream:
             The window, in frames from 0.
         region : tuple of slice, optional
             Rows and columns to count; by default the whole frame.
+        filled : bool, default True
+            Whether a masked pixel gets the mean of its nearest valid pixels instead of its own spikes.
 
         Returns
         -------
@@ -265,15 +273,48 @@ class SpikeStream:
             If not 0 <= first < stop <= T, if the region is empty or leaves the frame, or if the file is damaged.
         """
         window, part = self._validated(first, stop, region=region)
-        out = np.zeros(region_shape(part), np.uint32)
+        filling = self.filling(part) if filled else Filling(None, part)
+        out = np.zeros(region_shape(filling.region), np.uint32)
         for start, low, high in self._time_blocks.split_frames(window.start, window.stop):
-            bits.sum_planes(self._planes(start, part), out, first=low, stop=high)
-        return out
+            bits.sum_planes(self._planes(start, filling.region), out, first=low, stop=high)
+        return filling.apply(out)
+
+    def texture(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
+        """Return the texture from intervals of frames ``first <= t < stop``; masked pixels are filled.
+
+        Parameters
+        ----------
+        first, stop : int
+            The window of n frames, in frames from 0.
+        region : tuple of slice, optional
+            Rows and columns; by default the whole frame.
+
+        Returns
+        -------
+        ndarray of float64, shape (h, w)
+            Spikes per window at the rate in its middle, 0 to n; see
+            :func:`saf_gen.stream.interval_texture.window_texture`.
+
+        Raises
+        ------
+        BadInput
+            If not 0 <= first < stop <= T, if the region is empty or leaves the frame, or if the file is damaged.
+        """
+        window, part = self._validated(first, stop, region=region)
+        filling = self.filling(part)
+        read = partial(self.packed, region=filling.region)
+        count = partial(self.counts, region=filling.region, filled=False)
+        return filling.apply(window_texture(read, count, first=window.start, stop=window.stop))
+
+    def filling(self, region: Region | None = None) -> Filling:
+        """Return what fills the masked pixels of a region, for counts that are added up before they are filled."""
+        part = validate_region(region, self.shape[1:], where=str(self.path))
+        return Filling(None, part) if self._mask is None else self._mask.filling(part)
 
     def counts_of_windows(
         self, firsts: Sequence[int] | np.ndarray, window: int, *, region: Region | None = None
     ) -> Iterator[np.ndarray]:
-        """Return an iterator over the spike counts of many windows, several windows at a time.
+        """Return an iterator over the spike counts of many windows, several at a time; masked pixels are filled.
 
         Each part of the stream is decompressed only once and does not stay in memory, so that each of many windows
         costs a fraction of a call of :meth:`counts`.
@@ -308,11 +349,13 @@ class SpikeStream:
         return self._count_windows(begins.astype(np.int64), window, region=part)
 
     def _count_windows(self, firsts: np.ndarray, window: int, *, region: Region) -> Iterator[np.ndarray]:
+        filling = self.filling(region)
         with self._report_damage():
-            yield from count_windows(self._time_blocks, firsts, window=window, region=region)
+            for counts in count_windows(self._time_blocks, firsts, window=window, region=filling.region):
+                yield filling.apply(counts)
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
-        """Return packed spikes, bytes ``first_byte <= i < stop_byte`` along time.
+        """Return packed spikes as they were recorded, bytes ``first_byte <= i < stop_byte`` along time.
 
         Parameters
         ----------

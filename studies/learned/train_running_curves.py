@@ -27,7 +27,7 @@ from training import (
     write_curves,
 )
 
-from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core import seeds
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.measure_input import choose_region

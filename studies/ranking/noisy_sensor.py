@@ -15,8 +15,8 @@ from pathlib import Path
 
 from scipy.stats import kendalltau
 
+from saf_gen.benchmark.admission import read_methods
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import read_methods
 from saf_gen.benchmark.records import Record, format_records, read_records
 from saf_gen.core.files import write_text
 from saf_gen.generate.recipe import find_recipe, read_recipe

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.camera import get_sensor
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.stream_file import SpikeStream, open_stream

@@ -232,7 +232,7 @@ def test_broken_methods_do_not_affect_others(dataset, monkeypatch):
         "sd+disk": raises(OSError("no weights")),
         "sd+exit": raises(SystemExit(0)),
     }
-    monkeypatch.setattr(sequence_evaluation, "parse_method", lambda name: replace(method(searches[name]), name=name))
+    monkeypatch.setattr(sequence_evaluation, "admit_method", lambda name, _: replace(method(searches[name]), name=name))
     result = evaluate_module.evaluate(dataset, methods=list(searches), protocol=ClosedLoopProtocol(IDEAL))
     assert result.failures == ()
     assert len(result.records) == 4 * len(searches)

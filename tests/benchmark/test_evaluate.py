@@ -242,7 +242,7 @@ def raising(error):
 def with_search(monkeypatch, search, **more):
     spec = parse_method("sd+argmax")
     monkeypatch.setattr(
-        sequence_evaluation, "parse_method", lambda _: replace(spec, name="sd+mine", search=search, **more)
+        sequence_evaluation, "admit_method", lambda *_: replace(spec, name="sd+mine", search=search, **more)
     )
 
 
@@ -276,7 +276,7 @@ def test_a_wrong_answer_or_an_exception_is_a_failure_of_that_method_only(dataset
     """Even an OSError, which from the data would be a failure of the sequence."""
     sound = parse_method("sd+argmax")
     broken = replace(sound, name="sd+mine", search=search)
-    monkeypatch.setattr(sequence_evaluation, "parse_method", lambda name: broken if name == "sd+mine" else sound)
+    monkeypatch.setattr(sequence_evaluation, "admit_method", lambda name, _: broken if name == "sd+mine" else sound)
     result = evaluate(dataset, methods=["sd+mine", "sd+argmax"], split="test")
     assert result.failures == ()
     assert [r.status for r in result.records] == ["failed", "answered"] * 2

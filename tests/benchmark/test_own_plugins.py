@@ -4,7 +4,8 @@ import pytest
 from own_plugins import PARTS
 from refusals import assert_says, refusal
 
-from saf_gen.benchmark.method_spec import TunedMethod, format_tuned, parse_method, read_methods
+from saf_gen.benchmark.admission import admit_method, read_methods
+from saf_gen.benchmark.method_spec import TunedMethod, format_tuned, parse_method
 from saf_gen.errors import BadInput
 from saf_gen.plugins.measures import get_measure
 
@@ -84,7 +85,7 @@ def test_a_file_runs_no_code_that_the_command_line_does_not_name(tmp_path, monke
         file.write_text(format_tuned(TunedMethod(method, "d", "train", "recorded", "", "target", 1, "0", "0", ())))
 
     def read():
-        return read_methods(file) if kind == "list" else parse_method(f"@{file}")
+        return read_methods(file) if kind == "list" else admit_method(f"@{file}")
 
     error = refusal(read)
     assert_says(error, "names the code | registered names in files | name it in a separate --method")

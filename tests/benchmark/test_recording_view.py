@@ -8,7 +8,8 @@ from in_memory_stream import InMemory
 from refusals import refusal
 
 from saf_gen import get_measure, open_stream, write_stream
-from saf_gen.benchmark.view import RecordingView, WindowCounts, recording
+from saf_gen.benchmark.view import recording
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.seeds import make_generator
 
 

@@ -7,9 +7,10 @@ import pytest
 from in_memory_stream import InMemory
 
 from saf_gen.benchmark.method_spec import Method
+from saf_gen.benchmark.search_run import run_search
 from saf_gen.benchmark.tracks import closed_loop
-from saf_gen.benchmark.tracks.search_run import run_search
-from saf_gen.benchmark.view import RecordingView, WindowCounts, recording
+from saf_gen.benchmark.view import recording
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.benchmark.view.running_camera import RunningCamera
 from saf_gen.core import stopwatch

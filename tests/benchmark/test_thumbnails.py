@@ -2,7 +2,7 @@ import numpy as np
 
 import saf_gen
 from saf_gen.benchmark.thumbnails import MAX_WIDTH_PX, THUMBNAIL_COUNT, make_thumbnails, select_to_show
-from saf_gen.benchmark.view import WindowCounts
+from saf_gen.benchmark.view.recording import WindowCounts
 
 
 def stream_of(frames, tmp_path):

@@ -79,7 +79,7 @@ def test_an_answer_from_equal_scores_is_no_answer(tmp_path, region):
 
 def with_search(monkeypatch, search):
     spec = parse_method("sd+argmax")
-    monkeypatch.setattr(sequence_evaluation, "parse_method", lambda _: replace(spec, name="sd+mine", search=search))
+    monkeypatch.setattr(sequence_evaluation, "admit_method", lambda *_: replace(spec, name="sd+mine", search=search))
 
 
 def two_scores(view):

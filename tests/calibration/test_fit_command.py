@@ -15,6 +15,7 @@ from saf_gen.calibration.fit_files import fitted_interval, fitted_number
 from saf_gen.calibration.spike_statistics import measure_spikes
 from saf_gen.camera import get_sensor
 from saf_gen.cli import main
+from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
 CAMERA = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_loss=0.01)
@@ -157,3 +158,30 @@ def test_what_cannot_be_fitted_is_refused_in_one_line(names, options, words, fit
 def test_a_number_has_the_digits_that_its_interval_leaves(value, width, text):
     assert fitted_number(value, width) == text
     assert fitted_interval(Estimate(1.0, 0.5, np.inf, "")) == "at least 0.5"
+
+
+@pytest.mark.slow
+def test_a_fit_writes_a_mask_of_planted_pixels_that_import_takes(recordings, fit, call, tmp_path, monkeypatch):
+    monkeypatch.setattr(fit_files, "draw_fit", lambda found: [])
+    planted = np.zeros(SHAPE, bool)
+    for name in ("dim", "bright", "dark"):
+        with open_stream(recordings / f"{name}.h5") as stream:
+            spikes = stream.frames(0, stream.shape[0])
+        for (y, x), value in {(0, 0): 0, (5, 7): 0, (12, 30): 1, (23, 39): 1}.items():
+            spikes[:, y, x] = value
+            planted[y, x] = True
+        write_stream(tmp_path / f"{name}.h5", spikes)
+    mask = tmp_path / "out/mine-mask.npy"
+    code, shown, _ = fit(
+        *(tmp_path / f"{name}.h5" for name in ("dim", "bright")), dark=tmp_path / "dark.h5", name="mine"
+    )
+    assert code == 0
+    assert "bad pixels: 2 never fire, 2 fire in the dark" in shown
+    assert str(mask) in shown
+    np.testing.assert_array_equal(np.load(mask), planted)
+    np.save(tmp_path / "a.npy", spikes[:800])
+    code, shown, _ = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--mask", mask)
+    assert code == 0
+    assert "mask: 4 bad pixels, filled in counts and pictures" in shown
+    assert fit(*("dim.h5", "bright.h5"), dark=recordings / "dark.h5", name="mine")[0] == 0
+    assert not mask.exists()

@@ -20,7 +20,8 @@ import typer
 from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
-from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, read_methods
+from saf_gen.benchmark.admission import read_methods
+from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS
 from saf_gen.cli import _terminal, app, main
 from saf_gen.core.files import atomic_file
 from saf_gen.render import backend

@@ -6,6 +6,7 @@ Only Ctrl-C stops everything, and only a pipe that its reader has closed is a qu
 import errno
 import os
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -198,7 +199,7 @@ def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, swee
 
 
 def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts):
-    mine = write_parts(in_use="raise KeyboardInterrupt")
+    mine = write_parts(in_use="import os, signal, time; os.kill(os.getppid(), signal.SIGINT); time.sleep(9)")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
     assert code == 130
     assert only_error(err).startswith("saf-gen: stopped; finished work is kept")
@@ -207,11 +208,20 @@ def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, w
 # What reaches main()
 
 
-def test_an_exit_at_any_other_place_is_one_line_with_the_place(call, sweeps, tmp_path, write_parts):
+def test_an_exit_while_a_method_is_asked_what_it_is_costs_its_rows(call, sweeps, tmp_path, write_parts):
     mine = write_parts(in_use="sys.exit(0)")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:Asked", "--out", tmp_path / "out")
     assert code == 1
-    assert only_error(err) == f"saf-gen: {mine}, line 21, called exit(0)"
+    assert only_error(err).endswith(
+        "failed on 3 of 3 sequences: while it was loaded, CodeStopped: its code called exit(0)"
+    )
+
+
+def test_an_exit_at_any_other_place_is_one_line_with_the_place(call, monkeypatch):
+    monkeypatch.setattr("saf_gen.scene.scene_folder.scene_names", sys.exit)
+    code, _, err = call("scenes", "list")
+    assert code == 1
+    assert only_error(err).endswith("called exit()")
 
 
 def test_a_broken_pipe_that_is_not_the_output_is_no_success(call, monkeypatch):
@@ -288,3 +298,36 @@ def test_a_scene_that_exits_in_a_worker_process_fails_its_render(tmp_path):
     assert run.returncode == 2
     assert "render plane failed: " in only_error(run.stderr)
     assert "scene.py failed: CodeStopped: its code called exit()" in only_error(run.stderr)
+
+
+@pytest.mark.parametrize("closed", ["0<&-", "1>&-", "2>&-", "0<&- 1>&- 2>&-"])
+@pytest.mark.parametrize("command", ["--help", "generate --help", "scenes list"])
+def test_commands_work_with_closed_streams(command, closed):
+    shell = f"{sys.executable} -m saf_gen {command} {closed}"
+    run = subprocess.run(["sh", "-c", shell], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert bool(run.stdout) == ("1>" not in closed)
+
+
+@pytest.mark.parametrize("columns", ["0", "-3", "3", "many", ""])
+def test_help_is_not_empty_for_a_width_that_no_terminal_has(columns):
+    environment = {**os.environ, "COLUMNS": columns}
+    run = subprocess.run([sys.executable, "-m", "saf_gen", "--help"], capture_output=True, env=environment, check=True)
+    assert b"generate" in run.stdout
+
+
+@pytest.mark.parametrize(("ignored", "code"), [(False, 129), (True, 1)])
+def test_a_closed_terminal_stops_a_command_in_one_line_unless_it_is_ignored(
+    sweeps, tmp_path, write_parts, ignored, code
+):
+    mine = write_parts(
+        in_use="import os, signal, time; os.kill(os.getppid(), signal.SIGHUP); time.sleep(1); return None"
+    )
+    command = [sys.executable, "-m", "saf_gen", "evaluate", sweeps, "--method", f"sd+{mine}:look"]
+    handler = signal.SIG_IGN if ignored else signal.SIG_DFL
+    run = subprocess.run(
+        [*command, "--out", tmp_path / "out"], capture_output=True, text=True, check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, handler),
+    )  # fmt: skip
+    assert run.returncode == code  # if it goes on, its answer, None, is malformed
+    assert ("saf-gen: stopped; finished work is kept" in run.stderr) != ignored

@@ -4,6 +4,7 @@ import numpy as np
 
 from saf_gen.core import bits
 from saf_gen.core.seeds import make_generator
+from saf_gen.stream.pixel_mask import Filling
 
 
 class InMemory:
@@ -17,7 +18,10 @@ class InMemory:
         self.spikes = (chance < rate).astype(np.uint8)
         self.asked, self.read = [], []
 
-    def counts(self, first, stop, region):
+    def filling(self, region):
+        return Filling(None, region)
+
+    def counts(self, first, stop, region, filled=True):
         self.asked.append((first, stop))
         return self.spikes[first:stop, *region].sum(axis=0, dtype=np.uint32)
 

@@ -101,6 +101,17 @@ def test_a_method_of_a_file_runs_only_where_the_command_names_it(call, evaluatio
     assert "was made by the code of" in err
 
 
+def test_a_row_that_a_limit_ended_cannot_be_compared(call, evaluation, dataset):
+    unknown = ("frame", "position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s")
+    ended = dict.fromkeys(unknown) | {key: False for key in ("success_half_dof", "success_1dof", "success_2dof")}
+    note = "over a limit: it did not answer within 60 s"
+    forge(evaluation, "sd+argmax", status="failed", note=note, limits="60 s", **ended)
+    code, out, _ = call("leaderboard", "verify", evaluation, "--on", dataset, "--json")
+    (row,) = (row for row in json.loads(out) if row["method"] == "sd+argmax")
+    assert (code, row["row"]) == (0, "claimed")
+    assert row["why"] == "not comparable: 1 of 2 runs were ended at a limit (60 s)"
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

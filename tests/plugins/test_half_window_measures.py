@@ -9,7 +9,7 @@ from refusals import refusal
 
 from saf_gen import encode, get_measure, get_sensor, open_stream, write_stream
 from saf_gen.benchmark.evaluate import score_blocks
-from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.seeds import make_generator
 from saf_gen.plugins.measures import BrightnessNormalised
 from saf_gen.stream.measure_input import measure_input
@@ -104,7 +104,7 @@ def test_a_view_counts_both_halves_of_any_window(tmp_path):
     with open_stream(tmp_path / "s.h5") as stream:
         counts = WindowCounts(stream, (slice(1, 5), slice(2, 8)))
         for first, stop, middle in [(0, 60, 30), (3, 17, 10), (3, 18, 10), (58, 60, 59)]:
-            found = measure_input(counts, DEBIASED, first=first, stop=stop)
+            found = measure_input(counts, "halves", first=first, stop=stop)
             assert found.dtype == np.uint32
             for half, (a, b) in zip(found, [(first, middle), (middle, stop)], strict=True):
                 np.testing.assert_array_equal(half, frames[a:b, 1:5, 2:8].sum(axis=0))

@@ -13,7 +13,7 @@ import saf_gen
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
-from saf_gen.benchmark.view import WindowCounts
+from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.benchmark.view.running_camera import CapturedFrames, rows_in_view
 from saf_gen.camera import Encoder
 from saf_gen.generate.resolve import resolve_recipe

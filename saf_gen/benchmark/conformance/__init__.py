@@ -22,7 +22,7 @@ from saf_gen.benchmark.conformance._samples import BEST_FOCUS, write_recordings
 from saf_gen.benchmark.conformance.estimating_search_checks import estimating_checks, recording_length
 from saf_gen.benchmark.conformance.measure_checks import measure_checks
 from saf_gen.benchmark.method_spec import Method, resolve_name
-from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.finding import Finding
 from saf_gen.parts import Answer, Measure, Search, commands
 from saf_gen.stream.stream_file import open_stream

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from saf_gen.benchmark.tracks.search_run import answer_fault
+from saf_gen.benchmark.search_run import answer_fault
 from saf_gen.core.finding import Finding
 from saf_gen.core.user_code import PassesUserCode, user_code
 from saf_gen.parts import Answer, cite_source

@@ -15,11 +15,11 @@ import numpy as np
 
 from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
 from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
+from saf_gen.benchmark.search_run import describe_exception
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun
 from saf_gen.benchmark.tracks.predictions import METHOD_NAME
-from saf_gen.benchmark.tracks.search_run import describe_exception
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, measure_rate
-from saf_gen.benchmark.view import WindowCounts
+from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream

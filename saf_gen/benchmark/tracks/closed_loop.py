@@ -16,15 +16,16 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.benchmark.admission import run_method
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judged_dof
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import LensPath
+from saf_gen.benchmark.search_run import withhold
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.search_run import run_search, withhold
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
-from saf_gen.benchmark.view import WindowCounts
+from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.benchmark.view.running_camera import (
     BudgetSpentError,
     CapturedFrames,
@@ -86,7 +87,7 @@ class ClosedLoopRun:
 
 
 def start_camera(
-    captured: CapturedFrames, measure: Callable[..., float], *, protocol: ClosedLoopProtocol
+    captured: CapturedFrames, measure: Callable[..., float] | None, *, protocol: ClosedLoopProtocol
 ) -> RunningCamera:
     """Return a camera before its first frame, with the lens at the start position of all methods on this sequence.
 
@@ -142,7 +143,7 @@ def run_closed_loop(captured: CapturedFrames, method: Method, *, protocol: Close
     the protocol does not suit the recording, and the error of the focal stacks if they cannot be read.
     """
     budget, sweep = protocol.count_frames(captured.capture)
-    camera = start_camera(captured, method.measure, protocol=protocol)
+    camera = start_camera(captured, None if method.guest else method.measure, protocol=protocol)
     try:
         if commands(method.search):
             answer, to, problem = _run_commanding_search(camera, method)
@@ -155,7 +156,7 @@ def run_closed_loop(captured: CapturedFrames, method: Method, *, protocol: Close
 
 def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answer, float | None, str]:
     """Run a search that moves the lens itself; return its answer, the final lens command, and the problem or ''."""
-    answer, problem = run_search(method.search, camera, scorer=camera.scorer)
+    answer, problem = run_method(method, camera, scorer=camera.scorer)
     return answer, _clip_to_travel(answer.position), problem
 
 
@@ -165,7 +166,7 @@ def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int)
     camera.move(begin)
     camera.settle()
     view = SweepView(camera, begin=begin, end=end, frames=sweep)
-    answer, problem = run_search(method.search, view, scorer=camera.scorer)
+    answer, problem = run_method(method, view, scorer=camera.scorer)
     camera.commanded_trajectory = None
     if answer.frame is None:
         return answer, None, problem

@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.benchmark.admission import run_method
 from saf_gen.benchmark.judgement import judge
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
+from saf_gen.benchmark.search_run import withhold
 from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
-from saf_gen.benchmark.tracks.search_run import run_search, withhold
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
-from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
 from saf_gen.stream.measure_input import choose_region
@@ -100,7 +101,7 @@ def evaluate_recorded(
             task, stream, rate=common_rate, blank=find_blank(common_counts, common_rate), track="recorded"
         )
         for done, method in enumerate(methods, start=1):
-            view = RecordingView(counts, method.measure)
+            view = RecordingView(counts, None if method.guest else method.measure)
             attempt = _run_method(method, view, stream_path=str(stream.path))
             attempts.append(attempt)
             if method.search_name == "argmax" and method.measure_name not in curves and not attempt.problem:
@@ -144,7 +145,7 @@ def evaluate_recorded(
 
 
 def _run_method(method: Method, view: RecordingView, *, stream_path: str) -> _Attempt:
-    answer, problem = run_search(method.search, view, scorer=view.scorer, stream_path=stream_path)
+    answer, problem = run_method(method, view, scorer=view.scorer, stream_path=stream_path)
     if fault := _find_range_fault(answer, view.frames):
         answer, problem = Answer(None, answer.trace), fault
     fields = {
@@ -210,19 +211,24 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
         frames=stream.shape[0],
         note=attempt.problem or answer.note,
         data=stream.content_sha256,
-        time_to_focus_s=None if answer.frame is None or not seen else seen / stream.readout_hz,
+        time_to_focus_s=None if answer.frame is None or not seen else _end_s(stream, seen - 1),
         **judged,
         **attempt.fields,
         **common,
     )
 
 
+def _end_s(stream: SpikeStream, frame: int) -> float:
+    """Return the seconds from the beginning of a recording to the end of a frame."""
+    return (stream.metadata.readout_of(frame) + 1) / stream.readout_hz
+
+
 def _make_curve(view: RecordingView, measure: str, *, answer: Answer) -> FocusCurve:
     """Return the focus curve that argmax looked at, from scores that have already been computed."""
-    blocks = sorted(view.scores)
+    blocks = sorted(view.scorer.scores)
     return FocusCurve(
         measure=measure,
         frames=np.array([(first + stop - 1) / 2 for first, stop in blocks]),
-        scores=np.array([view.scores[block] for block in blocks]),
+        scores=np.array([view.scorer.scores[block] for block in blocks]),
         answer=answer.frame,
     )

@@ -11,10 +11,11 @@ from typing import Any, Literal
 import numpy as np
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, focus_crossing, judged_dof, light_ratio
+from saf_gen.benchmark.method_spec import split_halves
 from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS, Blank, Obstacle
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
-from saf_gen.benchmark.view import WindowCounts
+from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.camera import Sensor, get_sensor, sensor_names
 from saf_gen.camera.sensor import parse_sensor
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
@@ -220,7 +221,7 @@ def grain_fields(stream: SpikeStream, method: str = "", *, region: str = "") -> 
     grain = grain_of_stream(stream.metadata.provenance)
     if grain is None:
         return {"grain_rms": None, "grain_of_curve": None}
-    measure = method.split("+")[0].split(":")[0]
+    measure = split_halves(method)[0].split(":")[0]
     measure = measure.removesuffix(INTERVAL_SUFFIX).removesuffix(NORMALISED_SUFFIX)
     energy, of_curve = ENERGY_OF_MEASURE.get(measure), math.nan
     if energy is not None and region == "target":

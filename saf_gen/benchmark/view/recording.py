@@ -9,6 +9,7 @@ from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.stream.interval_texture import window_time_texture
+from saf_gen.stream.measure_input import Form
 from saf_gen.stream.stream_file import SpikeStream
 
 KNOTS = 256
@@ -20,7 +21,7 @@ WINDOW_BYTES = 256 << 20
 
 
 class WindowCounts:
-    """Spike counts of any window of a stream, in a region or in the whole frame.
+    """Spike counts of any window of a stream, in a region or in the whole frame; masked pixels are filled.
 
     A search looks at hundreds of windows, often half as long as the recording, and several methods look at the same
     windows. Long windows are therefore computed from running sums up to some frames (knots), and counted windows kept.
@@ -43,10 +44,13 @@ class WindowCounts:
 
     def __init__(self, stream: SpikeStream, region: Region | None = None) -> None:
         self.frames, height, width = stream.shape
-        self._stream, self._region = stream, validate_region(region, (height, width))
-        self.shape = region_shape(self._region)
+        part = validate_region(region, (height, width))
+        self._stream, self._filling = stream, stream.filling(part)
+        self._region = self._filling.region  # as recorded; what it holds is filled after it was added up
+        self.shape = region_shape(part)
         self.readout_hz, self.lens_position = stream.readout_hz, stream.focus_position
-        image_bytes = 4 * self.shape[0] * self.shape[1]
+        recorded = region_shape(self._region)
+        image_bytes = 4 * recorded[0] * recorded[1]
         between = max(min(KNOTS, KNOT_BYTES // image_bytes) - 1, 1)
         self._step = 8 * -(-self.frames // (8 * between))
         self._sums: np.ndarray | None = None
@@ -61,7 +65,7 @@ class WindowCounts:
         Raises BadInput if the window is empty or extends beyond the recording.
         """
         window = validate_window(first, stop, total=self.frames)
-        return self._compute_once("counts", self._count, window=window)
+        return self._compute_once("counts", lambda a, b: self._filling.apply(self._count(a, b)), window=window)
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
         """Return the interval texture of a window of n frames: float64 (h, w), 0...n, read-only.
@@ -93,29 +97,32 @@ class WindowCounts:
     def _count(self, first: int, stop: int) -> np.ndarray:
         after, before = -(-first // self._step), stop // self._step  # the knots just inside the window
         if before - after < 2:
-            return self._stream.counts(first, stop, region=self._region)
+            return self._count_recorded(first, stop)
         if self._sums is None:
             self._sums = self._running_sums()
         counts = self._sums[before] - self._sums[after]
         for a, b in ((first, after * self._step), (before * self._step, stop)):
             if a < b:
-                counts += self._stream.counts(a, b, region=self._region)
+                counts += self._count_recorded(a, b)
         return counts
+
+    def _count_recorded(self, first: int, stop: int) -> np.ndarray:
+        return self._stream.counts(first, stop, region=self._region, filled=False)
 
     def _compute_texture(self, first: int, stop: int) -> np.ndarray:
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._stream.packed(first_byte, stop_byte, region=self._region)
 
         image, self._texture_seconds[first, stop] = window_time_texture(read, self._count, first=first, stop=stop)
-        return image
+        return self._filling.apply(image)
 
     def _running_sums(self) -> np.ndarray:
         """Return the number of spikes per pixel before each multiple of the step: uint32 (knots, h, w)."""
         full_steps = self.frames // self._step
-        sums = np.zeros((full_steps + 1, *self.shape), dtype=np.uint32)
+        sums = np.zeros((full_steps + 1, *region_shape(self._region)), dtype=np.uint32)
         for knot in range(full_steps):
             first = self._step * knot
-            sums[knot + 1] = sums[knot] + self._stream.counts(first, first + self._step, region=self._region)
+            sums[knot + 1] = sums[knot] + self._count_recorded(first, first + self._step)
         return sums
 
 
@@ -126,26 +133,23 @@ class RecordingView:
     ----------
     counts : WindowCounts
         Counts of any window of the recording.
-    measure : callable
-        The method's own measure.
+    measure : callable, optional
+        The method's own measure; None if the method scores the windows elsewhere.
 
     Attributes
     ----------
     now : int
         End of the latest window that was scored or looked at.
-    scores : dict of (int, int) to float
-        Score of each window (first, stop) by the method's own measure.
     scorer : MeteredScorer
         Scorer that measures the cost.
     """
 
     lag_s = 0.0  # a recording stores the positions of the lens itself
 
-    def __init__(self, counts: WindowCounts, measure: Callable[..., float]) -> None:
+    def __init__(self, counts: WindowCounts, measure: Callable[..., float] | None) -> None:
         self._counts, self.scorer = counts, MeteredScorer(measure)
         self.frames, self.readout_hz = counts.frames, counts.readout_hz
         self.now = 0
-        self.scores: dict[tuple[int, int], float] = {}
 
     def position(self, frame: int) -> float:
         """Return the lens position, as a fraction of the travel, or NaN if it was not recorded.
@@ -154,6 +158,21 @@ class RecordingView:
         """
         window, lens = validate_window(frame, frame + 1, total=self.frames), self._counts.lens_position
         return float("nan") if lens is None else float(lens[window.start])
+
+    def positions(self, first: int) -> np.ndarray:
+        """Return the lens positions of all frames from ``first``, float64 (n,); NaN if they were not recorded."""
+        lens = self._counts.lens_position
+        return np.full(self.frames - first, np.nan) if lens is None else np.asarray(lens[first:], np.float64)
+
+    def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
+        """Return frames ``first <= t < stop`` as a measure is called with them, read-only.
+
+        Raises BadInput if the window is empty or outside the recording.
+        """
+        window = validate_window(first, stop, total=self.frames)
+        image = self.scorer.image(self._counts, form, first=window.start, stop=window.stop)
+        self.now = max(self.now, window.stop)
+        return image
 
     def move(self, to: float) -> None:
         """Raise BadInput, because the lens of a recording cannot be moved."""
@@ -173,8 +192,6 @@ class RecordingView:
         first, stop = window.start, window.stop
         score = self.scorer.score(self._counts, first=first, stop=stop, measure=measure)
         self.now = max(self.now, stop)
-        if measure is None:
-            self.scores[first, stop] = score
         return score
 
     def counts(self, first: int, stop: int) -> np.ndarray:

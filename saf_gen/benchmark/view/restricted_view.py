@@ -9,7 +9,7 @@ from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.errors import BadInput
 from saf_gen.parts import View, wants_frames
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.measure_input import WindowSource, measure_input
+from saf_gen.stream.measure_input import Form, WindowSource, measure_input, wanted_form
 
 
 class BudgetSpentError(Exception):
@@ -98,21 +98,24 @@ class MeteredScorer:
 
     Parameters
     ----------
-    measure : callable
-        The method's own measure.
+    measure : callable, optional
+        The method's own measure; None if the method scores the windows elsewhere.
 
     Attributes
     ----------
     windows : int
         Number of windows that were scored or looked at.
+    scores : dict of (int, int) to float
+        Score of each window (first, stop) by the method's own measure, counted from the first frame of the run.
     """
 
-    def __init__(self, measure: Callable[..., float]) -> None:
-        self._measure, self._watch = measure, Stopwatch()
-        self._named_measures: dict[str, Callable[..., float]] = {}
+    def __init__(self, measure: Callable[..., float] | None) -> None:
+        self._measures: dict[str | None, Callable[..., float] | None] = {None: measure}
+        self._watch = Stopwatch()
         self._extremes: dict[str | None, tuple[float, float]] = {}  # smallest and largest score of each measure
         self._looked = False
         self.windows = 0
+        self.scores: dict[tuple[int, int], float] = {}
 
     @property
     def blindness(self) -> str:
@@ -132,28 +135,38 @@ class MeteredScorer:
         """Add computing time that the method spent outside its scores."""
         self._watch.seconds += seconds
 
-    def look(self, source: WindowSource, *, first: int, stop: int) -> np.ndarray:
-        """Return the counts of frames ``first <= t < stop``, uint32 (h, w), read-only."""
+    def image(self, source: TimedWindowSource, form: Form, *, first: int, stop: int) -> np.ndarray:
+        """Return frames ``first <= t < stop`` as a measure is called with them; raises what measure_input raises."""
+        before = source.textures_s
+        image = measure_input(source, form, first=first, stop=stop)
+        self.add_seconds(source.textures_s - before)
         self.windows += 1
-        self._looked = True
-        counts = source.window(first, stop)
+        return image
+
+    def look(self, source: TimedWindowSource, *, first: int, stop: int) -> np.ndarray:
+        """Return the counts of frames ``first <= t < stop``, uint32 (h, w), read-only."""
+        self.note_look()
+        counts = self.image(source, "counts", first=first, stop=stop)
         counts.flags.writeable = False
         return counts
+
+    def note_look(self) -> None:
+        """Note that the method looked at counts itself."""
+        self._looked = True
 
     def score(self, source: TimedWindowSource, *, first: int, stop: int, measure: str | None = None) -> float:
         """Return the score of frames ``first <= t < stop`` by the method's measure, or by the one named ``measure``.
 
         Raises BadInput if the window does not exist, if the score is not a finite number, or if the measure is unknown.
         """
-        if measure is not None and measure not in self._named_measures:
-            self._named_measures[measure] = get_measure(measure)
-        scorer = self._measure if measure is None else self._named_measures[measure]
-        before = source.textures_s
-        counts = measure_input(source, scorer, first=first, stop=stop)
-        self.add_seconds(source.textures_s - before)
+        form = self.form(measure)
+        return self.rate(self.image(source, form, first=first, stop=stop), first=first, stop=stop, measure=measure)
+
+    def rate(self, image: np.ndarray, *, first: int, stop: int, measure: str | None = None) -> float:
+        """Return the score of the image of frames ``first <= t < stop``; raises BadInput as :meth:`score` does."""
+        scorer = self._find(measure)
         timed: dict[str, Any] = {"frames": int(stop) - int(first)} if wants_frames(scorer) else {}
-        self.windows += 1
-        score = float(self._watch.time(scorer, counts, **timed))
+        score = float(self._watch.time(scorer, image, **timed))
         if not np.isfinite(score):
             raise BadInput(
                 f"{type(scorer).__name__} scores frames {first} to {stop} with {score}",
@@ -162,4 +175,18 @@ class MeteredScorer:
             )
         low, high = self._extremes.get(measure, (score, score))
         self._extremes[measure] = min(low, score), max(high, score)
+        if measure is None:
+            self.scores[int(first), int(stop)] = score
         return score
+
+    def form(self, measure: str | None = None) -> Form:
+        """Return what the method's measure, or the one named ``measure``, is called with; BadInput if it is unknown."""
+        return wanted_form(self._find(measure))
+
+    def _find(self, measure: str | None) -> Callable[..., float]:
+        if measure not in self._measures:
+            self._measures[measure] = get_measure(str(measure))
+        found = self._measures[measure]
+        if found is None:
+            raise BadInput("the windows of this method are scored elsewhere")
+        return found

@@ -19,6 +19,7 @@ from saf_gen.optics.actuators import ActuatedLens, Actuator
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stream.interval_texture import window_time_texture
+from saf_gen.stream.measure_input import Form
 
 PACKET_FRAMES = 8
 """Number of readouts that the camera delivers at once."""
@@ -128,8 +129,8 @@ class RunningCamera:
     ----------
     captured : CapturedFrames
         Store for the captured frames.
-    measure : callable
-        Scores the counts of a window.
+    measure : callable, optional
+        Scores the counts of a window; None if the method scores them elsewhere.
     actuator : Actuator
         Motor that moves the lens.
     start : float
@@ -145,7 +146,7 @@ class RunningCamera:
     def __init__(
         self,
         captured: CapturedFrames,
-        measure: Callable[..., float],
+        measure: Callable[..., float] | None,
         *,
         actuator: Actuator,
         start: float,
@@ -183,6 +184,14 @@ class RunningCamera:
         Raises BadInput if the window is empty, and BudgetSpentError if it ends after the budget.
         """
         return self.scorer.look(self.run_until(first, stop), first=first, stop=stop)
+
+    def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
+        """Return frames ``first <= t < stop`` as a measure is called with them; raises what :meth:`counts` raises."""
+        return self.scorer.image(self.run_until(first, stop), form, first=first, stop=stop)
+
+    def positions(self, first: int) -> np.ndarray:
+        """Return the readings of the position sensor at all frames from ``first`` that have passed, float64 (n,)."""
+        return self._sensed[first : self.now]
 
     def run_until(self, first: int, stop: int) -> CapturedFrames:
         """Let the camera run until a window has passed, and return the captured frames.
@@ -293,6 +302,15 @@ class SweepView:
         """
         window = validate_window(first, stop, total=self.frames)
         return self._camera.counts(self._offset + window.start, self._offset + window.stop)
+
+    def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
+        """Return a window of the sweep as a measure is called with it; raises what :meth:`counts` raises."""
+        window = validate_window(first, stop, total=self.frames)
+        return self._camera.image(form, first=self._offset + window.start, stop=self._offset + window.stop)
+
+    def positions(self, first: int) -> np.ndarray:
+        """Return the readings of the position sensor at all frames of the sweep from ``first`` that have passed."""
+        return self._camera.positions(self._offset + first)
 
     def position(self, frame: int) -> float:
         """Return the reading of the position sensor at a frame of the sweep, as a fraction of the travel.

@@ -33,6 +33,8 @@ from saf_gen.errors import BadInput, unknown
 
 PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
 
+FORM_SUFFIXES = ("_n", "_tfi")
+"""Endings of the names of measures that say in which form a measure is used."""
 _registered_here: dict[str, dict[str, type]] = {plugin_kind: {} for plugin_kind in PLUGIN_KINDS}  # by this process
 _CODE_REFUSED_IN: ContextVar[str] = ContextVar("code refused in", default="")
 
@@ -50,6 +52,30 @@ def refuse_code(where: str) -> Iterator[None]:
         _CODE_REFUSED_IN.reset(token)
 
 
+def allow_code(name: str) -> None:
+    """Allow files to name ``package.module:Class`` or ``file.py:Class``, because the command line named it."""
+    _ALLOWED.update((name, _without_form(name)))
+
+
+def check_code_allowed(name: str) -> None:
+    """Raise BadInput if a file names code that the command line did not name."""
+    if ":" in name and not {name, _without_form(name)} & _ALLOWED and (where := _CODE_REFUSED_IN.get()):
+        raise BadInput(
+            f"{where} names the code {name!r}",
+            allowed="registered names in files; code is run only if the command line names it",
+            hint="read the code; if you trust it, name it in a separate --method before the one with the file",
+        )
+
+
+def _without_form(name: str) -> str:
+    while name.endswith(FORM_SUFFIXES):
+        name = name[: name.rindex("_")]
+    return name
+
+
+_ALLOWED: set[str] = set()
+
+
 @cache
 def _builtin_names(plugin_kind: str) -> frozenset[str]:
     folder = Path(__file__).parents[2] / "plugins" / plugin_kind
@@ -64,6 +90,11 @@ def _entry_points(plugin_kind: str) -> dict[str, EntryPoint]:
 def names(plugin_kind: str) -> list[str]:
     """Return every registered name of a kind, sorted, without importing anything."""
     return sorted({*_builtin_names(plugin_kind), *_entry_points(plugin_kind), *_registered_here[plugin_kind]})
+
+
+def entry_point_names(plugin_kind: str) -> frozenset[str]:
+    """Return the names of the plug-ins of a kind that packages offer."""
+    return frozenset(_entry_points(plugin_kind))
 
 
 def is_builtin_name(plugin_kind: str, name: str) -> bool:
@@ -114,12 +145,7 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
             source.load, what, plugin_kind=plugin_kind, hint="repair or remove the package that offers it"
         )
     if ":" in name:
-        if where := _CODE_REFUSED_IN.get():
-            raise BadInput(
-                f"{where} names the code {name!r}",
-                allowed="registered names in files; code is run only if the command line names it",
-                hint="read the code; if you trust it, name it in a separate --method before the one with the file",
-            )
+        check_code_allowed(name)
         path, _, member = name.rpartition(":")
 
         def load() -> Any:
@@ -127,7 +153,9 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
 
         what = f"{PLUGIN_KINDS[plugin_kind]} {name!r}"
         allowed = "package.module:NAME that Python can import, or file.py:NAME, of a class or function"
-        return _load_plugin(load, what, plugin_kind=plugin_kind, allowed=allowed)
+        plugin = _load_plugin(load, what, plugin_kind=plugin_kind, allowed=allowed)
+        allow_code(name)
+        return plugin
     raise unknown(PLUGIN_KINDS[plugin_kind], name, allowed=names(plugin_kind))
 
 

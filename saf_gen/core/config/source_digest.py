@@ -47,6 +47,11 @@ def _digest_files(cls: type) -> dict[Path, str]:
     return digests
 
 
+def source_digest(path: Path) -> str:
+    """Return the SHA-256 of the code in a file; raises OSError if it cannot be read."""
+    return _digest(path.read_bytes(), "")[0]
+
+
 @lru_cache(maxsize=256)
 def _digest(source: bytes, package: str) -> tuple[str, tuple[str, ...]]:
     """Return the digest of a source and the private modules of ``package`` that it imports anywhere."""

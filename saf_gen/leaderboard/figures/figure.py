@@ -14,6 +14,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.textpath import TextToPath
 
+from saf_gen.benchmark.method_spec import split_halves
 from saf_gen.core.figure_style import COLUMN, PAPER, SOFT, STYLE, WIDTH, use_plot_style
 
 PDF_CREATOR = "saf-gen"
@@ -54,8 +55,8 @@ def shorten(name: str, limit: int) -> str:
 
 def split_method(method: str) -> tuple[str, str]:
     """Return the measure and the search of a method with their options, or the name and '' for predictions."""
-    measure, _, search = method.partition("+")
-    return measure, search
+    measure, *search = split_halves(method)
+    return measure, search[0] if search else ""
 
 
 def legend_height(names: Sequence[str], *, columns: int = 2, note: str = "") -> float:

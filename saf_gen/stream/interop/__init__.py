@@ -1,10 +1,12 @@
 """Import and export of the file layouts of other software."""
 
 from saf_gen.stream.interop.array_files import ENDINGS as ARRAY_ENDINGS
+from saf_gen.stream.interop.examine import Examination, examine
 from saf_gen.stream.interop.lens_log import describe_coverage, import_lens_log, import_light_log, truth_from_text
 from saf_gen.stream.interop.raw_frames import (
     RAW_LAYOUTS,
     READERS,
+    RawFrames,
     RawLayout,
     count_raw_frames,
     export_raw_frames,
@@ -12,16 +14,23 @@ from saf_gen.stream.interop.raw_frames import (
     import_raw_frames,
     recognise,
 )
+from saf_gen.stream.interop.readouts import Readouts
+from saf_gen.stream.interop.source import Source, write_source
 from saf_gen.stream.interop.spike_array import SpikeArray
 
 __all__ = [
     "ARRAY_ENDINGS",
     "RAW_LAYOUTS",
     "READERS",
+    "Examination",
+    "RawFrames",
     "RawLayout",
+    "Readouts",
+    "Source",
     "SpikeArray",
     "count_raw_frames",
     "describe_coverage",
+    "examine",
     "export_raw_frames",
     "find_layout",
     "import_lens_log",
@@ -29,4 +38,5 @@ __all__ = [
     "import_raw_frames",
     "recognise",
     "truth_from_text",
+    "write_source",
 ]

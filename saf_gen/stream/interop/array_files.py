@@ -43,11 +43,11 @@ class SlicedArray(Protocol):
     def __getitem__(self, span: slice) -> np.ndarray: ...
 
 
-def open_array(path: str | os.PathLike[str], *, key: str | None = None) -> SlicedArray:
+def open_array(path: str | os.PathLike[str], *, key: str | None = None, axes: int = 3) -> SlicedArray:
     """Return an array of a .npy, .npz or .mat file.
 
     The axes of a .mat file are permuted to put the last first, because MATLAB stores frames along the last axis.
-    ``key`` names the array if the file has several with three axes or more.
+    ``key`` names the array if the file has several with ``axes`` axes or more.
 
     Raises BadInput if the file has another ending, is missing, is damaged or holds objects, or if the key is missing
     or unknown.
@@ -65,10 +65,10 @@ def open_array(path: str | os.PathLike[str], *, key: str | None = None) -> Slice
             loaded: np.ndarray = np.load(where, mmap_mode="r", allow_pickle=False)
             return loaded
         if ending == ".npz":
-            return _ArchivedArray(where, key=key)
+            return _ArchivedArray(where, key=key, axes=axes)
         with where.open("rb") as file:
             is_hdf5 = _is_hdf5(file.read(1024))
-        return _HdfArray(where, key=key) if is_hdf5 else _OldMatlabArray(where, key=key)
+        return _HdfArray(where, key=key, axes=axes) if is_hdf5 else _OldMatlabArray(where, key=key, axes=axes)
 
 
 @contextmanager
@@ -83,33 +83,34 @@ def _is_hdf5(head: bytes) -> bool:
     return head.startswith(HDF5_SIGNATURE) or head[512:520] == HDF5_SIGNATURE  # MATLAB writes 512 bytes before it
 
 
-def _choose_array(found: Mapping[str, tuple[int, ...]], key: str | None, *, where: str) -> str:
+def _choose_array(found: Mapping[str, tuple[int, ...]], key: str | None, *, axes: int, where: str) -> str:
     """Return the name of the array to read; ``found`` holds the shapes of all arrays by name."""
     if key is not None:
         if key not in found:
             raise unknown("array", key, allowed=found, where=where)
         return key
-    videos = [name for name, shape in found.items() if len(shape) >= 3]
-    if len(videos) != 1:
+    fitting = [name for name, shape in found.items() if len(shape) >= axes]
+    if len(fitting) != 1:
         listed = ", ".join(f"{name} {shape}" for name, shape in found.items()) or "none"
+        number, of, how = ("three", "frames, ", "--key") if axes == 3 else ("two", "", "FILE:NAME")
         raise BadInput(
-            f"has {len(videos) or 'no'} arrays of three axes (it holds: {listed})", where=where,
-            allowed="one array of (frames, rows, columns)", hint="name one with --key" if videos else "",
+            f"has {len(fitting) or 'no'} arrays of {number} axes (it holds: {listed})", where=where,
+            allowed=f"one array of ({of}rows, columns)", hint=f"name one with {how}" if fitting else "",
         )  # fmt: skip
-    return videos[0]
+    return fitting[0]
 
 
 class _ArchivedArray:
     """An array in a .npz, which is a zip of .npy files; it is decompressed from start to end."""
 
-    def __init__(self, path: Path, *, key: str | None) -> None:
+    def __init__(self, path: Path, *, key: str | None, axes: int) -> None:
         self._path, self._archive = path, zipfile.ZipFile(path)
         headers = {}
         for info in self._archive.infolist():
             if info.filename.endswith(".npy"):
                 with self._archive.open(info) as file:
                     headers[info.filename.removesuffix(".npy")] = (*_read_header(file), info)
-        self.name = name = _choose_array({n: h[0] for n, h in headers.items()}, key, where=str(path))
+        self.name = name = _choose_array({n: h[0] for n, h in headers.items()}, key, axes=axes, where=str(path))
         self.shape, in_columns, self.dtype, self._begin, self._info = headers[name]
         if self.dtype.hasobject or in_columns:
             problem = "objects" if self.dtype.hasobject else "an array in Fortran order"
@@ -144,7 +145,7 @@ def _read_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype, int]:
 class _HdfArray:
     """An array of a MATLAB file of version 7.3, which is HDF5 with the axes in reverse order."""
 
-    def __init__(self, path: Path, *, key: str | None) -> None:
+    def __init__(self, path: Path, *, key: str | None, axes: int) -> None:
         import h5py
 
         self._path, self._file = path, h5py.File(path, "r")
@@ -155,7 +156,7 @@ class _HdfArray:
             plain = isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external
             if plain and item.dtype.kind in "buif" and _is_safely_stored(item):
                 found[name] = item
-        name = _choose_array({n: d.shape for n, d in found.items()}, key, where=str(path))
+        name = _choose_array({n: d.shape for n, d in found.items()}, key, axes=axes, where=str(path))
         self._data = found[name]
         self.shape = (self._data.shape[0], *self._data.shape[:0:-1])
         self.dtype = self._data.dtype
@@ -182,9 +183,9 @@ def _is_safely_stored(item: Any) -> bool:
 class _OldMatlabArray:
     """An array of a MATLAB file of version 5 to 7.2, with its last axis first."""
 
-    def __init__(self, path: Path, *, key: str | None) -> None:
+    def __init__(self, path: Path, *, key: str | None, axes: int) -> None:
         listed = list_arrays(path)
-        name = _choose_array({n: array.dimensions for n, array in listed.items()}, key, where=str(path))
+        name = _choose_array({n: array.dimensions for n, array in listed.items()}, key, axes=axes, where=str(path))
         self._path, self._slices = path, MatlabSlices(path, listed[name])
         self.shape, self.dtype = self._slices.shape, self._slices.dtype
 

@@ -10,19 +10,18 @@ import operator
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from json import dumps
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import atomic_file, name_as_text
+from saf_gen.core.files import atomic_file, check_apart, name_as_text
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop.evidence import CYCLE, bit_order, frame_bits, row_match
-from saf_gen.stream.metadata import MAX_PIXELS, metadata_from_options
+from saf_gen.stream.interop.source import write_source
+from saf_gen.stream.metadata import MAX_PIXELS
 from saf_gen.stream.stream_file import open_stream
-from saf_gen.stream.stream_writer import StreamWriter
 
 _FRAMES = 2_000  # frames converted at a time: 250 bytes along time
 
@@ -252,11 +251,6 @@ def _has_empty_gaps(path: Path, of: RawLayout) -> bool:
     return spikes >= _GAP_SPIKES
 
 
-def _check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
-    if Path(out).exists() and Path(out).samefile(source):
-        raise BadInput("would be written over itself", where=str(source), hint="choose another output file")
-
-
 def _file_size(source: Path) -> int:
     try:
         size = source.stat().st_size
@@ -313,6 +307,46 @@ def _frame_count(source: Path, layout: RawLayout, *, frames: int | None) -> int:
     return operator.index(frames)
 
 
+class RawFrames:
+    """The spikes in a file of raw frames, as a :class:`saf_gen.stream.interop.source.Source`.
+
+    Raises BadInput if the order of bits is unknown, or if the file cannot be read, does not hold a whole number of
+    frames, or has fewer than ``frames``.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        layout: RawLayout,
+        *,
+        order: str = "lsb",
+        frames: int | None = None,
+        flip: bool | None = None,
+    ) -> None:
+        if order not in BIT_ORDERS:
+            raise unknown("order of bits", order, allowed=BIT_ORDERS)
+        self.path, self.layout = Path(path), layout
+        self.total = _frame_count(self.path, layout, frames=None)
+        self.shape = (_frame_count(self.path, layout, frames=frames), layout.rows, layout.columns)
+        flipped = layout.flip if flip is None else bool(flip)
+        self._bit = layout.bit_indices(flipped, order=order)
+        usual = RAW_LAYOUTS[layout.name]
+        self.origin: dict[str, Any] = {
+            "file": name_as_text(self.path.name), "layout": layout.name, "flip": flipped, "frames": self.shape[0]
+        }  # fmt: skip
+        if order != "lsb" or (layout.rows, layout.columns) != (usual.rows, usual.columns):
+            self.origin |= {"size": f"{layout.columns}x{layout.rows}", "bits": order}
+
+    def packed(self, first: int, stop: int) -> np.ndarray:
+        """Return packed spikes of frames ``first <= t < stop``, uint8 (H, W, bytes); ``first`` is a multiple of 8."""
+        size = self.layout.frame_bytes
+        raw = np.fromfile(self.path, np.uint8, (stop - first) * size, offset=first * size)
+        if raw.size != (stop - first) * size:
+            raise BadInput("was truncated while it was read", where=str(self.path), hint="import it again")
+        trains = bits.to_trains(raw.reshape(stop - first, size))
+        return trains[self._bit].reshape(*self.shape[1:], -1)
+
+
 def import_raw_frames(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -362,28 +396,8 @@ def import_raw_frames(
         If the size is not a whole number of frames, in which case the message names layouts that would fit; if the file
         has fewer frames than requested; or if ``out`` is ``source``.
     """
-    kind, path = find_layout(layout, size=size), Path(source)
-    if order not in BIT_ORDERS:
-        raise unknown("order of bits", order, allowed=BIT_ORDERS)
-    total = _frame_count(path, kind, frames=frames)
-    _check_apart(path, out)
-    flipped = kind.flip if flip is None else bool(flip)
-    bit = kind.bit_indices(flipped, order=order)
-    settings = {"file": name_as_text(path.name), "layout": layout, "flip": flipped, "frames": total}
-    if order != "lsb" or (kind.rows, kind.columns) != (RAW_LAYOUTS[layout].rows, RAW_LAYOUTS[layout].columns):
-        settings |= {"size": f"{kind.columns}x{kind.rows}", "bits": order}
-    provenance = {"import": dumps(settings, ensure_ascii=False), **optional.pop("provenance", {})}
-    metadata = metadata_from_options({**optional, "provenance": provenance})
-    shape = (total, kind.rows, kind.columns)
-    with path.open("rb") as file, StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer:
-        for first in range(0, total, _FRAMES):
-            count = min(_FRAMES, total - first)
-            raw = np.fromfile(file, np.uint8, count * kind.frame_bytes)
-            if raw.size != count * kind.frame_bytes:
-                raise BadInput("was truncated while it was read", where=str(source), hint="import it again")
-            trains = bits.to_trains(raw.reshape(count, kind.frame_bytes))
-            writer.write(trains[bit].reshape(kind.rows, kind.columns, -1))
-    return writer.content_sha256
+    recording = RawFrames(source, find_layout(layout, size=size), order=order, frames=frames, flip=flip)
+    return write_source(recording, out, readout_hz=readout_hz, **optional)
 
 
 def export_raw_frames(
@@ -404,7 +418,7 @@ def export_raw_frames(
         raise unknown("order of bits", order, allowed=BIT_ORDERS)
     kind = find_layout(layout)
     with open_stream(source) as stream:
-        _check_apart(source, out)
+        check_apart(source, out)
         total, rows, columns = stream.shape
         if layout == "dense":
             kind = dense_layout(rows, columns)

@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import permutations
-from json import dumps
 from math import prod
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -22,8 +21,8 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop import evidence
 from saf_gen.stream.interop.array_files import SlicedArray, open_array
 from saf_gen.stream.interop.raw_frames import BIT_ORDERS, RAW_LAYOUTS
-from saf_gen.stream.metadata import MAX_PIXELS, metadata_from_options
-from saf_gen.stream.stream_writer import StreamWriter
+from saf_gen.stream.interop.source import BLOCK, write_source
+from saf_gen.stream.metadata import MAX_PIXELS
 
 AXES = tuple("".join(letters) for letters in permutations("TYX"))
 """Orders of time, rows and columns in an array."""
@@ -333,34 +332,30 @@ class SpikeArray:
             )
         if frames is not None and not 1 <= frames <= total:
             raise BadInput(f"{frames} frames were requested", where=str(path), allowed=f"1 to {total}")
-        self.shape = (frames or total, height, width)
-        self._frame_bytes = height * width * max(array.dtype.itemsize, 1)
+        self.total, self.shape = total, (frames or total, height, width)
+        self._step = max(min(BLOCK_BYTES // (height * width * max(array.dtype.itemsize, 1)), BLOCK) // 8 * 8, 8)
+        self.origin: dict[str, Any] = {
+            "file": name_as_text(self.path.name), "layout": self.layout, "flip": flip, "frames": self.shape[0]
+        }  # fmt: skip
+        if str(self.reading) not in USUAL:
+            self.origin["read_as"] = str(self.reading)
 
     def frames(self, first: int, stop: int) -> np.ndarray:
         """Return frames ``first <= t < stop``, uint8 (n, H, W); raise BadInput if a value is not allowed."""
         frames = self._spikes[slice(first, stop)]
         return frames[:, ::-1] if self.flip else frames
 
+    def packed(self, first: int, stop: int) -> np.ndarray:
+        """Return packed spikes of frames ``first <= t < stop``, uint8 (H, W, bytes); ``first`` is a multiple of 8."""
+        pieces = range(first, stop, self._step)
+        return np.concatenate([bits.pack_bits(self.frames(at, min(at + self._step, stop))) for at in pieces], axis=2)
+
     def write(self, out: str | os.PathLike[str], *, readout_hz: float, **optional: Any) -> str:
         """Write the spikes as the stream file ``out`` and return its ``content_sha256``.
 
-        Only a part is in memory at a time. ``optional`` are fields of :class:`Metadata` other than the provenance.
+        Only a part is in memory at a time. ``optional`` are fields of :class:`Metadata`.
         """
-        settings: dict[str, Any] = {
-            "file": name_as_text(self.path.name),
-            "layout": self.layout,
-            "flip": self.flip,
-            "frames": self.shape[0],
-        }
-        if str(self.reading) not in USUAL:
-            settings["read_as"] = str(self.reading)
-        provenance = {"import": dumps(settings, ensure_ascii=False)}
-        metadata = metadata_from_options({**optional, "provenance": provenance})
-        step = max(min(BLOCK_BYTES // self._frame_bytes, 2_000) // 8 * 8, 8)
-        with StreamWriter(out, shape=self.shape, readout_hz=readout_hz, metadata=metadata) as writer:
-            for first in range(0, self.shape[0], step):
-                writer.write(bits.pack_bits(self.frames(first, min(first + step, self.shape[0]))))
-        return writer.content_sha256
+        return write_source(self, out, readout_hz=readout_hz, **optional)
 
 
 def _check_last_byte(array: SlicedArray, reading: Reading, *, where: str) -> None:

@@ -13,8 +13,7 @@ from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.interval_texture import window_texture
-from saf_gen.stream.measure_input import measure_input
+from saf_gen.stream.measure_input import measure_input, wanted_form
 from saf_gen.stream.metadata import ReadableStream
 
 KINDS = {
@@ -121,7 +120,7 @@ def _read_picture(stream: ReadableStream, kind: str, *, first: int, window: int)
         middle = (first + stop - 1) // 2
         return stream.frames(middle, middle + 1)[0]
     if kind == "tfi":
-        return window_texture(stream.packed, stream.counts, first=first, stop=stop)
+        return stream.texture(first, stop)
     return stream.counts(first, stop)
 
 
@@ -197,10 +196,7 @@ class _Windows:
         return self.stream.counts(first, stop, region=self.region)
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
-        def read(first_byte: int, stop_byte: int) -> np.ndarray:
-            return self.stream.packed(first_byte, stop_byte, region=self.region)
-
-        return window_texture(read, self.window, first=first, stop=stop)
+        return self.stream.texture(first, stop, region=self.region)
 
 
 def read_timeline(
@@ -224,7 +220,7 @@ def read_timeline(
     scores: dict[str, list[float]] = {name: [] for name in scorers}
     for a in starts:
         for name, scorer in scorers.items():
-            seen = measure_input(source, scorer, first=a, stop=a + window)
+            seen = measure_input(source, wanted_form(scorer), first=a, stop=a + window)
             with named_user_code(name, "focus measure"):
                 scores[name].append(scorer(seen, **({"frames": window} if wants_frames(scorer) else {})))
     truth, lens, gain = stream.truth, stream.focus_position, stream.gain
@@ -266,5 +262,5 @@ def describe_moment(stream: ReadableStream, *, first: int, window: int) -> str:
         if truth.known and isfinite(depth) and depth > 0:
             best = truth.position if truth.track is None else float(np.mean(truth.track[first:stop], dtype=np.float64))
             parts.append(f"{(at - best) / depth:+.1f} DoF".replace("-", "−"))
-    parts.append(f"from {first / stream.readout_hz * 1e3:.1f} ms")
+    parts.append(f"from {stream.metadata.readout_of(first) / stream.readout_hz * 1e3:.1f} ms")
     return " · ".join(parts)

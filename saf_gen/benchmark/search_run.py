@@ -12,6 +12,8 @@ from saf_gen.parts import Answer, Search, View, commands
 
 MAX_REASON_CHARACTERS = 300
 """Maximum length of a reason, which is shown in a table."""
+MAX_TRACE, MAX_NOTE_CHARACTERS = 100_000, 1_000
+"""Maximum lengths of the trace and of the note of an answer."""
 
 
 def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
@@ -33,8 +35,8 @@ def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path
         with user_code():
             answer = total_time.time(search, RestrictedView(view, view_time))
             if fault := answer_fault(answer, commanding=commands(search)):
-                return Answer(), _to_one_line("; ".join(fault))
-            return withhold(_to_plain_numbers(answer), scorer.blindness), ""
+                return Answer(), to_one_line("; ".join(fault))
+            return withhold(to_plain_numbers(answer), scorer.blindness), ""
     except BudgetSpentError:
         raise
     except Exception as error:  # third-party searches and measures may raise anything
@@ -58,7 +60,7 @@ def describe_exception(error: Exception) -> str:
         message = str(error)
     except Exception:  # noqa: BLE001 a third-party exception may fail to give its message
         message = ""
-    return _to_one_line(f"{type(error).__name__}: {message}" if message else type(error).__name__)
+    return to_one_line(f"{type(error).__name__}: {message}" if message else type(error).__name__)
 
 
 def answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
@@ -73,9 +75,13 @@ def answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
             f"it answers with {type(answer).__name__} {answer!r}",
             "return saf_gen.parts.Answer(frame), or Answer(position=...) if it commands the lens",
         )
+    if isinstance(answer.trace, tuple) and len(answer.trace) > MAX_TRACE:
+        return f"its trace has {len(answer.trace):,} entries", f"give at most {MAX_TRACE:,}"
     if not (isinstance(answer.trace, tuple) and all(_is_finite_number(x) for x in answer.trace)):
         return f"its trace is {answer.trace!r}", "give a tuple of finite numbers"
     note = answer.note
+    if isinstance(note, str) and len(note) > MAX_NOTE_CHARACTERS:
+        return f"its note has {len(note):,} characters", f"give one line of at most {MAX_NOTE_CHARACTERS:,}"
     if not isinstance(note, str) or len(note.splitlines()) > 1 or note != note.encode("utf-8", "ignore").decode():
         return f"its note is {note!r}", "give one line of text"
     for name in ("frame", "position"):
@@ -92,13 +98,14 @@ def answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
     return None
 
 
-def _to_plain_numbers(answer: Answer) -> Answer:
+def to_plain_numbers(answer: Answer) -> Answer:
     """Return the answer with all its numbers as floats."""
     frame, position = (None if x is None else float(x) for x in (answer.frame, answer.position))
     return Answer(frame, tuple(float(x) for x in answer.trace), answer.note, position)
 
 
-def _to_one_line(text: str) -> str:
+def to_one_line(text: str) -> str:
+    """Return a reason on one line of at most MAX_REASON_CHARACTERS."""
     # Lone surrogates, as in file names that are not UTF-8, cannot be written, so they are escaped.
     text = " ".join(text.encode("utf-8", "backslashreplace").decode("utf-8").split())
     return text if len(text) <= MAX_REASON_CHARACTERS else f"{text[: MAX_REASON_CHARACTERS - 1]}…"

@@ -1,0 +1,160 @@
+"""Admission of methods to an evaluation: what is part of saf_gen runs in the evaluator, everything else as a guest."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from saf_gen.benchmark.guests.guest import GuestSpec, guest_of
+from saf_gen.benchmark.guests.host import GuestPart, Limits
+from saf_gen.benchmark.method_spec import (
+    Half,
+    Method,
+    of_method,
+    parse_method,
+    parse_options,
+    read_tuned,
+    split_method,
+    split_region,
+)
+from saf_gen.benchmark.search_run import run_search
+from saf_gen.benchmark.view.restricted_view import MeteredScorer
+from saf_gen.core.config.document import read_text
+from saf_gen.core.config.registry import allow_code, check_code_allowed, entry_point_names, refuse_code
+from saf_gen.errors import BadInput
+from saf_gen.parts import Answer
+
+MAX_LIST_BYTES = 1 << 22
+
+
+def admit_method(spec: str, limits: Limits | None = None) -> Method:
+    """Return the method with the given name; if anything in it is not part of saf_gen, it is a guest with these limits.
+
+    The name is as for :func:`parse_method`. The code of others is not loaded into this process.
+
+    Raises BadInput as :func:`parse_method` does.
+    """
+    if spec.startswith("@"):
+        path, region = split_region(spec[1:])
+        tuned, digest = read_tuned(path)
+        if tuned.method.startswith("@"):
+            raise BadInput(
+                f"{spec[1:]} names another tuned file, {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file"
+            )
+        method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
+        with refuse_code(path):
+            return replace(admit_method(method, limits), tuning=digest)
+    halves, text, region = split_method(spec)
+    parsed = [parse_options(half, spec) for half in halves]
+    kinds = ("measures", "searches")
+    if not any(map(is_foreign, parsed, kinds)):
+        return parse_method(spec)
+    codes = [code for half in parsed for code in codes_of(half)]
+    for code_name in codes:
+        check_code_allowed(code_name)
+    try:
+        guest = guest_of(_guest_spec(text, parsed), limits or Limits())
+    except BadInput as error:
+        raise of_method(error, spec) from None
+    for code_name in codes:
+        allow_code(code_name)
+    written = [guest.parameters, guest.files]
+    code = hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
+    measure, _, search = guest.parameters.partition(" + ")
+    parts: tuple[Any, Any] = GuestPart(measure), GuestPart(search, commands=guest.commands)
+    return Method(f"{text}@{region}" if region else text, *parts, code=code, region=region, guest=guest)
+
+
+def read_methods(path: Path, limits: Limits | None = None) -> list[str]:
+    """Return the names in a list of methods.
+
+    A list cannot cause other code to be loaded: it may name only plug-ins that are registered or already loaded.
+
+    Parameters
+    ----------
+    path : Path
+        Text file with one method per line. Empty lines and comments are ignored; a comment starts with ``#`` at the
+        beginning of a line, or with ``#`` between two spaces.
+    limits : Limits, optional
+        What methods that are not part of saf_gen may use.
+
+    Returns
+    -------
+    list of str
+        Names of methods, all of which can be parsed.
+
+    Raises
+    ------
+    BadInput
+        If the list cannot be read or is empty, or if a name cannot be parsed; the error then gives the line.
+    """
+    try:
+        text = read_text(path, max_bytes=MAX_LIST_BYTES, encoding="utf-8-sig")
+    except BadInput as error:
+        problem = f"this is not a list of methods: {error.problem}"
+        raise BadInput(problem, allowed="a text file, one method per line", nearest=error.nearest) from error
+    names = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
+            try:
+                with refuse_code(str(path)):
+                    admit_method(name, limits)
+            except BadInput as error:
+                raise BadInput(str(error), where=f"{path}:{number}") from error
+            names.append(name)
+    if not names:
+        raise BadInput(f"{path} names no method", allowed="one method per line, such as sd+argmax")
+    return names
+
+
+def run_method(method: Method, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
+    """Return the answer of a method and '', or an empty answer and why it failed, wherever it runs.
+
+    See :func:`saf_gen.benchmark.search_run.run_search`, also for what it raises.
+    """
+    if method.guest is not None:
+        return method.guest.run(view, scorer=scorer, stream_path=stream_path)
+    return run_search(method.search, view, scorer=scorer, stream_path=stream_path)
+
+
+def is_foreign(half: Half, kind: str) -> bool:
+    """Return whether a plug-in is code of others, or reads a file of others."""
+    name, options = half
+    return bool(codes_of(half)) or name in entry_point_names(kind) or any(map(_is_file, options.values()))
+
+
+def codes_of(half: Half) -> list[str]:
+    """Return the names of code of others in a measure or search: its own, and those of measures in its options."""
+    return [one for one in (half[0], *half[1].values()) if isinstance(one, str) and ":" in one and not _is_file(one)]
+
+
+def _is_file(value: object) -> bool:
+    return isinstance(value, str) and Path(value).is_file()
+
+
+def _guest_spec(text: str, parsed: Sequence[Half]) -> GuestSpec:
+    """Return a method with absolute paths, because a guest has a working folder of its own."""
+    shown: dict[str, str] = {}
+    folders: dict[str, None] = {}
+
+    def make_absolute(value: Any) -> Any:
+        path, _, member = value.rpartition(":") if isinstance(value, str) else ("", "", "")
+        if _is_file(value):
+            absolute = str(Path(value).resolve())
+        elif path.endswith(".py"):
+            absolute = f"{Path(path).resolve()}:{member}"
+            folders[str(Path(path).resolve().parent)] = None
+        else:
+            if path:
+                folders[str(Path.cwd())] = None  # a module may be in the working folder
+            return value
+        shown[absolute] = value
+        return absolute
+
+    measure, search = (
+        (make_absolute(name), {key: make_absolute(value) for key, value in options.items()}) for name, options in parsed
+    )
+    files = [absolute if _is_file(absolute) else absolute.rpartition(":")[0] for absolute in shown]
+    return GuestSpec(text, measure, search, tuple(files), tuple(folders), tuple(shown.items()))

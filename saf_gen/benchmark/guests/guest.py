@@ -1,0 +1,211 @@
+"""A method of others: what it is made of, and its runs in a process of its own."""
+
+import hashlib
+import sys
+import sysconfig
+import threading
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from saf_gen.benchmark.guests.host import GuestLost, GuestProcess, GuestView, Limits
+from saf_gen.benchmark.records import OVER_A_LIMIT
+from saf_gen.benchmark.search_run import answer_fault, to_one_line, to_plain_numbers
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
+from saf_gen.core.config.source_digest import source_digest
+from saf_gen.errors import BadInput
+from saf_gen.parts import Answer
+
+MAX_ALIVE = 96
+"""Processes of guests that are kept; the one that was started first is ended for another, and started again if needed.
+"""
+PACKAGE = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class GuestSpec:
+    """A method as its guest loads it: names and options of measure and search, and the folders of its files."""
+
+    name: str
+    measure: tuple[str, dict[str, Any]]
+    search: tuple[str, dict[str, Any]]
+    files: tuple[str, ...] = ()
+    """Absolute paths of the files that the names and options name."""
+    folders: tuple[str, ...] = ()
+    shown: tuple[tuple[str, str], ...] = field(default=())
+    """Absolute paths in the options, each with the spelling of the user, which is what results show."""
+
+
+class Guest:
+    """A method in a process of its own, which is started once, kept, and started again if it ended.
+
+    Parameters
+    ----------
+    spec : GuestSpec
+        The method.
+    limits : Limits
+        What it may use.
+
+    Attributes
+    ----------
+    parameters : str
+        The measure and the search with every option.
+    commands : bool
+        Whether its search commands the lens.
+    files : list of (str, str)
+        Name and digest of each file that the method read while it was loaded.
+    plugins : list of dict
+        Descriptions of the measure and the search.
+
+    Raises
+    ------
+    BadInput
+        If the method cannot be loaded.
+    """
+
+    def __init__(self, spec: GuestSpec, limits: Limits) -> None:
+        self._spec, self.limits, self._lock = spec, limits, threading.Lock()
+        self._process: GuestProcess | None = None
+        self._lost = ""  # why it ended while it was loaded; it is then not started again
+        self.parameters, self.commands, self.plugins = spec.name.replace("+", " + "), False, list[dict[str, Any]]()
+        self._paths = [Path(file) for file in spec.files]
+        try:
+            self._process = self._start()
+            self._describe(self._process.hello)
+        except GuestLost as lost:
+            is_limit = str(lost).startswith(OVER_A_LIMIT)
+            self._lost = str(lost) if is_limit else f"while it was loaded, {lost}"
+            self.close()
+        self.files = self._digest_files()
+
+    def _describe(self, hello: dict[str, Any]) -> None:
+        try:
+            self.parameters, self.commands = self._as_written(str(hello["parameters"])), bool(hello["commands"])
+            self.plugins = list(hello["plugins"])
+            self._paths += [Path(str(path)) for path in (*hello["class_files"], *hello["read"])]
+        except (KeyError, TypeError) as error:
+            raise GuestLost("its process sent nonsense") from error
+
+    def _start(self) -> GuestProcess:
+        order = {"name": self._spec.name, "measure": self._spec.measure, "search": self._spec.search}
+        process = GuestProcess(order, list(self._spec.folders), limits=self.limits)
+        _ALIVE.append(self)
+        if len(_ALIVE) > MAX_ALIVE:  # a tuning may have hundreds of methods
+            _ALIVE[0].close()
+        return process
+
+    def _as_written(self, text: str) -> str:
+        for absolute, shown in self._spec.shown:
+            text = text.replace(absolute, shown)
+        return text
+
+    def _digest_files(self) -> list[tuple[str, str]]:
+        """Return name and digest of the method's own files, and of those of saf_gen that it uses, sorted."""
+        found = {}
+        for path in self._paths:
+            name = self._name_file(path)
+            if name:
+                with suppress(OSError):
+                    found[name] = source_digest(path) if path.suffix == ".py" else _sha256(path)
+        return sorted(found.items())
+
+    def _name_file(self, path: Path) -> str:
+        """Return the name of a file in the digest: relative to the method's folder; '' for a file of no method."""
+        if path.is_relative_to(PACKAGE):
+            return path.name if path.parent.parent == PACKAGE / "plugins" else ""
+        for folder in self._spec.folders:
+            if path.is_relative_to(folder):
+                return path.relative_to(folder).as_posix()
+        return "" if any(path.is_relative_to(root) for root in _SYSTEM) else path.name
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the method's files are still what they were when it was loaded."""
+        return self._digest_files() == self.files
+
+    def run(self, view: GuestView, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
+        """Return the answer and '', or an empty answer and one line that says why the method failed.
+
+        Raises BudgetSpentError, and BadInput if the error concerns the file ``stream_path``.
+        """
+        with self._lock:
+            if self._lost:
+                return Answer(), to_one_line(self._lost)
+            try:
+                if self._process is None or not self._process.alive:
+                    self.close()
+                    if not self.is_current:
+                        return Answer(), "its files changed since the evaluation began"
+                    self._process = self._start()
+                last = self._process.run(view, scorer, stream_path=stream_path)
+                answer, problem = _read_answer(last, commanding=self.commands)
+                _note_scores(scorer, last)
+            except BudgetSpentError:
+                raise
+            except (GuestLost, BadInput) as error:
+                self.close()
+                if isinstance(error, BadInput) and error.where == stream_path:
+                    raise
+                return Answer(), to_one_line(str(error))
+            return answer, problem
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.close()
+        self._process = None
+        if self in _ALIVE:
+            _ALIVE.remove(self)
+
+
+def _read_answer(last: dict[str, Any], *, commanding: bool) -> tuple[Answer, str]:
+    problem = last.get("problem")
+    if problem:
+        return Answer(), to_one_line(str(problem))
+    said = last["answer"]
+    try:
+        answer = Answer(said["frame"], tuple(said["trace"]), said["note"], said["position"])
+    except (KeyError, TypeError) as error:
+        raise GuestLost("its process sent an answer that is none") from error
+    if fault := answer_fault(answer, commanding=commanding):
+        return Answer(), to_one_line("; ".join(fault))
+    return to_plain_numbers(answer), ""
+
+
+def _note_scores(scorer: MeteredScorer, last: dict[str, Any]) -> None:
+    """Take over the scores of a guest, for figures."""
+    try:
+        scorer.scores.update({(int(first), int(stop)): float(score) for first, stop, score in last["scores"]})
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise GuestLost("its process sent scores that are none") from error
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+_SYSTEM = [
+    Path(root).resolve()
+    for root in {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), "/proc", "/sys", "/dev", "/etc", "/usr"}
+]
+"""Folders whose files belong to Python, to packages or to the machine, not to a method."""
+
+
+def guest_of(spec: GuestSpec, limits: Limits) -> Guest:
+    """Return the guest of a method, which this process starts once, and again if its files changed.
+
+    Raises BadInput if the method cannot be loaded.
+    """
+    key = repr((spec, limits))
+    known = _GUESTS.get(key)
+    if known is None or not known.is_current:
+        if known is not None:
+            known.close()
+        known = _GUESTS[key] = Guest(spec, limits)
+    return known
+
+
+_GUESTS: dict[str, Guest] = {}
+_ALIVE: list[Guest] = []

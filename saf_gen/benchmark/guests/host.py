@@ -1,0 +1,333 @@
+"""The evaluator's side of a guest: its process, its limits, and what it may ask for.
+
+A guest computes scores and answers; the evaluator counts its windows, frames, travel and time, and compares. Whatever
+the guest does, the worst that can happen is that its own runs fail.
+"""
+
+import atexit
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from saf_gen.benchmark.guests.wire import MessageReader, SharedMemory, write_message
+from saf_gen.benchmark.records import OVER_A_LIMIT
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
+from saf_gen.errors import BadInput
+from saf_gen.parts import View
+from saf_gen.stream.measure_input import Form
+
+KEPT_VARIABLES = ("PATH", "LANG", "LC_", "LD_LIBRARY_PATH", "DYLD_", "CUDA_", "NVIDIA_", "OMP_", "MKL_", "OPENBLAS_",
+                  "NUMBA_", "VIRTUAL_ENV", "CONDA_", "SYSTEMROOT", "WINDIR", "PROCESSOR_", "TZ")  # fmt: skip
+"""Beginnings of the names of environment variables that a guest gets; all others, such as keys, it does not get."""
+WATCH_S = 0.1
+"""Time between two looks at the memory of a guest that is computing."""
+PINGS = 11
+"""Messages that are sent to measure how long one takes, and once more for each size of image."""
+FORMS = ("counts", "halves", "intervals")
+MIN_RESIDENT_BYTES = 1 << 28
+"""Lowest limit of memory: Python, numpy and this package take a third of it."""
+MAX_TAIL_BYTES = 2_000
+"""Bytes that are kept of what a guest prints."""
+MARK = "SAF_GEN_GUEST"
+"""Environment variable by which the processes that a guest starts are found."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a guest may use: seconds to load, seconds on a sequence, and bytes of resident memory."""
+
+    load_s: float = 120.0
+    run_s: float = 60.0
+    resident_bytes: int = 2 << 30
+
+    def __post_init__(self) -> None:
+        if not self.run_s > 0:
+            raise BadInput(f"the limit is {self.run_s:g} s", allowed="seconds, above 0")
+        if self.resident_bytes < MIN_RESIDENT_BYTES:
+            raise BadInput(f"the limit is {self.resident_bytes / (1 << 30):g} GiB of memory", allowed="0.25 and above")
+
+    def __str__(self) -> str:
+        return f"{self.run_s:g} s, {self.resident_bytes >> 20:,} MiB"
+
+
+class GuestView(View, Protocol):
+    """A view that gives images to a guest, which scores them itself."""
+
+    def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
+        """Return a window as a measure is called with it."""
+        ...
+
+    def positions(self, first: int) -> np.ndarray:
+        """Return the lens positions of all frames from ``first`` that have passed, float64 (n,)."""
+        ...
+
+
+class GuestLost(Exception):
+    """Error for a guest that has ended, was ended at a limit, or sent nonsense."""
+
+
+@dataclass(frozen=True)
+class GuestPart:
+    """What the evaluator knows of the measure or the search of a guest."""
+
+    text: str
+    commands: bool = False
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+class GuestProcess:
+    """A process that has loaded one method.
+
+    Parameters
+    ----------
+    spec : dict
+        Name and options of its measure and of its search, with absolute paths.
+    folders : sequence of str
+        Folders whose modules the method may import.
+    limits : Limits
+        What it may use.
+
+    Attributes
+    ----------
+    hello : dict
+        What it said of its method.
+
+    Raises
+    ------
+    BadInput
+        If the method cannot be loaded.
+    GuestLost
+        If it ends while it loads, or takes too long.
+    """
+
+    def __init__(self, spec: dict[str, Any], folders: list[str], *, limits: Limits) -> None:
+        self._limits, self._run, self._tail, self._checked, self._closed = limits, 0, b"", 0.0, False
+        self._folder = Path(tempfile.mkdtemp(prefix="saf-gen-guest-"))
+        self._memory = SharedMemory.create(self._folder)
+        inherited = [self._memory.descriptor] if self._memory.descriptor >= 0 else []
+        work = self._folder / "work"
+        work.mkdir()
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "saf_gen.benchmark.guests.process", str(self._memory.descriptor),
+             self._memory.path],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=work,
+            env=_environment(self._folder), pass_fds=inherited, start_new_session=True,
+        )  # fmt: skip
+        atexit.register(self.close)
+        self._incoming = MessageReader(self._process.stdout)  # type: ignore[arg-type]
+        threading.Thread(target=self._drain, daemon=True).start()
+        try:
+            self._send({"load": spec, "folders": folders})
+            self.hello, _ = self._receive(limits.load_s, "load")
+            if "refused" in self.hello:
+                raise BadInput(**{key: str(text) for key, text in self.hello["refused"].items()})
+            if "broken" in self.hello:
+                raise GuestLost(str(self.hello["broken"]))
+            self._ping_s: dict[tuple[int, ...], float] = {(): self._ping({"ping": 1})}  # by the shape of an image
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process still runs."""
+        return self._process.poll() is None
+
+    def run(self, view: GuestView, scorer: MeteredScorer, *, stream_path: str = "") -> dict[str, Any]:
+        """Let the method search in a view, and return its last message.
+
+        Its time is added to ``scorer``: from each reply to the next request, less what an empty message takes.
+
+        Raises GuestLost, BudgetSpentError, and BadInput if the file ``stream_path`` cannot be read.
+        """
+        self._run += 1
+        left = self._limits.run_s
+        known = view.positions(0)
+        message: dict[str, Any] = {
+            "start": self._run, "frames": view.frames, "readout_hz": view.readout_hz, "lag_s": view.lag_s,
+            "now": view.now, "positions": self._memory.write(known),
+        }  # fmt: skip
+        spent: BudgetSpentError | None = None
+        shape: tuple[int, ...] = ()  # of the image in the message
+        while True:
+            sent = self._send(message)
+            try:
+                request, arrived = self._receive(left, "answer")
+            except GuestLost:
+                if spent is not None:
+                    raise spent from None
+                raise
+            used = max(arrived - sent - self._ping_s[shape], 0.0)
+            left -= used
+            if spent is None:
+                scorer.add_seconds(used)
+            if request.get("run") != self._run:
+                raise GuestLost("its process sent what nobody had asked for")
+            if "answer" in request:
+                if spent is not None:
+                    raise spent
+                return request
+            if spent is None:
+                try:
+                    message, shape = self._reply(request, view), ()
+                    if "shape" in message:
+                        shape = tuple(message["shape"])
+                        if shape not in self._ping_s:
+                            self._ping_s[shape] = self._ping({"ping": 1, **message})
+                    continue
+                except BudgetSpentError as error:
+                    spent = error
+                except BadInput as error:
+                    if stream_path and error.where == stream_path:
+                        raise
+                    keys = ("problem", "allowed", "nearest", "hint", "where")
+                    message, shape = {"refused": {key: getattr(error, key) for key in keys}}, ()
+                    continue
+            shape = ()
+            message, left = {"spent": str(spent)}, min(left, 1.0)  # it may tidy up, but its run is over
+
+    def _reply(self, request: dict[str, Any], view: GuestView) -> dict[str, Any]:
+        try:
+            if "image" in request:
+                form = request["image"]
+                if form not in FORMS:
+                    raise GuestLost(f"its process asked for an image of the form {form!r:.40}")
+                image = view.image(form, first=request["first"], stop=request["stop"])
+                return {"now": view.now, **self._memory.write(image)}
+            if "position" in request:
+                position = view.position(request["position"])
+                return {"position": position, "positions": self._memory.write(view.positions(int(request["known"])))}
+            if "move" in request:
+                view.move(float(request["move"]))
+                return {"now": view.now}
+            if "wait" in request:
+                view.wait(float(request["wait"]))  # type: ignore[arg-type]
+                return {"now": view.now}
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise GuestLost(f"its process sent a request that is wrong: {type(error).__name__}") from error
+        raise GuestLost("its process sent what is no request")
+
+    def _ping(self, message: dict[str, Any]) -> float:
+        """Return the time, in seconds, that a message takes to the guest and back."""
+        times = []
+        for _ in range(PINGS):
+            sent = self._send(message)
+            times.append(self._receive(self._limits.load_s, "load")[1] - sent)
+        return median(times)
+
+    def _send(self, message: dict[str, Any]) -> float:
+        """Send a message, and return the time just before."""
+        sent = perf_counter()
+        with suppress(OSError, ValueError):  # that the guest is gone is found when it is waited for
+            write_message(self._process.stdin, message)  # type: ignore[arg-type]
+        return sent
+
+    def _receive(self, seconds: float, doing: str) -> tuple[dict[str, Any], float]:
+        """Return the next message and the time at which it came; raises GuestLost at a limit or at the end."""
+        deadline = perf_counter() + seconds
+        while True:
+            wait = min(WATCH_S, max(deadline - perf_counter(), 0.0))
+            if not self._incoming.wait(wait):
+                self._check_memory()
+                if perf_counter() >= deadline:
+                    limit = self._limits.load_s if doing == "load" else self._limits.run_s
+                    raise self._lost(f"{OVER_A_LIMIT}it did not {doing} within {limit:g} s")
+                continue
+            arrived = perf_counter()
+            try:
+                message = self._incoming.read()
+            except ValueError as error:
+                raise self._lost(f"its process sent {error}") from error
+            if message is None:
+                raise self._lost("")
+            if arrived - self._checked >= WATCH_S:  # a guest that asks all the time is watched, too
+                self._check_memory()
+            return message, arrived
+
+    def _check_memory(self) -> None:
+        self._checked, allowed = perf_counter(), self._limits.resident_bytes
+        if (resident := resident_bytes(self._process.pid)) > allowed:
+            raise self._lost(f"{OVER_A_LIMIT}it used {resident >> 20:,} MiB of memory; allowed: {allowed >> 20:,} MiB")
+
+    def _lost(self, why: str) -> GuestLost:
+        """End the process, and return the error that says why it is lost."""
+        if not why:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(1.0)
+            why = f"its process {_describe_end(self._process.poll())}"
+        self.close()
+        said = self._tail.decode(errors="replace").strip().splitlines()
+        return GuestLost(why + (f"; it said: {said[-1].strip()[:200]}" if said else ""))
+
+    def _drain(self) -> None:
+        with self._process.stderr as pipe, suppress(OSError):  # type: ignore[union-attr]
+            while said := os.read(pipe.fileno(), 1 << 16):
+                self._tail = (self._tail + said)[-MAX_TAIL_BYTES:]
+
+    def close(self) -> None:
+        """End the process and everything that it started, and delete its folder."""
+        if self._closed:
+            return
+        self._closed = True
+        atexit.unregister(self.close)
+        _end_tree(self._process, self._folder)
+        for pipe in (self._process.stdin, self._process.stdout):
+            with suppress(OSError):
+                pipe.close()  # type: ignore[union-attr]
+        self._memory.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    """Return the environment of a guest, in which it finds this package and a home and temporary folder of its own."""
+    kept = {name: text for name, text in os.environ.items() if name.upper().startswith(KEPT_VARIABLES)}
+    paths = [str(Path(path).absolute()) for path in sys.path]  # '' is the working folder
+    return {**kept, "PYTHONPATH": os.pathsep.join(paths), MARK: str(folder), "PYTHONDONTWRITEBYTECODE": "1",
+            **dict.fromkeys(("HOME", "USERPROFILE", "TMPDIR", "TEMP", "TMP"), str(folder / "work"))}  # fmt: skip
+
+
+def _describe_end(code: int | None) -> str:
+    if code is None:
+        return "closed its wire to the evaluator"
+    if code >= 0:
+        return f"ended with exit code {code}"
+    names = {number.value: number.name for number in signal.Signals}
+    return f"was ended by signal {-code} ({names.get(-code, 'unknown')})"
+
+
+def resident_bytes(process: int) -> int:
+    """Return the resident memory of a process and of all that it started, in bytes; 0 where /proc does not tell."""
+    try:
+        pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+        children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    except (OSError, IndexError, ValueError):
+        return 0
+    return pages * os.sysconf("SC_PAGE_SIZE") + sum(resident_bytes(int(child)) for child in children)
+
+
+def _end_tree(process: subprocess.Popen[bytes], folder: Path) -> None:
+    """Kill a guest, its process group, and the processes with its mark in their environment."""
+    if hasattr(os, "killpg"):
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.wait()
+    mark = f"{MARK}={folder}".encode()
+    for environment in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):
+            if mark in environment.read_bytes().split(b"\0"):
+                os.kill(int(environment.parent.name), signal.SIGKILL)

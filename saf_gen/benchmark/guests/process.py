@@ -1,0 +1,215 @@
+"""The process of a guest: it loads one method, and runs it on what the evaluator sends.
+
+``python -m saf_gen.benchmark.guests.process DESCRIPTOR PATH`` talks over its standard input and output, which it then
+closes for the method. It has neither the path nor the truth of a recording.
+"""
+
+import os
+import sys
+import threading
+import time
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from saf_gen.benchmark.guests.wire import SharedMemory, read_message, write_message
+
+PARENT_CHECK_S = 2.0
+"""Time between two checks of whether the evaluator is still there."""
+MAX_FILE_BYTES = 1 << 30
+"""Largest file that a method may write."""
+
+
+class Line:
+    """The guest's end of the wire: each request has one reply."""
+
+    def __init__(self, incoming: BinaryIO, outgoing: BinaryIO, *, memory: SharedMemory) -> None:
+        self._incoming, self._outgoing, self.memory = incoming, outgoing, memory
+        self._owner, self.run = os.getpid(), 0
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send a message of the current run; a copy of this process, made by a method that forks, ends here."""
+        if os.getpid() != self._owner:
+            os._exit(1)
+        write_message(self._outgoing, {**message, "run": self.run})
+
+    def receive(self) -> dict[str, Any]:
+        """Return the next message that is no ping; the process ends if the evaluator is gone."""
+        while True:
+            message = read_message(self._incoming)
+            if message is None:
+                os._exit(0)
+            if "ping" not in message:
+                return message
+            if "shape" in message:
+                self.memory.read(message)
+            self.send({"pong": 1})
+
+    def ask(self, message: dict[str, Any]) -> dict[str, Any]:
+        """Return the reply to a request; raises BudgetSpentError or BadInput if the reply says so."""
+        from saf_gen.benchmark.view.restricted_view import BudgetSpentError
+        from saf_gen.errors import BadInput
+
+        self.send(message)
+        reply = self.receive()
+        if "spent" in reply:
+            raise BudgetSpentError(reply["spent"])
+        if "refused" in reply:
+            raise BadInput(**reply["refused"])
+        return reply
+
+
+class RemoteView:
+    """The view of a recording or camera on the other side of the wire; see :class:`saf_gen.parts.View`."""
+
+    def __init__(self, line: Line, start: dict[str, Any], *, measure: Any) -> None:
+        from saf_gen.benchmark.view.restricted_view import MeteredScorer
+
+        self._line, self.scorer = line, MeteredScorer(measure)
+        self.frames, self.readout_hz, self.lag_s = start["frames"], start["readout_hz"], start["lag_s"]
+        self.now = start["now"]
+        self._sensed = line.memory.read(start["positions"])
+
+    def score(self, first: int, stop: int, measure: str | None = None) -> float:
+        image = self._image(self.scorer.form(measure), first=first, stop=stop)
+        return self.scorer.rate(image, first=first, stop=stop, measure=measure)
+
+    def counts(self, first: int, stop: int) -> np.ndarray:
+        counts = self._image("counts", first=first, stop=stop)
+        self.scorer.note_look()
+        return counts
+
+    def _image(self, form: str, *, first: int, stop: int) -> np.ndarray:
+        reply = self._line.ask({"image": form, "first": _whole(first), "stop": _whole(stop)})
+        self.now = reply["now"]
+        self.scorer.windows += 1
+        return self._line.memory.read(reply)
+
+    def position(self, frame: int) -> float:
+        frame = _whole(frame)
+        if not (isinstance(frame, int) and 0 <= frame < len(self._sensed)):
+            reply = self._line.ask({"position": frame, "known": len(self._sensed)})
+            self._sensed = np.concatenate([self._sensed, self._line.memory.read(reply["positions"])])
+            return float(reply["position"])
+        return float(self._sensed[frame])
+
+    def move(self, to: float) -> None:
+        self._line.ask({"move": float(to)})
+
+    def wait(self, frames: int) -> None:
+        self.now = self._line.ask({"wait": float(frames)})["now"]
+
+
+def _whole(number: Any) -> Any:
+    """Return a number of numpy as one of Python; others as they are, to be refused by the evaluator."""
+    return number.item() if isinstance(number, np.generic) else number
+
+
+class _FilesRead:
+    """The files that Python opens for reading while a method is loaded."""
+
+    def __init__(self) -> None:
+        self.paths: set[str] | None = set()
+        sys.addaudithook(self._note)
+
+    def _note(self, event: str, details: tuple[Any, ...]) -> None:
+        if event == "open" and self.paths is not None and isinstance(details[0], str):
+            mode = details[1]
+            if not (isinstance(mode, str) and set(mode) & set("wax+")):
+                self.paths.add(details[0])
+
+    def finish(self, modules: list[ModuleType]) -> list[str]:
+        """Return the paths of these modules and of the files that were opened, and note no more."""
+        opened, self.paths = self.paths or set(), None
+        sources = [file for module in modules if (file := getattr(module, "__file__", None))]
+        return sorted({str(Path(path).resolve()) for path in (*opened, *sources) if Path(path).is_file()})
+
+
+def main() -> None:
+    """Serve the evaluator until it is gone."""
+    descriptor, path = int(sys.argv[1]), sys.argv[2]
+    line = Line(os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb"), memory=SharedMemory.attach(descriptor, path))
+    with open(os.devnull) as nothing:  # noqa: PTH123
+        os.dup2(nothing.fileno(), 0)
+    os.dup2(2, 1)  # what the method prints goes where its errors go
+    _limit()
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    _serve(line)
+
+
+def _limit() -> None:
+    with suppress(ImportError):
+        import resource
+
+        with suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_FILE_BYTES, MAX_FILE_BYTES))
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(PARENT_CHECK_S)
+    os._exit(0)
+
+
+def _serve(line: Line) -> None:
+    from saf_gen.benchmark.search_run import run_search
+    from saf_gen.benchmark.view.restricted_view import BudgetSpentError
+    from saf_gen.parts import Answer
+
+    order = line.receive()
+    sys.path[:0] = order["folders"]  # a method may import its neighbours
+    method, hello = _load(order["load"])
+    line.send(hello)
+    while True:
+        message = line.receive()
+        line.run = message["start"]
+        view = RemoteView(line, message, measure=method.measure)
+        try:
+            answer, problem = run_search(method.search, view, scorer=view.scorer)
+        except BudgetSpentError as spent:  # the evaluator knows
+            answer, problem = Answer(), str(spent)
+        scores = [[*window, score] for window, score in view.scorer.scores.items()]
+        line.send({"answer": asdict(answer), "problem": problem, "scores": scores[:MAX_SCORES]})
+
+
+MAX_SCORES = 20_000
+"""Largest number of scores that are sent for figures."""
+
+
+def _load(spec: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Return the method and the first message, which describes it or says why it cannot be loaded."""
+    before, read = set(sys.modules), _FilesRead()
+    from saf_gen.benchmark.method_spec import build_method, nested_plugins
+    from saf_gen.benchmark.plugin_description import describe_plugins
+    from saf_gen.benchmark.search_run import describe_exception
+    from saf_gen.core.config.source_digest import class_source_files
+    from saf_gen.core.user_code import user_code
+    from saf_gen.errors import BadInput
+    from saf_gen.parts import commands
+
+    try:
+        with user_code():
+            method = replace(build_method(spec["measure"], spec["search"]), name=spec["name"])
+            classes = {type(nested) for half in (method.measure, method.search) for nested in nested_plugins(half)}
+            hello = {
+                "parameters": method.parameters,
+                "commands": commands(method.search),
+                "plugins": [asdict(plugin) for plugin in describe_plugins([method])],
+            }
+    except BadInput as error:
+        keys = ("problem", "allowed", "nearest", "hint", "where")
+        return None, {"refused": {key: getattr(error, key) for key in keys}}
+    except Exception as error:  # noqa: BLE001  code of others may raise anything
+        return None, {"broken": describe_exception(error)}
+    modules = [module for name, module in list(sys.modules.items()) if name not in before]
+    files = [str(file) for cls in classes for file in class_source_files(cls)]
+    return method, {**hello, "class_files": files, "read": read.finish(modules)}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,348 @@
+"""Methods of others run as guests: whatever they do, only their own runs fail, and they see counts and positions."""
+
+import importlib.util
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from planted_sweeps import make_spikes, write_three_sweeps
+
+from saf_gen.benchmark.admission import admit_method, run_method
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.guests.host import Limits
+from saf_gen.benchmark.method_spec import split_halves
+from saf_gen.benchmark.records import record_to_json
+from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
+from saf_gen.optics.actuators import get_actuator
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
+
+FILE = Path(__file__).with_name("hostile_methods.py")
+SHORT = Limits(load_s=60, run_s=1.5, resident_bytes=600 << 20)
+LONG = Limits(load_s=60, run_s=60, resident_bytes=600 << 20)
+
+
+def load_hostile():
+    spec = importlib.util.spec_from_file_location("hostile_methods", FILE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.HOSTILE
+
+
+HOSTILE = load_hostile()
+FEW = ("exits_at_once", "reads_address_zero", "never_ends", "forks_and_returns_twice", "closes_all_descriptors")
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    path = tmp_path_factory.mktemp("guest") / "a.h5"
+    write_stream(path, make_spikes(200.0, shape=(400, 24, 32)), focus_position=np.linspace(0, 1, 400, dtype=np.float32))
+    with open_stream(path) as stream:
+        yield WindowCounts(stream)
+
+
+@pytest.fixture
+def run(sweep):
+    """Return a function that runs a method on a recording, and returns its answer, its problem and its cost."""
+    guests = []
+
+    def call(spec, limits=SHORT):
+        method = admit_method(spec, limits)
+        guests.append(method.guest)
+        view = RecordingView(sweep, None if method.guest else method.measure)
+        return *run_method(method, view, scorer=view.scorer), view
+
+    yield call
+    for guest in guests:
+        if guest is not None:
+            guest.close()
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in HOSTILE]
+)
+def test_a_hostile_method_fails_for_itself_only(run, sweep, name):
+    answer, problem, view = run(f"sd+{FILE}:{name}", SHORT if "within" in HOSTILE[name] else LONG)
+    if HOSTILE[name]:
+        assert re.search(HOSTILE[name], problem), problem
+        assert answer.frame is None
+        assert len(problem) <= 300
+        assert "\n" not in problem
+    else:
+        assert (answer.frame, problem) == (7.0, "")
+    assert view.scorer.windows >= 0
+    after = run("variance+argmax:window=50")[0]
+    assert after.frame is not None
+
+
+def test_a_guest_gives_what_the_same_method_gives_in_the_evaluator(tmp_path):
+    """Bit for bit, for each form of input and for a search that looks at counts, in both tracks."""
+    (tmp_path / "mine.py").write_text(COPIES)
+    dataset = write_three_sweeps(tmp_path / "three")
+    shipped = ["sd+argmax:window=50", "sd_debiased+egs_code", "sd_tfi+argmax:window=80", "vollath_f4_n+peak_fit"]
+    guests = [f"{tmp_path}/mine.py:{name}+{search}" for name, search in GUESTS]
+    records = evaluate(dataset, methods=[*shipped, *guests], draw=False).records
+    for one, other in zip(shipped, guests, strict=True):
+        mine, theirs = ([plain(r) for r in records if r.method == name] for name in (one, other))
+        for a, b in zip(mine, theirs, strict=True):
+            assert {key: (a[key], b[key]) for key in a if a[key] != b[key]} == {}, other
+
+
+def test_the_closed_loop_is_the_same_for_a_guest(tmp_path, captured_dataset):
+    (tmp_path / "mine.py").write_text(COPIES + WAITS)
+    searches = ("hill_climb", "golden_section", "sgfs_causal", "photon_aware", f"{tmp_path}/mine.py:Waits")
+    copy = f"{tmp_path}/mine.py:Copy:of=sd"
+    protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
+    methods = [f"{measure}+{search}" for search in searches for measure in ("sd", copy)]
+    records = evaluate(captured_dataset, methods=methods, protocol=protocol, draw=False, limits=LONG).records
+    for one, other in zip(methods[::2], methods[1::2], strict=True):
+        mine, theirs = ([plain(r) for r in records if r.method == name] for name in (one, other))
+        for a, b in zip(mine, theirs, strict=True):
+            assert {key: (a[key], b[key]) for key in a if a[key] != b[key]} == {}, other
+    waits = next(record for record in records if record.method == methods[-1])
+    assert (waits.status, waits.note) == ("failed", f"the budget of {waits.frames} frames was spent")
+
+
+def test_hostile_methods_fail_for_themselves_in_the_closed_loop(tmp_path, captured_dataset):
+    protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
+    hostile = {f"sd+{FILE}:{name}": HOSTILE[name] for name in FEW}
+    methods = ["sd+hill_climb", *hostile, "tenengrad_n+golden_section"]
+    records = evaluate(captured_dataset, methods=methods, protocol=protocol, draw=False, limits=SHORT).records
+    alone = evaluate(captured_dataset, methods=[methods[0], methods[-1]], protocol=protocol, draw=False).records
+    assert [plain(r) for r in records if r.method not in hostile] == [plain(r) for r in alone]
+    for record in records:
+        if hostile.get(record.method):
+            assert record.status == "failed"
+            assert re.search(hostile[record.method], record.note), record.note
+
+
+WAITS = """
+class Waits:
+    commands = True
+
+    def __call__(self, view):
+        from saf_gen.parts import Answer
+        view.move(0.3)
+        while True:
+            try:
+                view.wait(1000)
+            except Exception:
+                view.score(view.now - 8, view.now)
+"""
+GUESTS = [
+    ("Copy:of=sd", "argmax:window=50"),
+    ("Halves", "egs_code"),
+    ("Intervals", "argmax:window=80"),
+    ("Copy:of=vollath_f4_n", "peak_fit"),
+]
+COPIES = """
+from dataclasses import dataclass
+from typing import ClassVar
+from saf_gen.plugins.measures import get_measure
+
+@dataclass(frozen=True)
+class Copy:
+    of: str = "sd"
+    score_range: ClassVar[str] = "any"
+    degree: ClassVar[int] = 0
+
+    def __call__(self, counts):
+        return get_measure(self.of)(counts)
+
+@dataclass(frozen=True)
+class Halves(Copy):
+    of: str = "sd_debiased"
+    halves: ClassVar[bool] = True
+
+@dataclass(frozen=True)
+class Intervals(Copy):
+    of: str = "sd_tfi"
+    intervals: ClassVar[bool] = True
+"""
+OWN = ("method", "code", "parameters", "limits", "seconds", "machine", "grain_of_curve")
+
+
+def plain(record):
+    return {key: value for key, value in record_to_json(record).items() if key not in OWN}
+
+
+def test_a_saboteur_changes_no_row_of_another(tmp_path):
+    (tmp_path / "mine.py").write_text("import numpy as np\ndef mine(counts):\n    return float(np.var(counts))\n")
+    dataset = write_three_sweeps(tmp_path / "three")
+    others = ["sd+argmax:window=50", f"{tmp_path}/mine.py:mine+argmax:window=50", "tenengrad_n+egs_code"]
+    alone = evaluate(dataset, methods=others, draw=False).records
+    saboteurs = [f"sd+{FILE}:{name}" for name in ("patches_the_comparison", "forgets_this_package", "exits_at_once")]
+    beside = evaluate(dataset, methods=[saboteurs[0], *others, *saboteurs[1:]], draw=False).records
+    cost = ("seconds", "machine")
+    expected = [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in alone]
+    found = [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in beside if r.method in others]
+    assert found == expected
+    assert {r.status for r in beside if r.method == saboteurs[2]} == {"failed"}
+
+
+def test_a_guest_holds_no_file_no_path_and_no_truth(tmp_path):
+    """It looks through its descriptors, arguments, environment, folder and memory for what the evaluator knows."""
+    dataset = write_three_sweeps(tmp_path / "secret-dataset-of-nobody")
+    (tmp_path / "spy.py").write_text(SPY)
+    (record, *_) = evaluate(dataset, methods=[f"sd+{tmp_path}/spy.py:spy"], draw=False).records
+    assert record.note == "nothing found", record.note
+
+
+SPY = """
+import gc, os, sys
+from pathlib import Path
+from saf_gen.parts import Answer
+
+def spy(view):
+    view.score(0, 100)
+    word = "secret-dataset" + "-of-nobody"
+    found = []
+    for descriptor in Path("/proc/self/fd").iterdir():
+        try:
+            target = os.readlink(descriptor)
+        except OSError:
+            continue
+        if not target.startswith(("pipe:", "/dev/null", "/memfd:", "/proc/")):
+            found.append(target)
+    found += [text for text in (*sys.argv, *os.environ.values(), os.getcwd()) if word in text]
+    for thing in gc.get_objects():
+        kind = type(thing).__name__
+        if kind in ("SpikeStream", "Truth", "WindowCounts", "SequenceTask", "Record", "Dataset", "File"):
+            found.append(kind)
+        elif isinstance(thing, dict) and any(isinstance(v, str) and word in v for v in thing.values() if v is not word):
+            found.append(f"a dict with {sorted(map(str, thing))[:3]}")
+    walked, seen = [view], set()
+    while walked and len(seen) < 20_000:
+        thing = walked.pop()
+        if id(thing) in seen:
+            continue
+        seen.add(id(thing))
+        if not isinstance(thing, type) and ("truth" in dir(thing) or "best_position" in dir(thing)):
+            found.append(f"{type(thing).__name__} has a truth")
+        walked += [r for r in gc.get_referents(thing) if not isinstance(r, type(sys))][:100]
+    return Answer(7.0, note="; ".join(map(str, found))[:900] or "nothing found")
+"""
+
+
+READS = """
+import json, pathlib
+from dataclasses import dataclass
+import helper
+from inside import deeper
+
+HERE = pathlib.Path(__file__).parent
+WEIGHTS = json.loads((HERE / "weights.json").read_text())
+with open(HERE / "table.bin", "rb") as file:
+    TABLE = file.read()
+
+@dataclass(frozen=True)
+class Mine:
+    file: str = ""
+    scale: float = 1.0
+
+    def __call__(self, counts):
+        option = float(open(self.file).read()) if self.file else 0.0
+        return float(counts.var()) * self.scale * helper.FACTOR + deeper.PART + WEIGHTS["w"] + TABLE[0] + option
+"""
+READ = {"mine.py": READS, "helper.py": "FACTOR = 2", "inside/__init__.py": "", "inside/deeper.py": "PART = 1",
+        "weights.json": '{"w": 1}', "table.bin": "a", "option.txt": "5"}  # fmt: skip
+
+
+@pytest.fixture
+def method_folder(tmp_path):
+    for name, text in READ.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("mine.py", READS.replace("+ TABLE[0]", "- TABLE[0]")),
+        ("helper.py", "FACTOR = 3"),
+        ("inside/deeper.py", "PART = 2"),
+        ("inside/__init__.py", "import math"),
+        ("weights.json", '{"w": 2}'),
+        ("table.bin", "b"),
+        ("option.txt", "6"),
+    ],
+)
+def test_the_digest_of_a_method_covers_what_it_reads_while_it_loads(method_folder, file, text):
+    spec = f"{method_folder}/mine.py:Mine:file={method_folder}/option.txt+argmax:window=50"
+    before = admit_method(spec)
+    (method_folder / file).write_text(text)
+    after = admit_method(spec)
+    assert before.code != after.code
+    (method_folder / file).write_text(READ[file])
+    again = admit_method(spec)
+    assert again.code == before.code
+    for method in (after, again):
+        method.guest.close()
+
+
+@pytest.mark.parametrize(("old", "new"), [("FACTOR = 2", "# a remark\nFACTOR = 2"), ("FACTOR = 2", "FACTOR  =  2")])
+def test_remarks_and_blanks_do_not_change_a_digest(method_folder, old, new):
+    spec = f"{method_folder}/mine.py:Mine+argmax:window=50"
+    before = admit_method(spec).code
+    (method_folder / "helper.py").write_text(READ["helper.py"].replace(old, new))
+    method = admit_method(spec)
+    assert method.code == before
+    method.guest.close()
+
+
+def test_the_digest_does_not_depend_on_the_folder_but_on_the_options(method_folder, tmp_path_factory):
+    other = tmp_path_factory.mktemp("elsewhere") / "moved"
+    shutil.copytree(method_folder, other)
+    codes = []
+    for folder, scale in ((method_folder, ""), (other, ""), (other, ":scale=2")):
+        method = admit_method(f"{folder}/mine.py:Mine{scale}+argmax:window=50")
+        codes.append(method.code)
+        method.guest.close()
+    assert codes[0] == codes[1] != codes[2]
+
+
+def test_two_files_with_equally_named_helpers_stay_apart(tmp_path, run):
+    for name, factor in (("a", 1.0), ("b", -1.0)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "helper.py").write_text(f"FACTOR = {factor}")
+        text = "import helper\ndef mine(counts):\n    return float(counts.var()) * helper.FACTOR\n"
+        (tmp_path / name / "mine.py").write_text(text)
+    a, b = (run(f"{tmp_path}/{name}/mine.py:mine+argmax:window=50", LONG) for name in "ab")
+    scores = [view.scorer.scores for *_, view in (a, b)]
+    assert scores[0] == {window: -score for window, score in scores[1].items()}
+    assert a[0].frame != b[0].frame
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["my dir/mine.py", "a+b/mine.py", "a + b/my file.py", "a,b=c/mine.py", "at@home/mine.py", "it's (1)/mine.py"],
+)
+def test_paths_with_blanks_and_signs_work(tmp_path, run, path):
+    file = tmp_path / path
+    file.parent.mkdir()
+    file.write_text("def mine(counts, scale=1.0):\n    return float(counts.var()) * scale\n")
+    for spec in (f"{file}:mine : scale = 2 + argmax: window=50", f"{file}:mine_n+argmax:window=50@frame"):
+        answer, problem, view = run(spec, LONG)
+        assert (problem, len(view.scorer.scores)) == ("", 8)
+        assert answer.frame is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "halves"),
+    [
+        ("sd+argmax", ["sd", "argmax"]),
+        ("/a+b/m.py:M+argmax", ["/a+b/m.py:M", "argmax"]),
+        ("sd+/a+b/s.py:S:x=1", ["sd", "/a+b/s.py:S:x=1"]),
+        ("/a+b/m.py:M+/c+d/s.py:S", ["/a+b/m.py:M", "/c+d/s.py:S"]),
+        ("m.py:M+/c+d/s.py:S", ["m.py:M", "/c+d/s.py:S"]),
+        ("a.b:M+c.d:S", ["a.b:M", "c.d:S"]),
+        ("sd", ["sd"]),
+        ("sd+argmax+argmax", ["sd", "argmax", "argmax"]),
+    ],
+)
+def test_a_plus_in_a_path_is_no_sign_of_a_method(name, halves):
+    assert split_halves(name) == halves
