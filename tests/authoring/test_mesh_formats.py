@@ -108,6 +108,23 @@ def test_pictures_of_any_usual_mode_are_read(obj, tmp_path, mode):
     assert quarters(shown)[:, 1] == pytest.approx([0, 1, 1, 0], abs=0.01)
 
 
+def test_pictures_are_named_from_the_folder_of_the_mtl_file(obj, tmp_path):
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps/b.mtl").write_text("newmtl card\nmap_Kd print.png\nmap_d ../white.png\n")
+    (tmp_path / "maps/print.png").write_bytes(encode(FOUR, "png"))
+    (tmp_path / "white.png").write_bytes(encode(FOUR * 0 + 255, "png"))
+    picture, _ = obj("", "mtllib maps\\b.mtl\n" + CARD, picture=FOUR * 0)
+    assert quarters(picture) == pytest.approx(COLOURS, abs=4e-3)
+
+
+def test_names_may_hold_signs_and_the_file_a_byte_order_mark(obj):
+    left = "v -1 -1 0\nv 0 -1 0\nv 0 1 0\nv -1 1 0\nv 1 -1 0\nv 1 1 0\n"
+    mtl = "\ufeffnewmtl a#1\nKd 1 0 0\nnewmtl a#2 # the other\nKd 0 1 0\n"
+    picture, said = obj(mtl, f"\ufeffmtllib a.mtl\n{left}usemtl a#1\nf 1 2 3 4\nusemtl a#2\nf 2 5 6 3\n")
+    assert quarters(picture) == pytest.approx(np.array([[1, 0, 0], [0, 1, 0]] * 2), abs=1e-3)
+    assert said == []
+
+
 def test_each_material_of_a_file_has_its_own_shape(obj, tmp_path):
     left = "v -1 -1 0\nv 0 -1 0\nv 0 1 0\nv -1 1 0\nv 1 -1 0\nv 1 1 0\n"
     faces = "usemtl red\nf 1 2 3 4\nusemtl green paint\nf 2 5 6 3\n"

@@ -10,7 +10,7 @@ are linear, as in Blender; pictures are sRGB-coded.
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from PIL import Image
@@ -29,6 +29,7 @@ from saf_gen.authoring.meshes.shapes import (
 from saf_gen.authoring.meshes.side_files import Pictures, find_side_file, read_bytes
 from saf_gen.errors import BadInput
 
+COMMENT = re.compile(r"(^|\s)#.*")  # a name may hold the sign
 FREE_FORM = ("curv", "curv2", "surf", "cstype")
 HARMLESS = ("o", "g", "s", "mg", "vp", "lod", "bevel", "c_interp", "d_interp", "usemap", "maplib", "shadow_obj")
 
@@ -93,7 +94,7 @@ def read_obj(path: Path, left_out: LeftOut) -> list[Shape]:
                     left_out.add("free-form curves and surfaces ignored")
                 case _ if key == "call" or key == "csh":
                     raise ValueError(f"{key} is refused")
-                case _ if key not in HARMLESS and key.isalpha():
+                case _ if key not in HARMLESS:
                     left_out.add("lines ignored", key)
     except (ValueError, IndexError) as error:
         raise BadInput(f"the mesh is damaged: {error}", where=f"{path}:{at}", hint="export it again") from error
@@ -109,8 +110,8 @@ def read_obj(path: Path, left_out: LeftOut) -> list[Shape]:
 def _lines(path: Path) -> Iterator[tuple[int, str, list[str]]]:
     """Yield the number, keyword and other words of each line; a backslash continues a line."""
     pending, first = "", 0
-    for number, raw in enumerate(read_bytes(path).splitlines(), 1):
-        text = raw.decode("utf-8", "replace").partition("#")[0].rstrip()
+    for number, raw in enumerate(read_bytes(path).removeprefix(b"\xef\xbb\xbf").splitlines(), 1):
+        text = COMMENT.sub("", raw.decode("utf-8", "replace")).rstrip()
         first = first if pending else number
         pending += text.removesuffix("\\") + " "
         if not text.endswith("\\"):
@@ -220,28 +221,31 @@ class _Look:
 
 def _looks(path: Path, used: list[str], *, libraries: list[str], left_out: LeftOut) -> dict[str, _Look]:
     """Return the looks of the materials in use, by name."""
-    entries: dict[str, dict[str, list[str]]] = {}
+    found: dict[str, _Mtl] = {}
+    pictures = Pictures(path)
     for names in libraries if used else ():
-        for file in _library_files(path, names):
-            entries = _materials(file) | entries  # the first library that has a material counts
-    looks, pictures = {}, Pictures(path)
+        for library, file in _library_files(path, names):
+            folder = PurePosixPath(library.replace("\\", "/")).parent
+            for name, entry in _materials(file).items():  # the first library that has a material counts
+                found.setdefault(name, _Mtl(path, name, entry, folder, pictures, left_out))
+    looks = {}
     for name in used:
-        if name in entries:
-            looks[name] = _Mtl(path, name, entries[name], pictures, left_out).look()
+        if name in found:
+            looks[name] = found[name].look()
         else:
             why = "no mtllib has them" if libraries else "the file names no mtllib"
             left_out.add(f"materials are grey, because {why}", name)
     return looks
 
 
-def _library_files(path: Path, names: str) -> list[Path]:
-    """Return the files of a mtllib line: one whose name may have spaces, or several."""
+def _library_files(path: Path, names: str) -> list[tuple[str, Path]]:
+    """Return the names and files of a mtllib line: one whose name may have spaces, or several."""
     try:
-        return [find_side_file(names, path, what="material library")]
+        return [(names, find_side_file(names, path, what="material library"))]
     except BadInput:
         if " " not in names:
             raise
-        return [find_side_file(name, path, what="material library") for name in names.split()]
+        return [(name, find_side_file(name, path, what="material library")) for name in names.split()]
 
 
 def _materials(file: Path) -> dict[str, dict[str, list[str]]]:
@@ -310,6 +314,8 @@ class _Mtl:
     path: Path
     name: str
     entry: dict[str, list[str]]
+    folder: PurePosixPath
+    """Folder of the MTL file as the mesh names it; pictures are named from there."""
     pictures: Pictures
     left_out: LeftOut
 
@@ -424,7 +430,7 @@ class _Mtl:
     def _picture(self, named: _Map | None) -> np.ndarray | None:
         if named is None:
             return None
-        return self.pictures.named(named.name)
+        return self.pictures.named(str(self.folder / named.name))
 
     def _with_opacity(self, picture: np.ndarray | None, named: _Map | None) -> np.ndarray | None:
         """Return the picture with the values of map_d as its opacity: its alpha if it has any, else its brightness."""

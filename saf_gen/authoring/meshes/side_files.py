@@ -11,7 +11,7 @@ from PIL import Image, UnidentifiedImageError
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.errors import BadInput, closest
 
-MAX_BYTES = 1 << 30
+MAX_BYTES = 1 << 29
 MAX_PIXELS = 1 << 27
 """Of all pictures of a mesh together: eight of 4096 × 4096."""
 PICTURE_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "DDS")
