@@ -111,7 +111,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str, list[str]]]:
     """Yield the number, keyword and other words of each line; a backslash continues a line."""
     pending, first = "", 0
     for number, raw in enumerate(read_bytes(path).removeprefix(b"\xef\xbb\xbf").splitlines(), 1):
-        text = COMMENT.sub("", raw.decode("utf-8", "replace")).rstrip()
+        text = raw.decode("utf-8", "replace").rstrip()
+        text = COMMENT.sub("", text).rstrip() if "#" in text else text
         first = first if pending else number
         pending += text.removesuffix("\\") + " "
         if not text.endswith("\\"):
@@ -182,9 +183,8 @@ class _Vertices:
         if (counts < 3).any():
             self.left_out.add("faces with fewer than 3 corners ignored", name)
         split, _ = triangulate(self.points[corners[:, 0]], counts, path=self.path)
-        vertices, triangles = np.unique(corners[split.ravel()], axis=0, return_inverse=True)
-        at, at_uv, at_normal = vertices.T
-        has_uv, has_normals = bool((at_uv >= 0).any()), bool(vertices.size and (at_normal >= 0).all())
+        at, at_uv, at_normal, triangles = _unique_corners(corners[split.ravel()])
+        has_uv, has_normals = bool((at_uv >= 0).any()), bool(at.size and (at_normal >= 0).all())
         if not has_normals and (at_normal >= 0).any():
             self.left_out.add("normals ignored, some corners have none", name)
         colours = None if self.colours is None else self.colours[at]
@@ -208,6 +208,16 @@ class _Vertices:
             uv=np.where(at_uv[:, None] >= 0, uv[at_uv] * [1, -1] + [0, 1], 0.0) if has_uv else None,  # v pointed up
             colours=colours,
         )
+
+
+def _unique_corners(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the columns of the different rows (row, 3) in order, and the number of each row among these."""
+    at, at_uv, at_normal = corners.T + 1
+    _, pair = np.unique(at * (at_uv.max(initial=0) + 1) + at_uv, return_inverse=True)
+    _, first, found = np.unique(
+        pair * (at_normal.max(initial=0) + 1) + at_normal, return_index=True, return_inverse=True
+    )
+    return corners[first, 0], corners[first, 1], corners[first, 2], found
 
 
 @dataclass(frozen=True)
