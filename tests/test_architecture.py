@@ -19,7 +19,7 @@ LAYERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlin
 IMPORTERS = {
     "mitsuba": ["render", "scene.library.surfaces_1"],  # for scene scripts, which only render/ runs
     "drjit": ["render"],
-    "OpenEXR": ["stack.exr"],
+    "OpenEXR": ["core.exr"],
     "fsspec": ["core.object_store"],
     "s3fs": [],
     "h5py": ["stream.checked_file", "stream.stream_file", "stream.stream_writer", "stream.interop.array_files"],
@@ -32,7 +32,14 @@ IMPORTERS = {
         "authoring.contact_sheet",
         "leaderboard.figures",
     ],
-    "PIL": ["stream.pictures", "stream.interop.picture_frames", "authoring.meshes", "leaderboard.figures"],
+    "PIL": [
+        "stream.pictures",
+        "stream.interop.image_pages",
+        "stream.interop.stack_positions",
+        "authoring.meshes",
+        "leaderboard.figures",
+    ],
+    "av": ["stream.interop.video_frames", "stream.pictures.movie"],
     "jinja2": ["leaderboard.report"],
     "distributed": ["core.execution.dask_cluster"],
     "multiprocessing": ["core.execution.executor", "core.execution.worker_pool"],

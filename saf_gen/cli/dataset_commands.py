@@ -228,6 +228,7 @@ def fetch_command(
             folder,
             index_sha256=sha256,
             report=lambda done, total: bars.update(task, completed=done, total=total),
+            tell=err.print,
         )
     count = sum(len(shard.members) for shard in index.shards)
     out.print(f"{count} files, {index.total_bytes / 1e6:,.1f} MB, every digest correct")

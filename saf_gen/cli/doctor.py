@@ -22,7 +22,7 @@ from saf_gen.optics.lens_card import ImageDistanceLens
 from saf_gen.scene.scene_folder import load_scene
 from saf_gen.scene.trusted_folders import all_trusted
 
-PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "OpenEXR", "matplotlib")
+PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "OpenEXR", "matplotlib", "av")
 FOCAL_MM, F_NUMBER, FOCUS_M, EDGE_M = 25.0, 2.0, (0.7, 0.4), 0.5
 CARD = f"""\
 id: edge

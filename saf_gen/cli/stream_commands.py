@@ -23,7 +23,9 @@ Bits = Annotated[
     str | None, typer.Option("--bits", help="First bit of a byte: lsb or msb (default: lsb, or as the file shows).")
 ]
 Rate = Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")]
-Key = Annotated[str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several.")]
+Key = Annotated[
+    str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several, or layer of OpenEXR files.")
+]
 FocusLog = Annotated[
     Path | None, typer.Option(help="Lens log: CSV with frame,position or seconds,position (0 to 1 of the travel).")
 ]
@@ -168,12 +170,13 @@ def _read_lens_log_and_truth(
     focus: Path | None,
     truth: str | None,
     depth_of_focus: tuple[float, float] | None,
+    lens: np.ndarray | None = None,
     readouts: "Readouts | None" = None,
 ) -> dict[str, Any]:
-    """Return the fields of a stream that follow from a lens log and a true focus."""
+    """Return the fields of a stream that follow from a lens log, or from its positions ``lens``, and a true focus."""
     from saf_gen.stream.interop import import_lens_log, truth_from_text
 
-    fields: dict[str, Any] = {}
+    fields: dict[str, Any] = {"focus_position": lens}
     if focus is not None:
         fields["focus_position"] = import_lens_log(focus, frames=frames, readout_hz=rate, readouts=readouts)
     if truth is not None:
@@ -239,10 +242,15 @@ def _print_picture(stream: Path) -> None:
 
 
 def encode_command(
-    pictures: Annotated[Path, typer.Argument(help="Folder of images, a video, or a .npy, .npz or .mat file.")],
+    pictures: Annotated[
+        Path, typer.Argument(help="Folder of images or OpenEXR files, a video, or a .npy, .npz or .mat file.")
+    ],
     target: Annotated[Path, typer.Option("--out", help="Stream file to write.")],
     *,
-    rate: Annotated[float | None, typer.Option(help="Pictures per second (default: the rate of the video).")] = None,
+    rate: Annotated[
+        str | None,
+        typer.Option(help="Pictures per second, such as 240 or 24000/1001 (default: the times of the file)."),
+    ] = None,
     linear: Annotated[bool, typer.Option("--linear", help="Values are linear light instead of sRGB.")] = False,
     sensor: Annotated[str, typer.Option(help="Sensor, by name or file; its array gets the size of the pictures.")] = (
         "vidar_400x250"
@@ -259,23 +267,31 @@ def encode_command(
 ) -> None:
     """Turn pictures into spikes with the model of a sensor, cross-fading light from each picture to the next."""
     from saf_gen.camera import get_sensor
-    from saf_gen.stream.interop.encode_pictures import SLOW_READOUTS, encode_pictures, prepare_pictures
+    from saf_gen.stream.interop.encode_pictures import SLOW_READOUTS, encode_pictures, prepare_pictures, rate_from_text
     from saf_gen.stream.interop.picture_frames import open_pictures
 
+    rate_hz = None if rate is None else rate_from_text(rate)
     source = open_pictures(pictures, linear=linear, key=key)
-    plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate, mean_rate=mean_rate, frames=frames)
+    plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate_hz, mean_rate=mean_rate, frames=frames)
     hz = plan.sensor.readout_hz
-    fields = _read_lens_log_and_truth(plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
+    lens = None if focus is not None else plan.focus_position
+    fields = _read_lens_log_and_truth(
+        plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus, lens=lens
+    )
     if plan.count > 1 and plan.readouts_per_picture > SLOW_READOUTS:
         err.print(
             f"{plan.readouts_per_picture:.0f} readouts per picture: moving objects fade from one position to the next, "
             "and a focus between two pictures is a mixture of both, not physics"
         )
     encode_pictures(plan, target, seed=seed, **fields)
-    values = "linear light" if linear else "sRGB decoded"
-    _print_written_stream(target, f"from {plan.count} pictures at {plan.rate_hz:g} Hz, {values}")
+    for note in plan.notes:
+        err.print(escape_controls(note), soft_wrap=True, markup=False)
+    _print_written_stream(target, f"from {plan.count} pictures {plan.pace}, {source.transfer.name}")
     if source.order:
         out.print(f"in this order: {source.order}", soft_wrap=True, markup=False)
+    if source.positions is not None:
+        use = "left out, for --focus" if focus is not None else "stored as 0 to 1 of the travel of the lens"
+        out.print(f"focus at {source.positions}, {use}", soft_wrap=True, markup=False)
 
 
 def export_command(

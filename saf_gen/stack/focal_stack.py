@@ -19,12 +19,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from saf_gen.core import exr
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import atomic_file
 from saf_gen.errors import BadInput
 from saf_gen.optics import Drive, drive_from_dict
 from saf_gen.scene.scene_folder import Scene
-from saf_gen.stack import exr
 
 FORMAT = "saf-gen focal stack 2"
 UNIT = "W m^-2 sr^-1 at gain 1"

@@ -115,7 +115,12 @@ def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
     path = where / MANIFEST_NAME
     if not path.is_file():
         raise BadInput(f"has no {MANIFEST_NAME}", where=str(where), hint="make the dataset with saf-gen generate")
-    document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
+    return parse_manifest(read_text(path, hint=HINT), path)
+
+
+def parse_manifest(text: str, path: str | Path | StorePath) -> Manifest:
+    """Return the manifest in a JSON text; ``path`` is its name in errors. Raises BadInput as read_manifest does."""
+    document = parse_checked_json(text, path, hint=HINT)
     if not isinstance(document.data, dict) or document.data.pop("format", None) != FORMAT:
         raise BadInput("is not the manifest of a dataset", where=str(path), allowed=f'"format": "{FORMAT}"')
     if (layout := document.data.pop("layout", None)) != LAYOUT:

@@ -19,11 +19,11 @@ from small_dataset import SCENES, SMALL_RECIPE
 
 import saf_gen
 from saf_gen.core.execution import SchedulerLost
+from saf_gen.core.exr import read_planes
 from saf_gen.errors import SafGenError
 from saf_gen.generate import run
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.stack.exr import read_planes
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stream.description import describe_file
 from saf_gen.stream.manifest import read_manifest

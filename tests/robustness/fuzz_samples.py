@@ -15,8 +15,8 @@ from PIL import Image
 
 import saf_gen
 from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, format_tuned
+from saf_gen.core import exr
 from saf_gen.core.region import REGIONS
-from saf_gen.stack import exr
 from saf_gen.stream.dataset import index_folder
 from saf_gen.stream.sharing import pack_dataset
 

@@ -66,7 +66,7 @@ def _call_directly(what: str) -> int:
             lens.command(0.7)
             assert np.isfinite(lens.run(100)).all()
         elif what == "stack":
-            from saf_gen.stack.exr import read_planes
+            from saf_gen.core.exr import read_planes
 
             for path in ("stack.exr", "slices.exr"):
                 read_planes(Path(path), ["focus.0003"])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from refusals import refusal
 
+from saf_gen.core import exr
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.stack import exr
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
 SPEC = StackSpec(

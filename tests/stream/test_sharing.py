@@ -21,7 +21,7 @@ import saf_gen
 from saf_gen.errors import BadInput
 from saf_gen.stream.dataset import index_folder, verify_dataset
 from saf_gen.stream.manifest import read_manifest, write_manifest
-from saf_gen.stream.sharing import fetch_dataset, fetching, pack_dataset
+from saf_gen.stream.sharing import fetch_dataset, pack_dataset, server
 
 LICENCE = ("CC-BY-4.0",)
 
@@ -99,7 +99,7 @@ def serve(folder, *, ranges=True, breaks=None):
 
 @pytest.fixture(autouse=True)
 def _no_waiting(monkeypatch):
-    monkeypatch.setattr(fetching, "WAIT_S", 0.0)
+    monkeypatch.setattr(server, "WAIT_S", 0.0)
 
 
 def test_what_is_fetched_is_what_was_packed(dataset, packed, tmp_path):

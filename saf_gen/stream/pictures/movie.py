@@ -1,6 +1,7 @@
 """A recording as a moving picture, GIF or MP4, with a cursor on plots next to the picture."""
 
 from collections.abc import Iterable, Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -126,25 +127,19 @@ def _choose_palette(screen: np.ndarray) -> Image.Image:
 def write_mp4(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
     """Write frames, uint8 (height, width, 3), as H.264 video; only one frame is in memory at a time.
 
-    Raises BadInput if imageio-ffmpeg, which contains an encoder, is missing or fails.
+    ``size`` is (width, height), both even. Raises BadInput if PyAV, which contains an encoder, is missing or fails.
     """
-    require_extra("video", "imageio_ffmpeg", of="MP4")
-    import imageio_ffmpeg
+    require_extra("video", "av", of="MP4")
+    import av
 
-    writer = imageio_ffmpeg.write_frames(
-        str(path.absolute()),
-        size,
-        fps=fps,
-        codec="libx264",
-        quality=8,
-        macro_block_size=2,
-        ffmpeg_log_level="error",
-        output_params=["-f", "mp4", "-movflags", "+faststart"],
-    )
     try:
-        writer.send(None)
-        for frame in frames:
-            writer.send(np.ascontiguousarray(frame))
-        writer.close()
-    except (OSError, RuntimeError) as error:
-        raise BadInput(f"the video cannot be written: {str(error).splitlines()[0]}", where=str(path)) from error
+        with av.open(str(path.absolute()), "w", format="mp4", container_options={"movflags": "faststart"}) as file:
+            stream = file.add_stream("libx264", Fraction(fps).limit_denominator(1001), options={"crf": "10"})
+            stream.width, stream.height = size
+            stream.pix_fmt = "yuv420p"
+            for frame in frames:
+                file.mux(stream.encode(av.VideoFrame.from_ndarray(frame)))
+            file.mux(stream.encode())
+    except (OSError, av.FFmpegError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise BadInput(f"the video cannot be written: {reason.splitlines()[0]}", where=str(path)) from error

@@ -1,31 +1,27 @@
 """Fetching of a packed dataset; only files with the size and SHA-256 in its index are accepted."""
 
-import http.client
 import shutil
-import ssl
 import tarfile
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import IO, Protocol
-from urllib.error import HTTPError, URLError
-from urllib.parse import quote, urlsplit, urlunsplit
-from urllib.request import Request, urlopen
 
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.files import check_writable, file_sha256, free_disk_bytes, unwritable
 from saf_gen.errors import BadInput
-from saf_gen.stream.manifest import MANIFEST_NAME
+from saf_gen.stream.manifest import MANIFEST_NAME, parse_manifest
 from saf_gen.stream.sharing.packing import INDEX_NAME, MAX_INDEX_BYTES, PackedFile, Shard, ShardIndex, parse_shard_index
 
-ATTEMPTS, TIMEOUT_S, WAIT_S = 5, 60.0, 1.0
 BLOCK = 1 << 20
+MAX_HEADER_BYTES = 1 << 16
+"""Largest header that a name may have in a tar file; a longer one takes minutes to read."""
 Report = Callable[[int], None]
-BROKEN = (URLError, http.client.HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
-"""Exceptions of a connection that fails or breaks off."""
+Tell = Callable[[str], None]
+UNREADABLE = (tarfile.TarError, ValueError, ArithmeticError, LookupError, TypeError, EOFError, RecursionError)
+"""Exceptions of Python's reader for a damaged or hostile tar file."""
 
 
 class Origin(Protocol):
@@ -45,17 +41,17 @@ class Origin(Protocol):
         """
 
 
-def find_origin(source: str) -> Origin:
-    """Return the origin for the address or path of a folder, or of the index in it."""
+def find_origin(source: str, tell: Tell = lambda line: None) -> Origin:
+    """Return the origin for the address or path of a folder, or of the index in it.
+
+    ``tell`` is called with a line for the user if a server sends on to another host, or is tried again.
+    """
     if "://" not in source:
         folder = Path(source)
         return _Folder(folder.parent if folder.name == INDEX_NAME else folder)
-    scheme, host, path, query, _ = urlsplit(source)
-    if query:  # each shard would need a signature of its own
-        raise BadInput(f"{source} has a query", allowed="an address without '?', below which all files are found")
-    if scheme not in ("http", "https") or not host:
-        raise BadInput(f"{source} cannot be fetched", allowed="an http or https address, or a folder")
-    return _Server(urlunsplit((scheme, host, path.removesuffix(INDEX_NAME).rstrip("/"), "", "")))
+    from saf_gen.stream.sharing.server import Server  # loads httpx
+
+    return Server.at(source.removesuffix(INDEX_NAME), tell)
 
 
 @dataclass(frozen=True)
@@ -83,70 +79,6 @@ class _Folder:
         return path
 
 
-@dataclass(frozen=True)
-class _Server:
-    address: str
-
-    def name(self, file: str) -> str:
-        return f"{self.address}/{quote(file)}"
-
-    def read(self, file: str, *, limit: int) -> bytes:
-        where = self.name(file)
-        try:
-            with urlopen(where, timeout=TIMEOUT_S) as answer:
-                text: bytes = answer.read(limit + 1)
-        except BROKEN as error:
-            raise _unreachable(where, error) from error
-        if len(text) > limit:
-            raise BadInput(f"has more than {limit:,} bytes", where=where)
-        return text
-
-    def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
-        """Download a file and return its path; a partial file that an earlier run left is continued."""
-        part = parts / f"{one.file}.{one.sha256[:16]}.part"
-        for attempt in range(ATTEMPTS):
-            have = part.stat().st_size if part.exists() else 0
-            if have == one.bytes and part.exists():
-                return part
-            if attempt:
-                time.sleep(WAIT_S * 2 ** (attempt - 1))
-            try:
-                self._download(one, part, have=have if have < one.bytes else 0, report=report)
-            except HTTPError as error:
-                if error.code < 500:
-                    raise _unreachable(self.name(one.file), error) from error
-                broken: Exception = error
-            except BROKEN as error:
-                broken = error
-            else:
-                broken = ConnectionError("the connection broke off")
-        if part.exists() and part.stat().st_size == one.bytes:
-            return part
-        raise _unreachable(self.name(one.file), broken)
-
-    def _download(self, one: PackedFile | Shard, part: Path, *, have: int, report: Report) -> None:
-        request = Request(self.name(one.file), headers={"Range": f"bytes={have}-"} if have else {})
-        with urlopen(request, timeout=TIMEOUT_S) as answer:
-            goes_on = answer.status == 206 and answer.headers.get("Content-Range", "").startswith(f"bytes {have}-")
-            have = have if goes_on else 0
-            with part.open("ab" if goes_on else "wb") as file:
-                while block := answer.read(BLOCK):
-                    have += len(block)
-                    if have > one.bytes:
-                        raise BadInput(
-                            f"has more than the {one.bytes:,} bytes that the index states", where=self.name(one.file)
-                        )
-                    file.write(block)
-                    report(have)
-
-
-def _unreachable(where: str, error: Exception) -> BadInput:
-    reason = getattr(error, "reason", None) or str(error) or type(error).__name__
-    refused = isinstance(error, HTTPError) and error.code < 500
-    hint = "check the address" if refused else "run the same command again to continue where it stopped"
-    return BadInput(f"cannot be fetched: {reason}", where=where, hint=hint)
-
-
 PARTS = ".fetch"
 """Folder for incomplete files, inside the dataset folder; it is removed at the end."""
 
@@ -157,12 +89,14 @@ def fetch_dataset(
     *,
     index_sha256: str = "",
     report: Callable[[int, int], None] = lambda done, total: None,
+    tell: Tell = lambda line: None,
 ) -> tuple[Path, ShardIndex]:
     """Fetch a packed dataset from a server or a folder, check it and unpack it.
 
     Files that exist already are kept, and an interrupted download is continued. Each shard is fetched completely and
     checked before it is opened. Only files that the index lists are unpacked, and each is checked before it gets its
-    name. The manifest is written last, because a folder without one is not a dataset.
+    name. The manifest is read and compared with the index before anything else is fetched, and written last, because a
+    folder without one is not a dataset.
 
     Parameters
     ----------
@@ -174,6 +108,8 @@ def fetch_dataset(
         Required SHA-256 of the index, as its publisher states it; by default any is accepted.
     report : callable, optional
         Called with the number of bytes present so far and the total number.
+    tell : callable, optional
+        Called with a line for the user if a server sends on to another host, or is tried again.
 
     Returns
     -------
@@ -188,7 +124,7 @@ def fetch_dataset(
         If there is no index, if a digest differs from the one required or listed, if the disk is too full, if the
         folder contains another dataset or other files, or if the server does not answer.
     """
-    origin = find_origin(source)
+    origin = find_origin(source, tell)
     text = origin.read(INDEX_NAME, limit=MAX_INDEX_BYTES)
     digest, where = sha256(text).hexdigest(), origin.name(INDEX_NAME)
     if index_sha256 and digest != index_sha256.strip().lower():
@@ -232,6 +168,7 @@ def _check_folder(folder: Path, index: ShardIndex) -> None:
 def _fetch_into(folder: Path, index: ShardIndex, *, origin: Origin, report: Callable[[int, int], None]) -> None:
     parts, total, done = folder / PARTS, index.total_bytes, 0
     parts.mkdir(parents=True, exist_ok=True)
+    _check_manifest(index, origin=origin, parts=parts)
     for shard in index.shards:
         wanted = {one.file: one for one in shard.members if not _is_complete(folder, one)}
 
@@ -254,6 +191,17 @@ def _fetch_into(folder: Path, index: ShardIndex, *, origin: Origin, report: Call
     shutil.rmtree(parts, ignore_errors=True)
 
 
+def _check_manifest(index: ShardIndex, *, origin: Origin, parts: Path) -> None:
+    """Raise BadInput unless the manifest is that of a dataset, and the index lists each of its streams."""
+    one = next(file for file in index.files if file.file == MANIFEST_NAME)
+    path = _fetch_checked(one, origin, parts=parts, report=lambda n: None)
+    manifest = parse_manifest(path.read_text(encoding="utf-8", errors="replace"), origin.name(one.file))
+    listed = {member.file for shard in index.shards for member in shard.members}
+    missing = [entry.file for entry in manifest.sequences if entry.file not in listed]
+    if missing:
+        raise BadInput(f"lists {missing[0]!r}, which no shard holds", where=origin.name(one.file))
+
+
 def _fetch_checked(one: PackedFile | Shard, origin: Origin, *, parts: Path, report: Report) -> Path:
     """Return the path of a file that has the digest in the index; a download with another digest is deleted."""
     path = origin.fetch(one, parts=parts, report=report)
@@ -269,12 +217,23 @@ def _fetch_checked(one: PackedFile | Shard, origin: Origin, *, parts: Path, repo
     return path
 
 
+class _BoundedTarInfo(tarfile.TarInfo):
+    """A member of a tar file whose extended header is small."""
+
+    def _proc_member(self, tar: tarfile.TarFile) -> tarfile.TarInfo:
+        if self.type not in tarfile.REGULAR_TYPES and self.size > MAX_HEADER_BYTES:
+            raise tarfile.HeaderError(f"a header of {self.size:,} bytes")
+        found: tarfile.TarInfo = super()._proc_member(tar)  # type: ignore[misc]
+        return found
+
+
 def _unpack(path: Path, shard: Shard, *, folder: Path, wanted: dict[str, PackedFile]) -> None:
     """Write the wanted files of a shard; raise BadInput if it contains anything that the index does not list."""
     known = {one.file: one for one in shard.members}
     left = set(wanted)
     try:
-        with tarfile.open(path, "r:") as tar:  # never compressed, so that a small file cannot expand into a large one
+        # Never compressed, so that a small file cannot expand into a large one.
+        with tarfile.open(path, "r:", tarinfo=_BoundedTarInfo) as tar:
             for info in tar:
                 if not info.isreg() or info.name not in known or info.size != known[info.name].bytes:
                     raise BadInput(f"holds {info.name!r}, which does not match the index", where=shard.file)
@@ -284,7 +243,7 @@ def _unpack(path: Path, shard: Shard, *, folder: Path, wanted: dict[str, PackedF
                         raise BadInput(f"{info.name!r} has no content", where=shard.file)
                     _write_checked(content, wanted[info.name], folder=folder, where=f"{shard.file}: {info.name}")
                     left.discard(info.name)
-    except tarfile.TarError as error:
+    except UNREADABLE as error:
         raise BadInput(f"is not a tar file: {error}", where=shard.file, hint="pack the dataset again") from error
     if left:
         raise BadInput(f"lacks {sorted(left)[0]!r}, which the index lists", where=shard.file)

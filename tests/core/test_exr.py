@@ -8,9 +8,9 @@ import OpenEXR
 import pytest
 from refusals import refusal
 
+from saf_gen.core import exr
+from saf_gen.core.exr import read_planes, write_plane_blocks, write_planes
 from saf_gen.errors import BadInput
-from saf_gen.stack import exr
-from saf_gen.stack.exr import read_planes, write_plane_blocks, write_planes
 
 
 def test_planes_of_two_and_four_bytes_and_attributes_come_back_bit_for_bit(tmp_path):

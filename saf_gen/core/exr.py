@@ -1,11 +1,15 @@
-"""OpenEXR files of named planes, float32 or float16, with text attributes; no other module calls OpenEXR."""
+"""OpenEXR files: ours, of named planes with text attributes, and those of others; no other module calls OpenEXR."""
 
 import errno
 import os
 import struct
+import sys
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
+from fractions import Fraction
+from io import StringIO
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,13 +23,11 @@ from saf_gen.errors import BadInput
 # Our own parser of OpenEXR files, because OpenEXR reads all parts or none, and damaged headers crash it.
 #
 # The layout is described in *OpenEXR File Layout*, https://openexr.com/en/latest/OpenEXRFileLayout.html: headers, a
-# table
-# of offsets for each part, then chunks of 16 lines. ZIP is zlib's deflate of the bytes of a chunk, even bytes before
-# odd
-# ones, each stored as the difference from its predecessor.
+# table of offsets for each part, then chunks of 16 lines. ZIP is zlib's deflate of the bytes of a chunk, even bytes
+# before odd ones, each stored as the difference from its predecessor.
 
 
-MAGIC, MULTI_PART = 20000630, 0x1000
+MAGIC, TILED, DEEP, MULTI_PART = 20000630, 0x200, 0x800, 0x1000
 UNCOMPRESSED, CHANNEL_BYTES = 0, 16
 ZIP, LINES_PER_CHUNK = 3, 16
 STORED = {1: "<f2", 2: "<f4"}
@@ -89,7 +91,7 @@ class FlatHeader:
 
 
 def read_flat_header(path: Path) -> FlatHeader:
-    """Return the header of a file of one uncompressed part, as :func:`saf_gen.stack.exr.write_planes` writes it.
+    """Return the header of a file of one uncompressed part, as :func:`saf_gen.core.exr.write_planes` writes it.
 
     Raises OSError, ValueError, LookupError or struct.error for any other file.
     """
@@ -353,3 +355,164 @@ def _rows(path: Path, header: FlatHeader) -> np.ndarray:
     if not complete.all():
         raise ValueError("its scan lines are not those of a complete, uncompressed file")
     return rows
+
+
+# Files of others: we read the headers, and OpenEXR the pixels. A damaged header makes OpenEXR reserve memory, or
+# compute, without end.
+
+FLAT_KINDS = ("scanlineimage", "tiledimage")
+HEAD_BYTES = (1 << 16, 1 << 20, 1 << 26)
+"""Bytes that are read to find the headers, one after the other; a header may hold a large preview or manifest."""
+MAX_CHANNEL_BYTES = 1 << 31
+"""Largest size of all channels of a file in memory, because OpenEXR reads all of them."""
+MAX_TILE = 1 << 14
+
+
+@dataclass(frozen=True)
+class ForeignPart:
+    """Header of one part of a file of others.
+
+    Attributes
+    ----------
+    number, count : int
+        Index of the part in the file, and the number of its parts.
+    name : str
+        Its name; '' if it has none.
+    kind : str
+        One of FLAT_KINDS, or another type, such as ``deepscanline``, whose pixels cannot be read here.
+    channels : dict of str to int
+        Names of the channels, and the product of their sampling steps: 1 if every pixel has a value.
+    data_window, display_window : tuple of int
+        First column, first row, last column and last row of the pixels in the file, and of the picture.
+    chromaticities : tuple of float or None
+        CIE x and y of red, green, blue and white, if the file states them.
+    rate_hz : Fraction or None
+        Pictures per second of the sequence to which it belongs, if the file states them.
+    """
+
+    number: int
+    count: int
+    name: str
+    kind: str
+    channels: dict[str, int]
+    data_window: tuple[int, int, int, int]
+    display_window: tuple[int, int, int, int]
+    chromaticities: tuple[float, ...] | None
+    rate_hz: Fraction | None
+
+
+def read_foreign_headers(path: Path, *, max_pixels: int) -> list[ForeignPart]:
+    """Return the headers of all parts of an OpenEXR file.
+
+    Raises BadInput if a header is damaged, or if a part has more than ``max_pixels`` pixels.
+    """
+    try:
+        check_plain_file(path, max_bytes=MAX_FILE_BYTES)
+        attributes, flags = _read_foreign_attributes(path)
+        parts = [_foreign_part(one, n, flags=flags, count=len(attributes)) for n, one in enumerate(attributes)]
+        tiles = [struct.unpack("<2IB", one["tiles"][1])[:2] if "tiles" in one else (1, 1) for one in attributes]
+    except OSError as error:
+        raise _unreadable(path, error.strerror or str(error)) from error
+    except (LookupError, ValueError, ArithmeticError, struct.error) as error:
+        raise _unreadable(path, "its header is damaged, or it is no OpenEXR file") from error
+    total = 0
+    for part, (wide, high) in zip(parts, tiles, strict=True):
+        left, top, right, bottom = part.data_window
+        columns, rows = right - left + 1, bottom - top + 1
+        if not (columns > 0 and rows > 0 and columns * rows <= max_pixels):
+            raise _unreadable(path, f"it has {columns} × {rows} pixels, and at most {max_pixels} are read")
+        fits = 0 < wide <= MAX_TILE and 0 < high <= MAX_TILE
+        # The table of a file has 8 bytes for each tile.
+        if not fits or ("tile" in part.kind and 8 * -(-columns // wide) * -(-rows // high) > path.stat().st_size):
+            raise _unreadable(path, f"it has tiles of {wide} × {high} pixels")
+        total += 4 * columns * rows * len(part.channels)
+    if total > MAX_CHANNEL_BYTES:
+        raise _unreadable(path, f"its channels take {total} bytes, and at most {MAX_CHANNEL_BYTES} are read")
+    return parts
+
+
+def read_foreign_channels(path: Path, names: Sequence[str], *, part: ForeignPart) -> dict[str, np.ndarray]:
+    """Return channels of a part by name, (row, col) of its data window, in the type that they have in the file.
+
+    Raises BadInput if any part of the file is damaged or incomplete.
+    """
+    try:
+        with _silence() as said:
+            # OpenEXR leaves out a part that it cannot read, and prints why.
+            parts = OpenEXR.File(str(path), separate_channels=True).parts
+        if len(parts) != part.count:
+            raise ValueError(said.getvalue().partition(" - ")[2] or "it is incomplete")
+        channels = parts[part.number].channels
+        return {name: np.asarray(channels[name].pixels) for name in names}
+    except (RuntimeError, OSError, LookupError, ValueError, TypeError, MemoryError) as error:
+        raise _unreadable(path, " ".join(str(error).split()) or "it does not fit the memory") from error
+
+
+def _unreadable(path: Path, reason: str) -> BadInput:
+    return BadInput(f"cannot be read: {reason}", where=str(path), allowed="a complete OpenEXR file")
+
+
+def _read_foreign_attributes(path: Path) -> tuple[list[dict[str, tuple[str, bytes]]], int]:
+    """Return the attributes of each part, and the flags of the file."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        for wanted in HEAD_BYTES:
+            file.seek(0)
+            head = file.read(wanted)
+            try:
+                attributes, _, _ = _read_attributes(head)
+                return attributes, struct.unpack_from("<I", head, 4)[0]
+            except (LookupError, ValueError, struct.error):  # perhaps there is more
+                if wanted >= size or wanted == HEAD_BYTES[-1]:
+                    raise
+    raise ValueError("it has no header")
+
+
+def _foreign_part(one: dict[str, tuple[str, bytes]], number: int, *, flags: int, count: int) -> ForeignPart:
+    channels, listed, at = {}, one["channels"][1], 0
+    while listed[at] != 0:
+        end = listed.index(0, at)
+        # A channel is name, type, linear, reserved, sampling in x and y; a zero byte ends the list.
+        kind, _, across, down = struct.unpack_from("<i4s2i", listed, end + 1)
+        if not (0 <= kind <= 2 and across > 0 and down > 0):
+            raise ValueError("a channel is damaged")
+        channels[listed[at:end].decode()] = across * down
+        at = end + 1 + CHANNEL_BYTES
+    left, top, right, bottom = struct.unpack("<4i", one["dataWindow"][1])
+    shown = struct.unpack("<4i", one["displayWindow"][1])
+    usual = "deep" if flags & DEEP else FLAT_KINDS[bool(flags & TILED)]
+    colours = one.get("chromaticities", ("", b""))[1]
+    rate = one.get("framesPerSecond", ("", b""))
+    above, below = struct.unpack("<iI", rate[1]) if rate[0] == "rational" else (0, 1)
+    texts = _texts({name: one[name] for name in ("name", "type") if name in one})
+    return ForeignPart(
+        number,
+        count,
+        texts.get("name", ""),
+        texts.get("type", usual) if count > 1 else usual,
+        channels,
+        (left, top, right, bottom),
+        shown,
+        struct.unpack("<8f", colours) if colours else None,
+        Fraction(above, below) if above > 0 and below > 0 else None,
+    )
+
+
+@contextmanager
+def _silence() -> Iterator[StringIO]:
+    """Yield what OpenEXR's wrapper prints; what its C library writes to the standard error is left out."""
+    said = StringIO()
+    if sys.stderr is None:  # a process without a terminal has no such file
+        with redirect_stdout(said):
+            yield said
+        return
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        with redirect_stdout(said):
+            yield said
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
