@@ -73,6 +73,13 @@ def with_other_emission(file):
     )
 
 
+def with_other_sampler(file):
+    use = {"index": file.add_texture(FOUR)}
+    other = {"index": file.add_texture(FOUR, sampler={"wrapS": 33071, "wrapT": 33071})}
+    glow = {"emissiveFactor": [1, 1, 1], "emissiveTexture": other}
+    file.add_card(material=file.add_material(name="paint", pbr={"baseColorTexture": use}, **glow))
+
+
 def with_morph(file):
     file.add_card(targets=[{"POSITION": file.add_array(POINTS * 3)}])
 
@@ -124,6 +131,7 @@ SAID = [
     (with_other_primitive(mode=3), "points and lines ignored: card_2"),
     (with_attribute("COLOR_1"), "second vertex colours ignored: card"),
     (with_other_emission, "emission ignored, its texture has other coordinates than the colour's: paint"),
+    (with_other_sampler, "sampler of the emission ignored, that of the colour is used: paint"),
     (with_morph, "morph targets ignored, their weights are 0: card"),
     (with_two_wraps, "wrapT ignored, wrapS is used for both axes: paint"),
     (with_normals_of_no_length, "normals ignored, some have no length: card"),

@@ -352,6 +352,8 @@ class _Reader:
             elif glow_where != where:
                 self.left_out.add("emission ignored, its texture has other coordinates than the colour's", name)
                 emission, glow = (0.0, 0.0, 0.0), None
+            elif (glow_smooth, glow_wrap) != (smooth, wrap):
+                self.left_out.add("sampler of the emission ignored, that of the colour is used", name)
         strength = self._extension(
             EmissiveStrength, material.extensions.get("KHR_materials_emissive_strength", {})
         ).emissive_strength
