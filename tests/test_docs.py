@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 import typer
 import yaml
 from pydantic import TypeAdapter
@@ -331,6 +332,7 @@ def desk(tmp_path_factory):
     assert ", low_texture, camel" in text  # one scene is enough for the pages
     recipe.write_text(shrunk(text.replace(", low_texture, camel", "")))
     shutil.copytree(SCENES / "workbench", folder / "exported", ignore=shutil.ignore_patterns("*.yaml", "*.md"))
+    trimesh.creation.box().export(folder / "crate.glb")
     run(folder, ["saf-gen", "generate", recipe.name, "--out", "datasets/quickstart"])
     shutil.copy(folder / "datasets/quickstart/test/usaf_target-sudden-00.h5", folder / "sequence.h5")
     return folder

@@ -1,99 +1,21 @@
-"""A scene around a mesh: the mesh in front of the lens, a lamp, a wall, and a card."""
+"""A scene around a mesh: the mesh in front of the lens, a lamp, a wall, and a card.
 
-import io
+Surfaces are matt and are seen from both sides. Mitsuba multiplies no textures, so products are computed here: colour
+factors become part of the picture, and colours of vertices beside a picture become a sum over red, green and blue.
+"""
+
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from saf_gen.core.extras import require_extra
-from saf_gen.errors import BadInput
+from saf_gen.authoring.meshes import READERS, LeftOut, Shape, Surface, read_mesh, srgb_to_linear
+from saf_gen.authoring.meshes.side_files import encode_png
+from saf_gen.errors import BadInput, escape_controls
 
-CONVERTED_MESHES = (".glb", ".gltf", ".stl")
-
-
-@dataclass(frozen=True)
-class MeshPart:
-    """A shape of a scene: its files and its colour."""
-
-    name: str
-    files: dict[str, bytes]
-    """Content of each file, by name."""
-    mesh: str
-    """Name of the mesh file."""
-    texture: str
-    """Name of the file with the base colour; '' if the shape has a single colour."""
-    reflectance: tuple[float, ...]
-    """Linear red, green and blue, 0 to 1; used if there is no texture."""
-    extent: np.ndarray
-    """Smallest and largest coordinates, float64 (2, 3), in units of the file."""
-
-
-def convert_mesh(path: Path) -> list[MeshPart]:
-    """Return the meshes of a glTF or STL file, placed as in the scene of the file.
-
-    Parameters
-    ----------
-    path : Path
-        File that ends in .glb, .gltf or .stl.
-
-    Returns
-    -------
-    list of MeshPart
-        One part for each mesh with a face.
-
-    Raises
-    ------
-    BadInput
-        If trimesh is not installed, cannot read the file, or finds no face in it.
-    """
-    require_extra("mesh", "trimesh", of=f"reading {path.suffix} files")
-    import trimesh
-
-    parts: list[MeshPart] = []
-    try:
-        scene = trimesh.load_scene(path)
-        for node in sorted(scene.graph.nodes_geometry):
-            transform, name = scene.graph[node]
-            mesh = scene.geometry[name]
-            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
-                placed = mesh.copy()
-                placed.apply_transform(transform)
-                parts.append(_convert_part(placed, str(node), taken=[part.name for part in parts]))
-    except Exception as error:  # an untrusted file, read by a library that may raise any exception
-        reason = " ".join(str(error).split())
-        raise BadInput(f"trimesh cannot read the mesh: {type(error).__name__}: {reason}", where=str(path)) from error
-    if not parts:
-        raise BadInput("the file has no mesh with a face", where=str(path))
-    return parts
-
-
-def _convert_part(mesh: Any, node: str, *, taken: list[str]) -> MeshPart:
-    from trimesh.exchange.obj import export_obj
-
-    name = "mesh_" + re.sub(r"\W+", "_", node, flags=re.ASCII).strip("_")  # never the name of a lamp or the wall
-    if name in taken:
-        name = f"{name}_{len(taken) + 1}"
-    lines = export_obj(mesh, include_normals=True, include_color=False, include_texture=True, write_texture=False)
-    kept = [line for line in lines.splitlines() if not line.startswith(("#", "mtllib", "usemtl", "o "))]
-    files = {f"meshes/{name}.obj": ("\n".join(kept) + "\n").encode()}
-    material = getattr(mesh.visual, "material", None)
-    picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    has_texture = picture is not None and getattr(mesh.visual, "uv", None) is not None
-    texture = f"textures/{name}.png" if has_texture else ""
-    if picture is not None and texture:
-        buffer = io.BytesIO()
-        picture.convert("RGB").save(buffer, "PNG")
-        files[texture] = buffer.getvalue()
-    factor = getattr(material, "baseColorFactor", None)
-    colour = (0.6, 0.6, 0.6) if factor is None else tuple(float(c) / 255 for c in np.asarray(factor)[:3])
-    return MeshPart(name, files, f"meshes/{name}.obj", texture, colour, np.asarray(mesh.bounds, dtype=np.float64))
-
-
-MITSUBA_MESHES = (".obj", ".ply")
 UNREADABLE_MESHES = {
     ".blend": "a Blender file",
     ".fbx": "an FBX file",
@@ -124,7 +46,7 @@ lens:
 
 lights:                                      # lamps that are switched together
   lamp: [lamp]
-  room: [room]
+  room: [ROOM]
 
 target: [TARGET]                             # shapes that should be in focus
 """
@@ -132,7 +54,7 @@ SOURCE = """\
 # NAME
 
 Made from FILE by `saf-gen scenes new --from`, scaled by SCALE, with lamp and wall from a template that is free to use.
-State here who made the mesh and its textures, where they are from, their licence, and what was changed.
+LEFT_OUTState here who made the mesh and its textures, where they are from, their licence, and what was changed.
 """
 SURROUNDINGS = """\
 	<!-- The background: wider than the field of view, because blur brings in what is just outside -->
@@ -163,18 +85,18 @@ def is_mesh(path: Path) -> bool:
     if suffix in UNREADABLE_MESHES:
         raise BadInput(
             f"{path} is {UNREADABLE_MESHES[suffix]}, which saf_gen cannot read",
-            allowed=f"a scene.xml, or a mesh: {', '.join((*MITSUBA_MESHES, *CONVERTED_MESHES))}",
+            allowed=f"a scene.xml, or a mesh: {', '.join(READERS)}",
             hint="in Blender, use File > Export > Mitsuba (.xml) of the add-on mitsuba-blender for the scene with its"
             " lamps, or glTF 2.0 (.glb) for the mesh",
         )
-    return suffix in (*MITSUBA_MESHES, *CONVERTED_MESHES)
+    return suffix in READERS
 
 
-def scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
+def scene_of_mesh(path: Path, name: str, *, notify: Callable[[str], None] = lambda line: None) -> dict[str, bytes]:
     """Return the content of the files of a scene around a mesh, by file name.
 
     The mesh is scaled so that its largest side is SIZE_M, and centred at the origin, 0.5 m in front of the lens. All
-    its shapes form the target.
+    its shapes form the target; those that emit light belong to the light group ``room``.
 
     Parameters
     ----------
@@ -182,6 +104,8 @@ def scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
         Mesh file.
     name : str
         Name of the scene.
+    notify : callable, optional
+        Called with a line of text for each kind of thing that is left out.
 
     Returns
     -------
@@ -190,49 +114,278 @@ def scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
     Raises
     ------
     BadInput
-        If the file is missing or cannot be read, or if the mesh has no size.
+        If the file is missing or cannot be read, or if the mesh has no size or cannot be seen.
     """
     if not path.is_file():
         raise BadInput(f"{path} cannot be read: there is no such file")
-    parts = _read_parts(path)
-    extent = np.array([np.min([p.extent[0] for p in parts], axis=0), np.max([p.extent[1] for p in parts], axis=0)])
-    side = float((extent[1] - extent[0]).max())
-    if not (np.isfinite(extent).all() and side > 0):
+    left_out = LeftOut()
+    shapes = [shape for shape in map(_simplified, read_mesh(path, left_out)) if _is_visible(shape, left_out)]
+    if not shapes:
+        raise BadInput("the mesh cannot be seen: its opacity is 0", where=str(path), hint="export it with opacity")
+    low, high = (np.array([f(s.points, axis=0) for s in shapes]) for f in (np.min, np.max))
+    extent = np.array([low.min(axis=0), high.max(axis=0)])
+    with np.errstate(over="ignore"):
+        side = float((extent[1] - extent[0]).max())
+    if not (np.isfinite(side) and side > 0):
         raise BadInput("the mesh has no size", where=str(path), allowed="finite coordinates that differ")
-    scale, middle = SIZE_M / side, extent.mean(axis=0)
-    shapes = "\n".join(_format_shape(part, scale=scale, middle=middle) for part in parts)
+    scale, middle = SIZE_M / side, extent[0] / 2 + extent[1] / 2
+    if not np.isfinite(scale):
+        raise BadInput(f"the largest side of the mesh is {side:.3g}", where=str(path), hint="enlarge it")
+    files = _Files(left_out)
+    names: list[str] = []
+    for shape in shapes:
+        names.append(_unique_name(shape.name, names))
+        files.add_shape(names[-1], replace(shape, points=(shape.points - middle) * scale))
+    lines = [escape_controls(line) for line in left_out.lines()]
+    for line in lines:
+        notify(line)
+    glow = [one for one, shape in zip(names, shapes, strict=True) if any(shape.surface.emission)]
+    said = "".join(f"- {line}\n" for line in lines)
     texts = {
-        "scene.xml": f'<scene version="3.0.0">\n{shapes}\n{SURROUNDINGS}',
-        "scene.yaml": CARD.replace("TARGET", ", ".join(part.name for part in parts))
+        "scene.xml": f'<scene version="3.0.0">\n{"".join(files.xml)}\n{SURROUNDINGS}',
+        "scene.yaml": CARD.replace("TARGET", ", ".join(names))
+        .replace("ROOM", ", ".join(["room", *glow]))
         .replace("TITLE", f"{name.replace('_', ' ').capitalize()}, in front of a wall")
         .replace("NAME", name),
-        "SOURCE.md": SOURCE.replace("NAME", name).replace("FILE", path.name).replace("SCALE", f"{scale:.4g}"),
+        "SOURCE.md": SOURCE.replace("NAME", name)
+        .replace("FILE", path.name)
+        .replace("SCALE", f"{scale:.4g}")
+        .replace("LEFT_OUT", f"\nNot everything in the file is used:\n\n{said}\n" if said else ""),
     }
-    files = {file: data for part in parts for file, data in part.files.items()}
-    return files | {file: text.encode() for file, text in texts.items()}
+    return files.data | {file: text.encode() for file, text in texts.items()}
 
 
-def _read_parts(path: Path) -> Sequence[MeshPart]:
-    if path.suffix.lower() in CONVERTED_MESHES:
-        return convert_mesh(path)
-    from saf_gen.render.mitsuba_scene import mesh_extent  # loads Mitsuba
-
-    file = f"meshes/mesh{path.suffix.lower()}"
-    return [MeshPart("mesh", {file: path.read_bytes()}, file, "", (0.6, 0.6, 0.6), mesh_extent(path))]
+def _unique_name(name: str, taken: list[str]) -> str:
+    """Return the id of a shape, which is never that of a lamp or the wall."""
+    plain = "_".join(["mesh", *filter(None, [re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:60]])])
+    return f"{plain}_{len(taken) + 1}" if plain in taken else plain
 
 
-def _format_shape(part: MeshPart, *, scale: float, middle: np.ndarray) -> str:
-    x, y, z = (f"{-value:.9g}" for value in middle)
-    colour = " ".join(f"{c:.4g}" for c in part.reflectance)
-    surface = (
-        f'<texture type="bitmap" name="reflectance"><string name="filename" value="{part.texture}"/></texture>'
-        if part.texture
-        else f'<rgb name="reflectance" value="{colour}"/>'
+def _simplified(shape: Shape) -> Shape:
+    """Return a shape without colours of vertices that are all the same: they become part of its surface."""
+    colours = shape.colours
+    if colours is None or (colours != colours[0]).any():
+        return shape
+    red, green, blue = np.array(shape.surface.colour) * colours[0, :3]
+    surface = replace(shape.surface, colour=(red, green, blue), opacity=shape.surface.opacity * float(colours[0, 3]))
+    return replace(shape, colours=None, surface=surface)
+
+
+def _is_visible(shape: Shape, left_out: LeftOut) -> bool:
+    surface = shape.surface
+    highest = surface.opacity
+    if surface.picture is not None:
+        highest *= float(surface.picture[..., 3].max()) / 255
+    if shape.colours is not None:
+        highest *= float(shape.colours[:, 3].max())
+    least = {"opaque": -1.0, "mask": surface.cutoff, "blend": 1e-6}[surface.alpha]
+    if highest < least:
+        left_out.add("shapes left out, they cannot be seen", shape.name)
+    return highest >= least
+
+
+MAX_BYTES = 4 << 30
+"""Limit of the files of a scene."""
+
+
+class _Files:
+    """The files of the shapes, and their XML; shapes with the same picture share its file."""
+
+    def __init__(self, left_out: LeftOut) -> None:
+        self.left_out = left_out
+        self.data: dict[str, bytes] = {}
+        self.xml: list[str] = []
+        self._stored: dict[tuple[object, ...], str] = {}
+
+    def add_shape(self, name: str, shape: Shape) -> None:
+        """Add the mesh, the pictures and the XML of a shape whose coordinates are in metres."""
+        attributes: dict[str, np.ndarray] = {}
+        bsdf = f'<bsdf type="twosided">{self._reflection(name, shape, attributes=attributes)}</bsdf>'
+        for opacity in self._opacities(name, shape, attributes=attributes):
+            bsdf = f'<bsdf type="mask">{opacity}{bsdf}</bsdf>'
+        flat = '\t\t<boolean name="face_normals" value="true"/>\n' if shape.flat else ""
+        self._add(f"meshes/{name}.ply", _format_ply(shape, attributes))
+        self.xml.append(
+            f'\t<shape type="ply" id="{name}">\n\t\t<string name="filename" value="meshes/{name}.ply"/>\n'
+            f"{flat}\t\t{bsdf}\n{self._emission(name, shape.surface)}\t</shape>\n"
+        )
+
+    def _add(self, file: str, data: bytes) -> None:
+        self.data[file] = data
+        if sum(map(len, self.data.values())) > MAX_BYTES:
+            raise BadInput(f"the scene needs more than {MAX_BYTES >> 30} GiB", hint="reduce the mesh or its textures")
+
+    def _reflection(self, name: str, shape: Shape, *, attributes: dict[str, np.ndarray]) -> str:
+        """Return the BSDF of colour × picture × colours of the vertices."""
+        surface, colours = shape.surface, shape.colours
+        if surface.picture is None:
+            if colours is None:
+                return _diffuse(_rgb("reflectance", surface.colour))
+            attributes |= {f"color_{n}": colours[:, n] * surface.colour[n] for n in range(3)}
+            return _diffuse(_attribute("reflectance", "color"))
+        if colours is None or (colours[:, :3] == 1).all():
+            return _diffuse(self._coloured(name, surface, picture=surface.picture))
+        mixed, total = "", 0.0
+        for n, (channel, share) in enumerate(LUMINANCE.items()):
+            attributes[f"{channel}_0"] = colours[:, n]
+            file = self._store(
+                f"{name}_{channel}.pfm",
+                (surface.picture, channel, surface.colour[n]),
+                encode=partial(
+                    _encode_pfm, srgb_to_linear(surface.picture[..., n] / 255)[..., None] * surface.colour[n]
+                ),
+            )
+            part = _blend(
+                BLACK, _diffuse(_bitmap("reflectance", file, surface=surface)), weight=_attribute("weight", channel)
+            )
+            total += share
+            mixed = _blend(mixed, part, weight=_number("weight", share / total)) if mixed else part
+        return mixed
+
+    def _coloured(self, name: str, surface: Surface, *, picture: np.ndarray) -> str:
+        """Return the texture of colour × picture: a copy of the picture if the colour is white."""
+        if surface.colour == (1.0, 1.0, 1.0):
+            file = self._store(f"{name}.png", (picture, "colour"), encode=partial(encode_png, picture[..., :3]))
+            return _bitmap("reflectance", file, surface=surface, raw=False)
+        key = (picture, "colour", *surface.colour)
+        file = self._store(f"{name}.pfm", key, encode=partial(_tinted, picture, surface.colour))
+        return _bitmap("reflectance", file, surface=surface)
+
+    def _opacities(self, name: str, shape: Shape, *, attributes: dict[str, np.ndarray]) -> Iterator[str]:
+        """Yield the XML of each factor of the opacity of a shape that is not opaque."""
+        surface, picture = shape.surface, shape.surface.picture
+        if surface.alpha == "opaque":
+            return
+        masked = surface.alpha == "mask"
+        if picture is not None and int(picture[..., 3].min()) < 255:
+            alpha = (255 * _coverage(surface)).astype(np.uint8) if masked else picture[..., 3]
+            key = (picture, "opacity", *((surface.opacity, surface.cutoff) if masked else ()))
+            file = self._store(f"{name}_opacity.png", key, encode=partial(encode_png, alpha))
+            yield _bitmap("opacity", file, surface=surface)
+        if not masked and surface.opacity < 1:
+            yield _number("opacity", surface.opacity)
+        if shape.colours is not None and (shape.colours[:, 3] < 1).any():
+            if masked:
+                self.left_out.add("opacity of vertices ignored beside a mask", shape.name)
+            else:
+                attributes["opacity_0"] = shape.colours[:, 3]
+                yield _attribute("opacity", "opacity")
+                if any(surface.emission):
+                    self.left_out.add("opacity of vertices ignored for emission", shape.name)
+
+    def _emission(self, name: str, surface: Surface) -> str:
+        """Return the lamp of a shape that emits light; it shines from the front, where the surface is opaque."""
+        if not any(surface.emission):
+            return ""
+        glow, coverage = surface.emission_picture, _coverage(surface)
+        if glow is None and coverage.min() == coverage.max():
+            radiance = _rgb("radiance", (c * float(coverage.max()) for c in surface.emission))
+        else:
+            key = (glow, surface.picture, surface.alpha, surface.opacity, surface.cutoff, *surface.emission)
+            encode = partial(_glowing, glow, surface.emission, coverage=coverage)
+            file = self._store(f"{name}_emission.pfm", key, encode=encode)
+            radiance = _bitmap("radiance", file, surface=surface)
+        return f'\t\t<emitter type="area">{radiance}</emitter>\n'
+
+    def _store(self, file: str, key: tuple[object, ...], *, encode: Callable[[], bytes]) -> str:
+        """Return the name of a picture's file, which is added unless a file with this key is there."""
+        known = tuple(id(part) if isinstance(part, np.ndarray) else part for part in key)
+        if known not in self._stored:
+            self._stored[known] = f"textures/{file}"
+            self._add(f"textures/{file}", encode())
+        return self._stored[known]
+
+
+LUMINANCE = {"red": 0.2126, "green": 0.7152, "blue": 0.0722}
+"""Shares of the channels in luminance (IEC 61966-2-1), which is what is rendered."""
+BLACK = '<bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>'
+
+
+def _diffuse(reflectance: str) -> str:
+    return f'<bsdf type="diffuse">{reflectance}</bsdf>'
+
+
+def _blend(first: str, second: str, *, weight: str) -> str:
+    return f'<bsdf type="blendbsdf">{weight}{first}{second}</bsdf>'
+
+
+def _rgb(name: str, values: Iterable[float]) -> str:
+    return f'<rgb name="{name}" value="{" ".join(f"{value:.6g}" for value in values)}"/>'
+
+
+def _number(name: str, value: float) -> str:
+    return f'<float name="{name}" value="{value:.9g}"/>'
+
+
+def _attribute(name: str, attribute: str) -> str:
+    return f'<texture type="mesh_attribute" name="{name}"><string name="name" value="vertex_{attribute}"/></texture>'
+
+
+def _bitmap(name: str, file: str, *, surface: Surface, raw: bool = True) -> str:
+    words = [("filename", file)]
+    words += [("wrap_mode", surface.wrap)] if surface.wrap != "repeat" else []
+    words += [] if surface.smooth else [("filter_type", "nearest")]
+    inner = "".join(f'<string name="{key}" value="{value}"/>' for key, value in words)
+    linear = '<boolean name="raw" value="true"/>' if raw else ""
+    return f'<texture type="bitmap" name="{name}">{inner}{linear}</texture>'
+
+
+def _coverage(surface: Surface) -> np.ndarray:
+    """Return the opacity of the texels of a surface, apart from that of its vertices: 0 to 1, (rows, columns)."""
+    if surface.alpha == "opaque":
+        return np.ones((1, 1))
+    alpha = np.ones((1, 1)) if surface.picture is None else surface.picture[..., 3] / 255
+    opacity = alpha * surface.opacity
+    return (opacity >= surface.cutoff).astype(np.float64) if surface.alpha == "mask" else opacity
+
+
+def _tinted(picture: np.ndarray, colour: tuple[float, float, float]) -> bytes:
+    """Return the file of the linear product of a picture and a colour."""
+    decoded = srgb_to_linear(np.arange(256) / 255)
+    return _encode_pfm(np.stack([(decoded * colour[n])[picture[..., n]] for n in range(3)], axis=-1))
+
+
+def _glowing(picture: np.ndarray | None, emission: tuple[float, float, float], *, coverage: np.ndarray) -> bytes:
+    """Return the file of the linear product of an emission, its picture and the opacity of the surface."""
+    linear = np.ones((1, 1, 3)) if picture is None else srgb_to_linear(picture[..., :3] / 255)
+    rows, columns = np.maximum(linear.shape[:2], coverage.shape)
+    linear, coverage = (
+        part[np.ix_(np.arange(rows) * part.shape[0] // rows, np.arange(columns) * part.shape[1] // columns)]
+        for part in (linear, coverage)
     )
-    return f"""\
-	<shape type="{part.mesh.rpartition(".")[2]}" id="{part.name}">
-		<string name="filename" value="{part.mesh}"/>
-		<transform name="to_world"><translate x="{x}" y="{y}" z="{z}"/><scale value="{scale:.9g}"/></transform>
-		<bsdf type="twosided"><bsdf type="diffuse">{surface}</bsdf></bsdf>
-	</shape>
-"""
+    return _encode_pfm(linear * emission * coverage[..., None])
+
+
+def _encode_pfm(values: np.ndarray) -> bytes:
+    """Return a portable float map of one or three channels (rows, columns, channel), which begins at the bottom.
+
+    It is larger than OpenEXR, which Mitsuba reads on several threads or never: see ``on_one_thread`` in
+    :mod:`saf_gen.render.backend`.
+    """
+    rows, columns, channels = values.shape
+    return (
+        f"{'PF' if channels == 3 else 'Pf'}\n{columns} {rows}\n-1.0\n".encode() + values[::-1].astype("<f4").tobytes()
+    )
+
+
+def _format_ply(shape: Shape, attributes: Mapping[str, np.ndarray]) -> bytes:
+    """Return a binary PLY file as Mitsuba reads it; it names attributes of vertices ``NAME_0``, ``NAME_1``, …"""
+    columns = dict(zip("xyz", shape.points.T, strict=True))
+    if shape.normals is not None and not shape.flat:
+        columns |= dict(zip(("nx", "ny", "nz"), shape.normals.T, strict=True))
+    if shape.uv is not None:
+        columns |= dict(zip("st", shape.uv.T, strict=True))
+    columns |= attributes
+    vertices = np.column_stack(list(columns.values())).astype("<f4")
+    faces = np.empty(len(shape.triangles), np.dtype([("sides", "u1"), ("corners", "<i4", 3)]))
+    faces["sides"], faces["corners"] = 3, shape.triangles
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(vertices)}",
+        *(f"property float {name}" for name in columns),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header\n",
+    ]
+    return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()

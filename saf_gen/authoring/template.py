@@ -98,7 +98,7 @@ def scene_from_export(
         describe; or if the name cannot be used. In these cases, no file is left behind.
     """
     if is_mesh(exported):
-        files = scene_of_mesh(exported, name)
+        files = scene_of_mesh(exported, name, notify=notify)
         with _new_folder(name, root) as folder:
             for file, data in files.items():
                 (folder / file).parent.mkdir(parents=True, exist_ok=True)

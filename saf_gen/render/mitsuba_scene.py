@@ -19,11 +19,9 @@ from pydantic import ValidationError
 
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput, unknown
-from saf_gen.render import backend
 from saf_gen.render.backend import on_one_thread
 from saf_gen.render.mitsuba_words import load_refusal, parse_refusal
 from saf_gen.scene.keyframes import RigidMotion
-from saf_gen.scene.ply_file import validate_ply
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
 
@@ -409,27 +407,3 @@ def _scene_modules(scene: Scene) -> Iterator[None]:
             if name in files or (origin and Path(origin).parent == scene.folder):
                 del sys.modules[name]
         sys.modules.update({name: before[name] for name in files if name in before})
-
-
-MITSUBA_MESHES = {".obj": "obj", ".ply": "ply"}
-"""Mitsuba's plug-in for each file extension."""
-
-
-def mesh_extent(path: Path) -> np.ndarray:
-    """Return the smallest and largest coordinates of a mesh, float64 (2, 3), in units of the file.
-
-    Raises BadInput if Mitsuba cannot read the file, or if the mesh has no face.
-    """
-    if path.suffix.lower() == ".ply":
-        validate_ply(path)
-    backend.activate_backend("scalar")
-    try:
-        mesh = mi.load_dict({"type": MITSUBA_MESHES[path.suffix.lower()], "filename": str(path)})
-        faces = mesh.face_count()
-        box = mesh.bbox()
-    except (RuntimeError, ValueError, TypeError) as error:
-        reason = " ".join(str(error).split())
-        raise BadInput(f"Mitsuba cannot read the mesh: {reason}", where=str(path)) from error
-    if faces == 0:
-        raise BadInput("the mesh has no face", where=str(path))
-    return np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)

@@ -20,17 +20,21 @@ ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 CORNERS = ("vertex_index", "vertex_indices")
 
 
-class _Property(NamedTuple):
+class Property(NamedTuple):
+    """A value, or a list of values, that each row of an element has."""
+
     name: str
     kind: str
     counted: str
     """Type of the length of a list; "" for a single value."""
 
 
-class _Element(NamedTuple):
+class Element(NamedTuple):
+    """A table of a PLY file, such as its vertices."""
+
     name: str
     rows: int
-    properties: list[_Property]
+    properties: list[Property]
 
 
 def is_ply(path: Path) -> bool:
@@ -50,7 +54,7 @@ def validate_ply(path: Path, *, triangles: bool = False) -> None:
     """
     try:
         with path.open("rb") as file:
-            order, elements = _read_header(file)
+            order, elements = read_header(file)
             vertices = next((element.rows for element in elements if element.name == "vertex"), 0)
             for element in elements:
                 for corners in _read_corners(file, element, order=order):
@@ -74,7 +78,7 @@ def triangulated_ply(path: Path) -> bytes | None:
     out.
     """
     with path.open("rb") as file:
-        order, elements = _read_header(file)
+        order, elements = read_header(file)
         rows, triangles, split = b"", [], False
         for element in elements:
             begin = file.tell()
@@ -114,8 +118,12 @@ def _farthest(corners: np.ndarray, vertices: int) -> int:
     return low if low < 0 else high
 
 
-def _read_header(file: BinaryIO) -> tuple[str, list[_Element]]:
-    order, elements = None, list[_Element]()
+def read_header(file: BinaryIO) -> tuple[str, list[Element]]:
+    """Return the byte order of a PLY file ("" for text) and its elements, and leave the file at its first row.
+
+    Raises ValueError if the header is damaged.
+    """
+    order, elements = None, list[Element]()
     for _ in range(MAX_HEADER_LINES):
         line = file.readline(MAX_LINE_BYTES)
         if not line.endswith(b"\n"):
@@ -127,11 +135,11 @@ def _read_header(file: BinaryIO) -> tuple[str, list[_Element]]:
             case ["format", name, _] if name in ORDERS:
                 order = ORDERS[name]
             case ["element", name, rows] if rows.isdigit():
-                elements.append(_Element(name, int(rows), []))
+                elements.append(Element(name, int(rows), []))
             case ["property", "list", count, kind, name] if elements and {count, kind} <= TYPES.keys():
-                elements[-1].properties.append(_Property(name, TYPES[kind], TYPES[count]))
+                elements[-1].properties.append(Property(name, TYPES[kind], TYPES[count]))
             case ["property", kind, name] if elements and kind in TYPES:
-                elements[-1].properties.append(_Property(name, TYPES[kind], ""))
+                elements[-1].properties.append(Property(name, TYPES[kind], ""))
             case ["ply"] | ["comment", *_] | ["obj_info", *_]:
                 pass
             case _:
@@ -139,7 +147,7 @@ def _read_header(file: BinaryIO) -> tuple[str, list[_Element]]:
     raise ValueError("its header has no end")
 
 
-def _read_corners(file: BinaryIO, element: _Element, *, order: str) -> Iterator[np.ndarray]:
+def _read_corners(file: BinaryIO, element: Element, *, order: str) -> Iterator[np.ndarray]:
     """Read an element to its end and yield its vertex indices, in arrays of any shape."""
     wanted = [n for n, one in enumerate(element.properties) if one.name in CORNERS and element.name == "face"]
     if order == "":
@@ -162,7 +170,7 @@ def _read_corners(file: BinaryIO, element: _Element, *, order: str) -> Iterator[
         yield from _read_lists(file, element, order=order, wanted=wanted)
 
 
-def _read_lists(file: BinaryIO, element: _Element, *, order: str, wanted: list[int]) -> Iterator[np.ndarray]:
+def _read_lists(file: BinaryIO, element: Element, *, order: str, wanted: list[int]) -> Iterator[np.ndarray]:
     """Read the rows of an element that has lists, and yield its vertex indices.
 
     Rows whose lists have the same lengths are read together; their number doubles as long as the lengths do not change.
@@ -192,7 +200,7 @@ def _read_lists(file: BinaryIO, element: _Element, *, order: str, wanted: list[i
         at_once = min(2 * at_once, MAX_ROWS) if kept == rows.size else MIN_ROWS
 
 
-def _read_lengths(file: BinaryIO, element: _Element, *, order: str) -> list[int]:
+def _read_lengths(file: BinaryIO, element: Element, *, order: str) -> list[int]:
     """Read one row and return the number of values of each property, 1 if it is not a list."""
     lengths = []
     for one in element.properties:

@@ -1,20 +1,19 @@
 """A scene round a mesh file: the mesh is placed in front of the lens, or refused with how to convert it."""
 
 import base64
-import importlib.util
 import json
 import struct
 
 import numpy as np
 import pytest
+import trimesh
+from mesh_cards import Gltf
 from refusals import assert_says, refusal
 
 from saf_gen.authoring.template import scene_from_export
-from saf_gen.render.mitsuba_scene import mesh_extent
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.scene.xml import read_scene_xml
 
-needs_trimesh = pytest.mark.skipif(importlib.util.find_spec("trimesh") is None, reason="the extra mesh is missing")
 # A wedge 2 wide, 4 high and 1 deep, away from the origin.
 CORNERS = np.array([[1, 1, 1], [3, 1, 1], [1, 5, 1], [1, 1, 2]], dtype=np.float32)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype=np.uint16)
@@ -52,16 +51,9 @@ def here(own_folder):
 
 
 def shapes_of(name):
-    """Return the extent of each target shape, float64 (2, 3), from its file and the numbers in scene.xml."""
-    folder = find_scene(name).folder
-    text = (folder / "scene.xml").read_text()
-    extents = {}
-    for target in find_scene(name).card.target:
-        shape = text.split(f'id="{target}">')[1].split("</shape>")[0]
-        numbers = [float(part.split('"')[0]) for part in shape.split("<transform")[1].split('="')[2:6]]
-        file = shape.split('value="')[1].split('"')[0]
-        extents[target] = (mesh_extent(folder / file) + numbers[:3]) * numbers[3]
-    return extents
+    """Return the extent of each target shape, in metres, float64 (2, 3), as trimesh reads it."""
+    scene = find_scene(name)
+    return {target: trimesh.load_mesh(scene.folder / f"meshes/{target}.ply").bounds for target in scene.card.target}
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".OBJ"])
@@ -69,7 +61,7 @@ def test_a_mesh_stands_round_the_origin_with_a_largest_side_of_a_decimetre(here,
     (here / f"wedge{suffix}").write_text(OBJ)
     written = scene_from_export(here / f"wedge{suffix}", "wedge", root=here / "scenes")
     names = {path.relative_to(here / "scenes/wedge").as_posix() for path in written}
-    assert names == {"scene.xml", "scene.yaml", "SOURCE.md", "meshes/mesh.obj"}
+    assert names == {"scene.xml", "scene.yaml", "SOURCE.md", "meshes/mesh.ply"}
     ((target, extent),) = shapes_of("wedge").items()
     assert target == "mesh"
     assert extent == pytest.approx(np.array([[-0.025, -0.05, -0.0125], [0.025, 0.05, 0.0125]]), abs=1e-7)
@@ -79,7 +71,6 @@ def test_a_mesh_stands_round_the_origin_with_a_largest_side_of_a_decimetre(here,
     assert "scaled by 0.025" in (here / "scenes/wedge/SOURCE.md").read_text()
 
 
-@needs_trimesh
 def test_the_meshes_of_a_gltf_file_stay_where_its_scene_places_them_with_their_colour(here):
     material = {"pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.4, 0.8, 1.0]}}
     (here / "two.gltf").write_text(json.dumps(make_gltf(("lamp", "Cup 1"), material)))
@@ -94,9 +85,7 @@ def test_the_meshes_of_a_gltf_file_stay_where_its_scene_places_them_with_their_c
     assert colour == pytest.approx([0.2, 0.4, 0.8], abs=1 / 255)
 
 
-@needs_trimesh
 def test_a_base_texture_is_copied_with_its_coordinates(here):
-    import trimesh
     from PIL import Image
 
     picture = Image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
@@ -107,10 +96,9 @@ def test_a_base_texture_is_copied_with_its_coordinates(here):
     scene_from_export(here / "printed.glb", "printed", root=here / "scenes")
     folder = here / "scenes/printed"
     assert np.array_equal(np.asarray(Image.open(folder / "textures/mesh_printed.png")), np.asarray(picture))
-    lines = (folder / "meshes/mesh_printed.obj").read_text().splitlines()
-    shown = {tuple(map(float, line.split()[1:3])) for line in lines if line.startswith("vt ")}
-    assert shown == {(0, 0), (1, 0), (0, 1), (0.5, 0.25)}
-    assert not [line for line in lines if line.startswith(("mtllib", "usemtl"))]
+    vertices = trimesh.load_mesh(folder / "meshes/mesh_printed.ply").metadata["_ply_raw"]["vertex"]["data"]
+    shown = {(float(s), float(t)) for s, t in vertices[["s", "t"]]}
+    assert shown == {(0, 1), (1, 1), (0, 0), (0.5, 0.75)}  # trimesh's v points up, and that of glTF down
     assert "textures/mesh_printed.png" in (folder / "scene.xml").read_text()
 
 
@@ -124,10 +112,8 @@ def test_a_base_texture_is_copied_with_its_coordinates(here):
         ("a.ply", b"ply\n", "a.ply: the mesh is damaged: its header has no end"),
         ("a.obj", b"v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "the mesh has no size"),
         ("a.obj", b"v 1 1 1\nv nan 1 1\nv 1 2 1\nf 1 2 3\n", "a.obj: "),
-        pytest.param(
-            "a.glb", struct.pack("<4sII", b"glTF", 7, 12), "trimesh cannot read the mesh", marks=needs_trimesh
-        ),
-        pytest.param("a.stl", b"solid\nendsolid\n", "a.stl: ", marks=needs_trimesh),
+        ("a.glb", struct.pack("<4sII", b"glTF", 7, 12), "not a complete GLB"),
+        ("a.stl", b"solid\nendsolid\n", "a.stl: the file has no mesh with a face"),
     ],
 )
 def test_a_mesh_that_cannot_be_placed_is_refused_and_leaves_nothing(here, name, content, message):
@@ -137,8 +123,18 @@ def test_a_mesh_that_cannot_be_placed_is_refused_and_leaves_nothing(here, name, 
     assert not (here / "scenes").exists()
 
 
-def test_a_missing_extra_is_refused_with_what_to_install(here, monkeypatch):
-    (here / "a.glb").write_bytes(b"glTF")
-    monkeypatch.setattr("saf_gen.core.extras.find_spec", lambda _: None)
-    error = refusal(scene_from_export, here / "a.glb", "mine", root=here / "scenes")
-    assert_says(error, "reading .glb files needs the package trimesh | pip install 'saf-gen[mesh]'")
+def test_the_command_says_what_it_leaves_out_and_a_refusal_is_one_line(here, call):
+    file = Gltf()
+    file.add_card(
+        material=file.add_material(name="car", extensions={"KHR_materials_clearcoat": {"clearcoatFactor": 1}})
+    )
+    file.save(here / "car.glb")
+    code, out, err = call("scenes", "new", "car", "--from", "car.glb")
+    assert (code, err) == (0, "")
+    assert "\nclearcoat ignored: car\n" in out
+    file.json["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    file.save(here / "van.glb")
+    code, out, err = call("scenes", "new", "van", "--from", "van.glb")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "van.glb: the file requires KHR_draco_mesh_compression" in err
+    assert not (here / "scenes/van").exists()
