@@ -107,6 +107,7 @@ def load_lit_scene(
     lit = {name: entry for name, entry in lit.items() if entry is not None}
     lit = dict(_keyed(name, entry, taken=lit) for name, entry in lit.items())
     try:
+        lit = {name: _with_pictures(entry) for name, entry in lit.items()}
         # One thread loads the scene: several would number the shapes in the order in which they finish. These
         # numbers are part of a kernel's code, so every load would compile its kernels again.
         with on_one_thread():
@@ -143,6 +144,17 @@ def _keyed(name: str, entry: Any, *, taken: Mapping[str, Any]) -> tuple[str, Any
     while key in taken:
         key += "_"
     return key, {"id": name, **entry}
+
+
+def _with_pictures(entry: Any) -> Any:
+    """Return an entry with its OpenEXR pictures read, which takes several threads: on one, Mitsuba waits for ever."""
+    if not isinstance(entry, dict):
+        return entry
+    file = entry.get("filename")
+    if _plugin_name(entry) in ("bitmap", "envmap") and isinstance(file, str) and file.lower().endswith(".exr"):
+        rest = {key: value for key, value in entry.items() if key != "filename"}
+        return {**rest, "bitmap": mi.Bitmap(str(mi.file_resolver().resolve(file)))}
+    return {key: _with_pictures(value) for key, value in entry.items()}
 
 
 def _plugin_name(entry: Any) -> str | None:
