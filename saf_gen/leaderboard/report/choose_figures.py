@@ -4,7 +4,6 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from hashlib import sha256
 from math import isfinite, nan
 from typing import Any
 
@@ -169,7 +168,7 @@ def _plot_errors_by_scene(records: Sequence[Record], *, first: Sequence[tuple[st
             plot_errors(group, title=f"{scene}: errors"),
             kind="errors",
             scene=scene,
-            subject=scene.replace(" (", "_").removesuffix(")"),
+            subject=scene,
             label=f"Errors on {scene}",
             omission=omission,
         )
@@ -250,10 +249,8 @@ def _label_scene(split: str | None, scene: str) -> str:
 
 
 def _finish(figure: Figure, *, kind: str, scene: str, subject: str, label: str, omission: str = "") -> ReportFigure:
-    """Return the figure as SVG, with a name made from its kind and subject, which no other subject shares."""
+    """Return the figure as SVG, with a name made from its kind and subject."""
     name = re.sub(r"[^\w.-]+", "_", f"{kind}-{subject}").strip("._")
-    if name != f"{kind}-{subject}":  # another subject may differ only in what was replaced
-        name += f"-{sha256(subject.encode()).hexdigest()[:6]}"
     return ReportFigure(name, scene, kind, label, plot_to_svg(figure, name=name), figure, omission=omission)
 
 
