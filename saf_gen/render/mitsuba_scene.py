@@ -153,7 +153,7 @@ def _with_pictures(entry: Any) -> Any:
     file = entry.get("filename")
     if _plugin_name(entry) in ("bitmap", "envmap") and isinstance(file, str) and file.lower().endswith(".exr"):
         rest = {key: value for key, value in entry.items() if key != "filename"}
-        return {**rest, "bitmap": mi.Bitmap(str(mi.file_resolver().resolve(file)))}
+        return {**rest, "bitmap": mi.Bitmap(str(mi.file_resolver().resolve(file)))}  # type: ignore[operator]
     return {key: _with_pictures(value) for key, value in entry.items()}
 
 

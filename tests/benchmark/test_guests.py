@@ -1,8 +1,12 @@
 """Methods of others run as guests: whatever they do, only their own runs fail, and they see counts and positions."""
 
 import importlib.util
+import os
 import re
 import shutil
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -346,3 +350,26 @@ def test_paths_with_blanks_and_signs_work(tmp_path, run, path):
 )
 def test_a_plus_in_a_path_is_no_sign_of_a_method(name, halves):
     assert split_halves(name) == halves
+
+
+def test_a_killed_evaluator_leaves_no_guest_and_no_folder(tmp_path):
+    (tmp_path / "mine.py").write_text("def mine(counts):\n    return float(counts.var())\n")
+    code = (
+        "import os, signal; from saf_gen.benchmark.admission import admit_method;"
+        f"guest = admit_method({f'{tmp_path}/mine.py:mine+argmax'!r}).guest._process;"
+        "print(guest._process.pid, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and (list(tmp_path.glob("saf-gen-guest-*")) or is_running(int(run.stdout))):
+        time.sleep(0.05)
+    assert list(tmp_path.glob("saf-gen-guest-*")) == []
+    assert not is_running(int(run.stdout))
+
+
+def is_running(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

@@ -121,12 +121,17 @@ class GuestProcess:
         inherited = [self._memory.descriptor] if self._memory.descriptor >= 0 else []
         work = self._folder / "work"
         work.mkdir()
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "saf_gen.benchmark.guests.process", str(self._memory.descriptor),
-             self._memory.path],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=work,
-            env=_environment(self._folder), pass_fds=inherited, start_new_session=True,
-        )  # fmt: skip
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "saf_gen.benchmark.guests.process", str(self._memory.descriptor),
+                 self._memory.path],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=work,
+                env=_environment(self._folder), pass_fds=inherited, start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            self._memory.close()
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise GuestLost(f"its process cannot be started: {error.strerror or error}") from error
         atexit.register(self.close)
         self._incoming = MessageReader(self._process.stdout)  # type: ignore[arg-type]
         threading.Thread(target=self._drain, daemon=True).start()

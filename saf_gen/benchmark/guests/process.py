@@ -5,6 +5,7 @@ closes for the method. It has neither the path nor the truth of a recording.
 """
 
 import os
+import shutil
 import sys
 import threading
 import time
@@ -29,7 +30,7 @@ class Line:
 
     def __init__(self, incoming: BinaryIO, outgoing: BinaryIO, *, memory: SharedMemory) -> None:
         self._incoming, self._outgoing, self.memory = incoming, outgoing, memory
-        self._owner, self.run = os.getpid(), 0
+        self._owner, self.run, self._folder = os.getpid(), 0, Path.cwd().parent
 
     def send(self, message: dict[str, Any]) -> None:
         """Send a message of the current run; a copy of this process, made by a method that forks, ends here."""
@@ -41,7 +42,8 @@ class Line:
         """Return the next message that is no ping; the process ends if the evaluator is gone."""
         while True:
             message = read_message(self._incoming)
-            if message is None:
+            if message is None:  # the evaluator was killed, or its folder would be gone already
+                shutil.rmtree(self._folder, ignore_errors=True)
                 os._exit(0)
             if "ping" not in message:
                 return message
