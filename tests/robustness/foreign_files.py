@@ -24,6 +24,8 @@ from saf_gen.stream.stream_file import open_stream
 
 SIZES = [(250, 400), (400, 600), (256, 448), (128, 128), (200, 500), (500, 200), (240, 320), (100, 125), (36, 64)]
 CONTENTS = ("texture", "fine", "coarse", "bright", "moving light", "dim", "flat", "random", "dark")
+PADDED = "padded rows"
+"""Content of arrays whose rows end in bits that fill the last byte: they look like dark columns."""
 TEXTURED = CONTENTS[:5]
 """Contents that show how they are stored."""
 
@@ -107,6 +109,8 @@ def write_array(random: np.random.Generator, path: Path, spikes: np.ndarray, con
     if axes == "YXT":
         array = np.moveaxis(array, 0, 2)
     options["axes"] = axes
+    if layout == "packed-x" and spikes.shape[2] % 8:
+        content = PADDED
     if path.suffix == ".mat":
         savemat(
             path,
@@ -168,7 +172,7 @@ def main() -> int:
     asked = parser.parse_args()
     found, faults = run(asked.count, asked.seed)
     for how in ("unasked", "with options"):
-        for content in CONTENTS:
+        for content in (*CONTENTS, PADDED):
             counts = {verdict: found[content, how, verdict] for verdict in ("read", "asked", "wrong")}
             print(f"{how:13} {content:13} " + "  ".join(f"{name} {n}" for name, n in counts.items()))
     shown = sum(found[c, "unasked", "read"] for c in TEXTURED)
