@@ -115,7 +115,7 @@ def to_levels(planes: list[np.ndarray], pix_fmt: str, matrix: int, size: tuple[i
     if pix_fmt.startswith("yuvj"):
         return planes[0] / 255
     luma = (planes[0] / step - 16) / 219
-    if planes[1].shape != planes[0].shape or not (planes[1] != 128 * step).any():
+    if planes[1].shape != planes[0].shape:  # only grey is written so
         return np.clip(luma, 0, 1)
     red_share, blue_share = MATRICES[matrix]
     blue = luma + (2 - 2 * blue_share) * (planes[1] / step - 128) / 224
