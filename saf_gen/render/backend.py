@@ -104,6 +104,19 @@ def activate_backend(name: str, *, threads: int | None = None) -> None:
     mi.set_variant(MITSUBA_VARIANTS[name])
 
 
+def read_picture(file: str) -> mi.Bitmap:
+    """Return a picture that Mitsuba reads.
+
+    It hands parts of an OpenEXR file to other threads, and if there is only one, it waits for ever. Raises RuntimeError if the file cannot be read.
+    """
+    threads = dr.thread_count()
+    dr.set_thread_count(max(threads, 2))
+    try:
+        return mi.Bitmap(file)
+    finally:
+        dr.set_thread_count(threads)
+
+
 @contextmanager
 def on_one_thread() -> Iterator[None]:
     """Let Mitsuba compute the normals of smooth meshes on one thread.

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput, unknown
-from saf_gen.render.backend import on_one_thread
+from saf_gen.render.backend import on_one_thread, read_picture
 from saf_gen.render.mitsuba_words import load_refusal, parse_refusal
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
@@ -153,7 +153,7 @@ def _with_pictures(entry: Any) -> Any:
     file = entry.get("filename")
     if _plugin_name(entry) in ("bitmap", "envmap") and isinstance(file, str) and file.lower().endswith(".exr"):
         rest = {key: value for key, value in entry.items() if key != "filename"}
-        return {**rest, "bitmap": mi.Bitmap(str(mi.file_resolver().resolve(file)))}  # type: ignore[operator]
+        return {**rest, "bitmap": read_picture(str(mi.file_resolver().resolve(file)))}  # type: ignore[operator]
     return {key: _with_pictures(value) for key, value in entry.items()}
 
 
