@@ -107,7 +107,8 @@ def activate_backend(name: str, *, threads: int | None = None) -> None:
 def read_picture(file: str) -> mi.Bitmap:
     """Return a picture that Mitsuba reads.
 
-    It hands parts of an OpenEXR file to other threads, and if there is only one, it waits for ever. Raises RuntimeError if the file cannot be read.
+    It hands parts of an OpenEXR file to other threads, and if there is only one, it waits for ever. Raises
+    RuntimeError if the file cannot be read.
     """
     threads = dr.thread_count()
     dr.set_thread_count(max(threads, 2))

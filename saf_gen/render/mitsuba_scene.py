@@ -203,7 +203,7 @@ def _is_bsdf(value: Any) -> bool:
     plugin = _plugin_name(value)
     if plugin is None or plugin == "ref" or any(plugin in names for names in ALLOWED_PLUGINS.values()):
         return isinstance(value, mi.BSDF) or plugin == "ref" or plugin in ALLOWED_PLUGINS["bsdf"]
-    return isinstance(mi.load_dict(value), mi.BSDF)
+    return isinstance(mi.load_dict(_with_pictures(value)), mi.BSDF)
 
 
 UNPOSABLE_TYPES = ("constant", "shapegroup")  # entries on which a pose would have no effect
