@@ -3,7 +3,6 @@
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,8 @@ from saf_gen.benchmark.method_spec import (
     of_method,
     parse_method,
     parse_options,
-    read_tuned,
     split_method,
-    split_region,
+    tuned_method,
 )
 from saf_gen.benchmark.search_run import run_search
 from saf_gen.benchmark.view.restricted_view import MeteredScorer
@@ -37,15 +35,7 @@ def admit_method(spec: str, limits: Limits | None = None) -> Method:
     Raises BadInput as :func:`parse_method` does.
     """
     if spec.startswith("@"):
-        path, region = split_region(spec[1:])
-        tuned, digest = read_tuned(path)
-        if tuned.method.startswith("@"):
-            raise BadInput(
-                f"{spec[1:]} names another tuned file, {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file"
-            )
-        method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
-        with refuse_code(path):
-            return replace(admit_method(method, limits), tuning=digest)
+        return tuned_method(spec, lambda name: admit_method(name, limits))
     halves, text, region = split_method(spec)
     parsed = [parse_options(half, spec) for half in halves]
     kinds = ("measures", "searches")

@@ -8,7 +8,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from inspect import signature
 from pathlib import Path
@@ -146,15 +146,7 @@ def parse_method(spec: str) -> Method:
         If the name is malformed, if the measure, search or region is unknown, or if a plug-in refuses its options.
     """
     if spec.startswith("@"):
-        path, region = split_region(spec[1:])
-        tuned, digest = read_tuned(path)
-        if tuned.method.startswith("@"):
-            raise BadInput(
-                f"{spec[1:]} names another tuned file, {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file"
-            )
-        method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
-        with refuse_code(path):
-            return replace(parse_method(method), tuning=digest)
+        return tuned_method(spec, parse_method)
     halves, text, region = split_method(spec)
     measure, search = (parse_options(half, spec) for half in halves)
     try:
@@ -162,6 +154,19 @@ def parse_method(spec: str) -> Method:
     except BadInput as error:
         raise of_method(error, spec) from None
     return replace(built, name=f"{text}@{region}" if region else text, region=region)
+
+
+def tuned_method(spec: str, parse: Callable[[str], Method]) -> Method:
+    """Return the method of a tuned file, ``@FILE[@REGION]``, as ``parse`` makes it of the name in the file."""
+    path, region = split_region(spec[1:])
+    tuned, digest = read_tuned(path)
+    if tuned.method.startswith("@"):
+        raise BadInput(
+            f"{spec[1:]} names another tuned file, {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file"
+        )
+    method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
+    with refuse_code(path):
+        return replace(parse(method), tuning=digest)
 
 
 def of_method(error: BadInput, spec: str) -> BadInput:

@@ -145,9 +145,14 @@ class Guest:
                 raise
             except (GuestLost, BadInput) as error:
                 self.close()
-                if isinstance(error, BadInput) and error.where == stream_path:
+                if isinstance(error, BadInput) and stream_path and error.where == stream_path:
                     raise
                 return Answer(), to_one_line(str(error))
+            except (
+                BaseException
+            ):  # the evaluator's own: the guest still waits for a reply, and would take the next for it
+                self.close()
+                raise
             return answer, problem
 
     def close(self) -> None:
