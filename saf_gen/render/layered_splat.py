@@ -13,6 +13,10 @@ of the disc, and nearly the fourth: no edge within a layer becomes wider, and th
 also move the outlines of what is in front of them, which is as sharp as *its* blur. The fraction that a layer covers is
 therefore counted where paths land, and smoothed by a Gaussian so narrow that it needs no correction.
 
+Behind the outline of something much sharper, a part of the lens is covered. What is seen through the rest changes from
+pixel to pixel, however blurred it is. A pixel with both, and those around it whose paths would be moved across, are not
+smoothed: they are the plain mean of their paths, and no other pixel gets any of these.
+
 References
 ----------
 K. Vaidyanathan, J. Munkberg, P. Clarberg and M. Salvi, "Layered light field reconstruction for defocus blur", ACM
@@ -31,6 +35,7 @@ from saf_gen.render.surface_hits import Distances
 
 SMOOTHING = 0.2  # standard deviation of the Gaussian divided by that of the smallest disc of a layer
 COVERAGE_SMOOTHING = 0.1  # the same for the fraction that a layer covers; its edges become wider by 0.5 % at most
+SHARPER_LAYERS = 2  # a layer in front whose blur is so many layers smaller covers a part of the lens, pixel by pixel
 MIN_BLUR = 3.0  # pixels; paths with less blur are not smoothed
 LAYERS_PER_OCTAVE = 2
 OCTAVES = 5
@@ -87,7 +92,9 @@ class LayeredSums:
         focus, rows, columns = shape
         workers = max(1, min(nb.get_num_threads(), ACCUMULATOR_BYTES // self.bytes_needed(shape, max_radiance.size)))
         self._sums = np.zeros((workers, focus, LAYERS, rows, columns, max_radiance.size), dtype=np.int64)
-        self._landed = np.zeros(self._sums.shape[:-1], dtype=np.int32)  # number of paths where they were not moved
+        # Where moved paths landed: their number in each layer, and their sums in all layers together.
+        self._landed = np.zeros(self._sums.shape[:-1], dtype=np.int32)
+        self._unmoved = np.zeros((workers, focus, rows, columns, max_radiance.size), dtype=np.int64)
         self._scale, self._max_radiance = scale, max_radiance
         self._blur = tuple(
             np.asarray(array, dtype=np.float32) for array in (blur.diameter, blur.inverse_distance, blur.shift)
@@ -96,7 +103,7 @@ class LayeredSums:
     @staticmethod
     def bytes_needed(shape: tuple[int, int, int], groups: int) -> int:
         """Return the size of one worker's sums, in bytes."""
-        return (8 * groups + 4) * math.prod(shape) * LAYERS
+        return ((8 * groups + 4) * LAYERS + 8 * groups) * math.prod(shape)
 
     @classmethod
     def sums_in_layers(cls, shape: tuple[int, int, int], groups: int) -> bool:
@@ -121,7 +128,7 @@ class LayeredSums:
             sharpest of these; surfaces between the nearest and the farthest may be at any distance.
         """
         _add_paths(
-            (self._sums, self._landed),
+            (self._sums, self._landed, self._unmoved),
             (line.first_x, line.first_y, line.step_x, line.step_y),
             radiance,
             (self._scale, self._max_radiance),
@@ -137,7 +144,7 @@ class LayeredSums:
         _, focus, _, rows, columns, groups = self._sums.shape
         out = np.empty((groups, focus, rows, columns), dtype=np.float32)
         for k in range(focus):
-            _compose(self._sums, self._landed, self._scale, position=k, out=out)
+            _compose((self._sums, self._landed, self._unmoved), self._scale, position=k, out=out)
         return out
 
 
@@ -147,6 +154,8 @@ BLURS = MIN_BLUR * 2.0 ** (np.arange(SIDE_LAYERS) / LAYERS_PER_OCTAVE)
 GAUSSIANS = np.concatenate([[0.0], SMOOTHING * BLURS / 4])
 """Standard deviation (pixels) of the Gaussian of the focused layer, then of the layers on either side."""
 COVERAGE_GAUSSIANS = GAUSSIANS * (COVERAGE_SMOOTHING / SMOOTHING)
+REACHES = np.ceil(0.75 * SMOOTHING * 4 * GAUSSIANS).astype(np.int64)
+"""How far (pixels, rounded up) a path of the focused layer, then of the layers on either side, is moved."""
 
 
 @nb.njit(inline="always")
@@ -184,7 +193,7 @@ def _inward(s2, r2):
 
 
 @nb.njit(nogil=True, cache=True)
-def _add_some(sums, landed, a, b, line, values, units, begin, end, weight, points, nearest, farthest, blurs):
+def _add_some(sums, landed, unmoved, a, b, line, values, units, begin, end, weight, points, nearest, farthest, blurs):
     first_x, first_y, step_x, step_y = line
     scale, max_radiance = units
     end_at, lens_x, lens_y = points
@@ -218,6 +227,8 @@ def _add_some(sums, landed, a, b, line, values, units, begin, end, weight, point
                     layer = SIDE_LAYERS - step if blur > 0 else SIDE_LAYERS + step
                     if 0 <= row < rows and 0 <= column < columns:
                         landed[k, layer, row, column] += times
+                        for g in range(groups):
+                            unmoved[k, row, column, g] += words[g]
                     ratio, r2 = np.float32(4 * GAUSSIANS[step]) / blur, lens_x[i] * lens_x[i] + lens_y[i] * lens_y[i]
                     inward = np.float32(0.5) * blur * _inward(ratio * ratio, r2)
                     column, row = math.floor(x - inward * lens_x[i]), math.floor(y - inward * lens_y[i])
@@ -228,12 +239,12 @@ def _add_some(sums, landed, a, b, line, values, units, begin, end, weight, point
 
 
 @nb.njit(parallel=True, cache=True)
-def _add_paths(sums_and_landed, line, values, units, begin, end, weight, points, nearest, farthest, blurs):
-    sums, landed = sums_and_landed
+def _add_paths(all_sums, line, values, units, begin, end, weight, points, nearest, farthest, blurs):
+    sums, landed, unmoved = all_sums
     workers, paths = sums.shape[0], values.shape[1]
     for worker in nb.prange(workers):
         a, b = paths * worker // workers, paths * (worker + 1) // workers
-        here = sums[worker], landed[worker]
+        here = sums[worker], landed[worker], unmoved[worker]
         _add_some(*here, a, b, line, values, units, begin, end, weight, points, nearest, farthest, blurs)
 
 
@@ -255,20 +266,22 @@ def gaussian_taps(sigma: float) -> np.ndarray:
     return taps / (taps[0] + 2 * taps[1:].sum())
 
 
-def _compose(sums: np.ndarray, landed: np.ndarray, scale: np.ndarray, *, position: int, out: np.ndarray) -> None:
+def _compose(all_sums: tuple[np.ndarray, ...], scale: np.ndarray, *, position: int, out: np.ndarray) -> None:
     """Fill in the image of one position in ``out``, float32 (light, focus, row, col), from the sums of all positions.
 
     Kernels get complete arrays: slices have various memory layouts, each of which would need a separate compilation.
     """
-    planes, here, samples = _split_layers(sums, landed, position, scale)
+    planes, here, plain, samples = _split_layers(*all_sums, position, scale)
     layers = np.flatnonzero(samples)
-    planes, here = planes[layers], here[layers]
+    planes, here, steps = planes[layers], here[layers], np.abs(layers - SIDE_LAYERS)
+    mixed = _find_mixed(here, steps, REACHES[steps])
+    planes *= ~mixed[:, None]
     rest = np.cumsum(here[::-1], axis=0)[::-1]  # samples of a layer and of all behind it
     coverage = np.stack([here, rest], axis=1)
-    steps = np.abs(layers - SIDE_LAYERS)
+    is_plain = (mixed & (here > 0)).any(axis=0)
     _smooth(planes, *_stack_taps(GAUSSIANS[steps]))
     _smooth(coverage, *_stack_taps(COVERAGE_GAUSSIANS[steps]))
-    _composite_layers(planes, coverage, position, out)
+    _composite_layers(planes, coverage, (plain, is_plain), position, out)
 
 
 def _stack_taps(sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -282,22 +295,23 @@ def _stack_taps(sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @nb.njit(parallel=True, cache=True)
-def _split_layers(sums, landed, k, scale):
-    """Return the sums at position ``k`` as float32 (layer, light + 1, row, col), and the samples per layer and pixel.
+def _split_layers(sums, landed, unmoved, k, scale):
+    """Return the sums at position ``k``: those of layers, samples that landed, the plain mean, and samples per layer.
 
-    The first planes of a layer hold the radiance of each light group; the last one holds the number of samples. Samples
-    per pixel, float32 (layer, row, col), are counted where they landed; those per layer, (layer,), where they were
-    moved to.
+    The first planes of a layer, float32 (layer, light + 1, row, col), hold the radiance of each light group; the last
+    one holds the number of samples where they were moved to. Samples that landed are float32 (layer, row, col), the
+    plain mean of all paths float32 (light, row, col), and the samples per layer float64 (layer,).
     """
     workers, _, layers, rows, columns, groups = sums.shape
     mask = (np.int64(1) << COUNT_BITS) - 1
     planes = np.empty((layers, groups + 1, rows, columns), np.float32)
     here = np.empty((layers, rows, columns), np.float32)
+    plain = np.empty((groups, rows, columns), np.float32)
     samples = np.zeros((rows, layers))
     for row in nb.prange(rows):
         for layer in range(layers):
             for column in range(columns):
-                count, unmoved = np.int64(0), np.int64(0)
+                count, all_landed = np.int64(0), np.int64(0)
                 for g in range(groups):
                     total = np.int64(0)
                     for worker in range(workers):
@@ -305,11 +319,40 @@ def _split_layers(sums, landed, k, scale):
                     planes[layer, g, row, column] = (total >> COUNT_BITS) / scale[g]
                     count = total & mask
                 for worker in range(workers):
-                    unmoved += landed[worker, k, layer, row, column]
+                    all_landed += landed[worker, k, layer, row, column]
                 planes[layer, groups, row, column] = count
-                here[layer, row, column] = count if layer == SIDE_LAYERS else unmoved
+                here[layer, row, column] = count if layer == SIDE_LAYERS else all_landed
                 samples[row, layer] += count
-    return planes, here, samples.sum(axis=0)
+        for column in range(columns):
+            for g in range(groups):
+                total = np.int64(0)
+                for worker in range(workers):
+                    total += unmoved[worker, k, row, column, g] + sums[worker, k, SIDE_LAYERS, row, column, g]
+                plain[g, row, column] = (total >> COUNT_BITS) / (scale[g] * max(total & mask, 1))
+    return planes, here, plain, samples.sum(axis=0)
+
+
+@nb.njit(parallel=True, cache=True)
+def _find_mixed(here, steps, reaches):
+    """Return which pixels of a layer are not smoothed, bool (layer, row, col).
+
+    These are the pixels that it shares with a much sharper layer in front of it, and those within ``reaches`` of them,
+    int64 (layer,). ``steps``, int64 (layer,), is how many layers away from the focused one each layer is.
+    """
+    layers, rows, columns = here.shape
+    mixed = np.zeros(here.shape, np.bool_)
+    for layer in nb.prange(layers):
+        reach = reaches[layer]
+        for front in range(layer):
+            if steps[layer] - steps[front] < SHARPER_LAYERS:
+                continue
+            for row in range(rows):
+                for column in range(columns):
+                    if here[front, row, column] > 0 and here[layer, row, column] > 0:
+                        mixed[
+                            layer, max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1
+                        ] = True
+    return mixed
 
 
 @nb.njit(parallel=True, cache=True)
@@ -344,14 +387,17 @@ def _smooth(planes, taps, sizes):
 
 
 @nb.njit(parallel=True, cache=True)
-def _composite_layers(planes, coverage, k, out):
+def _composite_layers(planes, coverage, plain_pixels, k, out):
     """Composite layers from front to back: each covers a part of the area that those in front of it leave free."""
+    plain, is_plain = plain_pixels
     layers, groups = planes.shape[0], planes.shape[1] - 1
     for row in nb.prange(planes.shape[2]):
         for column in range(planes.shape[3]):
             free = np.float32(1)
             for g in range(groups):
-                out[g, k, row, column] = 0
+                out[g, k, row, column] = plain[g, row, column] if is_plain[row, column] else np.float32(0)
+            if is_plain[row, column]:
+                continue
             for layer in range(layers):
                 count, here = planes[layer, groups, row, column], coverage[layer, 0, row, column]
                 if count > 0 and here > 0:

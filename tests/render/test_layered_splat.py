@@ -284,7 +284,7 @@ def picture_of_edge(own_blur, blur_behind, *, textured=False):
     if blur_behind is not None:
         distance[~hit] = distance_of(blur_behind)
         if textured:
-            light = np.where(hit, 0.2, 1 + 0.5 * np.sin((x - blur_behind / 2 * lens[0]) * 4 / abs(blur_behind)))
+            light = np.where(hit, 0.2, 1 + 0.5 * np.sin((x - blur_behind / 2 * lens[0]) * 4 / max(abs(blur_behind), 1)))
     layers = add_all((1, rows, columns), (still(x, y), lens, distance, light))[0, 0].mean(axis=0, dtype=np.float64)
     seen = (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
     column = x[seen].astype(int)
