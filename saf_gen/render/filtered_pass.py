@@ -32,10 +32,11 @@ import numpy as np
 from saf_gen.core import seeds
 from saf_gen.render import one_pass
 from saf_gen.render.camera_rays import CameraRays, cast_rays, land_on_sensor
-from saf_gen.render.layered_splat import MAX_POSITIONS, BlurScale, LayeredSums
+from saf_gen.render.layered_splat import BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
 from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
+from saf_gen.stack.focal_stack import LAYERED_POSITIONS
 
 PRIMARY_RAYS = 6  # camera rays per light path
 RAYS_INTO_LIGHT = 3  # the number in layers, if most rays end straight in light: only texture is left to chance
@@ -136,7 +137,7 @@ def render_with_shading(
     finder = SurfaceFinder(first, emitting=emitting)
     rays_per_path = 1  # if little is shared, rays that are not traced on would contribute little
     if shading.unshared < 0.5:
-        blurred = focus.size <= MAX_POSITIONS  # summed in layers, which average over blur
+        blurred = focus.size <= LAYERED_POSITIONS  # summed in layers, which average over blur
         rays_per_path = RAYS_INTO_LIGHT if blurred and shading.in_light > 0.5 else PRIMARY_RAYS
     samples *= rays_per_path if rays_per_path > 1 else UNSHARED_PATHS
 

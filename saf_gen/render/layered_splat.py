@@ -32,16 +32,16 @@ import numpy as np
 from saf_gen.optics import Drive
 from saf_gen.render.host_splat import ACCUMULATOR_BYTES, COUNT_BITS, TracedPaths
 from saf_gen.render.surface_hits import Distances
+from saf_gen.stack.focal_stack import LAYERED_POSITIONS
 
 SMOOTHING = 0.2  # standard deviation of the Gaussian divided by that of the smallest disc of a layer
 COVERAGE_SMOOTHING = 0.1  # the same for the fraction that a layer covers; its edges become wider by 0.5 % at most
 SHARPER_LAYERS = 2  # a layer in front whose blur is so many layers smaller covers a part of the lens, pixel by pixel
-MIN_BLUR = 3.0  # pixels; paths with less blur are not smoothed
+MIN_BLUR = 6.0  # pixels; paths with less blur are not smoothed
 LAYERS_PER_OCTAVE = 2
-OCTAVES = 5
+OCTAVES = 4
 SIDE_LAYERS = LAYERS_PER_OCTAVE * OCTAVES  # layers in front of the focused one, and as many behind it
 LAYERS = 2 * SIDE_LAYERS + 1
-MAX_POSITIONS = 16  # largest window whose paths are summed in layers
 SIGMAS = 3.0  # standard deviations at which the Gaussian is cut off
 
 
@@ -108,7 +108,7 @@ class LayeredSums:
     @classmethod
     def sums_in_layers(cls, shape: tuple[int, int, int], groups: int) -> bool:
         """Return whether stacks of this shape are summed in layers: at few positions, and if they fit in memory."""
-        return shape[0] <= MAX_POSITIONS and cls.bytes_needed(shape, groups) <= ACCUMULATOR_BYTES
+        return shape[0] <= LAYERED_POSITIONS and cls.bytes_needed(shape, groups) <= ACCUMULATOR_BYTES
 
     def add(
         self, line: TracedPaths, radiance: np.ndarray, *, lens: tuple[np.ndarray, np.ndarray], distances: Distances

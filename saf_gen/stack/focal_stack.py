@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Protocol
@@ -30,6 +30,11 @@ FORMAT = "saf-gen focal stack 2"
 UNIT = "W m^-2 sr^-1 at gain 1"
 MAX_SIDE = 1 << 13
 """Largest number of rows, columns or positions that an untrusted note may state."""
+LAYERED_POSITIONS = 16
+"""Largest number of rendered positions whose paths the filtered estimator sums in layers."""
+LAYERS_VERSION = 2
+"""Version of these sums, raised whenever the same paths would give another picture. 1 moved the outlines before blurred
+surfaces."""
 HALF_BITS = 15  # the largest half float is just below 2^16
 
 
@@ -81,6 +86,8 @@ class StackSpec:
     moments_s : tuple of float, default ()
         Moments (s) whose light paths the filtered estimator uses to find the shading of surfaces; the last is the
         moment of the stack. If empty, only paths of this moment are used.
+    layers : int, default LAYERS_VERSION
+        Version of the sums in layers; it counts only if the stack has at most LAYERED_POSITIONS.
     """
 
     scene: str
@@ -99,6 +106,7 @@ class StackSpec:
     wavelength_m: float = 0.0
     estimator: str = "filtered"
     moments_s: tuple[float, ...] = ()
+    layers: int = LAYERS_VERSION
 
     @classmethod
     def from_scene(
@@ -163,8 +171,11 @@ class StackSpec:
         return f"{self.scene}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the spec as plain data, including the kind of the drive."""
-        return {**{field.name: getattr(self, field.name) for field in fields(self)}, "drive": self.drive.as_dict()}
+        """Return the spec as plain data, including the kind of the drive, and ``layers`` if it counts and is not 1."""
+        values = {**{field.name: getattr(self, field.name) for field in fields(self)}, "drive": self.drive.as_dict()}
+        if self.layers == 1 or self.estimator != "filtered" or self.rendered_count > LAYERED_POSITIONS:
+            del values["layers"]
+        return values
 
     @classmethod
     def read(cls, root: Path, key: str) -> "StackSpec":
@@ -186,6 +197,8 @@ class StackSpec:
         sizes = (spec.rows, spec.columns, spec.positions)
         if not all(type(size) is int and 0 < size <= MAX_SIDE for size in sizes):
             raise BadInput(f"{path} states {sizes}", allowed=f"rows, columns and positions from 1 to {MAX_SIDE}")
+        if "layers" not in fields and spec.key != key:
+            spec = replace(spec, layers=1)
         if spec.key != key:
             raise BadInput(f"{path} describes another stack, {spec.key}", hint="run saf-gen generate again")
         return spec

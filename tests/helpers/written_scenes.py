@@ -42,7 +42,8 @@ def render_filtered(setups, *, samples, positions, seed=1, window=None):
 def write_scene(folder, monkeypatch, *, lens=LENS, distance_m=0.5, shapes, light, target, unit_m=1.0):
     """Write and find a scene of one light; the lens is ``distance_m`` in front of the origin and looks along +z.
 
-    ``lens`` is the card's lens. ``shapes`` is the source text of the dictionary that build() returns; it multiplies
+    ``lens`` is the card's lens. ``light`` names the emitters, separated by commas; the first also names their group.
+    ``shapes`` is the source text of the dictionary that build() returns; it multiplies
     lengths in metres by ``m``, the number of scene units per metre.
     """
     scene = folder / "made"
@@ -50,7 +51,7 @@ def write_scene(folder, monkeypatch, *, lens=LENS, distance_m=0.5, shapes, light
     (scene / "scene.yaml").write_text(
         f"id: made\ntitle: Made\nlicence: Apache-2.0\nsource: here\nunit_m: {unit_m}\n"
         f"camera: {{origin_m: [0, 0, {-distance_m}], look_at_m: [0, 0, 0]}}\n"
-        f"lens: {lens}\nlights: {{{light}: [{light}]}}\ntarget: [{target}]\n"
+        f"lens: {lens}\nlights: {{{light.partition(',')[0]}: [{light}]}}\ntarget: [{target}]\n"
     )
     (scene / "scene.py").write_text(
         "import mitsuba as mi\nimport numpy as np\n"

@@ -327,6 +327,34 @@ FAULTS = {
             "generate/test_exposure_of_moving_scenes.py::test_a_target_that_was_in_sight_only_once_is_exposed_there",
         ),
     ),
+    "outlines move with what is behind them": Fault(
+        "In time slices, the fraction that a layer covers is counted where its paths are moved to, and shared pixels are"
+        " smoothed.",
+        (
+            Change("render.layered_splat", "count if layer == SIDE_LAYERS else all_landed", "count"),
+            Change("render.layered_splat", "SHARPER_LAYERS = 2 ", "SHARPER_LAYERS = 99 "),
+        ),
+        (
+            "render/test_layered_splat.py::test_an_edge_before_a_blurred_wall_has_its_own_blur_and_place",
+            "render/test_edges_in_slices.py::test_edges_in_a_time_slice_are_those_of_the_scene_at_rest",
+        ),
+    ),
+    "smoothing doubled": Fault(
+        "Layers of time slices are smoothed by Gaussians that are twice as wide.",
+        (Change("render.layered_splat", "SMOOTHING = 0.2 ", "SMOOTHING = 0.4 "),),
+        (
+            "render/test_layered_splat.py::test_an_edge_within_a_blurred_surface_has_the_blur_of_the_surface",
+            "render/test_edges_in_slices.py::test_edges_in_a_time_slice_are_those_of_the_scene_at_rest",
+        ),
+    ),
+    "coverage smoothed twice as much": Fault(
+        "The fraction that a layer of a time slice covers is smoothed by Gaussians that are twice as wide.",
+        (Change("render.layered_splat", "COVERAGE_SMOOTHING = 0.1 ", "COVERAGE_SMOOTHING = 0.2 "),),
+        (
+            "render/test_layered_splat.py::test_an_edge_before_a_blurred_wall_has_its_own_blur_and_place",
+            "render/test_edges_in_slices.py::test_edges_in_a_time_slice_are_those_of_the_scene_at_rest",
+        ),
+    ),
     "sight ends at glass": Fault(
         "Lines of sight end at the first clear surface, so that a target behind glass is not seen.",
         (Change("render.pinhole_sight", "active[~target & (invisible | is_clear)]", "active[~target & invisible]"),),

@@ -3,9 +3,9 @@
 import numba as nb
 import numpy as np
 import pytest
+from blurred_edges import fit_edge
 from random_paths import paths, windows
 from scipy.ndimage import correlate1d
-from scipy.optimize import curve_fit
 from scipy.stats import qmc
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
@@ -14,7 +14,6 @@ from saf_gen.render.layered_splat import (
     COVERAGE_SMOOTHING,
     LAYERS,
     LAYERS_PER_OCTAVE,
-    MAX_POSITIONS,
     MIN_BLUR,
     SIDE_LAYERS,
     SMOOTHING,
@@ -23,6 +22,7 @@ from saf_gen.render.layered_splat import (
     gaussian_taps,
 )
 from saf_gen.render.surface_hits import Distances
+from saf_gen.stack.focal_stack import LAYERED_POSITIONS
 
 SCALE, MAX_RADIANCE = 2.0**22, 1e6
 DIAMETER = 100.0  # pixels times metres, for a lens focused at 1 m
@@ -240,28 +240,6 @@ def test_a_sharp_edge_before_a_blurred_wall_stays_sharp(blur):
     assert picture[:, 40:].min() > 3
 
 
-def edge_of_disc(x, blur):
-    """Light of pixels with their middles at x, across the edge of a bright half plane on a dark one, blurred by a disc.
-
-    The integral of 1/2 + (asin t + t·√(1 - t²))/π, with t = 2x/blur, over a pixel.
-    """
-
-    def integral(x):
-        t = np.clip(2 * x / blur, -1, 1)
-        root = np.sqrt(1 - t * t)
-        inside = t / 2 + (t * np.arcsin(t) + root - root**3 / 3) / np.pi
-        return blur / 2 * inside + np.maximum(x - blur / 2, 0)
-
-    return integral(x + 0.5) - integral(x - 0.5)
-
-
-def fit_edge(profile, blur):
-    """The diameter of the disc, and the place, of the blurred edge that is nearest to a profile."""
-    x = np.arange(profile.size) + 0.5 - profile.size / 2
-    first = (blur, 0.0, profile[-1] - profile[0], profile[0])
-    return curve_fit(lambda x, c, place, step, low: low + step * edge_of_disc(x - place, c), x, profile, first)[0][:2]
-
-
 def picture_of_edge(own_blur, blur_behind, *, textured=False):
     """Profiles, (col,), of a dark half plane before a bright wall: in layers, and the plain mean of the same paths.
 
@@ -271,7 +249,7 @@ def picture_of_edge(own_blur, blur_behind, *, textured=False):
     widest = max(abs(own_blur), abs(blur_behind or 0))
     rows, columns = 24, 2 * round(0.6 * widest + 8)
     border = 8 + round(widest / 8)
-    down, across, samples = rows + 2 * border, columns + 2 * border, 64
+    down, across, samples = rows + 2 * border, columns + 2 * border, 2 ** round(13 - np.log2(widest))
     random = np.random.default_rng(7)
     first = qmc.Sobol(4, rng=random).random(samples)  # the same points in each pixel, shifted as a whole
     points = (first + random.random((down, across, 1, 4))) % 1
@@ -291,36 +269,44 @@ def picture_of_edge(own_blur, blur_behind, *, textured=False):
     return layers, np.bincount(column, light[seen]) / np.bincount(column)
 
 
-NEAR_FOCUS = ((1.5, -12), (1.5, -48), (-1.5, -12), (-1.5, -48), (2.5, -30), (-2.5, -30))
-BLURRED = ((3.05, -30), (-4.3, -34), (6.1, -20), (-12.1, -48), (24.1, 0), (24.1, -24), (48.1, 4))
+NEAR_FOCUS = ((1.5, -12), (1.5, -48), (-1.5, -12), (-1.5, -48), (2.5, -30), (-2.5, -30), (-4.3, -34))
+BLURRED = ((6.1, -20), (-12.1, -48), (24.1, 0), (24.1, -24), (48.1, 4))
 
 
 @pytest.mark.parametrize(("own", "behind"), NEAR_FOCUS + BLURRED)
 def test_an_edge_before_a_blurred_wall_has_its_own_blur_and_place(own, behind):
-    """Fitted blur within 0.5 % of that of the plain mean of the same paths, and place within 0.004 pixels.
+    """Fitted blur within 0.5 % of that of the plain mean of the same paths, and place within 0.01 pixels.
 
     Blurs are a little more than the smallest of a layer, where smoothing is widest.
     """
     layers, plain = (fit_edge(profile, abs(own)) for profile in picture_of_edge(own, behind))
     assert layers[0] == pytest.approx(plain[0], rel=0.005)
-    assert layers[0] == pytest.approx(abs(own), rel=0.05 if abs(own) < 2 else 0.02)
-    assert layers[1] == pytest.approx(plain[1], abs=0.004)
+    assert layers[0] == pytest.approx(abs(own), rel=0.05 if abs(own) < 2 else 0.01)
+    assert layers[1] == pytest.approx(plain[1], abs=0.01)
 
 
-@pytest.mark.parametrize("blur", [1.5, 2.9, 3.05, -3.6, 4.3, -6.1, 8.6, -12.1, 24.1, -48.1, 96.1])
+@pytest.mark.parametrize("blur", [1.5, 2.9, 4.3, -6.1, 8.6, -12.1, 24.1, -48.1, 96.1])
 def test_an_edge_within_a_blurred_surface_has_the_blur_of_the_surface(blur):
     layers, plain = (fit_edge(profile, abs(blur)) for profile in picture_of_edge(blur, None))
     assert layers[0] == pytest.approx(plain[0], rel=0.005)
-    assert layers[0] == pytest.approx(abs(blur), rel=0.05 if abs(blur) < 2 else 0.02)
-    assert layers[1] == pytest.approx(plain[1], abs=0.004)
+    assert layers[0] == pytest.approx(abs(blur), rel=0.05 if abs(blur) < 2 else 0.01)
+    assert layers[1] == pytest.approx(plain[1], abs=0.01)
 
 
 @pytest.mark.parametrize(("own", "behind"), NEAR_FOCUS)
 def test_an_edge_near_focus_before_a_blurred_texture_is_as_sharp_as_in_the_plain_mean(own, behind):
+    """Energies of Tenengrad and Brenner within 3 %, in the columns of the edge and three on either side.
+
+    The contrast of the texture is 0.5, and from one end of the disc to the other it changes by nearly all of it.
+    """
     layers, plain = picture_of_edge(own, behind, textured=True)
-    for step in (1, 2):  # of Tenengrad and of Brenner
-        energy, expected = (np.sum((profile[step:] - profile[:-step]) ** 2) for profile in (layers, plain))
-        assert energy == pytest.approx(expected, rel=0.01)
+    middle, reach = layers.size // 2, round(abs(own) / 2 + 3)
+    for step in (1, 2):
+        energy, expected = (
+            np.sum((profile[step:] - profile[:-step]) ** 2)
+            for profile in (layers[middle - reach : middle + reach], plain[middle - reach : middle + reach])
+        )
+        assert energy == pytest.approx(expected, rel=0.03)
 
 
 def test_the_number_of_workers_changes_no_bit():
@@ -366,8 +352,8 @@ def test_layers_fit_the_window_of_a_time_slice_but_not_a_full_travel():
     slice_of_one, travel = (3, 250, 400), (129, 250, 400)
     assert LayeredSums.sums_in_layers(slice_of_one, 3)
     assert not LayeredSums.sums_in_layers(travel, 1)
-    assert not LayeredSums.sums_in_layers((MAX_POSITIONS + 1, 4, 4), 1)
-    assert LayeredSums.sums_in_layers((MAX_POSITIONS, 4, 4), 1)
+    assert not LayeredSums.sums_in_layers((LAYERED_POSITIONS + 1, 4, 4), 1)
+    assert LayeredSums.sums_in_layers((LAYERED_POSITIONS, 4, 4), 1)
     assert not LayeredSums.sums_in_layers((2, 4000, 4000), 1)
 
 

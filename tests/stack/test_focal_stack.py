@@ -145,3 +145,20 @@ def test_a_stack_made_by_two_backends_says_so(tmp_path):
 )
 def test_the_key_sees_everything_that_changes_a_stack(change):
     assert replace(SPEC, **change).key != SPEC.key
+
+
+def test_stacks_of_few_positions_state_the_version_of_their_layers_and_earlier_ones_are_read(tmp_path):
+    """Stacks of many positions, and plain ones, have no layers; earlier stacks state no version."""
+    many, plain = replace(SPEC, positions=17), replace(SPEC, estimator="plain")
+    slice_of_many = replace(many, window=(3, 5))
+    for spec in (many, plain, replace(many, window=(0, 16))):
+        assert replace(spec, layers=1).key == spec.key
+    for spec in (SPEC, slice_of_many):
+        earlier = replace(spec, layers=1)
+        assert "layers" not in earlier.as_dict()
+        assert earlier.key != spec.key
+        for stored in (earlier, spec):
+            StackStore(tmp_path, stored).write_geometry(
+                np.ones((4, 6), np.float32), np.ones((4, 6), bool), backend="llvm"
+            )
+            assert StackSpec.read(tmp_path, stored.key) == stored
