@@ -13,9 +13,9 @@ of the disc, and nearly the fourth: no edge within a layer becomes wider, and th
 also move the outlines of what is in front of them, which is as sharp as *its* blur. The fraction that a layer covers is
 therefore counted where paths land, and smoothed by a Gaussian so narrow that it needs no correction.
 
-Behind the outline of something much sharper, a part of the lens is covered. What is seen through the rest changes from
-pixel to pixel, however blurred it is. A pixel with both, and those around it whose paths would be moved across, are not
-smoothed: they are the plain mean of their paths, and no other pixel gets any of these.
+Behind an outline in focus, a part of the lens is covered. What is seen through the rest changes from pixel to pixel,
+however blurred it is. Pixels of both, and those around them whose paths would be moved across, are not smoothed: they
+are the plain mean of their paths, and no other pixel gets any of these.
 
 References
 ----------
@@ -36,7 +36,6 @@ from saf_gen.stack.focal_stack import LAYERED_POSITIONS
 
 SMOOTHING = 0.2  # standard deviation of the Gaussian divided by that of the smallest disc of a layer
 COVERAGE_SMOOTHING = 0.1  # the same for the fraction that a layer covers; its edges become wider by 0.5 % at most
-SHARPER_LAYERS = 2  # a layer in front whose blur is so many layers smaller covers a part of the lens, pixel by pixel
 MIN_BLUR = 6.0  # pixels; paths with less blur are not smoothed
 LAYERS_PER_OCTAVE = 2
 OCTAVES = 4
@@ -274,7 +273,7 @@ def _compose(all_sums: tuple[np.ndarray, ...], scale: np.ndarray, *, position: i
     planes, here, plain, samples = _split_layers(*all_sums, position, scale)
     layers = np.flatnonzero(samples)
     planes, here, steps = planes[layers], here[layers], np.abs(layers - SIDE_LAYERS)
-    mixed = _find_mixed(here, steps, REACHES[steps])
+    mixed = _find_mixed(here, layers, REACHES[steps])
     planes *= ~mixed[:, None]
     rest = np.cumsum(here[::-1], axis=0)[::-1]  # samples of a layer and of all behind it
     coverage = np.stack([here, rest], axis=1)
@@ -332,26 +331,25 @@ def _split_layers(sums, landed, unmoved, k, scale):
     return planes, here, plain, samples.sum(axis=0)
 
 
-@nb.njit(parallel=True, cache=True)
-def _find_mixed(here, steps, reaches):
+@nb.njit(cache=True)
+def _find_mixed(here, numbers, reaches):
     """Return which pixels of a layer are not smoothed, bool (layer, row, col).
 
-    These are the pixels that it shares with a much sharper layer in front of it, and those within ``reaches`` of them,
-    int64 (layer,). ``steps``, int64 (layer,), is how many layers away from the focused one each layer is.
+    These are the pixels that a layer behind the focus shares with the focused one, and those within ``reaches`` of
+    them, int64 (layer,). ``numbers`` are those of the layers, int64 (layer,), which rise.
     """
     layers, rows, columns = here.shape
     mixed = np.zeros(here.shape, np.bool_)
-    for layer in nb.prange(layers):
+    focused = np.searchsorted(numbers, SIDE_LAYERS)
+    if focused == layers or numbers[focused] != SIDE_LAYERS:
+        return mixed
+    for layer in range(focused + 1, layers):
         reach = reaches[layer]
-        for front in range(layer):
-            if steps[layer] - steps[front] < SHARPER_LAYERS:
-                continue
-            for row in range(rows):
-                for column in range(columns):
-                    if here[front, row, column] > 0 and here[layer, row, column] > 0:
-                        mixed[
-                            layer, max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1
-                        ] = True
+        for row in range(rows):
+            for column in range(columns):
+                if here[focused, row, column] > 0 and here[layer, row, column] > 0:
+                    top, left = max(row - reach, 0), max(column - reach, 0)
+                    mixed[layer, top : row + reach + 1, left : column + reach + 1] = True
     return mixed
 
 

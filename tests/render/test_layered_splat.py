@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from blurred_edges import fit_edge
 from random_paths import paths, windows
-from scipy.ndimage import correlate1d
+from scipy.ndimage import correlate1d, maximum_filter
 from scipy.stats import qmc
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
@@ -86,6 +86,7 @@ def sum_slowly(shape, blur, line, lens, distance, radiance):
     weight = np.ones(radiance.size) if line.weight is None else line.weight
     for k in range(focus):
         light, count, landed = np.zeros((3, LAYERS, rows, columns))
+        plain_light = np.zeros((rows, columns))
         for i in range(radiance.size):
             if not begin[i] <= k < end[i]:
                 continue
@@ -98,6 +99,7 @@ def sum_slowly(shape, blur, line, lens, distance, radiance):
                 layer = SIDE_LAYERS - int(np.sign(c)) * min(1 + int(octave * LAYERS_PER_OCTAVE), SIDE_LAYERS)
             if 0 <= x < columns and 0 <= y < rows:
                 landed[layer, int(y), int(x)] += weight[i]
+                plain_light[int(y), int(x)] += weight[i] * radiance[i]
             if layer != SIDE_LAYERS:
                 kept = kept_radius(4 * sigma_of(layer) / abs(c), np.hypot(lens[0][i], lens[1][i]))
                 x -= c / 2 * (1 - kept) * lens[0][i]
@@ -105,8 +107,14 @@ def sum_slowly(shape, blur, line, lens, distance, radiance):
             if 0 <= x < columns and 0 <= y < rows:
                 light[layer, int(y), int(x)] += weight[i] * radiance[i]
                 count[layer, int(y), int(x)] += weight[i]
-        free = np.ones((rows, columns))
+        free, is_plain = np.ones((rows, columns)), np.zeros((rows, columns), bool)
+        plain = plain_light / np.maximum(landed.sum(axis=0), 1)
         for layer in range(LAYERS):
+            if layer > SIDE_LAYERS:
+                reach = int(np.ceil(1.5 * SMOOTHING * 2 * sigma_of(layer)))
+                mixed = maximum_filter((landed[layer] > 0) & (landed[SIDE_LAYERS] > 0), 2 * reach + 1)
+                light[layer][mixed] = count[layer][mixed] = 0
+                is_plain |= mixed & (landed[layer] > 0)
             one, seen = (smooth(array, sigma_of(layer)) for array in (count[layer], light[layer]))
             narrow = sigma_of(layer) * COVERAGE_SMOOTHING / SMOOTHING
             here, all_behind = (smooth(array, narrow) for array in (landed[layer], landed[layer:].sum(axis=0)))
@@ -115,6 +123,7 @@ def sum_slowly(shape, blur, line, lens, distance, radiance):
                 out[k] += np.where(covered > 0, covered * seen / one, 0)
             free -= covered
         out[k] = np.where(free < 1, out[k] / np.where(free < 1, 1 - free, 1), 0)
+        out[k][is_plain] = plain[is_plain]
     return out
 
 
@@ -194,7 +203,7 @@ def test_an_even_light_stays_even_whatever_is_in_front():
         layers.append(
             (TracedPaths(*(a[kept] for a in line[:4]), None), (lens[0][kept], lens[1][kept]), distance_of(blur), 0.37)
         )
-    assert add_all(shape, *layers) == pytest.approx(np.round(0.37 * SCALE) / SCALE, rel=1e-6)
+    assert add_all(shape, *layers) == pytest.approx(np.round(0.37 * SCALE) / SCALE, rel=3e-6)
 
 
 @pytest.mark.parametrize(("blur", "side"), [(3.0, -1), (4.3, 1), (23.0, -1), (90.0, 1)])
@@ -262,7 +271,8 @@ def picture_of_edge(own_blur, blur_behind, *, textured=False):
     if blur_behind is not None:
         distance[~hit] = distance_of(blur_behind)
         if textured:
-            light = np.where(hit, 0.2, 1 + 0.5 * np.sin((x - blur_behind / 2 * lens[0]) * 4 / max(abs(blur_behind), 1)))
+            met = x - blur_behind / 2 * lens[0]
+            light = np.where(hit, 0.2, 1 + 0.5 * np.sin(met * 4 / abs(blur_behind)))
     layers = add_all((1, rows, columns), (still(x, y), lens, distance, light))[0, 0].mean(axis=0, dtype=np.float64)
     seen = (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
     column = x[seen].astype(int)
@@ -275,14 +285,14 @@ BLURRED = ((6.1, -20), (-12.1, -48), (24.1, 0), (24.1, -24), (48.1, 4))
 
 @pytest.mark.parametrize(("own", "behind"), NEAR_FOCUS + BLURRED)
 def test_an_edge_before_a_blurred_wall_has_its_own_blur_and_place(own, behind):
-    """Fitted blur within 0.5 % of that of the plain mean of the same paths, and place within 0.01 pixels.
+    """Fitted blur within 0.5 % of that of the plain mean of the same paths, and nearly the same place.
 
     Blurs are a little more than the smallest of a layer, where smoothing is widest.
     """
     layers, plain = (fit_edge(profile, abs(own)) for profile in picture_of_edge(own, behind))
     assert layers[0] == pytest.approx(plain[0], rel=0.005)
     assert layers[0] == pytest.approx(abs(own), rel=0.05 if abs(own) < 2 else 0.01)
-    assert layers[1] == pytest.approx(plain[1], abs=0.01)
+    assert layers[1] == pytest.approx(plain[1], abs=0.005 + abs(own) / 4000)
 
 
 @pytest.mark.parametrize("blur", [1.5, 2.9, 4.3, -6.1, 8.6, -12.1, 24.1, -48.1, 96.1])
@@ -290,7 +300,7 @@ def test_an_edge_within_a_blurred_surface_has_the_blur_of_the_surface(blur):
     layers, plain = (fit_edge(profile, abs(blur)) for profile in picture_of_edge(blur, None))
     assert layers[0] == pytest.approx(plain[0], rel=0.005)
     assert layers[0] == pytest.approx(abs(blur), rel=0.05 if abs(blur) < 2 else 0.01)
-    assert layers[1] == pytest.approx(plain[1], abs=0.01)
+    assert layers[1] == pytest.approx(plain[1], abs=0.005 + abs(blur) / 4000)
 
 
 @pytest.mark.parametrize(("own", "behind"), NEAR_FOCUS)
