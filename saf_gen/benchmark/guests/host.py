@@ -21,7 +21,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from saf_gen.benchmark.guests.wire import MessageReader, SharedMemory, write_message
+from saf_gen.benchmark.guests.wire import MessageReader, SharedMemory, write_message_within
 from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
 from saf_gen.errors import BadInput
@@ -33,6 +33,8 @@ KEPT_VARIABLES = ("PATH", "LANG", "LC_", "LD_LIBRARY_PATH", "DYLD_", "CUDA_", "N
 """Beginnings of the names of environment variables that a guest gets; all others, such as keys, it does not get."""
 WATCH_S = 0.1
 """Time between two looks at the memory of a guest that is computing."""
+SEND_S = 5.0
+"""Time within which a guest reads a message."""
 PINGS = 11
 """Messages that are sent to measure how long one takes, and once more for each size of image."""
 FORMS = ("counts", "halves", "intervals")
@@ -235,10 +237,11 @@ class GuestProcess:
         return median(times)
 
     def _send(self, message: dict[str, Any]) -> float:
-        """Send a message, and return the time just before."""
+        """Send a message, and return the time just before; raises GuestLost if the guest does not read."""
         sent = perf_counter()
         with suppress(OSError, ValueError):  # that the guest is gone is found when it is waited for
-            write_message(self._process.stdin, message)  # type: ignore[arg-type]
+            if not write_message_within(self._process.stdin, message, SEND_S):  # type: ignore[arg-type]
+                raise self._lost("its process does not read the replies to its requests")
         return sent
 
     def _receive(self, seconds: float, doing: str) -> tuple[dict[str, Any], float]:
