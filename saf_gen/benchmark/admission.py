@@ -2,11 +2,11 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from saf_gen.benchmark.guests.guest import GuestSpec, guest_of
+from saf_gen.benchmark.guests.guest import GuestMeasure, GuestSpec, guest_of
 from saf_gen.benchmark.guests.host import GuestPart, Limits
 from saf_gen.benchmark.method_spec import (
     Half,
@@ -15,6 +15,7 @@ from saf_gen.benchmark.method_spec import (
     parse_method,
     parse_options,
     split_method,
+    tidy,
     tuned_method,
 )
 from saf_gen.benchmark.search_run import run_search
@@ -23,8 +24,10 @@ from saf_gen.core.config.document import read_text
 from saf_gen.core.config.registry import allow_code, check_code_allowed, entry_point_names, refuse_code
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
+from saf_gen.plugins.measures import get_measure
 
 MAX_LIST_BYTES = 1 << 22
+KINDS = ("measures", "searches")
 
 
 def admit_method(spec: str, limits: Limits | None = None) -> Method:
@@ -38,8 +41,7 @@ def admit_method(spec: str, limits: Limits | None = None) -> Method:
         return tuned_method(spec, lambda name: admit_method(name, limits))
     halves, text, region = split_method(spec)
     parsed = [parse_options(half, spec) for half in halves]
-    kinds = ("measures", "searches")
-    if not any(map(is_foreign, parsed, kinds)):
+    if not any(map(is_foreign, parsed, KINDS)):
         return parse_method(spec)
     codes = [code for half in parsed for code in codes_of(half)]
     for code_name in codes:
@@ -55,6 +57,18 @@ def admit_method(spec: str, limits: Limits | None = None) -> Method:
     measure, _, search = guest.parameters.partition(" + ")
     parts: tuple[Any, Any] = GuestPart(measure), GuestPart(search, commands=guest.commands)
     return Method(f"{text}@{region}" if region else text, *parts, code=code, region=region, guest=guest)
+
+
+def admit_measure(name: str) -> Callable[..., float]:
+    """Return the focus measure with the given name; if it is not part of saf_gen, it scores windows as a guest.
+
+    Raises BadInput if it is unknown or refuses its options, or if the name belongs to no measure.
+    """
+    half = parse_options(tidy(name), name)
+    if not is_foreign(half, "measures"):
+        return get_measure(name)
+    check_code_allowed(half[0])
+    return GuestMeasure(name, guest_of(_guest_spec(f"{name}+argmax", [half, ("argmax", {})]), Limits()))
 
 
 def read_methods(path: Path, limits: Limits | None = None) -> list[str]:
@@ -125,7 +139,16 @@ def _is_file(value: object) -> bool:
 
 
 def _guest_spec(text: str, parsed: Sequence[Half]) -> GuestSpec:
-    """Return a method with absolute paths, because a guest has a working folder of its own."""
+    (measure, search), shown, folders = make_absolute_halves(parsed)
+    files = [absolute if _is_file(absolute) else absolute.rpartition(":")[0] for absolute in shown]
+    return GuestSpec(text, measure, search, tuple(files), tuple(folders), tuple(shown.items()))
+
+
+def make_absolute_halves(parsed: Sequence[Half]) -> tuple[list[Half], dict[str, str], list[str]]:
+    """Return plug-ins with absolute paths, because a guest has a working folder of its own.
+
+    Also returned are these paths with the spelling of the user, and the folders of modules that they may import.
+    """
     shown: dict[str, str] = {}
     folders: dict[str, None] = {}
 
@@ -143,8 +166,7 @@ def _guest_spec(text: str, parsed: Sequence[Half]) -> GuestSpec:
         shown[absolute] = value
         return absolute
 
-    measure, search = (
+    halves = [
         (make_absolute(name), {key: make_absolute(value) for key, value in options.items()}) for name, options in parsed
-    )
-    files = [absolute if _is_file(absolute) else absolute.rpartition(":")[0] for absolute in shown]
-    return GuestSpec(text, measure, search, tuple(files), tuple(folders), tuple(shown.items()))
+    ]
+    return halves, shown, list(folders)

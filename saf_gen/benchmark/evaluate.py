@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from saf_gen.benchmark.admission import admit_measure
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
@@ -37,7 +38,6 @@ from saf_gen.core.region import REGIONS
 from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.parts import Measure
-from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
@@ -286,7 +286,8 @@ def score_blocks(
     stream : SpikeStream
         Open stream.
     measure : str or Measure
-        Focus measure, or its name.
+        Focus measure, or its name; one that is not part of saf_gen is then called in a process of its own, because no
+        other way keeps a measure that ends or holds its process from doing so to the caller's.
     window : int
         Frames per block, 1 to the number of frames in the stream.
     region : str, default 'target'
@@ -310,7 +311,7 @@ def score_blocks(
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
     counts = WindowCounts(stream, choose_region(stream, region)[0])
-    view = RecordingView(counts, get_measure(measure) if isinstance(measure, str) else measure)
+    view = RecordingView(counts, admit_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)
     with named_user_code(measure, "focus measure"):
         return first, np.array([view.score(a, a + window) for a in first.tolist()])

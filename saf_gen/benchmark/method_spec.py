@@ -78,6 +78,7 @@ class MethodGuest(Protocol):
 
     limits: Any
     plugins: list[dict[str, Any]]
+    search_options: dict[str, Any]
 
     def run(self, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]: ...
 
@@ -109,6 +110,14 @@ class Method:
     @property
     def search_name(self) -> str:
         return split_options(split_halves(split_region(self.name)[0])[1])[0]
+
+    @property
+    def search_options(self) -> dict[str, Any]:
+        """Options of the search, by the names of its fields."""
+        if self.guest is not None:
+            return self.guest.search_options
+        search: Any = self.search
+        return {field.name: getattr(search, field.name) for field in fields(search)} if is_dataclass(search) else {}
 
     @property
     def parameters(self) -> str:
@@ -305,10 +314,17 @@ def resolve_name(spec: str) -> Method | tuple[str, Any]:
     """
     if spec.startswith("@") or len(split_halves(split_region(spec)[0])) > 1:
         return parse_method(spec)
-    name, options = parse_options(tidy(spec), spec)
-    if _find_kind(name) == "searches":
-        return "searches", get_search(name, **options)
-    return "measures", get_measure(name, **options)
+    return find_plugin(parse_options(tidy(spec), spec))
+
+
+def find_plugin(half: Half, kind: str = "") -> tuple[str, Any]:
+    """Return the kind and the plug-in of a name with options, of a kind that is known or else found out.
+
+    Raises BadInput if nothing has this name, or if the plug-in refuses its options.
+    """
+    name, options = half
+    kind = kind or _find_kind(name)
+    return kind, get_measure(name, **options) if kind == "measures" else get_search(name, **options)
 
 
 def _find_kind(name: str) -> str:

@@ -417,6 +417,7 @@ def view_command(
     fps: Annotated[float, typer.Option(help="Pictures per second of .gif, .mp4 and .html.")] = 12.0,
 ) -> None:
     """Draw pictures of a stream, together with its lens position, light, truth and scores."""
+    from saf_gen.benchmark.admission import admit_measure
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.stream_file import open_stream
 
@@ -430,6 +431,7 @@ def view_command(
             stop=stop,
             every=every,
             measures=measure or (),
+            find_measure=admit_measure,
             region=region,
             fps=fps,
         )

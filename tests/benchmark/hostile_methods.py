@@ -1,8 +1,8 @@
 """Methods that are hostile or clumsy, and what their rows must say; the file is loaded as a stranger's.
 
 Each search of HOSTILE is run alone by tests/benchmark/test_guests.py, and all of them beside other methods by
-tests/benchmark/test_guests_beside_others.py. The reason is a regular expression for the note of the failed run, or "" if
-the method must answer like any other.
+tests/benchmark/test_guests_beside_others.py. The reason is a regular expression for the note of the failed run, or ""
+if the method must answer like any other.
 """
 
 import atexit
@@ -349,7 +349,7 @@ def walks_from_its_view_to_the_truth(view):
 def reads_what_its_process_holds(view):
     for descriptor in Path("/proc/self/fd").iterdir():
         with suppress(OSError):
-            if (target := os.readlink(descriptor)).endswith((".h5", ".exr", ".json", ".jsonl")):
+            if (target := str(descriptor.readlink())).endswith((".h5", ".exr", ".json", ".jsonl")):
                 return Answer(99.0, note=target)
 
 
@@ -452,9 +452,8 @@ def traces_what_is_no_number(view):
 def writes_into_the_shared_memory(view):
     view.score(0, 100)
     for descriptor in range(3, 64):
-        with suppress(OSError, ValueError):
-            with mmap.mmap(descriptor, 0) as memory:
-                memory[:] = b"\xff" * len(memory)
+        with suppress(OSError, ValueError), mmap.mmap(descriptor, 0) as memory:
+            memory[:] = b"\xff" * len(memory)
 
 
 def line_of(view):

@@ -2,12 +2,11 @@
 
 import importlib.util
 import re
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-from dask_processes import scheduler_process, wait_until, worker_processes
+from dask_processes import scheduler_process, worker_processes
 from planted_sweeps import list_streams, make_spikes, make_truth
 
 from saf_gen.benchmark.evaluate import evaluate
@@ -21,7 +20,8 @@ FILE = Path(__file__).with_name("hostile_methods.py")
 LIMITS = Limits(load_s=60, run_s=1.5, resident_bytes=600 << 20)
 SHIPPED = {
     "recorded": ["sd+argmax:window=50", "sd_debiased+egs_code", "sd_tfi+argmax:window=80", "vollath_f4_n+peak_fit",
-                 "tenengrad_n+argmax:window=50", "sd_code+sgfs_causal", "er_sumsq+sgfs_code:dt=20", "cen+argmax:window=50"],
+                 "tenengrad_n+argmax:window=50", "sd_code+sgfs_causal", "er_sumsq+sgfs_code:dt=20",
+                 "cen+argmax:window=50"],
     "closed_loop": ["sd+hill_climb", "tenengrad_n+golden_section", "sd+sgfs_causal", "gradient_code_n+rule_based",
                     "sd+coarse_to_fine", "octave_structure+peak_fit", "sd_calibrated+photon_aware", "sd+fibonacci"],
 }  # fmt: skip

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from saf_gen.benchmark.guests.host import GuestLost, GuestProcess, GuestView, Limits
 from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.search_run import answer_fault, to_one_line, to_plain_numbers
@@ -57,6 +59,10 @@ class Guest:
         Name and digest of each file that the method read while it was loaded.
     plugins : list of dict
         Descriptions of the measure and the search.
+    search_options : dict of str to object
+        Options of the search that are numbers, texts or flags.
+    measure : dict of str to bool
+        What the measure states of its input: ``halves``, ``intervals`` and ``timed``.
 
     Raises
     ------
@@ -69,6 +75,7 @@ class Guest:
         self._process: GuestProcess | None = None
         self._lost = ""  # why it ended while it was loaded; it is then not started again
         self.parameters, self.commands, self.plugins = spec.name.replace("+", " + "), False, list[dict[str, Any]]()
+        self.search_options, self.measure = dict[str, Any](), dict[str, bool]()
         self._paths = [Path(file) for file in spec.files]
         try:
             self._process = self._start()
@@ -83,13 +90,15 @@ class Guest:
         try:
             self.parameters, self.commands = self._as_written(str(hello["parameters"])), bool(hello["commands"])
             self.plugins = list(hello["plugins"])
+            self.search_options = {str(name): value for name, value in hello["search_options"].items()}
+            self.measure = {str(name): bool(value) for name, value in hello["measure"].items()}
             self._paths += [Path(str(path)) for path in (*hello["class_files"], *hello["read"])]
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, AttributeError) as error:
             raise GuestLost("its process sent nonsense") from error
 
     def _start(self) -> GuestProcess:
         order = {"name": self._spec.name, "measure": self._spec.measure, "search": self._spec.search}
-        process = GuestProcess(order, list(self._spec.folders), limits=self.limits)
+        process = GuestProcess({"load": order}, list(self._spec.folders), limits=self.limits)
         _ALIVE.append(self)
         if len(_ALIVE) > MAX_ALIVE:  # a tuning may have hundreds of methods
             _ALIVE[0].close()
@@ -130,15 +139,8 @@ class Guest:
         Raises BudgetSpentError, and BadInput if the error concerns the file ``stream_path``.
         """
         with self._lock:
-            if self._lost:
-                return Answer(), to_one_line(self._lost)
             try:
-                if self._process is None or not self._process.alive:
-                    self.close()
-                    if not self.is_current:
-                        return Answer(), "its files changed since the evaluation began"
-                    self._process = self._start()
-                last = self._process.run(view, scorer, stream_path=stream_path)
+                last = self._running().run(view, scorer, stream_path=stream_path)
                 answer, problem = _read_answer(last, commanding=self.commands)
                 _note_scores(scorer, last)
             except BudgetSpentError:
@@ -155,6 +157,26 @@ class Guest:
                 raise
             return answer, problem
 
+    def _running(self) -> GuestProcess:
+        """Return the process, started again if it ended; raises GuestLost if it cannot be."""
+        if self._lost:
+            raise GuestLost(self._lost)
+        if self._process is None or not self._process.alive:
+            self.close()
+            if not self.is_current:
+                raise GuestLost("its files changed since the evaluation began")
+            self._process = self._start()
+        return self._process
+
+    def rate(self, image: np.ndarray, *, frames: int) -> float:
+        """Return the score of a window of so many frames; raises GuestLost or BadInput as the process does."""
+        with self._lock:
+            try:
+                return self._running().rate(image, frames=frames)
+            except BaseException:
+                self.close()
+                raise
+
     def close(self) -> None:
         """End the process."""
         if self._process is not None:
@@ -162,6 +184,29 @@ class Guest:
         self._process = None
         if self in _ALIVE:
             _ALIVE.remove(self)
+
+
+@dataclass(frozen=True)
+class GuestMeasure:
+    """A focus measure of others, which scores windows in a process of its own.
+
+    What it raises is a BadInput that names it, whatever happens to its process.
+    """
+
+    name: str
+    guest: Guest
+
+    def __getattr__(self, key: str) -> Any:
+        if key in ("halves", "intervals", "timed"):
+            return self.guest.measure.get(key, False)
+        raise AttributeError(key)
+
+    def __call__(self, image: np.ndarray, *, frames: int = 0) -> float:
+        try:
+            return self.guest.rate(image, frames=frames)
+        except GuestLost as lost:
+            problem = to_one_line(f"focus measure {self.name!r} fails: {lost}")
+            raise BadInput(problem, hint="repair it") from lost
 
 
 def _read_answer(last: dict[str, Any], *, commanding: bool) -> tuple[Answer, str]:

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ import numpy as np
 from saf_gen.benchmark.guests.wire import MessageReader, SharedMemory, write_message_within
 from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
+from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput
 from saf_gen.parts import View
 from saf_gen.stream.measure_input import Form
@@ -92,12 +94,12 @@ class GuestPart:
 
 
 class GuestProcess:
-    """A process that has loaded one method.
+    """A process that has loaded one method, or what is checked of one.
 
     Parameters
     ----------
-    spec : dict
-        Name and options of its measure and of its search, with absolute paths.
+    order : dict
+        What it loads, names with their options and with absolute paths: ``load`` a method to run, ``check`` plug-ins.
     folders : sequence of str
         Folders whose modules the method may import.
     limits : Limits
@@ -116,7 +118,7 @@ class GuestProcess:
         If it ends while it loads, or takes too long.
     """
 
-    def __init__(self, spec: dict[str, Any], folders: list[str], *, limits: Limits) -> None:
+    def __init__(self, order: dict[str, Any], folders: list[str], *, limits: Limits) -> None:
         self._limits, self._run, self._tail, self._checked, self._closed = limits, 0, b"", 0.0, False
         self._folder = Path(tempfile.mkdtemp(prefix="saf-gen-guest-"))
         self._memory = SharedMemory.create(self._folder)
@@ -126,7 +128,7 @@ class GuestProcess:
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "saf_gen.benchmark.guests.process", str(self._memory.descriptor),
-                 self._memory.path],
+                 self._memory.path, str(max(limits.load_s, limits.run_s))],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=work,
                 env=_environment(self._folder), pass_fds=inherited, start_new_session=True,
             )  # fmt: skip
@@ -138,7 +140,7 @@ class GuestProcess:
         self._incoming = MessageReader(self._process.stdout)  # type: ignore[arg-type]
         threading.Thread(target=self._drain, daemon=True).start()
         try:
-            self._send({"load": spec, "folders": folders})
+            self._send({**order, "folders": folders})
             self.hello, _ = self._receive(limits.load_s, "load")
             if "refused" in self.hello:
                 raise BadInput(**{key: str(text) for key, text in self.hello["refused"].items()})
@@ -206,6 +208,30 @@ class GuestProcess:
                     continue
             shape = ()
             message, left = {"spent": str(spent)}, min(left, 1.0)  # it may tidy up, but its run is over
+
+    def rate(self, image: np.ndarray, *, frames: int) -> float:
+        """Return the score of a window of so many frames by the guest's measure.
+
+        Raises GuestLost, also if the measure raises an error, and BadInput if it does.
+        """
+        self._run += 1
+        self._send({"rate": frames, "start": self._run, **self._memory.write(image)})
+        reply, _ = self._receive(self._limits.run_s, "answer")
+        if "refused" in reply:
+            raise BadInput(**{key: str(text) for key, text in reply["refused"].items()})
+        score = reply.get("score")
+        if not isinstance(score, float):
+            raise GuestLost(str(reply.get("problem", "its process sent a score that is none")))
+        return score
+
+    def check(self) -> Iterator[Finding]:
+        """Run the checks of what the guest has loaded, and yield their results; raises GuestLost."""
+        self._send({"start": 0})
+        while "end" not in (message := self._receive(self._limits.run_s, "answer")[0]):
+            try:
+                yield Finding(**{key: str(text) for key, text in message["finding"].items()})  # type: ignore[arg-type]
+            except (KeyError, TypeError, AttributeError) as error:
+                raise GuestLost("its process sent a finding that is none") from error
 
     def _reply(self, request: dict[str, Any], view: GuestView) -> dict[str, Any]:
         try:
@@ -334,8 +360,13 @@ def _end_tree(process: subprocess.Popen[bytes], folder: Path) -> None:
             os.killpg(process.pid, signal.SIGKILL)
     process.kill()
     process.wait()
+    end_marked(folder)
+
+
+def end_marked(folder: Path) -> None:
+    """Kill the processes that a guest with this folder started, but not this one."""
     mark = f"{MARK}={folder}".encode()
     for environment in Path("/proc").glob("[0-9]*/environ"):
         with suppress(OSError):
-            if mark in environment.read_bytes().split(b"\0"):
+            if mark in environment.read_bytes().split(b"\0") and int(environment.parent.name) != os.getpid():
                 os.kill(int(environment.parent.name), signal.SIGKILL)

@@ -1,23 +1,30 @@
 """The process of a guest: it loads one method, and runs it on what the evaluator sends.
 
-``python -m saf_gen.benchmark.guests.process DESCRIPTOR PATH`` talks over its standard input and output, which it then
-closes for the method. It has neither the path nor the truth of a recording.
+``python -m saf_gen.benchmark.guests.process DESCRIPTOR PATH SECONDS`` talks over its standard input and output, which
+it then closes for the method. It has neither the path nor the truth of a recording. If it cannot look for the evaluator
+for so many seconds, because a method holds the interpreter, it ends.
 """
 
+import faulthandler
 import os
 import shutil
 import sys
 import threading
 import time
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 
 import numpy as np
 
+from saf_gen.benchmark.guests.host import end_marked
 from saf_gen.benchmark.guests.wire import SharedMemory, read_message, write_message
+
+if TYPE_CHECKING:
+    from saf_gen.errors import BadInput
 
 PARENT_CHECK_S = 2.0
 """Time between two checks of whether the evaluator is still there."""
@@ -43,8 +50,7 @@ class Line:
         while True:
             message = read_message(self._incoming)
             if message is None:  # the evaluator was killed, or its folder would be gone already
-                shutil.rmtree(self._folder, ignore_errors=True)
-                os._exit(0)
+                _end(self._folder)
             if "ping" not in message:
                 return message
             if "shape" in message:
@@ -139,7 +145,8 @@ def main() -> None:
         os.dup2(nothing.fileno(), 0)
     os.dup2(2, 1)  # what the method prints goes where its errors go
     _limit()
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    watch = partial(_end_with, os.getppid(), seconds=float(sys.argv[3]), folder=Path.cwd().parent)
+    threading.Thread(target=watch, daemon=True).start()
     _serve(line)
 
 
@@ -152,9 +159,19 @@ def _limit() -> None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_FILE_BYTES, MAX_FILE_BYTES))
 
 
-def _end_with(parent: int) -> None:
+def _end_with(parent: int, *, seconds: float, folder: Path) -> None:
+    """End this process when its parent ends, also if a method never lets this thread run."""
+    nothing = open(os.devnull, "w")  # noqa: PTH123, SIM115
     while os.getppid() == parent:
+        faulthandler.dump_traceback_later(seconds + 2 * PARENT_CHECK_S, exit=True, file=nothing)
         time.sleep(PARENT_CHECK_S)
+    _end(folder)
+
+
+def _end(folder: Path) -> NoReturn:
+    """End this process and all that it started, and delete its folder."""
+    end_marked(folder)
+    shutil.rmtree(folder, ignore_errors=True)
     os._exit(0)
 
 
@@ -165,11 +182,16 @@ def _serve(line: Line) -> None:
 
     order = line.receive()
     sys.path[:0] = order["folders"]  # a method may import its neighbours
+    if "check" in order:
+        _check(line, order["check"])
     method, hello = _load(order["load"])
     line.send(hello)
     while True:
         message = line.receive()
         line.run = message["start"]
+        if "rate" in message:
+            line.send(_rate(method.measure, line.memory.read(message), frames=message["rate"]))
+            continue
         view = RemoteView(line, message, measure=method.measure)
         try:
             answer, problem = run_search(method.search, view, scorer=view.scorer)
@@ -177,6 +199,55 @@ def _serve(line: Line) -> None:
             answer, problem = Answer(), str(spent)
         scores = [[*window, score] for window, score in view.scorer.scores.items()]
         line.send({"answer": asdict(answer), "problem": problem, "scores": scores[:MAX_SCORES]})
+
+
+def _rate(measure: Any, image: np.ndarray, *, frames: int) -> dict[str, Any]:
+    """Return the message with the score of a window, or with the reason why there is none."""
+    from saf_gen.benchmark.search_run import describe_exception
+    from saf_gen.core.user_code import user_code
+    from saf_gen.errors import BadInput
+    from saf_gen.parts import wants_frames
+
+    try:
+        with user_code():
+            return {"score": float(measure(image, **({"frames": frames} if wants_frames(measure) else {})))}
+    except BadInput as error:
+        return _refusal(error)
+    except Exception as error:  # noqa: BLE001  code of others may raise anything
+        return {"problem": describe_exception(error)}
+
+
+def _check(line: Line, what: dict[str, Any]) -> NoReturn:
+    """Describe plug-ins, run the checks of ``saf-gen methods check`` on them, and end."""
+    from saf_gen.benchmark.conformance import check_parts, find_parts
+    from saf_gen.benchmark.plugin_description import describe_plugin
+    from saf_gen.benchmark.search_run import describe_exception
+    from saf_gen.core.user_code import user_code
+    from saf_gen.errors import BadInput
+
+    try:
+        with user_code():
+            parts = find_parts(what["halves"], what["kind"])
+            described = [
+                describe_plugin(half[0], kind, plug_in=parts[kind])
+                for half, kind in zip(what["halves"], parts, strict=True)
+            ]
+            hello: dict[str, Any] = {"plugins": list(map(asdict, described))}
+    except BadInput as error:
+        hello = _refusal(error)
+    except Exception as error:  # noqa: BLE001  code of others may raise anything
+        hello = {"broken": describe_exception(error)}
+    line.send(hello)
+    line.receive()
+    for finding in check_parts(parts):
+        line.send({"finding": asdict(finding)})
+    line.send({"end": 1})
+    os._exit(0)
+
+
+def _refusal(error: "BadInput") -> dict[str, Any]:
+    keys = ("problem", "allowed", "nearest", "hint", "where")
+    return {"refused": {key: getattr(error, key) for key in keys}}
 
 
 MAX_SCORES = 20_000
@@ -201,16 +272,23 @@ def _load(spec: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
             hello = {
                 "parameters": method.parameters,
                 "commands": commands(method.search),
+                "search_options": _plain_options(method.search),
+                "measure": {key: bool(getattr(method.measure, key, False)) for key in ("halves", "intervals", "timed")},
                 "plugins": [asdict(plugin) for plugin in describe_plugins([method])],
             }
     except BadInput as error:
-        keys = ("problem", "allowed", "nearest", "hint", "where")
-        return None, {"refused": {key: getattr(error, key) for key in keys}}
+        return None, _refusal(error)
     except Exception as error:  # noqa: BLE001  code of others may raise anything
         return None, {"broken": describe_exception(error)}
     modules = [module for name, module in list(sys.modules.items()) if name not in before]
     files = [str(file) for cls in classes for file in class_source_files(cls)]
     return method, {**hello, "class_files": files, "read": read.finish(modules)}
+
+
+def _plain_options(plug_in: Any) -> dict[str, Any]:
+    """Return the options of a plug-in that are numbers, texts or flags."""
+    found = {field.name: getattr(plug_in, field.name) for field in fields(plug_in) if field.init}
+    return {name: value for name, value in found.items() if isinstance(value, int | float | str)}
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ def _pack(message: dict[str, Any]) -> bytes:
 def write_message_within(pipe: BinaryIO, message: dict[str, Any], seconds: float) -> bool:
     """Write a message to a process that may not read, and return whether it was written within this time.
 
-    Where pipes cannot be waited for (Windows), this waits as long as it takes. Raises OSError if the other side is gone.
+    Where pipes cannot be waited for (Windows), it waits as long as it takes. Raises OSError if the other side is gone.
     """
     if os.name == "nt":
         write_message(pipe, message)
@@ -167,7 +167,9 @@ class SharedMemory:
         if hasattr(os, "memfd_create"):
             import fcntl
 
-            file = os.memfd_create("saf-gen window", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+            made = os.memfd_create("saf-gen window", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+            file = fcntl.fcntl(made, fcntl.F_DUPFD_CLOEXEC, 3)  # a worker without standard streams has lower ones free
+            os.close(made)
             fcntl.fcntl(file, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
             return cls(file, inherited=True)
         file, path = tempfile.mkstemp(prefix="window-", dir=folder)
