@@ -1,7 +1,7 @@
 """The commands ``evaluate`` and ``score``."""
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -123,19 +123,18 @@ def evaluate_command(
     print_written(written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
-    broken = _print_broken(result.records)
-    if result.failures or broken:
+    broke = [record for record in result.records if record.broke]
+    print_broken(broke, runs=Counter(record.method for record in result.records))
+    if result.failures or broke:
         raise typer.Exit(1)
 
 
-def _print_broken(records: "Sequence[Record]") -> bool:
-    """Print a line on stderr for each method whose code broke, and return whether there is one."""
-    runs = Counter(record.method for record in records)
-    broke = [record for record in records if record.broke]
+def print_broken(broke: "Sequence[Record]", runs: Mapping[str, int] | None = None) -> None:
+    """Print a line on stderr for each method whose code broke in one of its ``runs``."""
     for method, count in Counter(record.method for record in broke).items():
         why = next(record.note for record in broke if record.method == method)
-        print_error(f"{method} failed on {count} of {plural(runs[method], 'sequence')}: {why}", 1)
-    return bool(broke)
+        of = f"{count} of {plural(runs[method], 'sequence')}" if runs else plural(count, "run")
+        print_error(f"{method} failed on {of}: {why}", 1)
 
 
 def _print_selection(selection: "SequenceSelection", scene_motion: str | None) -> None:

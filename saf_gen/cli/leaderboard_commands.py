@@ -24,6 +24,7 @@ from saf_gen.cli.evaluate_commands import (
     SweepMs,
     Track,
     name_splits,
+    print_broken,
     print_kept,
     print_written,
     protocol_from_options,
@@ -81,8 +82,7 @@ def rank_on_saf_folder_command(
 
     The authors' protocol uses blocks of dt frames, the last frame of the best block, and a truth chosen by hand.
     """
-    from saf_gen.benchmark.admission import read_methods
-    from saf_gen.benchmark.method_spec import parse_method
+    from saf_gen.benchmark.admission import admit_method, read_methods
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard.ranking import rank_methods
     from saf_gen.leaderboard.report import write_evaluation
@@ -90,7 +90,7 @@ def rank_on_saf_folder_command(
     from saf_gen.leaderboard.tables import agreement
 
     for one in method or ():
-        parse_method(one)  # a list may name only code that --method names as well
+        admit_method(one)  # a list may name only code that --method names as well
     named = [*(method or ()), *(read_methods(methods) if methods else ())]
     check_writable(target)
     with progress_bars() as bars:
@@ -108,16 +108,18 @@ def rank_on_saf_folder_command(
     paths = [*write_saf(target, ranking), written.paths[0].parent]
     remove_kept(target)
     print_table(saf_table(ranking), where_to_find=f"{target / 'ranking.md'} shows them", as_json=as_json)
-    if as_json:
-        return
-    for note in PROTOCOL_NOTES:
-        out.print(note)
-    if ranking.agreement:
-        print_table(agreement(ranking.agreement, title="Agreement of ranks"))
-    for name, reason in ranking.left_out.items():
-        out.print(f"not run: {name}: {reason}")
-    for path in paths:
-        out.print(str(path), soft_wrap=True)
+    if not as_json:
+        for note in PROTOCOL_NOTES:
+            out.print(note)
+        if ranking.agreement:
+            print_table(agreement(ranking.agreement, title="Agreement of ranks"))
+        for name, reason in ranking.left_out.items():
+            out.print(f"not run: {name}: {reason}")
+        for path in paths:
+            out.print(str(path), soft_wrap=True)
+    if ranking.broke:
+        print_broken(ranking.broke)
+        raise typer.Exit(1)
 
 
 def verify_evaluation_command(
