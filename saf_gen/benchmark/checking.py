@@ -1,13 +1,16 @@
 """Checks and descriptions of methods, measures and searches by name; code of others runs in a process of its own."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
+from time import perf_counter
 
 from saf_gen.benchmark import conformance
 from saf_gen.benchmark.admission import KINDS, admit_method, codes_of, is_foreign, make_absolute_halves
 from saf_gen.benchmark.guests.host import GuestLost, GuestProcess, Limits
 from saf_gen.benchmark.method_spec import Half, Method, parse_options, split_halves, split_method, split_region, tidy
 from saf_gen.benchmark.plugin_description import PluginDescription, describe_plugin, take_description
+from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.search_run import to_one_line
 from saf_gen.core.config.registry import check_code_allowed
 from saf_gen.core.finding import Finding
@@ -15,6 +18,8 @@ from saf_gen.errors import BadInput
 
 CHECK_LIMITS = Limits(run_s=60.0)
 """Limits of a process that checks plug-ins; each check ends after 30 s, unless it does not run Python."""
+BRIEF_S = 20.0
+"""Time that an evaluation spends on the checks of a measure or search."""
 
 
 def check_by_name(name: str) -> Iterator[Finding]:
@@ -26,7 +31,7 @@ def check_by_name(name: str) -> Iterator[Finding]:
     Raises BadInput, when it is called, if there is nothing of this name.
     """
     halves = list(_halves_of(name).values())
-    return _findings(halves) if _are_foreign(halves) else conformance.check_by_name(name)
+    return _findings(halves, limits=CHECK_LIMITS) if _are_foreign(halves) else conformance.check_by_name(name)
 
 
 def describe_by_name(name: str) -> list[PluginDescription]:
@@ -39,7 +44,7 @@ def describe_by_name(name: str) -> list[PluginDescription]:
         parts = conformance.find_parts(halves)
         return [describe_plugin(text, kind, plug_in=parts[kind]) for text, kind in zip(texts, parts, strict=True)]
     try:
-        guest, _ = _start_checks(halves)
+        guest, _ = _start_checks(halves, limits=CHECK_LIMITS)
     except GuestLost as lost:
         raise BadInput(to_one_line(f"{name!r} cannot be loaded: {lost}"), hint="repair it") from lost
     guest.close()
@@ -51,15 +56,30 @@ def describe_by_name(name: str) -> list[PluginDescription]:
 def first_failed_check(method: Method) -> str:
     """Return the first check that a part of a method that is not part of saf_gen fails, or ''.
 
-    A whole method is checked only by ``saf-gen methods check``, because that takes seconds.
+    A whole method is checked only by ``saf-gen methods check``, because that takes seconds. Checks that would end after
+    BRIEF_S are left out.
     """
-    if method.guest is None:
-        return ""
     for half, kind in zip(_halves_of(method.name).values(), KINDS, strict=True):
         if is_foreign(half, kind):
-            for finding in _findings([half], kind):
-                if finding.level == "error":
-                    return f"{finding.part}, {finding.check}"
+            key = repr((half, kind, method.code))
+            if key not in _FAILED:
+                _FAILED[key] = _first_failed(_findings([half], kind, limits=Limits(run_s=BRIEF_S)))
+            if _FAILED[key]:
+                return _FAILED[key]
+    return ""
+
+
+_FAILED: dict[str, str] = {}
+
+
+def _first_failed(findings: Generator[Finding]) -> str:
+    began = perf_counter()
+    with closing(findings):
+        for finding in findings:
+            if finding.level == "error":
+                return "" if OVER_A_LIMIT in finding.text else f"{finding.part}, {finding.check}"
+            if perf_counter() - began > BRIEF_S:
+                break
     return ""
 
 
@@ -75,25 +95,26 @@ def _are_foreign(halves: Sequence[Half]) -> bool:
     return any(is_foreign(half, kind) for half in halves for kind in KINDS)
 
 
-def _start_checks(halves: Sequence[Half], kind: str = "") -> tuple[GuestProcess, dict[str, str]]:
+def _start_checks(halves: Sequence[Half], kind: str = "", *, limits: Limits) -> tuple[GuestProcess, dict[str, str]]:
     """Return a process that can check these plug-ins, and their absolute paths with the spelling of the user."""
     for half in halves:
         for code in codes_of(half):
             check_code_allowed(code)
     loaded, shown, folders = make_absolute_halves(halves)
-    return GuestProcess({"check": {"halves": loaded, "kind": kind}}, folders, limits=CHECK_LIMITS), shown
+    return GuestProcess({"check": {"halves": loaded, "kind": kind}}, folders, limits=limits), shown
 
 
-def _findings(halves: Sequence[Half], kind: str = "") -> Iterator[Finding]:
+def _findings(halves: Sequence[Half], kind: str = "", *, limits: Limits) -> Generator[Finding]:
     """Yield the results of the checks of plug-ins, which run in a process of their own; BadInput comes at once."""
     try:
-        process, shown = _start_checks(halves, kind)
+        process, shown = _start_checks(halves, kind, limits=limits)
     except GuestLost as lost:
-        return iter([_end_of_process(f"while it was loaded, {lost}")])
+        found = _end_of_process(f"while it was loaded, {lost}")
+        return (one for one in [found])
     return _findings_of(process, shown)
 
 
-def _findings_of(process: GuestProcess, shown: Mapping[str, str]) -> Iterator[Finding]:
+def _findings_of(process: GuestProcess, shown: Mapping[str, str]) -> Generator[Finding]:
     try:
         for finding in process.check():
             text = finding.text

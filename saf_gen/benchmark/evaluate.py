@@ -4,7 +4,7 @@ A method is a focus measure and a search. It sees windows of the recording throu
 cost and the judgement stay with the evaluator, in the folder ``tracks``. Streams without truth are searched, too.
 """
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -16,7 +16,7 @@ import numpy as np
 from saf_gen.benchmark.admission import admit_measure
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
+from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method
 from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.results import Drawn, Evaluation, SequenceFailure
 from saf_gen.benchmark.sequence_evaluation import (
@@ -65,6 +65,7 @@ def evaluate(
     cluster: str | None = None,
     draw: bool = True,
     limits: Limits | None = None,
+    check: bool = True,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Evaluation:
     """Run methods on a dataset or on one stream, and judge their answers.
@@ -103,6 +104,9 @@ def evaluate(
     limits : Limits, optional
         What a method that is not part of saf_gen may use on a sequence; such a method runs in a process of its own,
         and whatever it does, only its own runs fail.
+    check : bool, default True
+        Whether measures and searches that are not part of saf_gen are checked once, as by ``saf-gen methods check``;
+        their records name the first check that they fail. This takes a second or two for each.
     tell : callable, optional
         Called with a line for the user if a sequence is evaluated again because a worker died, or if the cluster has
         no workers.
@@ -161,6 +165,7 @@ def evaluate(
     if draw:
         drawn |= dict.fromkeys(select_to_show(conditions, DRAWN_SEQUENCES), "sweep")
         drawn |= dict.fromkeys(select_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
+    failed = _check_guests(chosen.values()) if check else {}
     store = keep if keep is not None and path.is_dir() else KeptSequences()
     store.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
     parts: dict[int, Evaluation] = {}
@@ -197,13 +202,28 @@ def evaluate(
         )
     in_order = [parts[number] for number in sorted(parts)]
     return Evaluation(
-        records=tuple(record for part in in_order for record in part.records),
+        records=tuple(
+            replace(record, failed_check=failed[record.code]) if record.code in failed else record
+            for part in in_order
+            for record in part.records
+        ),
         sweeps=tuple(sweep for part in in_order for sweep in part.sweeps),
         failures=tuple(failures[number] for number in sorted(failures)),
         lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
         plugins=describe_plugins(chosen.values()),
         curves=tuple(curve for part in in_order for curve in part.curves),
     )
+
+
+def _check_guests(methods: Iterable[Method]) -> dict[str, str]:
+    """Return the first check that a method fails, by its code digest, for those that fail one."""
+    guests = {method.code: method for method in methods if method.guest is not None}
+    if not guests:
+        return {}
+    from saf_gen.benchmark.checking import first_failed_check
+
+    failed = {code: first_failed_check(method) for code, method in guests.items()}
+    return {code: check for code, check in failed.items() if check}
 
 
 EndedSequence = tuple[int, Evaluation | None, Exception | None]

@@ -236,6 +236,7 @@ def rank_on_saf(
             progress=progress,
             keep=stores[-1],
             draw=False,
+            check=False,
         )
         stores[-1].write()
         failures += found.failures

@@ -156,6 +156,7 @@ def tune(
         progress=progress,
         keep=keep,
         cluster=cluster,
+        check=False,
         tell=notify,
     )
     if result.failures:

@@ -352,6 +352,57 @@ def test_a_plus_in_a_path_is_no_sign_of_a_method(name, halves):
     assert split_halves(name) == halves
 
 
+def test_a_guest_that_cannot_be_started_again_fails_its_own_row(tmp_path, captured_dataset, monkeypatch):
+    """It ends in the first sequence, when the machine is out of processes."""
+    protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
+    methods = ["sd+hill_climb", f"sd+{FILE}:exits_at_once", "tenengrad_n+golden_section"]
+    admit_method(methods[1], LONG)
+
+    def refuse(*_, **__):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("saf_gen.benchmark.guests.host.subprocess.Popen", refuse)
+    how = {"protocol": protocol, "draw": False, "check": False, "limits": LONG, "scene_motion": "static"}
+    records = evaluate(captured_dataset, methods=methods, **how).records
+    notes = {record.note for record in records if record.method == methods[1]}
+    assert notes == {
+        "its process ended with exit code 0",
+        "its process cannot be started: Resource temporarily unavailable",
+    }
+    alone = evaluate(captured_dataset, methods=methods[::2], **how).records
+    assert [plain(r) for r in records if r.method != methods[1]] == [plain(r) for r in alone]
+
+
+class Breaks(RecordingView):
+    """A view that breaks once the method has seen two windows."""
+
+    def image(self, form, *, first, stop):
+        if self.scorer.windows == 2:
+            raise ZeroDivisionError("the evaluator's own")
+        return super().image(form, first=first, stop=stop)
+
+
+def test_an_error_of_the_evaluator_in_mid_run_ends_the_guest(tmp_path, sweep):
+    """Otherwise the guest would take the first reply of its next run for a window of this one."""
+    (tmp_path / "mine.py").write_text("def mine(counts):\n    return float(counts.var())\n")
+    method = admit_method(f"{tmp_path}/mine.py:mine+argmax:window=50", LONG)
+    process, view = method.guest._process._process, Breaks(sweep, None)
+    with pytest.raises(ZeroDivisionError):
+        run_method(method, view, scorer=view.scorer)
+    assert process.poll() is not None
+    view = RecordingView(sweep, None)
+    answer, problem = run_method(method, view, scorer=view.scorer)
+    assert (problem, len(view.scorer.scores)) == ("", 8)
+    assert answer.frame == admitted_alone("variance+argmax:window=50", sweep).frame
+    method.guest.close()
+
+
+def admitted_alone(spec, sweep):
+    method = admit_method(spec)
+    view = RecordingView(sweep, method.measure)
+    return run_method(method, view, scorer=view.scorer)[0]
+
+
 def test_a_killed_evaluator_leaves_no_guest_and_no_folder(tmp_path):
     (tmp_path / "mine.py").write_text("def mine(counts):\n    return float(counts.var())\n")
     code = (
