@@ -18,7 +18,7 @@ from saf_gen.errors import BadInput
 
 CHECK_LIMITS = Limits(run_s=60.0)
 """Limits of a process that checks plug-ins; each check ends after 30 s, unless it does not run Python."""
-BRIEF_S = 20.0
+BRIEF_S = 10.0
 """Time that an evaluation spends on the checks of a measure or search."""
 
 

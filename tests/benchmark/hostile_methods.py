@@ -217,7 +217,7 @@ def asks_for_windows_of_text(view):
     view.score("a", "b")
 
 
-@says("BadInput: the lens of a recording cannot be moved")
+@says("BadInput: the lens (of a recording )?cannot be moved")
 def moves_the_lens_of_a_recording(view):
     view.move(0.5)
 

@@ -18,6 +18,7 @@ from typing import Any, BinaryIO, Self
 
 import numpy as np
 
+_to_json = json.JSONEncoder(separators=(",", ":")).encode  # json.dumps would make an encoder for each message
 MAX_MESSAGE_BYTES = 8 << 20
 """Largest message, enough for a trace of the longest allowed length."""
 
@@ -29,7 +30,7 @@ def write_message(pipe: BinaryIO, message: dict[str, Any]) -> None:
 
 
 def _pack(message: dict[str, Any]) -> bytes:
-    data = json.dumps(message, separators=(",", ":")).encode()
+    data = _to_json(message).encode()
     return len(data).to_bytes(4, "little") + data
 
 
