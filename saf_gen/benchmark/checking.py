@@ -18,6 +18,7 @@ from saf_gen.errors import BadInput
 
 CHECK_LIMITS = Limits(run_s=60.0)
 """Limits of a process that checks plug-ins; each check ends after 30 s, unless it does not run Python."""
+PROGRAM = "saf_gen.benchmark.check_process"
 BRIEF_S = 10.0
 """Time that an evaluation spends on the checks of a measure or search."""
 
@@ -101,7 +102,7 @@ def _start_checks(halves: Sequence[Half], kind: str = "", *, limits: Limits) -> 
         for code in codes_of(half):
             check_code_allowed(code)
     loaded, shown, folders = make_absolute_halves(halves)
-    return GuestProcess({"check": {"halves": loaded, "kind": kind}}, folders, limits=limits), shown
+    return GuestProcess({"halves": loaded, "kind": kind}, folders, limits=limits, program=PROGRAM), shown
 
 
 def _findings(halves: Sequence[Half], kind: str = "", *, limits: Limits) -> Generator[Finding]:

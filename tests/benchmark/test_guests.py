@@ -106,7 +106,9 @@ def test_the_closed_loop_is_the_same_for_a_guest(tmp_path, captured_dataset):
     copy = f"{tmp_path}/mine.py:Copy:of=sd"
     protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
     methods = [f"{measure}+{search}" for search in searches for measure in ("sd", copy)]
-    records = evaluate(captured_dataset, methods=methods, protocol=protocol, draw=False, check=False, limits=LONG).records
+    records = evaluate(
+        captured_dataset, methods=methods, protocol=protocol, draw=False, check=False, limits=LONG
+    ).records
     for one, other in zip(methods[::2], methods[1::2], strict=True):
         mine, theirs = ([plain(r) for r in records if r.method == name] for name in (one, other))
         for a, b in zip(mine, theirs, strict=True):
@@ -119,8 +121,12 @@ def test_hostile_methods_fail_for_themselves_in_the_closed_loop(tmp_path, captur
     protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
     hostile = {f"sd+{FILE}:{name}": HOSTILE[name] for name in FEW}
     methods = ["sd+hill_climb", *hostile, "tenengrad_n+golden_section"]
-    records = evaluate(captured_dataset, methods=methods, protocol=protocol, draw=False, check=False, limits=SHORT).records
-    alone = evaluate(captured_dataset, methods=[methods[0], methods[-1]], protocol=protocol, draw=False, check=False).records
+    records = evaluate(
+        captured_dataset, methods=methods, protocol=protocol, draw=False, check=False, limits=SHORT
+    ).records
+    alone = evaluate(
+        captured_dataset, methods=[methods[0], methods[-1]], protocol=protocol, draw=False, check=False
+    ).records
     assert [plain(r) for r in records if r.method not in hostile] == [plain(r) for r in alone]
     for record in records:
         if hostile.get(record.method):

@@ -30,6 +30,7 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import View
 from saf_gen.stream.measure_input import Form
 
+PROGRAM = "saf_gen.benchmark.guests.process"
 KEPT_VARIABLES = ("PATH", "LANG", "LC_", "LD_LIBRARY_PATH", "DYLD_", "CUDA_", "NVIDIA_", "OMP_", "MKL_", "OPENBLAS_",
                   "NUMBA_", "VIRTUAL_ENV", "CONDA_", "SYSTEMROOT", "WINDIR", "PROCESSOR_", "TZ")  # fmt: skip
 """Beginnings of the names of environment variables that a guest gets; all others, such as keys, it does not get."""
@@ -94,16 +95,18 @@ class GuestPart:
 
 
 class GuestProcess:
-    """A process that has loaded one method, or what is checked of one.
+    """A process that has loaded one method, or plug-ins to check.
 
     Parameters
     ----------
     order : dict
-        What it loads, names with their options and with absolute paths: ``load`` a method to run, ``check`` plug-ins.
+        What its program loads: names with their options and with absolute paths.
     folders : sequence of str
         Folders whose modules the method may import.
     limits : Limits
         What it may use.
+    program : str, optional
+        Module that it runs.
 
     Attributes
     ----------
@@ -118,7 +121,7 @@ class GuestProcess:
         If it ends while it loads, or takes too long.
     """
 
-    def __init__(self, order: dict[str, Any], folders: list[str], *, limits: Limits) -> None:
+    def __init__(self, order: dict[str, Any], folders: list[str], *, limits: Limits, program: str = PROGRAM) -> None:
         self._limits, self._run, self._tail, self._checked, self._closed = limits, 0, b"", 0.0, False
         self._folder = Path(tempfile.mkdtemp(prefix="saf-gen-guest-"))
         self._memory = SharedMemory.create(self._folder)
@@ -127,7 +130,7 @@ class GuestProcess:
         work.mkdir()
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "saf_gen.benchmark.guests.process", str(self._memory.descriptor),
+                [sys.executable, "-P", "-m", program, str(self._memory.descriptor),
                  self._memory.path, str(max(limits.load_s, limits.run_s))],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=work,
                 env=_environment(self._folder), pass_fds=inherited, start_new_session=True,
@@ -266,7 +269,7 @@ class GuestProcess:
         """Send a message, and return the time just before; raises GuestLost if the guest does not read."""
         sent = perf_counter()
         with suppress(OSError, ValueError):  # that the guest is gone is found when it is waited for
-            if not write_message_within(self._process.stdin, message, SEND_S):  # type: ignore[arg-type]
+            if not write_message_within(self._process.stdin, message, seconds=SEND_S):  # type: ignore[arg-type]
                 raise self._lost("its process does not read the replies to its requests")
         return sent
 

@@ -57,6 +57,12 @@ class Line:
                 self.memory.read(message)
             self.send({"pong": 1})
 
+    def receive_order(self) -> dict[str, Any]:
+        """Return the first message, after which a method may import its neighbours."""
+        order = self.receive()
+        sys.path[:0] = order["folders"]
+        return order
+
     def ask(self, message: dict[str, Any]) -> dict[str, Any]:
         """Return the reply to a request; raises BudgetSpentError or BadInput if the reply says so."""
         from saf_gen.benchmark.view.restricted_view import BudgetSpentError
@@ -139,6 +145,11 @@ class _FilesRead:
 
 def main() -> None:
     """Serve the evaluator until it is gone."""
+    _serve(open_line())
+
+
+def open_line() -> Line:
+    """Return this end of the wire, which a method cannot use by mistake; this process now ends with the evaluator."""
     descriptor, path = int(sys.argv[1]), sys.argv[2]
     line = Line(os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb"), memory=SharedMemory.attach(descriptor, path))
     with open(os.devnull) as nothing:  # noqa: PTH123
@@ -147,7 +158,7 @@ def main() -> None:
     _limit()
     watch = partial(_end_with, os.getppid(), seconds=float(sys.argv[3]), folder=Path.cwd().parent)
     threading.Thread(target=watch, daemon=True).start()
-    _serve(line)
+    return line
 
 
 def _limit() -> None:
@@ -175,15 +186,12 @@ def _end(folder: Path) -> NoReturn:
     os._exit(0)
 
 
-def _serve(line: Line) -> None:
+def _serve(line: Line) -> NoReturn:
     from saf_gen.benchmark.search_run import run_search
     from saf_gen.benchmark.view.restricted_view import BudgetSpentError
     from saf_gen.parts import Answer
 
-    order = line.receive()
-    sys.path[:0] = order["folders"]  # a method may import its neighbours
-    if "check" in order:
-        _check(line, order["check"])
+    order = line.receive_order()
     method, hello = _load(order["load"])
     line.send(hello)
     while True:
@@ -212,40 +220,13 @@ def _rate(measure: Any, image: np.ndarray, *, frames: int) -> dict[str, Any]:
         with user_code():
             return {"score": float(measure(image, **({"frames": frames} if wants_frames(measure) else {})))}
     except BadInput as error:
-        return _refusal(error)
+        return refusal(error)
     except Exception as error:  # noqa: BLE001  code of others may raise anything
         return {"problem": describe_exception(error)}
 
 
-def _check(line: Line, what: dict[str, Any]) -> NoReturn:
-    """Describe plug-ins, run the checks of ``saf-gen methods check`` on them, and end."""
-    from saf_gen.benchmark.conformance import check_parts, find_parts
-    from saf_gen.benchmark.plugin_description import describe_plugin
-    from saf_gen.benchmark.search_run import describe_exception
-    from saf_gen.core.user_code import user_code
-    from saf_gen.errors import BadInput
-
-    try:
-        with user_code():
-            parts = find_parts(what["halves"], what["kind"])
-            described = [
-                describe_plugin(half[0], kind, plug_in=parts[kind])
-                for half, kind in zip(what["halves"], parts, strict=True)
-            ]
-            hello: dict[str, Any] = {"plugins": list(map(asdict, described))}
-    except BadInput as error:
-        hello = _refusal(error)
-    except Exception as error:  # noqa: BLE001  code of others may raise anything
-        hello = {"broken": describe_exception(error)}
-    line.send(hello)
-    line.receive()
-    for finding in check_parts(parts):
-        line.send({"finding": asdict(finding)})
-    line.send({"end": 1})
-    os._exit(0)
-
-
-def _refusal(error: "BadInput") -> dict[str, Any]:
+def refusal(error: "BadInput") -> dict[str, Any]:
+    """Return the message that lets the evaluator raise this error."""
     keys = ("problem", "allowed", "nearest", "hint", "where")
     return {"refused": {key: getattr(error, key) for key in keys}}
 
@@ -277,7 +258,7 @@ def _load(spec: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
                 "plugins": [asdict(plugin) for plugin in describe_plugins([method])],
             }
     except BadInput as error:
-        return None, _refusal(error)
+        return None, refusal(error)
     except Exception as error:  # noqa: BLE001  code of others may raise anything
         return None, {"broken": describe_exception(error)}
     modules = [module for name, module in list(sys.modules.items()) if name not in before]

@@ -34,7 +34,7 @@ def _pack(message: dict[str, Any]) -> bytes:
     return len(data).to_bytes(4, "little") + data
 
 
-def write_message_within(pipe: BinaryIO, message: dict[str, Any], seconds: float) -> bool:
+def write_message_within(pipe: BinaryIO, message: dict[str, Any], *, seconds: float) -> bool:
     """Write a message to a process that may not read, and return whether it was written within this time.
 
     Where pipes cannot be waited for (Windows), it waits as long as it takes. Raises OSError if the other side is gone.
@@ -45,13 +45,13 @@ def write_message_within(pipe: BinaryIO, message: dict[str, Any], seconds: float
     data = _pack(message)
     deadline = perf_counter() + seconds
     while data:
-        if not _is_ready(pipe.fileno(), select.POLLOUT, max(deadline - perf_counter(), 0.0)):
+        if not _is_ready(pipe.fileno(), select.POLLOUT, seconds=max(deadline - perf_counter(), 0.0)):
             return False
         data = data[os.write(pipe.fileno(), data[: select.PIPE_BUF]) :]  # a pipe that is ready takes as much
     return True
 
 
-def _is_ready(file: int, event: int, seconds: float) -> bool:
+def _is_ready(file: int, event: int, *, seconds: float) -> bool:
     """Return whether a pipe can be read or written, or has ended, within this time."""
     poll = select.poll()  # select() refuses descriptors above 1023
     poll.register(file, event)
@@ -103,7 +103,7 @@ class MessageReader:
         while not self._is_whole():
             left = max(deadline - perf_counter(), 0.0)
             if self._arrived is None:
-                if not _is_ready(self._file, select.POLLIN, left):
+                if not _is_ready(self._file, select.POLLIN, seconds=left):
                     return False
                 read = os.read(self._file, 1 << 16)
             else:
