@@ -122,7 +122,7 @@ STOP_MESSAGES = {
 """The message for a stopped command, by command or group; commands that write no files have none."""
 
 
-UNPACKING = ("import", "encode", "verify", "pack", "fetch", "dataset")
+UNPACKING = ("import", "encode", "export", "cut", "inspect", "view", "score", "verify", "pack", "fetch", "dataset")
 """Commands whose time is that of unpacking what strangers packed, and that have no bar or log of their own."""
 _MEMORY_ADVICE = ": finished work is kept; stop other programs, raise the limit (ulimit -v, -u), or use fewer --workers"
 MIN_MEMORY = 1 << 30

@@ -60,8 +60,11 @@ OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write t
 
 
 def print_error(line: str, code: int) -> int:
-    """Print an error as one line on stderr, and return ``code``."""
-    err.print(Text.assemble(("saf-gen:", "bold red"), " ", " ".join(line.split())))
+    """Print an error as one line on stderr, and return ``code``, even if stderr is on a full disk."""
+    try:
+        err.print(Text.assemble(("saf-gen:", "bold red"), " ", " ".join(line.split())))
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Python flushes on exit
     return code
 
 

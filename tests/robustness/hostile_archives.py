@@ -69,7 +69,7 @@ def run_command(command: str, folder: Path) -> Ended:
             os.chdir(folder)
             for number in (1, 2):
                 os.dup2(writer, number)
-            sys.stdout, sys.stderr = (open(number, "w", closefd=False) for number in (1, 2))  # noqa: PTH123, SIM115
+            sys.stdout, sys.stderr = (open(number, "w", closefd=False) for number in (1, 2))  # noqa: SIM115
             resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_BYTES, ADDRESS_BYTES))
             main(command.split())
         except SystemExit as ended:
@@ -111,11 +111,13 @@ def _busy(process: int) -> float:
 
 
 def _resident(process: int) -> int:
-    """Return the memory of a process and of those that it started, without pages of files, which the system may drop."""
+    """Return the memory of a process and of those that it started, without the pages of files."""
     total = 0
     with contextlib.suppress(OSError, ValueError, IndexError):
         held = Path(f"/proc/{process}/status").read_text()
-        total = sum(int(line.split()[1]) << 10 for line in held.splitlines() if line.startswith(("RssAnon", "RssShmem")))
+        total = sum(
+            int(line.split()[1]) << 10 for line in held.splitlines() if line.startswith(("RssAnon", "RssShmem"))
+        )
         for child in Path(f"/proc/{process}/task/{process}/children").read_text().split():
             total += _resident(int(child))
     return total
@@ -137,10 +139,11 @@ def judge(hostile: Hostile, ended: Ended, *, size: int, before: dict[str, str], 
         faults.append(f"exit code {ended.code} where it must be {hostile.must}: {ended.said[-200:]}")
     after = list_files(folder)
     changed = [name for name, found in after.items() if before.get(name) != found]
-    allowed_names = ("out", "made") if ended.code in (0, 1) else ()
+    allowed_names = ("out", "made", "scenes/made") if ended.code in (0, 1) else ()
+    if "index" in hostile.command and ended.code == 0:
+        allowed_names = ("manifest.json",)
     if wrong := [name for name in changed if not name.startswith(allowed_names) or ".part" in name]:
-        if not ("index" in hostile.command and ended.code == 0 and wrong == ["manifest.json"]):
-            faults.append(f"wrote {wrong[:4]}")
+        faults.append(f"wrote {wrong[:4]}")
     if ended.code == 0 and hostile.spikes is not None and (folder / "out.h5").exists():
         with saf_gen.open_stream(folder / "out.h5") as stream:
             found = sum(int(stream.counts(at, min(at + 1000, stream.shape[0])).sum())
@@ -153,7 +156,9 @@ def judge(hostile: Hostile, ended: Ended, *, size: int, before: dict[str, str], 
 def list_files(folder: Path) -> dict[str, str]:
     """Return the digest of each file in a folder and below it; of a large one, its size."""
     files = (path for path in folder.rglob("*") if path.is_file())
-    return {str(p.relative_to(folder)): digest(p) if p.stat().st_size < 1 << 24 else str(p.stat().st_size) for p in files}
+    return {
+        str(p.relative_to(folder)): digest(p) if p.stat().st_size < 1 << 24 else str(p.stat().st_size) for p in files
+    }
 
 
 def attempt(seed: int, number: int, base: Path) -> tuple[Hostile, Ended, list[str]]:

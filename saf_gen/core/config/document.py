@@ -78,7 +78,7 @@ class Document:
 
 
 MAX_DATA_FILE_BYTES = 1 << 28
-"""Largest size, in bytes, of a file that programs write, such as the manifest of a dataset of half a million sequences."""
+"""Largest size, in bytes, of a file that programs write, such as the manifest of half a million sequences."""
 MAX_LINE = 1 << 24
 """Largest number of characters per line of a file that programs write, such as the records of an evaluation."""
 

@@ -35,7 +35,10 @@ def parse_json(text: str, path: str | AnyPath, *, first_line: int = 1, hint: str
     try:
         if (values := sum(map(text.count, ",[{"))) > MAX_VALUES:
             raise BadInput(
-                f"this holds {values:,} values", where=f"{path}:{first_line}", allowed=f"at most {MAX_VALUES:,}", hint=hint
+                f"this holds {values:,} values",
+                where=f"{path}:{first_line}",
+                allowed=f"at most {MAX_VALUES:,}",
+                hint=hint,
             )
         data = json.loads(text, object_pairs_hook=_dict_of_unique_keys, parse_constant=_refuse_constant)
         if "\\u" in text:

@@ -145,13 +145,15 @@ class _ArchivedArray:
             raise BadInput(
                 f"{name} has {self._info.file_size} bytes", where=str(path), allowed="the size that its header states"
             )
-        self._file, self._at = self._archive.open(self._info), -1
+        self._file: IO[bytes] | None = None
+        self._at = -1
 
     def __getitem__(self, span: slice) -> np.ndarray:
         first, stop, _ = span.indices(self.shape[0])
         with _report_damage(self._path):
-            if self._at != first:
-                self._file.close()
+            if self._file is None or self._at != first:
+                if self._file is not None:
+                    self._file.close()
                 self._file = self._archive.open(self._info)
                 self._file.seek(self._begin + first * self._slice_bytes)
             raw = self._file.read((stop - first) * self._slice_bytes)

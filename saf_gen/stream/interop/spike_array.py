@@ -237,7 +237,8 @@ def _in_order(array: SlicedArray, axes: str) -> SlicedArray:
         needed, free = prod(array.shape) * array.dtype.itemsize, free_disk_bytes(Path(gettempdir()))
         if needed > free:
             raise BadInput(
-                f"the axes {axes} need a copy of {needed / 1e6:,.0f} MB in {gettempdir()}, which has {free / 1e6:,.0f} MB free",
+                f"the axes {axes} need a copy of {needed / 1e6:,.0f} MB in {gettempdir()}",
+                allowed=f"{free / 1e6:,.0f} MB, which are free there",
                 hint="store it with time on the first axis, or set TMPDIR to a larger disk",
             )  # fmt: skip
         with TemporaryFile(prefix="saf-gen-") as file:  # the map keeps it open
