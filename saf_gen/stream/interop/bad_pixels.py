@@ -65,11 +65,11 @@ def read_mask(text: str, shape: tuple[int, int]) -> np.ndarray:
         return _checked(_read_places(path, shape), path)
     else:
         raise unknown("kind of mask", path.suffix, allowed=(*ENDINGS, *PICTURES, ".csv"), where=str(path))
-    _check_size(mask.shape, shape, path)
+    _check_size(mask.shape, shape, path=path)
     return _checked(mask, path)
 
 
-def _check_size(found: tuple[int, ...], shape: tuple[int, int], path: Path) -> None:
+def _check_size(found: tuple[int, ...], shape: tuple[int, int], *, path: Path) -> None:
     if found != shape:
         raise BadInput(
             f"the mask has {' × '.join(map(str, found))} pixels", where=str(path),
@@ -92,7 +92,7 @@ def _read_array(path: Path, key: str | None, *, shape: tuple[int, int]) -> np.nd
         raise BadInput(f"the array is {array.dtype} {array.shape}", where=str(path), allowed="numbers (rows, columns)")
     # The last axis of a .mat file comes first. The size is compared before the values are read, as they may be many.
     is_matlab = path.suffix.lower() == ".mat"
-    _check_size(array.shape[::-1] if is_matlab else array.shape, shape, path)
+    _check_size(array.shape[::-1] if is_matlab else array.shape, shape, path=path)
     values = np.asarray(array[slice(0, array.shape[0])])
     if not np.isfinite(values).all():
         raise BadInput("the array holds values that are not finite", where=str(path), allowed="0 for good pixels")
