@@ -30,7 +30,7 @@ from pool_jobs import (
     Unsendable,
 )
 
-from saf_gen.core.execution import run_jobs, worker_pool
+from saf_gen.core.execution import run_jobs, silence
 from saf_gen.core.execution.worker_pool import WorkerPool
 from saf_gen.errors import BadInput
 
@@ -88,7 +88,7 @@ def test_a_process_that_dies_between_two_jobs_costs_neither():
 
 
 def test_a_job_that_says_nothing_for_long_is_told_again_and_again(monkeypatch, tmp_path):
-    monkeypatch.setattr(worker_pool, "TELL_AFTER_S", 0.1)
+    monkeypatch.setattr(silence, "TELL_AFTER_S", 0.1)
     lines = []
 
     def notify(line):
@@ -98,7 +98,7 @@ def test_a_job_that_says_nothing_for_long_is_told_again_and_again(monkeypatch, t
 
     done([Heavy(tmp_path / "mark", name="silent")], notify=notify)
     assert len(lines) >= 3
-    assert all(line.startswith("waiting: silent has reported nothing for ") for line in lines)
+    assert all(line.startswith("waiting: silent has said nothing for ") for line in lines)
 
 
 def test_jobs_and_results_that_cannot_be_sent_or_read_are_errors_of_their_jobs():

@@ -37,8 +37,8 @@ def run_jobs(
     cluster : Cluster, optional
         Dask cluster that runs the jobs instead, see :func:`saf_gen.core.execution.dask_cluster.run_on_dask`.
     notify : callable, optional
-        Called with a line of text for each job that is run again, with the reason, and for each that has reported
-        nothing for a minute.
+        Called with a line of text for each job that is run again, with the reason, and for what has been silent for
+        long.
 
     Yields
     ------

@@ -21,12 +21,11 @@ from typing import Any
 
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.execution.job import Job, JobResult, ReportProgress, describe_job_error
+from saf_gen.core.execution.silence import Silence
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import SafGenError
 
 MAX_DEATHS = 2
-TELL_AFTER_S = 60.0
-"""Silence of a job after which a line tells of it; another follows each time that the silence has doubled."""
 END_S = 10.0
 """Time that processes get to end once nothing is left to do; code of users may keep them from it."""
 _LOST_PIPE = 113  # exit code
@@ -80,24 +79,15 @@ def _run(packed: bytes, report: ReportProgress) -> tuple[Any, SafGenError | None
         return None, describe_job_error(error)
 
 
-@dataclass(eq=False)
 class _Attempt:
     """A job, the number of processes that have died while they ran it, and its latest report."""
 
-    job: Job
-    deaths: int = 0
-    piece: str = ""
-    heard_s: float = 0.0
-    told_s: float = 0.0
+    def __init__(self, job: Job, silence: Silence) -> None:
+        self.job, self.deaths, self.piece, self.silence = job, 0, job.name, silence
 
     def hear(self, piece: str) -> None:
-        self.piece, self.heard_s, self.told_s = piece, monotonic(), 0.0
-
-    def notify_of_silence(self, notify: Callable[[str], None]) -> None:
-        silent_s = monotonic() - self.heard_s
-        if silent_s >= max(TELL_AFTER_S, 2 * self.told_s):
-            self.told_s = silent_s
-            notify(f"waiting: {self.piece} has reported nothing for {silent_s:.0f} s (Ctrl-C stops)")
+        self.piece = piece
+        self.silence.end()
 
 
 @dataclass(frozen=True)
@@ -222,7 +212,7 @@ class WorkerPool:
 
     def add(self, jobs: Iterable[Job]) -> None:
         """Add jobs, and start as many as may run now."""
-        self._waiting += map(_Attempt, jobs)
+        self._waiting += (_Attempt(job, Silence(self._notify)) for job in jobs)
         self._start()
 
     def _start(self) -> None:
@@ -250,7 +240,7 @@ class WorkerPool:
                 outcome = self._bury(worker, attempt)
             else:
                 if outcome is None:
-                    attempt.notify_of_silence(self._notify)
+                    attempt.silence.tell(attempt.piece)
                     continue
                 self._busy.remove(worker)
                 self._idle.append(worker)
