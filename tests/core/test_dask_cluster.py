@@ -253,7 +253,7 @@ def test_a_worker_and_a_scheduler_that_fall_silent_are_told_and_the_run_goes_on_
             wait_until(lambda: lines)
             assert lines[0].startswith(f"waiting: {who}")
             assert " has said nothing for " in lines[0]
-            assert lines[0].endswith("; Ctrl-C stops, finished work is kept")
+            assert lines[0].endswith("; Ctrl-C stops")
             assert ("which has waits" in lines[0]) == (stopped == worker)
             os.kill(stopped, signal.SIGCONT)
             wait_until(lambda who=who: f"goes on: {who} answers again" in lines)

@@ -27,7 +27,7 @@ class Silence:
         silent_s = monotonic() - self._heard_s
         if silent_s >= max(TELL_AFTER_S, 2 * self._told_s):
             self._told_s = silent_s
-            facts = f"waiting: {who} has said nothing for {silent_s:.0f} s", then, "Ctrl-C stops, finished work is kept"
+            facts = f"waiting: {who} has said nothing for {silent_s:.0f} s", then, "Ctrl-C stops"
             self._notify("; ".join(filter(None, facts)))
 
     def end(self, who: str = "") -> None:
