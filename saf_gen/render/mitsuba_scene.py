@@ -380,7 +380,7 @@ def call_scene_script(scene: Scene, function: str, *, default: Any = None) -> An
     """
     script = scene.folder / "scene.py"
     limit = sys.getrecursionlimit()
-    with _kept_process(), _scene_modules(scene):
+    with _kept_process(script), _scene_modules(scene):
         try:
             with user_code():
                 try:
@@ -397,27 +397,29 @@ def call_scene_script(scene: Scene, function: str, *, default: Any = None) -> An
 
 
 @contextmanager
-def _kept_process() -> Iterator[None]:
+def _kept_process(script: Path) -> Iterator[None]:
     """Put back what a script may change for its whole process: standard streams, working folder, environment.
 
     Other scenes are rendered by the same process. A file that is opened under the number of a closed standard stream
-    would receive what is printed.
+    would receive what is printed. Raises BadInput if the script has closed descriptors that it did not open.
     """
     streams = {number: os.dup(number) for number in range(3) if _is_open(number)}
     objects, folder, environment = (sys.stdin, sys.stdout, sys.stderr), Path.cwd(), dict(os.environ)
     try:
         yield
     finally:
-        with suppress(OSError):  # the copies may be closed, too; then the process cannot go on, and says so
-            for number, copy in streams.items():
-                os.dup2(copy, number)
-                os.close(copy)
         sys.stdin, sys.stdout, sys.stderr = objects
         with suppress(OSError):
             os.chdir(folder)
         if dict(os.environ) != environment:
             os.environ.clear()
             os.environ.update(environment)
+        try:
+            for number, copy in streams.items():
+                os.dup2(copy, number)
+                os.close(copy)
+        except OSError as error:  # the copies are closed, too, and so may be all that this process needs
+            raise BadInput(f"{script} closed files that it did not open", hint="repair it") from error
 
 
 def _is_open(number: int) -> bool:
