@@ -28,11 +28,14 @@ from saf_gen.errors import SafGenError
 MAX_DEATHS = 2
 END_S = 10.0
 """Time that processes get to end once nothing is left to do; code of users may keep them from it."""
-_LOST_PIPE = 113  # exit code
+LOST_S = 1.0
+"""Time that a process gets to end once its pipe is closed."""
+LOST_PIPE = "its code closed the pipe to the run"
+EXIT_LOST = 113
 
 
-def _serve(pipe: Connection) -> None:
-    """Run the jobs that come through the pipe, one at a time, until it or the parent ends."""
+def _serve(pipe: Connection, first: bytes) -> None:
+    """Run a job, and those that come through the pipe after it, one at a time, until the pipe or the parent ends."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
@@ -44,15 +47,17 @@ def _serve(pipe: Connection) -> None:
             with sending:
                 pipe.send_bytes(packed)
         except OSError:  # code of users has closed it
-            os._exit(_LOST_PIPE)
+            os._exit(EXIT_LOST)
 
-    send("ready")
-    while (packed := _receive(pipe)) is not None:
+    packed: bytes | None = first
+    while packed is not None:
+        send("begun")
         result, error = _run(packed, lambda name, done: send("progress", name, done))
         try:
             send("ended", result, error)
         except Exception as problem:  # noqa: BLE001  (results that cannot be pickled raise anything)
             send("ended", None, SafGenError(f"its result cannot be sent: {problem}"))
+        packed = _receive(pipe)
 
 
 def _receive(pipe: Connection) -> bytes | None:
@@ -61,7 +66,7 @@ def _receive(pipe: Connection) -> bytes | None:
     except EOFError:
         return None
     except OSError:
-        os._exit(_LOST_PIPE)
+        os._exit(EXIT_LOST)
 
 
 def _exit_after(sentinel: int) -> None:
@@ -104,32 +109,29 @@ class _Unsendable:
 class _Worker:
     """A process, and this end of its pipe."""
 
-    def __init__(self) -> None:
+    def __init__(self, attempt: _Attempt) -> None:
         # Processes are spawned, because Mitsuba's and numba's threads do not survive a fork.
         context = multiprocessing.get_context("spawn")
+        self.has_begun = True  # or died at its job, which it got before it started
         self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs,))
+        self.process = context.Process(target=_serve, args=(theirs, self._take(attempt)))
         with defer_interrupts():  # a worker that is interrupted while it starts prints a traceback
             self.process.start()
         theirs.close()
-        self.attempt: _Attempt | None = None
-        self._is_ready, self._unsent = False, b""
 
     def begin(self, attempt: _Attempt) -> None:
+        """Run another job in the process, which has ended its last one and waits."""
+        packed, self.has_begun = self._take(attempt), False
+        with suppress(OSError):  # it has died, which is noticed when it is listened to
+            self.pipe.send_bytes(packed)
+
+    def _take(self, attempt: _Attempt) -> bytes:
         self.attempt = attempt
         attempt.hear(attempt.job.name)
         try:
-            self._unsent = pickle.dumps(attempt.job)
+            return pickle.dumps(attempt.job)
         except Exception as error:  # noqa: BLE001  (plug-ins in a job may raise anything)
-            self._unsent = pickle.dumps(_Unsendable(attempt.job.name, f"it cannot be sent: {error}"))
-        self._send_job()
-
-    def _send_job(self) -> None:
-        """Send the job once the process reads: until it has started, a large job would block its sender."""
-        if self._is_ready and self._unsent:
-            with suppress(OSError):  # it has died, which is noticed when it is listened to
-                self.pipe.send_bytes(self._unsent)
-            self._unsent = b""
+            return pickle.dumps(_Unsendable(attempt.job.name, f"it cannot be sent: {error}"))
 
     def listen(self, report: ReportProgress) -> tuple[Any, SafGenError | None] | None:
         """Pass on the progress of the job; return its result and error if it has ended, otherwise None.
@@ -139,21 +141,19 @@ class _Worker:
         is_alive = self.is_alive()  # asked first, so that its last messages are read
         while self._has_message():
             try:
-                kind, *message = pickle.loads(self.pipe.recv_bytes())
+                packed = self.pipe.recv_bytes()
             except OSError as error:
                 raise EOFError from error
-            except EOFError:
-                raise
+            try:
+                kind, *message = pickle.loads(packed)
             except Exception as error:  # noqa: BLE001  (code of users may define what is unpickled)
                 return None, SafGenError(f"its result cannot be read: {type(error).__name__}: {error}")
             if kind == "ended":
                 return message[0], message[1]
-            if kind == "ready":
-                self._is_ready = True
-                self._send_job()
-            elif self.attempt is not None:
+            if kind == "progress":
                 self.attempt.hear(message[0])
                 report(*message)
+            self.has_begun = True
         if not is_alive:
             raise EOFError
         return None
@@ -169,14 +169,17 @@ class _Worker:
         return self.process.is_alive()
 
     def how_it_died(self) -> str:
-        """Return in words how the process ended."""
-        self.process.join()
+        """Return in words how the process ended; one that has only lost its pipe is killed."""
+        self.process.join(LOST_S)
+        if self.is_alive():
+            self.wait(0.0)
+            return LOST_PIPE
         code = self.process.exitcode or 0
         if -code == signal.SIGKILL:
             return "killed, or out of memory?"
         if code < 0:
             return signal.strsignal(-code) or f"signal {-code}"
-        return "its code closed the pipe to the run" if code == _LOST_PIPE else f"it ended itself with exit code {code}"
+        return LOST_PIPE if code == EXIT_LOST else f"it ended itself with exit code {code}"
 
     def end(self) -> None:
         """Let the process end; it does at once if it has no job."""
@@ -217,13 +220,16 @@ class WorkerPool:
 
     def _start(self) -> None:
         while queue := self._suspects or self._waiting:
-            a_suspect_runs = any(worker.attempt and worker.attempt.deaths for worker in self._busy)
+            a_suspect_runs = any(worker.attempt.deaths for worker in self._busy)
             if a_suspect_runs or len(self._busy) >= (1 if self._suspects else self._size):
                 return
             self._idle = [worker for worker in self._idle if worker.is_alive()]
-            worker = self._idle.pop() if self._idle else _Worker()
+            if self._idle:
+                worker = self._idle.pop()
+                worker.begin(queue.popleft())
+            else:
+                worker = _Worker(queue.popleft())
             self._busy.append(worker)
-            worker.begin(queue.popleft())
 
     def collect(self, report: ReportProgress) -> Iterator[JobResult]:
         """Pass on progress, yield the jobs that have ended, and start others.
@@ -232,8 +238,6 @@ class WorkerPool:
         """
         for worker in list(self._busy):
             attempt = worker.attempt
-            if attempt is None:
-                continue
             try:
                 outcome = worker.listen(report)
             except EOFError:
@@ -252,6 +256,10 @@ class WorkerPool:
         """Give the job of a dead process to another one, or return the error of the job."""
         self._busy.remove(worker)
         worker.end()
+        if not worker.has_begun:  # it died before, while it had no job
+            self._waiting.appendleft(attempt)
+            worker.wait(monotonic() + LOST_S)
+            return None
         why, attempt.deaths = worker.how_it_died(), attempt.deaths + 1
         if attempt.deaths < MAX_DEATHS:
             self._suspects.append(attempt)
