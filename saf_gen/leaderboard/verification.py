@@ -30,9 +30,9 @@ RERUN_HERE, RERUN_ELSEWHERE, DIFFERS, CLAIMED = "re-run here", "re-run elsewhere
 COST_AND_MACHINE = frozenset({"seconds", "machine", "limits", "tuning", "note"})
 """Keys of a record that may differ between two runs of the same method."""
 PROVES = (
-    "this code, with the digest in the records, gave these answers again from counts and lens positions. It is not "
-    "proved that the code has never seen the answers (a sealed split is for that), nor that it read no file of yours "
-    "(a container is)"
+    "this code, with the digest in the records, gave these answers again from counts and lens positions; not proved: "
+    "that it had never seen the answers (rank on a sealed split), or that it read nothing else here (read it, or "
+    "verify in a container)"
 )
 """What a row that is re-run here proves, and what not."""
 HINT = "run saf-gen leaderboard verify again"
