@@ -4,7 +4,9 @@ A method is a focus measure and a search. It sees windows of the recording throu
 cost and the judgement stay with the evaluator, in the folder ``tracks``. Streams without truth are searched, too.
 """
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+import hashlib
+import json
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -17,7 +19,9 @@ from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
 from saf_gen.benchmark.plugin_description import describe_plugins
-from saf_gen.benchmark.results import Drawn, Evaluation, SequenceFailure
+from saf_gen.benchmark.records import READ_LATE, Record
+from saf_gen.benchmark.results import Drawn, Evaluation, LateFile, SequenceFailure
+from saf_gen.benchmark.search_run import to_one_line
 from saf_gen.benchmark.sequence_evaluation import (
     EvaluateJob,
     MethodGroups,
@@ -196,14 +200,37 @@ def evaluate(
             where=str(path),
         )
     in_order = [parts[number] for number in sorted(parts)]
+    late = tuple(sorted({file for part in in_order for file in part.read_late}))
     return Evaluation(
-        records=tuple(record for part in in_order for record in part.records),
+        records=tuple(note_late_files([record for part in in_order for record in part.records], late)),
         sweeps=tuple(sweep for part in in_order for sweep in part.sweeps),
         failures=tuple(failures[number] for number in sorted(failures)),
         lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
         plugins=describe_plugins(chosen.values()),
         curves=tuple(curve for part in in_order for curve in part.curves),
+        read_late=late,
     )
+
+
+def note_late_files(records: Sequence[Record], late: Sequence[LateFile]) -> Iterator[Record]:
+    """Yield records whose notes name the files that their methods read late, and a digest of their contents.
+
+    All records of a method have the same note, because it may have kept what it read for another sequence.
+    """
+    notes = {}
+    for method in {file.method for file in late}:
+        own = [file for file in late if file.method == method]
+        names = list(dict.fromkeys(Path(file.path).name for file in own))
+        more = f" and {len(names) - NAMED_LATE_FILES} more" if len(names) > NAMED_LATE_FILES else ""
+        contents = sorted((Path(file.path).name, file.digest) for file in own)
+        digest = hashlib.sha256(json.dumps(contents).encode()).hexdigest()[:12]
+        notes[method] = to_one_line(f"{READ_LATE}{', '.join(names[:NAMED_LATE_FILES])}{more} ({digest})")
+    for record in records:
+        note = notes.get(record.method)
+        yield record if note is None else replace(record, note="; ".join(filter(None, (record.note, note))))
+
+
+NAMED_LATE_FILES = 3
 
 
 EndedSequence = tuple[int, Evaluation | None, Exception | None]

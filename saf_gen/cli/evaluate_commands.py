@@ -42,7 +42,11 @@ def evaluate_command(
     scene_motion: Annotated[str | None, typer.Option(help="Evaluate only static or only dynamic sequences.")] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option(help="MEASURE+SEARCH with options after a colon, or @FILE of a tuned method; repeatable."),
+        typer.Option(
+            "--method",
+            "-m",
+            help="MEASURE+SEARCH, options after a colon, a folder with a card, or @FILE of a tuned method; repeatable.",
+        ),
     ] = None,
     methods: Annotated[
         Path | None, typer.Option(help="File with one method per line, in addition to --method.")
@@ -169,8 +173,12 @@ def print_kept(kept: "KeptSequences", *, splits: Collection[str | None]) -> None
     stopped = "had been evaluated by a run that was stopped"
     if kept.reused:
         err.print(f"{plural(kept.reused, 'sequence')} {stopped}")
-    for split, count in kept.count_left_over(splits).items():
-        err.print(f"{plural(count, 'sequence')} of {name_splits([split])} {stopped}; not ranked now")
+    for split, count in kept.count_left_over().items():
+        if split in splits:
+            why = "evaluated again, because methods, their files or options, or the data are not what they were"
+            err.print(f"{plural(count, 'sequence')} {stopped}; {why}")
+        elif split is not None:
+            err.print(f"{plural(count, 'sequence')} of {name_splits([split])} {stopped}; not ranked now")
 
 
 def protocol_from_options(

@@ -75,7 +75,7 @@ def show_method_command(
     found = resolve_name(name)
     if isinstance(found, Method):
         names, plug_ins = split_halves(split_region(found.name)[0]), (found.measure, found.search)
-        pages = list(zip(names, ("measures", "searches"), plug_ins, strict=True))
+        pages = list(zip((names[0], names[-1]), ("measures", "searches"), plug_ins, strict=True))
     else:
         pages = [(tidy(name), *found)]
     for title, kind, plug_in in pages:
@@ -88,7 +88,9 @@ def show_method_command(
 
 
 def check_method_command(
-    name: Annotated[str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, or @FILE of a tuned method.")],
+    name: Annotated[
+        str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, a folder, or @FILE of a tuned method.")
+    ],
     as_json: AsJson = False,
 ) -> None:
     """Check that a method ends, stays within travel and budget, is reproducible, and never crashes."""
