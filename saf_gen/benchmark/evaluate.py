@@ -20,6 +20,7 @@ from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
 from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.records import READ_LATE, Record
+from saf_gen.benchmark.repetition import Repetition, plan_repetition
 from saf_gen.benchmark.results import Drawn, Evaluation, LateFile, SequenceFailure
 from saf_gen.benchmark.search_run import to_one_line
 from saf_gen.benchmark.sequence_evaluation import (
@@ -37,6 +38,7 @@ from saf_gen.benchmark.tracks.tasks import SequenceTask, select_sequences_to_eva
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.object_store import StorePath, find_path
+from saf_gen.core.plain_text import plural
 from saf_gen.core.region import REGIONS
 from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, SafGenError, unknown
@@ -69,6 +71,7 @@ def evaluate(
     cluster: str | None = None,
     draw: bool = True,
     limits: Limits | None = None,
+    failed_in: str | Path | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Evaluation:
     """Run methods on a dataset or on one stream, and judge their answers.
@@ -107,9 +110,13 @@ def evaluate(
     limits : Limits, optional
         What a method that is not part of saf_gen may use on a sequence; such a method runs in a process of its own,
         and whatever it does, only its own runs fail.
+    failed_in : str or Path, optional
+        Folder of an evaluation by the same options, of which only the pairs that failed are repeated; its other rows
+        are kept if a new run would give them again. The result has no sweeps and no curves, which records do not hold.
+        It has no records if no pair failed.
     tell : callable, optional
-        Called with a line for the user if a sequence is evaluated again because a worker died, or if the cluster has
-        no workers.
+        Called with a line for the user if a sequence is evaluated again because a worker died, if the cluster has
+        no workers, and for what is repeated.
 
     Returns
     -------
@@ -160,6 +167,16 @@ def evaluate(
             left_out=selection.left_out,
             running_methods=[method.name for group in groups.values() for method in group],
         )
+    again = None
+    if failed_in is not None:
+        for what, given in (("a closed loop", protocol), ("predictions", predictions), ("a cluster", cluster)):
+            if given is not None:
+                raise BadInput(f"--failed is given with {what}", hint="leave out one of the two")
+        again = plan_repetition(Path(failed_in), tasks, groups)
+        tell(_describe_repetition(again))
+        if not again.failed:
+            return Evaluation((), (), ())
+        keep, draw = None, False
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
     drawn: dict[int, Drawn] = {}
     if draw:
@@ -178,6 +195,8 @@ def evaluate(
     if cluster is not None:
         named = NamedMethods.of(methods, region, groups=groups, limits=limits or Limits())
         run = partial(_run_on_cluster, cluster=Cluster(cluster, Path(str(path))), methods=named, notify=tell)
+    elif again is not None:
+        run = partial(_run_locally, again=again)
     ended = run(tasks, groups, drawn=drawn, store=store, protocol=protocol, predictions=prediction_set, step=step)
     try:
         with store, closing(ended):
@@ -203,11 +222,11 @@ def evaluate(
     late = tuple(sorted({file for part in in_order for file in part.read_late}))
     return Evaluation(
         records=tuple(note_late_files([record for part in in_order for record in part.records], late)),
-        sweeps=tuple(sweep for part in in_order for sweep in part.sweeps),
+        sweeps=() if again is not None else tuple(sweep for part in in_order for sweep in part.sweeps),
         failures=tuple(failures[number] for number in sorted(failures)),
         lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
         plugins=describe_plugins(chosen.values()),
-        curves=tuple(curve for part in in_order for curve in part.curves),
+        curves=() if again is not None else tuple(curve for part in in_order for curve in part.curves),
         read_late=late,
     )
 
@@ -246,8 +265,9 @@ def _run_locally(
     protocol: "ClosedLoopProtocol | None",
     predictions: PredictionSet | None,
     step: Callable[[int, str], None],
+    again: Repetition | None = None,
 ) -> Generator[EndedSequence]:
-    """Evaluate the sequences one after the other in this process."""
+    """Evaluate the sequences one after the other in this process, or only what is repeated of them."""
     count = sum(map(len, groups.values()))
     for number, task in enumerate(tasks):
         draw = drawn.get(number, "")
@@ -256,7 +276,7 @@ def _run_locally(
             try:
                 part = evaluate_sequence(
                     task,
-                    groups,
+                    groups if again is None else again.missing(task, groups),
                     protocol=protocol,
                     predictions=predictions,
                     step=lambda done, what, task=task: step(done, f"{task.id} {what}".strip()),  # type: ignore[misc]
@@ -266,10 +286,22 @@ def _run_locally(
                 step(count, f"{task.id} failed")
                 yield number, None, error
                 continue
+            if again is not None:
+                part = again.complete(task, part, groups)
             store.keep(task, part, draw=draw)
         else:
             step(count, f"{task.id} was already evaluated")
         yield number, part, None
+
+
+def _describe_repetition(again: Repetition) -> str:
+    """Return what is repeated and what is kept, in one line."""
+    other = f"{plural(again.outdated, 'pair')} whose code, limits or data may not be what they were"
+    kept = f"{plural(len(again.kept), 'pair')} of method and sequence kept"
+    if not again.failed:
+        rest = f"; {other}: leave out --failed to repeat them" if again.outdated else ""
+        return f"no pair of method and sequence failed, so nothing is repeated{rest}"
+    return f"{plural(again.failed, 'failed pair')} repeated{f', and {other}' if again.outdated else ''}; {kept}"
 
 
 def _run_on_cluster(
