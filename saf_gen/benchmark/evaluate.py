@@ -172,7 +172,7 @@ def evaluate(
         for what, given in (("a closed loop", protocol), ("predictions", predictions), ("a cluster", cluster)):
             if given is not None:
                 raise BadInput(f"--failed is given with {what}", hint="leave out one of the two")
-        again = plan_repetition(Path(failed_in), tasks, groups)
+        again = plan_repetition(Path(failed_in), tasks, groups=groups)
         tell(_describe_repetition(again))
         if not again.failed:
             return Evaluation((), (), ())
@@ -287,7 +287,7 @@ def _run_locally(
                 yield number, None, error
                 continue
             if again is not None:
-                part = again.complete(task, part, groups)
+                part = again.complete(task, part, groups=groups)
             store.keep(task, part, draw=draw)
         else:
             step(count, f"{task.id} was already evaluated")

@@ -40,7 +40,7 @@ class Repetition:
             for region, group in groups.items()
         }
 
-    def complete(self, task: SequenceTask, part: Evaluation, groups: MethodGroups) -> Evaluation:
+    def complete(self, task: SequenceTask, part: Evaluation, *, groups: MethodGroups) -> Evaluation:
         """Return the evaluation of a sequence with the rows that stay, in the order of a new run."""
         rows = {record.method: record for record in part.records}
         names = [method.name for group in groups.values() for method in group]
@@ -48,7 +48,7 @@ class Repetition:
         return replace(part, records=records)
 
 
-def plan_repetition(folder: Path, tasks: Sequence[SequenceTask], groups: MethodGroups) -> Repetition:
+def plan_repetition(folder: Path, tasks: Sequence[SequenceTask], *, groups: MethodGroups) -> Repetition:
     """Return what is kept of the evaluation in a folder, and what is made again.
 
     Raises BadInput if there are no records, or if they are of other methods, sequences or conditions.
@@ -58,12 +58,12 @@ def plan_repetition(folder: Path, tasks: Sequence[SequenceTask], groups: MethodG
         raise BadInput("--failed repeats pairs of the recorded track", where=str(folder), hint="leave out --failed")
     methods = {method.name: (region, method) for region, group in groups.items() for method in group}
     earlier = {(record.sequence, record.method): record for record in records}
-    _check_same("methods", {record.method for record in records}, set(methods), folder)
+    _check_same("methods", earlier={record.method for record in records}, now=set(methods), folder=folder)
     sequences = {record.sequence for record in records} | _unread_sequences(folder)
-    _check_same("sequences", sequences, {task.id for task in tasks}, folder)
+    _check_same("sequences", earlier=sequences, now={task.id for task in tasks}, folder=folder)
     kept = {}
     for task in tasks:
-        for name, record in _sound_rows(task, methods, earlier).items():
+        for name, record in _sound_rows(task, methods, earlier=earlier).items():
             kept[task.id, name] = record
     pairs = len(tasks) * len(methods)
     failed = pairs - sum(record.status != "failed" for record in records)
@@ -71,7 +71,7 @@ def plan_repetition(folder: Path, tasks: Sequence[SequenceTask], groups: MethodG
 
 
 def _sound_rows(
-    task: SequenceTask, methods: Mapping[str, tuple[str, Method]], earlier: Mapping[tuple[str, str], Record]
+    task: SequenceTask, methods: Mapping[str, tuple[str, Method]], *, earlier: Mapping[tuple[str, str], Record]
 ) -> dict[str, Record]:
     """Return the rows of a sequence that a new run would give again, by method; none if it cannot be read now."""
     rig, sound = evaluator_version("recorded"), dict[str, Record]()
@@ -102,7 +102,7 @@ def _unread_sequences(folder: Path) -> set[str]:
     return set()
 
 
-def _check_same(what: str, earlier: set[str], now: set[str], folder: Path) -> None:
+def _check_same(what: str, *, earlier: set[str], now: set[str], folder: Path) -> None:
     for names, where in ((earlier - now, "only in the evaluation"), (now - earlier, "not in the evaluation")):
         if names:
             more = f" and {len(names) - 1} more" if len(names) > 1 else ""

@@ -245,3 +245,40 @@ def test_a_file_that_changes_in_mid_run_is_seen_when_the_run_is_resumed(mine, da
     evaluate(dataset, methods=[FILE], keep=kept, draw=False)
     assert kept.reused == 0
     close(FILE)
+
+
+MANY = """
+from saf_gen.parts import Answer
+def many(view):
+    for number in range(1500):
+        try:
+            open(f"/nowhere/{number}").close()
+        except OSError:
+            pass
+    return Answer(view.score(0, 50) * 0 + 7)
+"""
+
+
+def test_a_method_that_opens_more_files_than_are_counted_is_evaluated_again(mine, dataset, monkeypatch):
+    spec = "sd+mine/many.py:many"
+    write("many.py", MANY)(mine)
+    stop_in_the_third(monkeypatch, dataset, spec)
+    kept = KeptSequences("kept")
+    (record, *_) = evaluate(dataset, methods=[spec], keep=kept, draw=False).records
+    assert (record.frame, kept.reused) == (7.0, 0)
+    close(spec)
+
+
+def test_the_command_says_that_what_was_kept_is_evaluated_again(mine, dataset, monkeypatch, call, tmp_path):
+    (tmp_path / "out").mkdir()
+    stop_in_the_third(monkeypatch, dataset, "mine/")
+    (tmp_path / "kept").rename(tmp_path / "out" / ".evaluation.unfinished")
+    write("first.txt", "5")(mine)
+    close("mine/")
+    code, _, err = call("evaluate", dataset, "-m", "mine/", "--out", "out")
+    assert code == 0
+    assert err == (
+        "2 sequences had been evaluated by a run that was stopped; evaluated again, because methods, their files or "
+        "options, or the data are not what they were\n"
+    )
+    close("mine/")

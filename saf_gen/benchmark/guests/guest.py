@@ -20,6 +20,8 @@ MAX_ALIVE = 96
 """Processes of guests that are kept; the one that was started first is ended for another, and started again if needed.
 """
 PACKAGE = Path(__file__).resolve().parents[2]
+PACKAGES = {"site-packages", "dist-packages"}
+"""Names of folders that hold installed packages, wherever they are."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,9 @@ class Guest:
             if path.is_relative_to(folder):
                 return path.relative_to(folder).as_posix()
         is_of_the_machine = path not in self._own and (
-            path.parent.suffix == ".dist-info" or any(path.is_relative_to(root) for root in _SYSTEM)
+            not PACKAGES.isdisjoint(path.parts)
+            or path.parent.suffix == ".dist-info"
+            or any(path.is_relative_to(root) for root in _SYSTEM)
         )
         return "" if is_of_the_machine else path.name
 

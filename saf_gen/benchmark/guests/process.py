@@ -138,7 +138,8 @@ class FilesRead:
             if path in self._seen or path.endswith(_COMPILED) or os.getpid() != self._line.owner:
                 return
             self._seen.add(path)
-            if not self._loading and (path.startswith(self._own) or not path.startswith(self._left_out)):
+            is_left_out = path.startswith(self._left_out) or "-packages/" in path  # those of Python, in any folder
+            if not self._loading and (path.startswith(self._own) or not is_left_out):
                 self._line.send({"opened": _source_of(path)})
 
     def finish(self, modules: list[ModuleType], own: list[str]) -> list[str]:
@@ -205,7 +206,7 @@ def _serve(line: Line) -> None:
 
     order = line.receive()
     sys.path[:0] = order["folders"]  # a method may import its neighbours
-    method, hello = _load(order["load"], order["folders"], FilesRead(line))
+    method, hello = _load(order["load"], folders=order["folders"], read=FilesRead(line))
     line.send(hello)
     while True:
         message = line.receive()
@@ -223,7 +224,7 @@ MAX_SCORES = 20_000
 """Largest number of scores that are sent for figures."""
 
 
-def _load(spec: dict[str, Any], folders: list[str], read: FilesRead) -> tuple[Any, dict[str, Any]]:
+def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple[Any, dict[str, Any]]:
     """Return the method and the first message, which describes it or says why it cannot be loaded."""
     before = set(sys.modules)
     from saf_gen.benchmark.method_spec import build_method, nested_plugins
