@@ -23,7 +23,7 @@ from saf_gen.core import exr
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import atomic_file
 from saf_gen.errors import BadInput
-from saf_gen.optics import Drive, drive_from_dict
+from saf_gen.optics import Drive, FocusCriterion, drive_from_dict
 from saf_gen.scene.scene_folder import Scene
 
 FORMAT = "saf-gen focal stack 2"
@@ -138,6 +138,7 @@ class StackSpec:
         """
         drive = scene.build_drive(f_number)
         drive.check_wave_depth(wavelength_m)
+        FocusCriterion(drive, grid.pitch_m, wavelength_m).check(grid.rows, grid.columns)
         return cls(
             scene=scene.id,
             scene_digest=scene.digest,
@@ -189,6 +190,11 @@ class StackSpec:
         if spec.key != key:
             raise BadInput(f"{path} describes another stack, {spec.key}", hint="run saf-gen generate again")
         return spec
+
+    @property
+    def in_focus(self) -> FocusCriterion:
+        """What counts as in focus."""
+        return FocusCriterion(self.drive, self.pitch_m, self.wavelength_m)
 
     @property
     def focus(self) -> np.ndarray:
