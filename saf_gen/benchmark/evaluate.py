@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from saf_gen.benchmark.guests.guest import PACKAGE
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
@@ -237,6 +238,7 @@ def note_late_files(records: Sequence[Record], late: Sequence[LateFile]) -> Iter
     All records of a method have the same note, because it may have kept what it read for another sequence.
     """
     notes = {}
+    late = [file for file in late if not Path(file.path).is_relative_to(PACKAGE)]  # records state its version
     for method in {file.method for file in late}:
         own = [file for file in late if file.method == method]
         names = list(dict.fromkeys(Path(file.path).name for file in own))
@@ -272,11 +274,14 @@ def _run_locally(
     for number, task in enumerate(tasks):
         draw = drawn.get(number, "")
         part = store.reuse(task, draw=draw)
+        if again is not None and not any(again.missing(task, groups).values()):
+            part = again.complete(task, Evaluation((), (), ()), groups=groups)
         if part is None:
+            missing = groups if again is None else again.missing(task, groups)
             try:
                 part = evaluate_sequence(
                     task,
-                    groups if again is None else again.missing(task, groups),
+                    missing,
                     protocol=protocol,
                     predictions=predictions,
                     step=lambda done, what, task=task: step(done, f"{task.id} {what}".strip()),  # type: ignore[misc]

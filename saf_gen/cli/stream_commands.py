@@ -151,8 +151,10 @@ def _open_source(
 
 
 def _import_saf_folder(folder: Path, target: Path, *, rate: float, refused: list[str]) -> None:
+    from saf_gen.core.files import refuse_link
     from saf_gen.stream.interop.saf_folder import import_saf_folder
 
+    refuse_link(target)
     if refused:
         raise BadInput(
             f"{refused[0]} is given with a folder", allowed="--rate", hint="leave it out: config.xlsx has the rest"
