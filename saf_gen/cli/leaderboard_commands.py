@@ -146,7 +146,7 @@ def verify_evaluation_command(
     from saf_gen.benchmark.records import read_records
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard.rerun import verify
-    from saf_gen.leaderboard.verification import DIFFERS, write_verification
+    from saf_gen.leaderboard.verification import DIFFERS, PROVES, RERUN_HERE, write_verification
 
     track = read_records(folder)[0].track
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
@@ -165,6 +165,8 @@ def verify_evaluation_command(
     print_table(Table(columns, found.verdicts), as_json=as_json)
     if not as_json:
         out.print(str(path), soft_wrap=True)
+        if any(verdict.state == RERUN_HERE for verdict in found.verdicts):
+            out.print(f"{RERUN_HERE}: {PROVES}", soft_wrap=True)
     if any(verdict.state == DIFFERS for verdict in found.verdicts):
         raise typer.Exit(1)
 

@@ -440,6 +440,7 @@ def _resolve_stacks(
             samples=recipe.render.samples,
             max_depth=recipe.render.max_depth,
             f_number=recipe.camera.exposure.f_number,
+            aberrations=recipe.focus.aberrations,
             wavelength_m=0.0 if recipe.render.diffraction is False else sensor.wavelength_m,
             estimator=recipe.render.estimator,
             time_s=card.still_s if card.slices_per_s is not None else 0.0,

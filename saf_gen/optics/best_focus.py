@@ -100,12 +100,11 @@ class FocusCriterion:
             return
         corner = float(np.hypot(rows, columns)) / 2 * self.pitch_m
         largest = wavefront.largest_path(drive.aperture_radius_m, corner)
-        spread = self.wavelength_m * float(drive.image_distance(0.5)) / drive.aperture_radius_m
-        if spread >= self.pitch_m / 2 and largest > MAX_WAVES_SMALL_NA * self.wavelength_m:
+        if (most := self.largest_path_m) is not None and largest > most * (1 + 1e-9):
             raise BadInput(
-                f"the aberrations add up to {largest / self.wavelength_m:.3g} waves, and waves spread a point over "
-                f"{spread / self.pitch_m:.2g} pixels",
-                allowed=f"at most {MAX_WAVES_SMALL_NA:g} waves where waves spread a point over half a pixel or more",
+                f"the aberrations add up to {largest / self.wavelength_m:.3g} waves",
+                allowed=f"at most {MAX_WAVES_SMALL_NA:g} waves, because waves spread a point over "
+                f"{self._spread_by_waves_m / self.pitch_m:.2g} pixels here, half or more",
                 hint="lower aberrations in scene.yaml, or open the aperture",
             )
         if (moved := self.stage_residual_px(corner)) > MAX_STAGE_RESIDUAL_PX:
@@ -114,6 +113,21 @@ class FocusCriterion:
                 allowed=f"at most {MAX_STAGE_RESIDUAL_PX:g} pixels: they are taken from the middle of the travel",
                 hint="shorten travel_m, or lower aberrations in scene.yaml",
             )
+
+    @property
+    def largest_path_m(self) -> float | None:
+        """Largest wavefront (m) that rays can show; None if waves spread a point over less than half a pixel."""
+        return MAX_WAVES_SMALL_NA * self.wavelength_m if self._spread_by_waves_m >= self.pitch_m / 2 else None
+
+    @property
+    def _spread_by_waves_m(self) -> float:
+        return self.wavelength_m * self.imaging.image_distance_m / self.imaging.radius_m
+
+    @property
+    def imaging(self) -> Imaging:
+        """What light passes on its way to a pixel, at the middle of the travel."""
+        drive = self.drive
+        return Imaging(drive.aperture_radius_m, float(drive.image_distance(0.5)), self.pitch_m, self.wavelength_m)
 
     def stage_residual_px(self, height_m: float) -> float:
         """Return by how many pixels a ray may be off because a stage moves it over the lens; 0 for other drives."""
@@ -137,18 +151,13 @@ class FocusCriterion:
         assert self.drive.wavefront is not None  # callers have made sure
         return self.drive.wavefront
 
-    @property
-    def _imaging(self) -> Imaging:
-        drive = self.drive
-        return Imaging(drive.aperture_radius_m, float(drive.image_distance(0.5)), self.pitch_m, self.wavelength_m)
-
     def _curves(self, largest_height_m: float) -> list[ContrastCurve]:
         """Return the contrast at heights up to one that is not below the largest."""
         count = 1
         if self._wavefront.varies_over_field:
             count = int(np.ceil(largest_height_m / self._wavefront.height_m * HEIGHTS)) + 1
         heights = np.arange(count) * self._wavefront.height_m / HEIGHTS
-        return [contrast_curve(self._wavefront, self._imaging, height_m=float(height)) for height in heights]
+        return [contrast_curve(self._wavefront, self.imaging, height_m=float(height)) for height in heights]
 
     def _collect(self, depth: np.ndarray, target: np.ndarray) -> "list[_Seen]":
         depths = depth[target].astype(np.float64)
@@ -183,7 +192,7 @@ class FocusCriterion:
         low, high = self.drive.depth_of_focus(start, self.pitch_m, wavelength_m=self.wavelength_m)
         half = min(high - start, start - low)
         farthest = max(np.abs(one.curve.defocus[[0, -1]]).max() for one in seen)
-        reach = REACH + farthest / self._imaging.resolved_defocus + self._relief(seen)
+        reach = REACH + farthest / self.imaging.resolved_defocus + self._relief(seen)
         tried = start + half * np.arange(-reach, reach + STEP, STEP)
         best = float(tried[int(np.argmin([cost(position) for position in tried]))])
         found = minimize_scalar(
@@ -194,7 +203,7 @@ class FocusCriterion:
     def _relief(self, seen: "list[_Seen]") -> float:
         """Return by how many half depths of focus the depths of a target differ."""
         inverse = [1 / depth for one in seen for depth in (one.depths[0], one.depths[-1])]  # they are sorted
-        return float(max(inverse) - min(inverse)) / self._imaging.resolved_defocus
+        return float(max(inverse) - min(inverse)) / self.imaging.resolved_defocus
 
 
 class _Seen(NamedTuple):

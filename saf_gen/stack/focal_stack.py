@@ -24,6 +24,7 @@ from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import atomic_file
 from saf_gen.errors import BadInput
 from saf_gen.optics import Drive, FocusCriterion, drive_from_dict
+from saf_gen.optics.typical_aberrations import with_typical_aberrations
 from saf_gen.scene.scene_folder import Scene
 
 FORMAT = "saf-gen focal stack 2"
@@ -114,6 +115,7 @@ class StackSpec:
         estimator: str = "filtered",
         groups: Iterable[str] | None = None,
         f_number: float | None = None,
+        aberrations: str | None = None,
         window: tuple[int, int] | None = None,
     ) -> "StackSpec":
         """Return the spec of a member of a scene's family in front of a sensor.
@@ -128,17 +130,22 @@ class StackSpec:
             Light groups; by default all.
         f_number : float, optional
             F-number; by default the card's.
+        aberrations : {'none', 'mild', 'strong'}, optional
+            Typical aberrations in place of the card's (:mod:`saf_gen.optics.typical_aberrations`).
         positions, samples, max_depth, time_s, wavelength_m, estimator, window
             See :class:`StackSpec`.
 
         Raises
         ------
         BadInput
-            If the travel is impossible, or if diffraction keeps all of it in focus.
+            If the travel is impossible, diffraction keeps all of it in focus, or rays cannot show the aberrations.
         """
         drive = scene.build_drive(f_number)
         drive.check_wave_depth(wavelength_m)
-        FocusCriterion(drive, grid.pitch_m, wavelength_m).check(grid.rows, grid.columns)
+        size = {"rows": grid.rows, "columns": grid.columns}
+        if aberrations is not None:
+            drive = with_typical_aberrations(FocusCriterion(drive, grid.pitch_m, wavelength_m), aberrations, **size)
+        FocusCriterion(drive, grid.pitch_m, wavelength_m).check(**size)
         return cls(
             scene=scene.id,
             scene_digest=scene.digest,

@@ -13,6 +13,7 @@ from saf_gen.optics import FocalLengthDrive, FocusCriterion, ImageDistanceDrive,
 from saf_gen.optics.best_focus import image_heights
 from saf_gen.optics.lens_card import ImageDistanceLens
 from saf_gen.optics.texture_contrast import Imaging, squared_contrast
+from saf_gen.optics.typical_aberrations import with_typical_aberrations
 
 WAVE_M, PITCH_M = 555e-9, 20e-6
 MACRO = ImageDistanceDrive(0.05, 2.0, (0.55, 0.45))
@@ -211,3 +212,31 @@ def test_contrast_is_at_most_that_of_a_perfect_lens_in_focus():
     assert (strong < 0.99).all()
     assert (strong > 0).all()
     assert strong.argmax() == 0
+
+
+@every_drive
+@pytest.mark.parametrize(("severity", "halves"), [("mild", 1.0), ("strong", 3.0)])
+def test_typical_aberrations_move_the_focus_by_half_depths(drive, severity, halves):
+    """Spherical aberration moves the least blur in the middle, a curved field that of the corner, each by as many.
+
+    Under the microscope they keep the proportion and stay within the quarter of a wave that rays can show.
+    """
+    criterion = FocusCriterion(drive, PITCH_M, WAVE_M)
+    lens = with_typical_aberrations(criterion, severity, rows=250, columns=400)
+    FocusCriterion(lens, PITCH_M, WAVE_M).check(250, 400)
+    waves, radius = lens.wavefront, drive.aperture_radius_m
+    assert waves.field_curvature_m == pytest.approx(4 / 3 * waves.spherical_m)
+    assert waves.height_m == pytest.approx(np.hypot(250, 400) / 2 * PITCH_M)
+    if drive is OBJECTIVE:
+        assert waves.spherical_m + waves.field_curvature_m == pytest.approx(0.25 * WAVE_M)
+        return
+    depth = np.full(SHAPE, float(drive.focus_depth(0.5)))
+    moved = FocusCriterion(lens, PITCH_M, WAVE_M).least_blur(depth, HERE)
+    half = criterion.imaging.resolved_defocus
+    assert float(lens.defocus(moved, depth[0, 0])) / half == pytest.approx(-halves, rel=0.01)
+    assert 2 * waves.field_curvature_m / radius**2 / half == pytest.approx(halves, rel=1e-6)
+
+
+def test_a_recipe_may_ask_for_a_perfect_lens():
+    lens = aberrated(MACRO, spherical=1.0)
+    assert with_typical_aberrations(FocusCriterion(lens, PITCH_M, WAVE_M), "none", rows=250, columns=400) == MACRO

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
@@ -69,9 +70,8 @@ def read_saf_config(folder: str | Path) -> list[SafRecording]:
     if not rows:
         raise BadInput("lists no recording", where=str(root / CONFIG), allowed=", ".join(COLUMNS))
     found = [_read_recording(row, root=root, where=f"{root / CONFIG}:{number}") for number, row in rows]
-    names = [recording.name for recording in found]
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(recording.name for recording in found).items():
+        if count > 1:
             raise BadInput(
                 f"lists {name!r} twice", where=str(root / CONFIG), allowed="a different id for each recording"
             )

@@ -10,7 +10,7 @@ from hashlib import file_digest
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, ClassVar
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, FailFast, Field
 
 from saf_gen.core.config.document import STRICT, Document, validate_document
 from saf_gen.core.config.json_document import parse_json, read_json
@@ -57,7 +57,7 @@ class Shard:
     file: str
     bytes: Bytes
     sha256: Digest
-    members: tuple[PackedFile, ...]
+    members: Annotated[tuple[PackedFile, ...], FailFast()]
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ class ShardIndex:
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     name: str
-    shards: tuple[Shard, ...]
-    files: tuple[PackedFile, ...]
+    shards: Annotated[tuple[Shard, ...], FailFast()]
+    files: Annotated[tuple[PackedFile, ...], FailFast()]
 
     @property
     def total_bytes(self) -> int:
