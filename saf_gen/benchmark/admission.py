@@ -8,13 +8,17 @@ from typing import Any
 
 from saf_gen.benchmark.guests.guest import GuestMeasure, GuestSpec, guest_of
 from saf_gen.benchmark.guests.host import GuestPart, Limits
+from saf_gen.benchmark.method_folder import folder_name
 from saf_gen.benchmark.method_spec import (
     Half,
     Method,
+    MethodFolder,
     of_method,
     parse_method,
     parse_options,
+    read_folder,
     split_method,
+    split_region,
     tidy,
     tuned_method,
 )
@@ -39,22 +43,30 @@ def admit_method(spec: str, limits: Limits | None = None) -> Method:
     """
     if spec.startswith("@"):
         return tuned_method(spec, lambda name: admit_method(name, limits))
-    halves, text, region = split_method(spec)
-    parsed = [parse_options(half, spec) for half in halves]
-    if not any(map(is_foreign, parsed, KINDS)):
-        return parse_method(spec)
-    codes = [code for half in parsed for code in codes_of(half)]
+    name, region = split_region(spec)
+    if text := folder_name(name):
+        held = read_folder(Path(text))
+        codes = [f"{Path(text).resolve()}/"]
+        guest_spec = _folder_spec(text, held)
+        title = f"{held.card.name}: "
+    else:
+        halves, text, region = split_method(spec)
+        parsed = [parse_options(half, spec) for half in halves]
+        if not any(map(is_foreign, parsed, KINDS)):
+            return parse_method(spec)
+        codes = [code for half in parsed for code in codes_of(half)]
+        guest_spec, title = _guest_spec(text, parsed), ""
     for code_name in codes:
         check_code_allowed(code_name)
     try:
-        guest = guest_of(_guest_spec(text, parsed), limits or Limits())
+        guest = guest_of(guest_spec, limits or Limits())
     except BadInput as error:
         raise of_method(error, spec) from None
     for code_name in codes:
         allow_code(code_name)
-    written = [guest.parameters, guest.files]
-    code = hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
-    measure, _, search = guest.parameters.partition(" + ")
+    parameters = title + guest.parameters
+    code = hashlib.sha256(json.dumps([parameters, guest.files]).encode()).hexdigest()[:12]
+    measure, _, search = parameters.partition(" + ")
     parts: tuple[Any, Any] = GuestPart(measure), GuestPart(search, commands=guest.commands)
     return Method(f"{text}@{region}" if region else text, *parts, code=code, region=region, guest=guest)
 
@@ -136,6 +148,13 @@ def codes_of(half: Half) -> list[str]:
 
 def _is_file(value: object) -> bool:
     return isinstance(value, str) and Path(value).is_file()
+
+
+def _folder_spec(text: str, held: MethodFolder) -> GuestSpec:
+    """Return the method in a folder; results show its files relative to the folder."""
+    folder = Path(text).resolve()
+    shown = {str(file): file.relative_to(folder).as_posix() for file in held.files}
+    return GuestSpec(text, *held.halves, tuple(shown), (str(folder),), tuple(shown.items()))
 
 
 def _guest_spec(text: str, parsed: Sequence[Half]) -> GuestSpec:

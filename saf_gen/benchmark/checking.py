@@ -3,12 +3,23 @@
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 from time import perf_counter
 
 from saf_gen.benchmark import conformance
 from saf_gen.benchmark.admission import KINDS, admit_method, codes_of, is_foreign, make_absolute_halves
 from saf_gen.benchmark.guests.host import GuestLost, GuestProcess, Limits
-from saf_gen.benchmark.method_spec import Half, Method, parse_options, split_halves, split_method, split_region, tidy
+from saf_gen.benchmark.method_folder import folder_name
+from saf_gen.benchmark.method_spec import (
+    Half,
+    Method,
+    parse_options,
+    read_folder,
+    split_halves,
+    split_method,
+    split_region,
+    tidy,
+)
 from saf_gen.benchmark.plugin_description import PluginDescription, describe_plugin, take_description
 from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.search_run import to_one_line
@@ -88,7 +99,11 @@ def _halves_of(name: str) -> dict[str, Half]:
     """Return the measure and the search of a method, or the only half of a name, by their texts."""
     if name.startswith("@"):
         name = admit_method(name).name
-    is_method = len(split_halves(split_region(name)[0])) > 1
+    text = split_region(name)[0]
+    if folder := folder_name(text):
+        held = read_folder(Path(folder))
+        return dict(zip((held.card.measure, held.card.search), held.halves, strict=True))
+    is_method = len(split_halves(text)) > 1
     return {half: parse_options(half, name) for half in (split_method(name)[0] if is_method else [tidy(name)])}
 
 

@@ -67,7 +67,8 @@ def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
     """Return descriptions of the measures of these methods and then of the searches, without repetitions."""
     found: dict[tuple[str, str], PluginDescription] = {}
     for method in methods:
-        halves = split_halves(split_region(method.name)[0])
+        names = split_halves(split_region(method.name)[0])
+        halves = names[0], names[-1]  # a method in a folder has one name
         if method.guest is not None:
             for half, kind in zip(halves, ("measures", "searches"), strict=True):
                 found.setdefault((kind, half), take_description(half, kind, said=method.guest.plugins))

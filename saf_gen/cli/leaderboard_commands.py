@@ -40,9 +40,9 @@ def merge_command(
     """Rank the methods of several evaluations in one table, if their data and code agree."""
     from saf_gen.benchmark.plugin_description import describe_recorded
     from saf_gen.benchmark.results import Evaluation
-    from saf_gen.core.files import check_writable
+    from saf_gen.core.files import check_writable, lock_folder
     from saf_gen.leaderboard import read_leaderboard
-    from saf_gen.leaderboard.report import write_evaluation
+    from saf_gen.leaderboard.report import check_replaceable, write_evaluation
 
     if folder is not None:
         for run in runs:
@@ -51,12 +51,14 @@ def merge_command(
                     f"--out {str(folder)!r} is one of the evaluations",
                     allowed="another folder: the evaluations are not changed",
                 )
+        check_replaceable(folder)
         check_writable(folder)
     board = read_leaderboard(*runs)
     written = None
     if folder is not None:
         evaluation = Evaluation(records=board.records, sweeps=(), failures=(), plugins=describe_recorded(board.records))
-        written = write_evaluation(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
+        with lock_folder(folder):
+            written = write_evaluation(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
     splits = dict.fromkeys(record.split for record in board.records if record.split is not None)
     title = f"{board.size}, {len(runs)} evaluations{f', {name_splits(splits)}' if splits else ''}"
     print_leaderboard(board, records=board.records, title=title)
@@ -189,8 +191,8 @@ def tune_command(
 ) -> None:
     """Evaluate every combination of values on a split, and write the best one; `@FILE` then names this method."""
     from saf_gen.benchmark.kept_sequences import KeptSequences
-    from saf_gen.benchmark.method_spec import format_tuned
-    from saf_gen.core.files import atomic_file, check_writable
+    from saf_gen.benchmark.method_spec import TUNING_FORMAT, format_tuned
+    from saf_gen.core.files import check_ours, check_writable, write_text
     from saf_gen.leaderboard.tuning import tune as run
     from saf_gen.stream.manifest import read_manifest
 
@@ -201,6 +203,7 @@ def tune_command(
             raise BadInput(f"--try is {text!r}", allowed="KEY=VALUE,VALUE,..., with each key once")
         values[key] = rest.split(",")
     check_writable(file.parent)
+    check_ours(file, TUNING_FORMAT)
     kept = KeptSequences(file.with_name(f".{file.name}.unfinished"))
     with progress_bars() as bars:
         tuned, rows = run(
@@ -217,8 +220,7 @@ def tune_command(
         )
     print_kept(kept, splits={split})
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
-    with atomic_file(file) as part:
-        part.write_text(format_tuned(tuned), encoding="utf-8")
+    write_text(file, format_tuned(tuned))
     kept.remove()
     out.print(f"best: {tuned.method}", soft_wrap=True)
     out.print(

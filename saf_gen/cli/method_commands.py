@@ -81,7 +81,9 @@ def show_method_command(
 
 
 def check_method_command(
-    name: Annotated[str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, or @FILE of a tuned method.")],
+    name: Annotated[
+        str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, a folder, or @FILE of a tuned method.")
+    ],
     as_json: AsJson = False,
 ) -> None:
     """Check that a method ends, stays within travel and budget, is reproducible, and never crashes."""

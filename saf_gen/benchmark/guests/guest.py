@@ -1,21 +1,20 @@
 """A method of others: what it is made of, and its runs in a process of its own."""
 
-import hashlib
 import sys
 import sysconfig
 import threading
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.guests.host import GuestLost, GuestProcess, GuestView, Limits
+from saf_gen.benchmark.guests.host import MAX_OPENED, GuestLost, GuestProcess, GuestView, Limits
 from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.search_run import answer_fault, to_one_line, to_plain_numbers
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
 from saf_gen.core.config.source_digest import source_digest
+from saf_gen.core.files import file_sha256
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
@@ -23,6 +22,8 @@ MAX_ALIVE = 96
 """Processes of guests that are kept; the one that was started first is ended for another, and started again if needed.
 """
 PACKAGE = Path(__file__).resolve().parents[2]
+PACKAGES = {"site-packages", "dist-packages"}
+"""Names of folders that hold installed packages, wherever they are."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,9 @@ class Guest:
         Whether its search commands the lens.
     files : list of (str, str)
         Name and digest of each file that the method read while it was loaded.
+    read_late : set of (str, str)
+        Path and digest of each file that it read only when it was called, so that ``files`` does not hold it; a file
+        that changed meanwhile is there twice. The digest is '' if there is no such file.
     plugins : list of dict
         Descriptions of the measure and the search.
     search_options : dict of str to object
@@ -76,7 +80,10 @@ class Guest:
         self._lost = ""  # why it ended while it was loaded; it is then not started again
         self.parameters, self.commands, self.plugins = spec.name.replace("+", " + "), False, list[dict[str, Any]]()
         self.search_options, self.measure = dict[str, Any](), dict[str, bool]()
-        self._paths = [Path(file) for file in spec.files]
+        self._own, self._packages = {Path(file) for file in spec.files}, list[Path]()
+        self._paths = list(self._own)
+        self.read_late: set[tuple[str, str]] = set()
+        self._late_states: dict[str, tuple[int, int]] = {}
         try:
             self._process = self._start()
             self._describe(self._process.hello)
@@ -92,7 +99,9 @@ class Guest:
             self.plugins = list(hello["plugins"])
             self.search_options = {str(name): value for name, value in hello["search_options"].items()}
             self.measure = {str(name): bool(value) for name, value in hello["measure"].items()}
-            self._paths += [Path(str(path)) for path in (*hello["class_files"], *hello["read"])]
+            self._own |= {Path(str(path)) for path in hello["class_files"]}
+            self._packages = [Path(str(path)) for path in hello["packages"]]
+            self._paths += [*self._own, *(Path(str(path)) for path in hello["read"])]
         except (KeyError, TypeError, AttributeError) as error:
             raise GuestLost("its process sent nonsense") from error
 
@@ -111,22 +120,42 @@ class Guest:
 
     def _digest_files(self) -> list[tuple[str, str]]:
         """Return name and digest of the method's own files, and of those of saf_gen that it uses, sorted."""
-        found = {}
-        for path in self._paths:
-            name = self._name_file(path)
-            if name:
-                with suppress(OSError):
-                    found[name] = source_digest(path) if path.suffix == ".py" else _sha256(path)
-        return sorted(found.items())
+        named = {path: name for path in self._paths if (name := self._name_file(path))}
+        return sorted({(name, digest) for path, name in named.items() if (digest := _digest(path))})
 
     def _name_file(self, path: Path) -> str:
         """Return the name of a file in the digest: relative to the method's folder; '' for a file of no method."""
         if path.is_relative_to(PACKAGE):
             return path.name if path.parent.parent == PACKAGE / "plugins" else ""
-        for folder in self._spec.folders:
+        packages = [package.parent for package in self._packages if package in path.parents]
+        for folder in (*map(Path, self._spec.folders), *packages):
             if path.is_relative_to(folder):
                 return path.relative_to(folder).as_posix()
-        return "" if any(path.is_relative_to(root) for root in _SYSTEM) else path.name
+        is_of_the_machine = path not in self._own and (
+            not PACKAGES.isdisjoint(path.parts)
+            or path.parent.suffix == ".dist-info"
+            or any(path.is_relative_to(root) for root in _SYSTEM)
+        )
+        return "" if is_of_the_machine else path.name
+
+    def _note_late_files(self, opened: list[str]) -> None:
+        """Note what the method has opened since it was loaded, and whether it has changed since."""
+        if len(opened) >= MAX_OPENED:
+            self.read_late.add(("more files than are counted", "?"))
+        for text in {*opened, *self._late_states}:
+            path = Path(text).resolve()
+            if not (name := self._name_file(path)):
+                continue
+            try:
+                status = path.stat()
+                state = (status.st_mtime_ns, status.st_size)
+            except OSError:
+                state = (0, 0)
+            if self._late_states.get(text) != state:
+                self._late_states[text] = state
+                digest = _digest(path)
+                if (name, digest) not in self.files:
+                    self.read_late.add((str(path), digest))
 
     @property
     def is_current(self) -> bool:
@@ -140,7 +169,11 @@ class Guest:
         """
         with self._lock:
             try:
-                last = self._running().run(view, scorer, stream_path=stream_path)
+                process = self._running()
+                try:
+                    last = process.run(view, scorer, stream_path=stream_path)
+                finally:
+                    self._note_late_files(process.opened)
                 answer, problem = _read_answer(last, commanding=self.commands)
                 _note_scores(scorer, last)
             except BudgetSpentError:
@@ -231,9 +264,17 @@ def _note_scores(scorer: MeteredScorer, last: dict[str, Any]) -> None:
         raise GuestLost("its process sent scores that are none") from error
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _digest(path: Path) -> str:
+    """Return the digest of a file, of which remarks in Python are no part; '' if it cannot be read."""
+    try:
+        return source_digest(path) if path.suffix == ".py" else file_sha256(path)
+    except (OSError, BadInput):
+        return ""
+
+
+def is_as_read(path: str, digest: str) -> bool:
+    """Return whether a file that a guest read late is still what it was; see :attr:`Guest.read_late`."""
+    return _digest(Path(path)) == digest
 
 
 _SYSTEM = [

@@ -43,6 +43,8 @@ PINGS = 11
 FORMS = ("counts", "halves", "intervals")
 MIN_RESIDENT_BYTES = 1 << 28
 """Lowest limit of memory: Python, numpy and this package take a third of it."""
+MAX_OPENED, MAX_PATH_CHARACTERS = 1_000, 4_096
+"""Number of files that a guest opens late, and length of their paths, of which account is kept."""
 MAX_TAIL_BYTES = 2_000
 """Bytes that are kept of what a guest prints."""
 MARK = "SAF_GEN_GUEST"
@@ -112,6 +114,8 @@ class GuestProcess:
     ----------
     hello : dict
         What it said of its method.
+    opened : list of str
+        Paths of the files that it opened after it had loaded its method, MAX_OPENED at most.
 
     Raises
     ------
@@ -123,6 +127,7 @@ class GuestProcess:
 
     def __init__(self, order: dict[str, Any], folders: list[str], *, limits: Limits, program: str = PROGRAM) -> None:
         self._limits, self._run, self._tail, self._checked, self._closed = limits, 0, b"", 0.0, False
+        self.opened: list[str] = []
         self._folder = Path(tempfile.mkdtemp(prefix="saf-gen-guest-"))
         self._memory = SharedMemory.create(self._folder)
         inherited = [self._memory.descriptor] if self._memory.descriptor >= 0 else []
@@ -281,8 +286,7 @@ class GuestProcess:
             if not self._incoming.wait(wait):
                 self._check_memory()
                 if perf_counter() >= deadline:
-                    limit = self._limits.load_s if doing == "load" else self._limits.run_s
-                    raise self._lost(f"{OVER_A_LIMIT}it did not {doing} within {limit:g} s")
+                    raise self._over_time(doing)
                 continue
             arrived = perf_counter()
             try:
@@ -293,7 +297,16 @@ class GuestProcess:
                 raise self._lost("")
             if arrived - self._checked >= WATCH_S:  # a guest that asks all the time is watched, too
                 self._check_memory()
-            return message, arrived
+            if "opened" not in message:
+                return message, arrived
+            if len(self.opened) < MAX_OPENED:
+                self.opened.append(str(message["opened"])[:MAX_PATH_CHARACTERS])
+            if arrived >= deadline:
+                raise self._over_time(doing)
+
+    def _over_time(self, doing: str) -> GuestLost:
+        limit = self._limits.load_s if doing == "load" else self._limits.run_s
+        return self._lost(f"{OVER_A_LIMIT}it did not {doing} within {limit:g} s")
 
     def _check_memory(self) -> None:
         self._checked, allowed = perf_counter(), self._limits.resident_bytes
