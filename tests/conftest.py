@@ -15,6 +15,7 @@ import pytest
 from inline_jobs import run_jobs_inline
 from small_dataset import HERE, SCENES, SMALL_RECIPE
 
+from saf_gen.authoring import jobs
 from saf_gen.cli import main
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.execution import run_jobs
@@ -50,9 +51,10 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _jobs_in_this_process():
-    """Generate datasets without worker processes, unless a test uses the fixture `worker_processes`."""
+    """Generate datasets and check scenes in this process, unless a test uses the fixture `worker_processes`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "run_jobs", run_jobs_inline)
+        patch.setattr(jobs, "run_jobs", run_jobs_inline)
         yield
 
 
@@ -89,8 +91,9 @@ def _registered_scenes(tmp_path_factory):
 
 @pytest.fixture
 def worker_processes(monkeypatch):
-    """Let generate() start worker processes, as it does for a user."""
+    """Let generate() and the commands on scenes start worker processes, as they do for a user."""
     monkeypatch.setattr(run, "run_jobs", run_jobs)
+    monkeypatch.setattr(jobs, "run_jobs", run_jobs)
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,7 @@ IMPORTERS = {
     ],
     "av": ["stream.interop.video_frames", "stream.pictures.movie"],
     "jinja2": ["leaderboard.report"],
-    "distributed": ["core.execution.dask_cluster"],
+    "distributed": ["core.execution.dask_cluster", "core.execution.dask_connection"],
     "multiprocessing": ["core.execution.executor", "core.execution.worker_pool"],
     "trimesh": [],
     "emva1288": [],

@@ -31,6 +31,7 @@ from small_dataset import HERE, SCENES
 
 import saf_gen.leaderboard.report.evaluation_folder  # noqa: F401  so that reports are made without figures
 from saf_gen import SpikeWindows
+from saf_gen.benchmark.method_folder import CARD, MethodCard
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, app, main
 from saf_gen.core.config.json_document import format_checked_json
@@ -67,7 +68,7 @@ class Block:
     @property
     def path(self) -> str:
         """The path in its first line, '' if there is no path."""
-        named = re.match(r"# ((?:recipes|scenes|submissions)/\S+|my_\w+\.py)\n", self.text)
+        named = re.match(r"# ((?:recipes|scenes|submissions|my_method)/\S+|my_\w+\.py)\n", self.text)
         return named[1] if named else ""
 
 
@@ -164,6 +165,9 @@ def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
     if "lights" not in data and set(data) <= set(SceneCard.model_fields) - {"camera"}:
         card = next(b for b in BLOCKS if b.path == "scenes/printed_card/scene.yaml")
         SceneCard.model_validate(yaml.safe_load(card.text) | data)
+        return
+    if block.path.endswith(CARD):
+        MethodCard.model_validate(data)
         return
     if "statements" in data:
         SubmissionCard.model_validate(data)

@@ -76,7 +76,7 @@ class View:
         renderer = SceneRenderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
         seen = renderer.trace_geometry(allow_unseen_target=True)
         depths = seen.depth[seen.target]
-        truth = scene.build_drive().true_focus(depths) if depths.size else float("nan")
+        truth = scene.build_drive().least_blur(depths) if depths.size else float("nan")
         best = float(np.clip(np.nan_to_num(truth, nan=0.5), 0, 1))
         samples = SLOW_SAMPLES if renderer.is_slow else SAMPLES
         images = [renderer.render_picture(p, samples=samples) for p in (0.0, best, 1.0)]

@@ -56,8 +56,12 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[list[str]]:
             at, inner = f"{at}.NAME", get_args(inner)[1]
         if kinds := kinds_of(inner):  # only the keys that all kinds share; the others are in a separate table
             common = set.intersection(*(set(kind.model_fields) for kind in kinds))
-            yield from (row for row in keys_of(kinds[0], f"{at}.") if row[0].strip("`").split(".")[-1] in common)
+            rows = keys_of(kinds[0], f"{at}.")
+            yield from (row for row in rows if row[0].strip("`").removeprefix(f"{at}.").split(".")[0] in common)
             continue
+        given = [one for one in get_args(inner) if one is not NoneType]  # of an optional model
+        if len(given) == 1 and isinstance(given[0], type) and issubclass(given[0], BaseModel):
+            inner = given[0]
         if isinstance(inner, type) and issubclass(inner, BaseModel):
             yield from keys_of(inner, f"{at}.")
         else:

@@ -64,8 +64,8 @@ class ContactSheet:
     @property
     def true_focus(self) -> float:
         """True focus, which may be outside the travel; NaN if the target is out of sight."""
-        depths = self.stack.depth[self.stack.target]
-        return self.stack.spec.drive.true_focus(depths) if depths.size else float("nan")
+        stack = self.stack
+        return stack.spec.in_focus.true_focus(stack.depth, stack.target) if stack.target.any() else float("nan")
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ def draw_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth: float) 
     axes.plot(focus, blur, color=BLUE)
     axes.set_ylabel("blur, pixels", color=BLUE)
     axes.set_ylim(bottom=0)
-    ends = drive.depth_of_focus(depths, stack.spec.pitch_m, wavelength_m=stack.spec.wavelength_m)
+    ends = stack.spec.in_focus.depth_of_focus(stack.depth, stack.target)
     axes.axvspan(*ends, color=BAND, alpha=0.6, linewidth=0)
     axes.axvline(truth, color=INK, linewidth=1)
     axes.set_xlim(0, 1)

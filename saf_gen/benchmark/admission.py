@@ -2,19 +2,24 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from saf_gen.benchmark.guests.guest import GuestSpec, guest_of
+from saf_gen.benchmark.guests.guest import GuestMeasure, GuestSpec, guest_of
 from saf_gen.benchmark.guests.host import GuestPart, Limits
+from saf_gen.benchmark.method_folder import folder_name
 from saf_gen.benchmark.method_spec import (
     Half,
     Method,
+    MethodFolder,
     of_method,
     parse_method,
     parse_options,
+    read_folder,
     split_method,
+    split_region,
+    tidy,
     tuned_method,
 )
 from saf_gen.benchmark.search_run import run_search
@@ -23,8 +28,10 @@ from saf_gen.core.config.document import read_text
 from saf_gen.core.config.registry import allow_code, check_code_allowed, entry_point_names, refuse_code
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
+from saf_gen.plugins.measures import get_measure
 
 MAX_LIST_BYTES = 1 << 22
+KINDS = ("measures", "searches")
 
 
 def admit_method(spec: str, limits: Limits | None = None) -> Method:
@@ -36,25 +43,44 @@ def admit_method(spec: str, limits: Limits | None = None) -> Method:
     """
     if spec.startswith("@"):
         return tuned_method(spec, lambda name: admit_method(name, limits))
-    halves, text, region = split_method(spec)
-    parsed = [parse_options(half, spec) for half in halves]
-    kinds = ("measures", "searches")
-    if not any(map(is_foreign, parsed, kinds)):
-        return parse_method(spec)
-    codes = [code for half in parsed for code in codes_of(half)]
+    name, region = split_region(spec)
+    if text := folder_name(name):
+        held = read_folder(Path(text))
+        codes = [f"{Path(text).resolve()}/"]
+        guest_spec = _folder_spec(text, held)
+        title = f"{held.card.name}: "
+    else:
+        halves, text, region = split_method(spec)
+        parsed = [parse_options(half, spec) for half in halves]
+        if not any(map(is_foreign, parsed, KINDS)):
+            return parse_method(spec)
+        codes = [code for half in parsed for code in codes_of(half)]
+        guest_spec, title = _guest_spec(text, parsed), ""
     for code_name in codes:
         check_code_allowed(code_name)
     try:
-        guest = guest_of(_guest_spec(text, parsed), limits or Limits())
+        guest = guest_of(guest_spec, limits or Limits())
     except BadInput as error:
         raise of_method(error, spec) from None
     for code_name in codes:
         allow_code(code_name)
-    written = [guest.parameters, guest.files]
-    code = hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
-    measure, _, search = guest.parameters.partition(" + ")
+    parameters = title + guest.parameters
+    code = hashlib.sha256(json.dumps([parameters, guest.files]).encode()).hexdigest()[:12]
+    measure, _, search = parameters.partition(" + ")
     parts: tuple[Any, Any] = GuestPart(measure), GuestPart(search, commands=guest.commands)
     return Method(f"{text}@{region}" if region else text, *parts, code=code, region=region, guest=guest)
+
+
+def admit_measure(name: str) -> Callable[..., float]:
+    """Return the focus measure with the given name; if it is not part of saf_gen, it scores windows as a guest.
+
+    Raises BadInput if it is unknown or refuses its options, or if the name belongs to no measure.
+    """
+    half = parse_options(tidy(name), name)
+    if not is_foreign(half, "measures"):
+        return get_measure(name)
+    check_code_allowed(half[0])
+    return GuestMeasure(name, guest_of(_guest_spec(f"{name}+argmax", [half, ("argmax", {})]), Limits()))
 
 
 def read_methods(path: Path, limits: Limits | None = None) -> list[str]:
@@ -124,8 +150,24 @@ def _is_file(value: object) -> bool:
     return isinstance(value, str) and Path(value).is_file()
 
 
+def _folder_spec(text: str, held: MethodFolder) -> GuestSpec:
+    """Return the method in a folder; results show its files relative to the folder."""
+    folder = Path(text).resolve()
+    shown = {str(file): file.relative_to(folder).as_posix() for file in held.files}
+    return GuestSpec(text, *held.halves, tuple(shown), (str(folder),), tuple(shown.items()))
+
+
 def _guest_spec(text: str, parsed: Sequence[Half]) -> GuestSpec:
-    """Return a method with absolute paths, because a guest has a working folder of its own."""
+    (measure, search), shown, folders = make_absolute_halves(parsed)
+    files = [absolute if _is_file(absolute) else absolute.rpartition(":")[0] for absolute in shown]
+    return GuestSpec(text, measure, search, tuple(files), tuple(folders), tuple(shown.items()))
+
+
+def make_absolute_halves(parsed: Sequence[Half]) -> tuple[list[Half], dict[str, str], list[str]]:
+    """Return plug-ins with absolute paths, because a guest has a working folder of its own.
+
+    Also returned are these paths with the spelling of the user, and the folders of modules that they may import.
+    """
     shown: dict[str, str] = {}
     folders: dict[str, None] = {}
 
@@ -143,8 +185,7 @@ def _guest_spec(text: str, parsed: Sequence[Half]) -> GuestSpec:
         shown[absolute] = value
         return absolute
 
-    measure, search = (
+    halves = [
         (make_absolute(name), {key: make_absolute(value) for key, value in options.items()}) for name, options in parsed
-    )
-    files = [absolute if _is_file(absolute) else absolute.rpartition(":")[0] for absolute in shown]
-    return GuestSpec(text, measure, search, tuple(files), tuple(folders), tuple(shown.items()))
+    ]
+    return halves, shown, list(folders)

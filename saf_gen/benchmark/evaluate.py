@@ -4,7 +4,9 @@ A method is a focus measure and a search. It sees windows of the recording throu
 cost and the judgement stay with the evaluator, in the folder ``tracks``. Streams without truth are searched, too.
 """
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+import hashlib
+import json
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -13,11 +15,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from saf_gen.benchmark.admission import admit_measure
+from saf_gen.benchmark.guests.guest import PACKAGE
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
+from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method
 from saf_gen.benchmark.plugin_description import describe_plugins
-from saf_gen.benchmark.results import Drawn, Evaluation, SequenceFailure
+from saf_gen.benchmark.records import READ_LATE, Record
+from saf_gen.benchmark.repetition import Repetition, plan_repetition
+from saf_gen.benchmark.results import Drawn, Evaluation, LateFile, SequenceFailure
+from saf_gen.benchmark.search_run import to_one_line
 from saf_gen.benchmark.sequence_evaluation import (
     EvaluateJob,
     MethodGroups,
@@ -33,11 +40,11 @@ from saf_gen.benchmark.tracks.tasks import SequenceTask, select_sequences_to_eva
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.object_store import StorePath, find_path
+from saf_gen.core.plain_text import plural
 from saf_gen.core.region import REGIONS
 from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.parts import Measure
-from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
@@ -65,6 +72,8 @@ def evaluate(
     cluster: str | None = None,
     draw: bool = True,
     limits: Limits | None = None,
+    check: bool = True,
+    failed_in: str | Path | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Evaluation:
     """Run methods on a dataset or on one stream, and judge their answers.
@@ -103,9 +112,16 @@ def evaluate(
     limits : Limits, optional
         What a method that is not part of saf_gen may use on a sequence; such a method runs in a process of its own,
         and whatever it does, only its own runs fail.
+    check : bool, default True
+        Whether measures and searches that are not part of saf_gen are checked once, as by ``saf-gen methods check``;
+        their records name the first check that they fail. This takes a second or two for each.
+    failed_in : str or Path, optional
+        Folder of an evaluation by the same options, of which only the pairs that failed are repeated; its other rows
+        are kept if a new run would give them again. The result has no sweeps and no curves, which records do not hold.
+        It has no records if no pair failed.
     tell : callable, optional
-        Called with a line for the user if a sequence is evaluated again because a worker died, or if the cluster has
-        no workers.
+        Called with a line for the user if a sequence is evaluated again because a worker died, if the cluster has
+        no workers, and for what is repeated.
 
     Returns
     -------
@@ -156,11 +172,22 @@ def evaluate(
             left_out=selection.left_out,
             running_methods=[method.name for group in groups.values() for method in group],
         )
+    again = None
+    if failed_in is not None:
+        for what, given in (("a closed loop", protocol), ("predictions", predictions), ("a cluster", cluster)):
+            if given is not None:
+                raise BadInput(f"--failed is given with {what}", hint="leave out one of the two")
+        again = plan_repetition(Path(failed_in), tasks, groups=groups)
+        tell(_describe_repetition(again))
+        if not again.failed:
+            return Evaluation((), (), ())
+        keep, draw = None, False
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
     drawn: dict[int, Drawn] = {}
     if draw:
         drawn |= dict.fromkeys(select_to_show(conditions, DRAWN_SEQUENCES), "sweep")
         drawn |= dict.fromkeys(select_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
+    failed = _check_guests(chosen.values()) if check else {}
     store = keep if keep is not None and path.is_dir() else KeptSequences()
     store.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
     parts: dict[int, Evaluation] = {}
@@ -174,6 +201,8 @@ def evaluate(
     if cluster is not None:
         named = NamedMethods.of(methods, region, groups=groups, limits=limits or Limits())
         run = partial(_run_on_cluster, cluster=Cluster(cluster, Path(str(path))), methods=named, notify=tell)
+    elif again is not None:
+        run = partial(_run_locally, again=again)
     ended = run(tasks, groups, drawn=drawn, store=store, protocol=protocol, predictions=prediction_set, step=step)
     try:
         with store, closing(ended):
@@ -196,14 +225,52 @@ def evaluate(
             where=str(path),
         )
     in_order = [parts[number] for number in sorted(parts)]
+    late = tuple(sorted({file for part in in_order for file in part.read_late}))
     return Evaluation(
-        records=tuple(record for part in in_order for record in part.records),
-        sweeps=tuple(sweep for part in in_order for sweep in part.sweeps),
+        records=tuple(
+            replace(record, failed_check=failed[record.code]) if record.code in failed else record
+            for record in note_late_files([record for part in in_order for record in part.records], late)
+        ),
+        sweeps=() if again is not None else tuple(sweep for part in in_order for sweep in part.sweeps),
         failures=tuple(failures[number] for number in sorted(failures)),
         lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
         plugins=describe_plugins(chosen.values()),
-        curves=tuple(curve for part in in_order for curve in part.curves),
+        curves=() if again is not None else tuple(curve for part in in_order for curve in part.curves),
+        read_late=late,
     )
+
+
+def _check_guests(methods: Iterable[Method]) -> dict[str, str]:
+    """Return the first check that a method fails, by its code digest, for those that fail one."""
+    guests = {method.code: method for method in methods if method.guest is not None}
+    if not guests:
+        return {}
+    from saf_gen.benchmark.checking import first_failed_check
+
+    failed = {code: first_failed_check(method) for code, method in guests.items()}
+    return {code: check for code, check in failed.items() if check}
+
+
+def note_late_files(records: Sequence[Record], late: Sequence[LateFile]) -> Iterator[Record]:
+    """Yield records whose notes name the files that their methods read late, and a digest of their contents.
+
+    All records of a method have the same note, because it may have kept what it read for another sequence.
+    """
+    notes = {}
+    late = [file for file in late if not Path(file.path).is_relative_to(PACKAGE)]  # records state its version
+    for method in {file.method for file in late}:
+        own = [file for file in late if file.method == method]
+        names = list(dict.fromkeys(Path(file.path).name for file in own))
+        more = f" and {len(names) - NAMED_LATE_FILES} more" if len(names) > NAMED_LATE_FILES else ""
+        contents = sorted((Path(file.path).name, file.digest) for file in own)
+        digest = hashlib.sha256(json.dumps(contents).encode()).hexdigest()[:12]
+        notes[method] = to_one_line(f"{READ_LATE}{', '.join(names[:NAMED_LATE_FILES])}{more} ({digest})")
+    for record in records:
+        note = notes.get(record.method)
+        yield record if note is None else replace(record, note="; ".join(filter(None, (record.note, note))))
+
+
+NAMED_LATE_FILES = 3
 
 
 EndedSequence = tuple[int, Evaluation | None, Exception | None]
@@ -219,17 +286,21 @@ def _run_locally(
     protocol: "ClosedLoopProtocol | None",
     predictions: PredictionSet | None,
     step: Callable[[int, str], None],
+    again: Repetition | None = None,
 ) -> Generator[EndedSequence]:
-    """Evaluate the sequences one after the other in this process."""
+    """Evaluate the sequences one after the other in this process, or only what is repeated of them."""
     count = sum(map(len, groups.values()))
     for number, task in enumerate(tasks):
         draw = drawn.get(number, "")
         part = store.reuse(task, draw=draw)
+        if again is not None and not any(again.missing(task, groups).values()):
+            part = again.complete(task, Evaluation((), (), ()), groups=groups)
         if part is None:
+            missing = groups if again is None else again.missing(task, groups)
             try:
                 part = evaluate_sequence(
                     task,
-                    groups,
+                    missing,
                     protocol=protocol,
                     predictions=predictions,
                     step=lambda done, what, task=task: step(done, f"{task.id} {what}".strip()),  # type: ignore[misc]
@@ -239,10 +310,22 @@ def _run_locally(
                 step(count, f"{task.id} failed")
                 yield number, None, error
                 continue
+            if again is not None:
+                part = again.complete(task, part, groups=groups)
             store.keep(task, part, draw=draw)
         else:
             step(count, f"{task.id} was already evaluated")
         yield number, part, None
+
+
+def _describe_repetition(again: Repetition) -> str:
+    """Return what is repeated and what is kept, in one line."""
+    other = f"{plural(again.outdated, 'pair')} whose code, limits or data may not be what they were"
+    kept = f"{plural(len(again.kept), 'pair')} of method and sequence kept"
+    if not again.failed:
+        rest = f"; {other}: leave out --failed to repeat them" if again.outdated else ""
+        return f"no pair of method and sequence failed, so nothing is repeated{rest}"
+    return f"{plural(again.failed, 'failed pair')} repeated{f', and {other}' if again.outdated else ''}; {kept}"
 
 
 def _run_on_cluster(
@@ -286,7 +369,8 @@ def score_blocks(
     stream : SpikeStream
         Open stream.
     measure : str or Measure
-        Focus measure, or its name.
+        Focus measure, or its name; one that is not part of saf_gen is then called in a process of its own, because no
+        other way keeps a measure that ends or holds its process from doing so to the caller's.
     window : int
         Frames per block, 1 to the number of frames in the stream.
     region : str, default 'target'
@@ -310,7 +394,7 @@ def score_blocks(
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
     counts = WindowCounts(stream, choose_region(stream, region)[0])
-    view = RecordingView(counts, get_measure(measure) if isinstance(measure, str) else measure)
+    view = RecordingView(counts, admit_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)
     with named_user_code(measure, "focus measure"):
         return first, np.array([view.score(a, a + window) for a in first.tolist()])

@@ -8,7 +8,7 @@ import hashlib
 import json
 import shutil
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
@@ -19,9 +19,10 @@ import numpy as np
 
 from saf_gen import __version__
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
+from saf_gen.benchmark.guests.guest import is_as_read
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LensPath, SweepSummary
+from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LateFile, LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.tasks import SequenceTask
@@ -38,10 +39,20 @@ WRITE_INTERVAL_S = 5.0
 """Minimum time between two writes, in seconds; a killed process loses the results since its last write."""
 _KINDS = {
     kind.__name__: kind
-    for kind in (Evaluation, Record, AssessedCurve, CurveQuality, SweepSummary, FocusCurve, Thumbnails, LensPath)
+    for kind in (
+        Evaluation,
+        Record,
+        AssessedCurve,
+        CurveQuality,
+        SweepSummary,
+        FocusCurve,
+        Thumbnails,
+        LensPath,
+        LateFile,
+    )
 }
 FORMAT = {
-    "format": "saf-gen kept sequences 2",
+    "format": "saf-gen kept sequences 3",
     **{name: [f.name for f in fields(kind)] for name, kind in _KINDS.items()},
 }
 
@@ -112,9 +123,16 @@ class KeptSequences:
             self.write()
 
     def reuse(self, task: SequenceTask, *, draw: Drawn) -> Evaluation | None:
-        """Return the result of a sequence from an earlier run of the same methods on the same files, or None."""
-        result = self._found.pop(self._key(task, draw), None) if self._folder else None
-        self.reused += result is not None
+        """Return the result of a sequence from an earlier run of the same methods on the same files, or None.
+
+        Files that a method read only when it was called are not in its ``code``; they must be the same, too.
+        """
+        key = self._key(task, draw)
+        result = self._found.get(key)
+        if result is None or not all(is_as_read(late.path, late.digest) for late in result.read_late):
+            return None
+        del self._found[key]
+        self.reused += 1
         return result
 
     def keep(self, task: SequenceTask, result: Evaluation, *, draw: Drawn) -> None:
@@ -127,10 +145,9 @@ class KeptSequences:
             if monotonic() - self._written >= WRITE_INTERVAL_S:
                 self.write()
 
-    def count_left_over(self, splits: Collection[str | None]) -> Counter[str]:
-        """Return the number of results of each split that were not taken over, except for those of ``splits``."""
-        of = (result.records[0].split for result in self._found.values() if result.records)
-        return Counter(split for split in of if split is not None and split not in splits)
+    def count_left_over(self) -> Counter[str | None]:
+        """Return the number of results of each split that were not taken over."""
+        return Counter(result.records[0].split for result in self._found.values() if result.records)
 
     def write(self) -> None:
         """Write the results that are not on disk yet; raise BadInput if the file cannot be written."""

@@ -3,11 +3,13 @@
 ``sd_code+sgfs_code:dt=50`` is the measure ``sd_code`` with the search ``sgfs_code``, whose option ``dt`` is 50.
 ``sd+argmax@frame`` looks at the whole frame, whatever region the other methods look at.
 ``@FILE`` is the method of a tuned file, which states the constants that were tried, the data, and the best constants.
+``my_method/`` is the method in a folder with a card (:mod:`saf_gen.benchmark.method_folder`).
 """
 
 import hashlib
 import json
 import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from inspect import signature
@@ -16,6 +18,7 @@ from typing import Any, ClassVar, Protocol
 
 from pydantic import ConfigDict
 
+from saf_gen.benchmark.method_folder import CARD, MethodCard, ends_as_folder, file_in, folder_name, read_card
 from saf_gen.benchmark.records import Count, Number, pop_format
 from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.config.document import STRICT, read_text, validate_document
@@ -78,6 +81,8 @@ class MethodGuest(Protocol):
 
     limits: Any
     plugins: list[dict[str, Any]]
+    search_options: dict[str, Any]
+    read_late: set[tuple[str, str]]
 
     def run(self, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]: ...
 
@@ -108,7 +113,16 @@ class Method:
 
     @property
     def search_name(self) -> str:
-        return split_options(split_halves(split_region(self.name)[0])[1])[0]
+        """Name of the search, '' for a method in a folder."""
+        return split_options("".join(split_halves(split_region(self.name)[0])[1:]))[0]
+
+    @property
+    def search_options(self) -> dict[str, Any]:
+        """Options of the search, by the names of its fields."""
+        if self.guest is not None:
+            return self.guest.search_options
+        search: Any = self.search
+        return {field.name: getattr(search, field.name) for field in fields(search)} if is_dataclass(search) else {}
 
     @property
     def parameters(self) -> str:
@@ -132,8 +146,9 @@ def parse_method(spec: str) -> Method:
     ----------
     spec : str
         ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or ``@FILE[@REGION]`` for the method of a tuned
-        file. MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``, whose module
-        is executed. A tuned file may name only plug-ins that are registered or already loaded.
+        file, or the path of a folder with a card. MEASURE and SEARCH are registered names, or
+        ``package.module:Class`` or ``file.py:Class``, whose module is executed. A tuned file may name only plug-ins
+        that are registered or already loaded.
 
     Returns
     -------
@@ -147,6 +162,16 @@ def parse_method(spec: str) -> Method:
     """
     if spec.startswith("@"):
         return tuned_method(spec, parse_method)
+    name, region = split_region(spec)
+    if name := folder_name(name):
+        measure, search = read_folder(Path(name)).halves
+        if (folder := str(Path(name).resolve())) not in sys.path:
+            sys.path.insert(0, folder)  # its modules may import each other
+        try:
+            built = build_method(measure, search)
+        except BadInput as error:
+            raise of_method(error, spec) from None
+        return replace(built, name=f"{name}@{region}" if region else name, region=region)
     halves, text, region = split_method(spec)
     measure, search = (parse_options(half, spec) for half in halves)
     try:
@@ -185,9 +210,54 @@ def split_method(spec: str) -> tuple[list[str], str, str]:
         raise BadInput(
             f"method {spec!r} is not a focus measure and a search",
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
-            hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
+            hint=f"name its folder: {Path(text).parent}/"
+            if Path(text).name == CARD
+            else f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
         )
     return halves, text, region
+
+
+@dataclass(frozen=True)
+class MethodFolder:
+    """A method in a folder: its card, its measure and search with absolute paths, and the files that it names."""
+
+    card: MethodCard
+    halves: tuple[Half, Half]
+    files: tuple[Path, ...]
+
+
+def read_folder(folder: Path) -> MethodFolder:
+    """Return the method in a folder.
+
+    Raises BadInput in one line if its card is missing or not valid, or names a file that is missing or outside the
+    folder.
+    """
+    card, where = read_card(folder), str(folder / CARD)
+    files = [(folder / CARD).resolve(), *(file_in(folder, name, where=where) for name in card.files)]
+
+    def find(value: Any) -> Any:
+        """Return an option of the card with absolute paths."""
+        path, _, member = value.rpartition(":") if isinstance(value, str) else ("", "", "")
+        if path.endswith(".py"):
+            files.append(file_in(folder, path, where=where))
+            return f"{files[-1]}:{member}"
+        if isinstance(value, str) and (folder / value).is_file():
+            files.append(file_in(folder, value, where=where))
+            return str(files[-1])
+        return value
+
+    halves = []
+    for key in ("measure", "search"):
+        name, options = parse_options(tidy(getattr(card, key)), f"{where}: {key}")
+        path, colon, member = name.rpartition(":")
+        if (colon and not (path.endswith(".py") and member)) or name.endswith(".py"):
+            raise BadInput(
+                f"the {key} is {name.rstrip(':')!r}",
+                where=where,
+                allowed="file.py:Name of a file in the folder, or a registered name",
+            )
+        halves.append((find(name) if colon else name, {option: find(value) for option, value in options.items()}))
+    return MethodFolder(card, (halves[0], halves[1]), tuple(files))
 
 
 def build_method(measure: Half, search: Half) -> Method:
@@ -217,8 +287,12 @@ def split_region(method: str) -> tuple[str, str]:
 def split_halves(name: str) -> list[str]:
     """Return the measure and the search in a name without a region; another number of parts if it is no method.
 
+    A method in a folder has one part.
+
     A + is a sign of the method unless it is in the path of a file, which ends in ``.py:``.
     """
+    if ends_as_folder(name):
+        return [name]
     pieces = name.split("+")
     for count in range(len(pieces) - 1, 0, -1):
         halves = ["+".join(pieces[:count]), "+".join(pieces[count:])]
@@ -303,12 +377,20 @@ def resolve_name(spec: str) -> Method | tuple[str, Any]:
 
     Raises BadInput if nothing has this name, or if the plug-in refuses its options.
     """
-    if spec.startswith("@") or len(split_halves(split_region(spec)[0])) > 1:
+    name = split_region(spec)[0]
+    if spec.startswith("@") or folder_name(name) or len(split_halves(name)) > 1:
         return parse_method(spec)
-    name, options = parse_options(tidy(spec), spec)
-    if _find_kind(name) == "searches":
-        return "searches", get_search(name, **options)
-    return "measures", get_measure(name, **options)
+    return find_plugin(parse_options(tidy(spec), spec))
+
+
+def find_plugin(half: Half, kind: str = "") -> tuple[str, Any]:
+    """Return the kind and the plug-in of a name with options, of a kind that is known or else found out.
+
+    Raises BadInput if nothing has this name, or if the plug-in refuses its options.
+    """
+    name, options = half
+    kind = kind or _find_kind(name)
+    return kind, get_measure(name, **options) if kind == "measures" else get_search(name, **options)
 
 
 def _find_kind(name: str) -> str:

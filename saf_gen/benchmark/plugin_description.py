@@ -67,10 +67,11 @@ def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
     """Return descriptions of the measures of these methods and then of the searches, without repetitions."""
     found: dict[tuple[str, str], PluginDescription] = {}
     for method in methods:
-        halves = split_halves(split_region(method.name)[0])
+        names = split_halves(split_region(method.name)[0])
+        halves = names[0], names[-1]  # a method in a folder has one name
         if method.guest is not None:
             for half, kind in zip(halves, ("measures", "searches"), strict=True):
-                found.setdefault((kind, half), _described_by_guest(half, kind, said=method.guest.plugins))
+                found.setdefault((kind, half), take_description(half, kind, said=method.guest.plugins))
             continue
         for half, kind, plug_in in zip(halves, ("measures", "searches"), (method.measure, method.search), strict=True):
             if (kind, half) in found:
@@ -84,7 +85,7 @@ def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
     return tuple(sorted(found.values(), key=lambda d: d.plugin_kind))
 
 
-def _described_by_guest(half: str, kind: str, *, said: Iterable[Any]) -> PluginDescription:
+def take_description(half: str, kind: str, *, said: Iterable[Any]) -> PluginDescription:
     """Return what a guest says of one of its plug-ins, of which only texts are taken over."""
     for one in said:
         try:

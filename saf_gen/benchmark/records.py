@@ -34,6 +34,8 @@ answer outside the recording."""
 OVER_A_LIMIT = "over a limit: "
 """Beginning of the notes of runs that were ended at a limit of time or memory; another machine may end them elsewhere.
 """
+READ_LATE = "code does not cover what was read only when it was called: "
+"""In the notes of methods of others that opened files after they had been loaded, before the names of these files."""
 MAX_COUNT = 2**53
 """Largest whole number up to which a float represents every whole number."""
 MAX_SECONDS_OR_TRAVELS = 1e9
@@ -161,6 +163,9 @@ class Record:
     """Measure and search with every option, defaults included."""
     limits: str = ""
     """What the process of the method might use on a sequence, if it is not part of saf_gen; otherwise ''."""
+    failed_check: str = ""
+    """First check of ``saf-gen methods check`` that the measure or search fails, if it is not part of saf_gen; the key
+    is missing if there is none."""
     tuning: str = ""
     """First 12 digits of the SHA-256 of the tuned file that named the method (``@FILE``), or ''."""
     machine: str = ""
@@ -189,7 +194,10 @@ class Record:
 
 def record_to_json(record: Record) -> dict[str, Any]:
     """Return the record in plain JSON types: numbers that are not finite become null, and tuples become lists."""
-    return {"format": RECORD_FORMAT, **{f.name: _to_json_value(getattr(record, f.name)) for f in fields(record)}}
+    plain = {f.name: _to_json_value(getattr(record, f.name)) for f in fields(record)}
+    if not record.failed_check:
+        del plain["failed_check"]
+    return {"format": RECORD_FORMAT, **plain}
 
 
 def format_records(records: Iterable[Record]) -> str:
@@ -267,8 +275,7 @@ def _parse_record(document: Document) -> Record:
     # Most strings occur in many records; interning keeps each in memory once.
     document.data = {key: sys.intern(value) if type(value) is str else value for key, value in document.data.items()}
     record = validate_document(Record, document, hint=HINT)
-    if len(document.data) < len(_KEYS):  # a missing key that has a default passes the validation
-        missing = next(key for key in _KEYS if key not in document.data)
+    if missing := next((key for key in _KEYS if key not in document.data), ""):  # one with a default passes validation
         raise BadInput(f"the key {missing!r} is missing", where=document.locate(), hint=HINT)
     if fault := _find_contradiction(record):
         raise BadInput(
@@ -277,7 +284,7 @@ def _parse_record(document: Document) -> Record:
     return record
 
 
-_KEYS = [f.name for f in fields(Record)]
+_KEYS = [f.name for f in fields(Record) if f.name != "failed_check"]
 
 
 def _find_contradiction(r: Record) -> tuple[str, str] | None:

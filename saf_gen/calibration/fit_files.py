@@ -233,21 +233,31 @@ figcaption {{ font-size: 0.85rem; color: #6b7280 }} svg {{ width: 100%; height: 
 """
 
 
+FITTED = "Fitted by saf-gen sensors fit"
+"""Words by which the file of a fitted sensor is known."""
+
+
+def fitted_files(name: str) -> tuple[str, str, str, str]:
+    """Return the names of the files of a fitted sensor, whose name may have dots; the last one marks bad pixels."""
+    return f"{name}.yaml", f"{name}.json", f"{name}.html", f"{name}-mask.npy"
+
+
 def write_fit(fit: SensorFit, folder: Path) -> list[Path]:
     """Write NAME.yaml, NAME.json and NAME.html into a folder, named after the sensor, and return their paths.
 
     If there are bad pixels, NAME-mask.npy marks them, bool (rows, columns), as ``saf-gen import --mask`` takes it. An
     older mask of this name is removed otherwise.
     """
-    name = fit.sensor.name  # which may have dots
-    texts = {
-        folder / f"{name}.yaml": _format_fitted_sensor(fit),
-        folder / f"{name}.json": _format_fit_json(fit),
-        folder / f"{name}.html": _format_fit_page(fit, draw_fit(fit)),
-    }
+    *paths, mask = (folder / file for file in fitted_files(fit.sensor.name))
+    texts = dict(
+        zip(
+            paths,
+            (_format_fitted_sensor(fit), _format_fit_json(fit), _format_fit_page(fit, draw_fit(fit))),
+            strict=True,
+        )
+    )
     for path, text in texts.items():
         write_text(path, text)
-    mask = folder / f"{name}-mask.npy"
     if not fit.bad.any():
         mask.unlink(missing_ok=True)
         return list(texts)
@@ -294,7 +304,7 @@ def _format_fitted_sensor(fit: SensorFit) -> str:
     """Return the text of a sensor file, with the 95 % interval of each measured number as a comment."""
     recordings = ", ".join(f"{name} ({level:.3g} spikes per readout)" for name, level in fit.levels.items())
     lines = [
-        f"# Fitted by saf-gen sensors fit to {recordings} and a dark recording.",
+        f"# {FITTED} to {recordings} and a dark recording.",
         "# Each comment gives the 95 % interval of a number and its source. Flat fields do not determine the numbers",
         f"# that are only marked as assumed; these are copied from {fit.base}.",
         *(f"# - {note}" for note in fit.notes),

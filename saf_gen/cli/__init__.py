@@ -12,7 +12,7 @@ import threading
 import traceback
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import cache
 from io import TextIOWrapper
 from pathlib import Path
@@ -34,7 +34,7 @@ from saf_gen.cli import (
     stream_commands,
 )
 from saf_gen.cli._examples import help_ending
-from saf_gen.cli._terminal import out, print_error
+from saf_gen.cli._terminal import at_work, out, print_error
 from saf_gen.core.cores import STOPPING, check_address_space
 from saf_gen.core.user_code import describe_exit
 from saf_gen.errors import BadInput, SafGenError
@@ -122,6 +122,8 @@ STOP_MESSAGES = {
 """The message for a stopped command, by command or group; commands that write no files have none."""
 
 
+UNPACKING = ("import", "encode", "export", "cut", "inspect", "view", "score", "verify", "pack", "fetch", "dataset")
+"""Commands whose time is that of unpacking what strangers packed, and that have no bar or log of their own."""
 _MEMORY_ADVICE = ": finished work is kept; stop other programs, raise the limit (ulimit -v, -u), or use fewer --workers"
 MIN_MEMORY = 1 << 30
 TYPER = Path(typer.__file__).parent
@@ -266,9 +268,10 @@ def main(argv: list[str] | None = None) -> NoReturn:
             stream.reconfigure(errors="replace")  # a terminal without θ or ┃ shows a question mark
     try:
         check_address_space(MIN_MEMORY)
-        code = root_command()(args=argv, standalone_mode=False, prog_name="saf-gen")
+        words = (sys.argv[1:] if argv is None else argv)[:2]
+        with at_work(words[0]) if words[:1] and words[0] in UNPACKING else nullcontext():
+            code = root_command()(args=argv, standalone_mode=False, prog_name="saf-gen")
         if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C
-            words = (sys.argv[1:] if argv is None else argv)[:2]
             left = STOP_MESSAGES.get(" ".join(words)) or STOP_MESSAGES.get("".join(words[:1]))
             code = stopped[0] if stopped else STOPPED_EXIT_CODE
             print_error("; ".join(filter(None, ("stopped", left))), code)

@@ -14,6 +14,7 @@ from rich.measure import Measurement
 from rich.text import Text
 
 from saf_gen.cli._terminal import out
+from saf_gen.core.files import write_text
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import escape_controls
 
@@ -91,7 +92,7 @@ def print_json(document: Any, path: Path | None = None) -> None:
     if path is None:
         out.file.write(text)
     else:
-        path.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
 
 def _cell(column: Column, row: Any) -> str | Text:

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,6 +48,7 @@ out = _PlainConsole(width=None if sys.stdout.isatty() else 160, markup=False, hi
 err = _PlainConsole(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
 LOG_EVERY_S = 30.0
+AT_WORK_EVERY_S = 15.0
 LEVEL_STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
 """Style of each level of findings about a scene or a submission."""
 RecipeName = Annotated[str, typer.Argument(help="A recipe that comes with saf_gen, by name, or a recipe file.")]
@@ -58,8 +60,11 @@ OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write t
 
 
 def print_error(line: str, code: int) -> int:
-    """Print an error as one line on stderr, and return ``code``."""
-    err.print(Text.assemble(("saf-gen:", "bold red"), " ", " ".join(line.split())))
+    """Print an error as one line on stderr, and return ``code``, even if stderr is on a full disk."""
+    try:
+        err.print(Text.assemble(("saf-gen:", "bold red"), " ", " ".join(line.split())))
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Python flushes on exit
     return code
 
 
@@ -74,6 +79,24 @@ def progress_bars() -> Iterator[Progress]:
     )
     with Progress(*columns, console=err, disable=not err.is_terminal) as progress:
         yield progress
+
+
+@contextmanager
+def at_work(what: str) -> Iterator[None]:
+    """Say on stderr every AT_WORK_EVERY_S that a command goes on: a small packed file may unpack for minutes."""
+    begun, done = monotonic(), threading.Event()
+
+    def say() -> None:
+        while not done.wait(AT_WORK_EVERY_S):
+            err.print(f"{what}: at work for {monotonic() - begun:.0f} s")
+
+    speaker = threading.Thread(target=say, daemon=True)
+    speaker.start()
+    try:
+        yield
+    finally:
+        done.set()
+        speaker.join()
 
 
 def terminal_reporter(verb: str, bars: Progress) -> Callable[[int, int, str], None]:

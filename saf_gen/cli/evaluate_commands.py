@@ -1,7 +1,7 @@
 """The commands ``evaluate`` and ``score``."""
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -42,7 +42,11 @@ def evaluate_command(
     scene_motion: Annotated[str | None, typer.Option(help="Evaluate only static or only dynamic sequences.")] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option(help="MEASURE+SEARCH with options after a colon, or @FILE of a tuned method; repeatable."),
+        typer.Option(
+            "--method",
+            "-m",
+            help="MEASURE+SEARCH, options after a colon, a folder with a card, or @FILE of a tuned method; repeatable.",
+        ),
     ] = None,
     methods: Annotated[
         Path | None, typer.Option(help="File with one method per line, in addition to --method.")
@@ -64,6 +68,9 @@ def evaluate_command(
         float, typer.Option(help="Seconds of computing that a method of others may use on a sequence.")
     ] = 60.0,
     limit_gib: Annotated[float, typer.Option(help="Memory in GiB that the process of such a method may use.")] = 2.0,
+    failed: Annotated[
+        bool, typer.Option("--failed", help="Repeat only what failed in the evaluation by the same options.")
+    ] = False,
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Also write figures as PDF, in the width of a paper's column.")
     ] = False,
@@ -73,11 +80,13 @@ def evaluate_command(
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.guests.host import Limits
     from saf_gen.benchmark.kept_sequences import KeptSequences
+    from saf_gen.benchmark.records import read_records
     from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
-    from saf_gen.core.files import check_writable
+    from saf_gen.core.config.registry import refuse_code
+    from saf_gen.core.files import check_writable, lock_folder
     from saf_gen.core.object_store import StorePath, find_path
     from saf_gen.leaderboard import rank_methods
-    from saf_gen.leaderboard.report import write_evaluation
+    from saf_gen.leaderboard.report import check_replaceable, write_evaluation
 
     limits = Limits(run_s=limit_s, resident_bytes=int(limit_gib * 2**30))
     for one in method or ():
@@ -90,31 +99,41 @@ def evaluate_command(
         target = folder or Path(f"{data.stem}-{name}")
     else:
         target = folder or (data / name if data.is_dir() else data.with_name(f"{data.stem}-{name}"))
+    check_replaceable(target)
     check_writable(target)
+    if failed and not named:
+        named = list(dict.fromkeys(record.method for record in read_records(target)))
+        with refuse_code(str(target)):
+            for one in named:
+                admit_method(one, limits)
     _print_selection(select_sequences_to_evaluate(data, split=split, scene_motion=scene_motion), scene_motion)
     kept = KeptSequences(target / ".evaluation.unfinished")
-    with progress_bars() as bars:
-        result = run(
-            data,
-            methods=named or None,
-            split=split,
-            scene_motion=scene_motion,
-            region=region,
-            protocol=protocol,
-            predictions=predictions,
-            progress=terminal_reporter("evaluate", bars),
-            keep=kept,
-            cluster=cluster,
-            limits=limits,
-            tell=err.print,
-        )
-    print_kept(kept, splits={record.split for record in result.records})
-    rows = rank_methods(result.records)
+    with lock_folder(target):
+        with progress_bars() as bars:
+            result = run(
+                data,
+                methods=named or None,
+                split=split,
+                scene_motion=scene_motion,
+                region=region,
+                protocol=protocol,
+                predictions=predictions,
+                progress=terminal_reporter("evaluate", bars),
+                keep=kept,
+                cluster=cluster,
+                limits=limits,
+                failed_in=target if failed else None,
+                tell=err.print,
+            )
+        if failed and not result.records:
+            return
+        print_kept(kept, splits={record.split for record in result.records})
+        rows = rank_methods(result.records)
+        title = data.resolve().name
+        written = write_evaluation(target, rows=rows, evaluation=result, title=title, pdf=pdf)
+        kept.remove()
     sequences = len({record.sequence for record in result.records})
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
-    title = data.resolve().name
-    written = write_evaluation(target, rows=rows, evaluation=result, title=title, pdf=pdf)
-    kept.remove()
     print_leaderboard(  # after writing files, because a pipe that closes early, as with `| head`, ends the program
         rows,
         records=result.records,
@@ -123,19 +142,18 @@ def evaluate_command(
     print_written(written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
-    broken = _print_broken(result.records)
-    if result.failures or broken:
+    broke = [record for record in result.records if record.broke]
+    print_broken(broke, runs=Counter(record.method for record in result.records))
+    if result.failures or broke:
         raise typer.Exit(1)
 
 
-def _print_broken(records: "Sequence[Record]") -> bool:
-    """Print a line on stderr for each method whose code broke, and return whether there is one."""
-    runs = Counter(record.method for record in records)
-    broke = [record for record in records if record.broke]
+def print_broken(broke: "Sequence[Record]", runs: Mapping[str, int] | None = None) -> None:
+    """Print a line on stderr for each method whose code broke in one of its ``runs``."""
     for method, count in Counter(record.method for record in broke).items():
         why = next(record.note for record in broke if record.method == method)
-        print_error(f"{method} failed on {count} of {plural(runs[method], 'sequence')}: {why}", 1)
-    return bool(broke)
+        of = f"{count} of {plural(runs[method], 'sequence')}" if runs else plural(count, "run")
+        print_error(f"{method} failed on {of}: {why}", 1)
 
 
 def _print_selection(selection: "SequenceSelection", scene_motion: str | None) -> None:
@@ -169,8 +187,12 @@ def print_kept(kept: "KeptSequences", *, splits: Collection[str | None]) -> None
     stopped = "had been evaluated by a run that was stopped"
     if kept.reused:
         err.print(f"{plural(kept.reused, 'sequence')} {stopped}")
-    for split, count in kept.count_left_over(splits).items():
-        err.print(f"{plural(count, 'sequence')} of {name_splits([split])} {stopped}; not ranked now")
+    for split, count in kept.count_left_over().items():
+        if split in splits:
+            why = "evaluated again, because methods, their files or options, or the data are not what they were"
+            err.print(f"{plural(count, 'sequence')} {stopped}; {why}")
+        elif split is not None:
+            err.print(f"{plural(count, 'sequence')} of {name_splits([split])} {stopped}; not ranked now")
 
 
 def protocol_from_options(

@@ -24,6 +24,7 @@ from saf_gen.cli.evaluate_commands import (
     SweepMs,
     Track,
     name_splits,
+    print_broken,
     print_kept,
     print_written,
     protocol_from_options,
@@ -39,9 +40,9 @@ def merge_command(
     """Rank the methods of several evaluations in one table, if their data and code agree."""
     from saf_gen.benchmark.plugin_description import describe_recorded
     from saf_gen.benchmark.results import Evaluation
-    from saf_gen.core.files import check_writable
+    from saf_gen.core.files import check_writable, lock_folder
     from saf_gen.leaderboard import read_leaderboard
-    from saf_gen.leaderboard.report import write_evaluation
+    from saf_gen.leaderboard.report import check_replaceable, write_evaluation
 
     if folder is not None:
         for run in runs:
@@ -50,12 +51,14 @@ def merge_command(
                     f"--out {str(folder)!r} is one of the evaluations",
                     allowed="another folder: the evaluations are not changed",
                 )
+        check_replaceable(folder)
         check_writable(folder)
     board = read_leaderboard(*runs)
     written = None
     if folder is not None:
         evaluation = Evaluation(records=board.records, sweeps=(), failures=(), plugins=describe_recorded(board.records))
-        written = write_evaluation(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
+        with lock_folder(folder):
+            written = write_evaluation(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
     splits = dict.fromkeys(record.split for record in board.records if record.split is not None)
     title = f"{board.size}, {len(runs)} evaluations{f', {name_splits(splits)}' if splits else ''}"
     print_leaderboard(board, records=board.records, title=title)
@@ -81,8 +84,7 @@ def rank_on_saf_folder_command(
 
     The authors' protocol uses blocks of dt frames, the last frame of the best block, and a truth chosen by hand.
     """
-    from saf_gen.benchmark.admission import read_methods
-    from saf_gen.benchmark.method_spec import parse_method
+    from saf_gen.benchmark.admission import admit_method, read_methods
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard.ranking import rank_methods
     from saf_gen.leaderboard.report import write_evaluation
@@ -90,7 +92,7 @@ def rank_on_saf_folder_command(
     from saf_gen.leaderboard.tables import agreement
 
     for one in method or ():
-        parse_method(one)  # a list may name only code that --method names as well
+        admit_method(one)  # a list may name only code that --method names as well
     named = [*(method or ()), *(read_methods(methods) if methods else ())]
     check_writable(target)
     with progress_bars() as bars:
@@ -108,16 +110,18 @@ def rank_on_saf_folder_command(
     paths = [*write_saf(target, ranking), written.paths[0].parent]
     remove_kept(target)
     print_table(saf_table(ranking), where_to_find=f"{target / 'ranking.md'} shows them", as_json=as_json)
-    if as_json:
-        return
-    for note in PROTOCOL_NOTES:
-        out.print(note)
-    if ranking.agreement:
-        print_table(agreement(ranking.agreement, title="Agreement of ranks"))
-    for name, reason in ranking.left_out.items():
-        out.print(f"not run: {name}: {reason}")
-    for path in paths:
-        out.print(str(path), soft_wrap=True)
+    if not as_json:
+        for note in PROTOCOL_NOTES:
+            out.print(note)
+        if ranking.agreement:
+            print_table(agreement(ranking.agreement, title="Agreement of ranks"))
+        for name, reason in ranking.left_out.items():
+            out.print(f"not run: {name}: {reason}")
+        for path in paths:
+            out.print(str(path), soft_wrap=True)
+    if ranking.broke:
+        print_broken(ranking.broke)
+        raise typer.Exit(1)
 
 
 def verify_evaluation_command(
@@ -144,7 +148,7 @@ def verify_evaluation_command(
     from saf_gen.benchmark.records import read_records
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard.rerun import verify
-    from saf_gen.leaderboard.verification import DIFFERS, write_verification
+    from saf_gen.leaderboard.verification import DIFFERS, PROVES, RERUN_HERE, write_verification
 
     track = read_records(folder)[0].track
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
@@ -163,6 +167,8 @@ def verify_evaluation_command(
     print_table(Table(columns, found.verdicts), as_json=as_json)
     if not as_json:
         out.print(str(path), soft_wrap=True)
+        if any(verdict.state == RERUN_HERE for verdict in found.verdicts):
+            out.print(f"{RERUN_HERE}: {PROVES}", soft_wrap=True)
     if any(verdict.state == DIFFERS for verdict in found.verdicts):
         raise typer.Exit(1)
 
@@ -185,8 +191,8 @@ def tune_command(
 ) -> None:
     """Evaluate every combination of values on a split, and write the best one; `@FILE` then names this method."""
     from saf_gen.benchmark.kept_sequences import KeptSequences
-    from saf_gen.benchmark.method_spec import format_tuned
-    from saf_gen.core.files import atomic_file, check_writable
+    from saf_gen.benchmark.method_spec import TUNING_FORMAT, format_tuned
+    from saf_gen.core.files import check_ours, check_writable, write_text
     from saf_gen.leaderboard.tuning import tune as run
     from saf_gen.stream.manifest import read_manifest
 
@@ -197,6 +203,7 @@ def tune_command(
             raise BadInput(f"--try is {text!r}", allowed="KEY=VALUE,VALUE,..., with each key once")
         values[key] = rest.split(",")
     check_writable(file.parent)
+    check_ours(file, TUNING_FORMAT)
     kept = KeptSequences(file.with_name(f".{file.name}.unfinished"))
     with progress_bars() as bars:
         tuned, rows = run(
@@ -213,8 +220,7 @@ def tune_command(
         )
     print_kept(kept, splits={split})
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
-    with atomic_file(file) as part:
-        part.write_text(format_tuned(tuned), encoding="utf-8")
+    write_text(file, format_tuned(tuned))
     kept.remove()
     out.print(f"best: {tuned.method}", soft_wrap=True)
     out.print(

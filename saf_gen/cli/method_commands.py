@@ -69,30 +69,25 @@ def show_method_command(
     name: Annotated[str, typer.Argument(help="Measure, search or MEASURE+SEARCH, with its form and options.")],
 ) -> None:
     """Show a measure or a search in full: formula, options, range, degree, cost and source."""
-    from saf_gen.benchmark.method_spec import Method, resolve_name, split_halves, split_region, tidy
-    from saf_gen.benchmark.plugin_description import describe_plugin
+    from saf_gen.benchmark.checking import describe_by_name
 
-    found = resolve_name(name)
-    if isinstance(found, Method):
-        names, plug_ins = split_halves(split_region(found.name)[0]), (found.measure, found.search)
-        pages = list(zip(names, ("measures", "searches"), plug_ins, strict=True))
-    else:
-        pages = [(tidy(name), *found)]
-    for title, kind, plug_in in pages:
-        table = Grid(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
+    for page in describe_by_name(name):
+        table = Grid(title=Text(page.name, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
         table.add_column(style="bold", no_wrap=True)
         table.add_column()
-        for key, text in describe_plugin(title, kind, plug_in=plug_in).facts:
+        for key, text in page.facts:
             table.add_row(key, Text(text))
         out.print(table)
 
 
 def check_method_command(
-    name: Annotated[str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, or @FILE of a tuned method.")],
+    name: Annotated[
+        str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, a folder, or @FILE of a tuned method.")
+    ],
     as_json: AsJson = False,
 ) -> None:
     """Check that a method ends, stays within travel and budget, is reproducible, and never crashes."""
-    from saf_gen.benchmark.conformance import check_by_name as run
+    from saf_gen.benchmark.checking import check_by_name as run
 
     results = []
     checks = run(name)

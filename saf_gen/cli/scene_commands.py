@@ -1,19 +1,17 @@
 """The commands ``scenes list``, ``new``, ``check`` and ``preview``."""
 
 from collections.abc import Iterator
-from functools import partial
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import TaskID
 from rich.text import Text
 
 from saf_gen.cli._tables import print_json, print_table
 from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, err, out, progress_bars
-from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.table import Column, Table
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, SafGenError
 
 if TYPE_CHECKING:
     from saf_gen.camera import Sensor
@@ -91,9 +89,7 @@ def check_scenes_command(
     as_json: AsJson = False,
 ) -> None:
     """Check scenes: geometry, units, focus range, light, detail, focus curve, motion, licence."""
-    with defer_interrupts():
-        import saf_gen.authoring.checks  # noqa: F401  (the renderer must not be interrupted while it loads)
-        from saf_gen.camera import get_sensor
+    from saf_gen.camera import get_sensor
     from saf_gen.scene.scene_folder import scene_names
 
     camera = get_sensor(sensor)
@@ -111,8 +107,7 @@ def check_scenes_command(
             if names:
                 raise
             add(name, {"check": "card", "level": "error", "text": str(problem)})
-    findings = _check_here if cluster is None else partial(_check_on_cluster, address=cluster)
-    for scene, finding in findings(scenes, camera, variant=variant):
+    for scene, finding in _check(scenes, camera, variant=variant, cluster=cluster):
         add(scene.id, {"check": finding.check, "level": finding.level, "text": finding.text})
     if as_json:
         print_json(found)
@@ -120,38 +115,30 @@ def check_scenes_command(
         raise typer.Exit(1)
 
 
-def _check_here(scenes: "list[Scene]", camera: "Sensor", *, variant: str) -> "Iterator[tuple[Scene, Finding]]":
-    from saf_gen.authoring.checks import check_scene
-
-    for scene in scenes:
-        with progress_bars() as bars:
-            task = bars.add_task(f"check {scene.id}", total=1.0)
-
-            def advance(done: float, task: TaskID = task) -> None:
-                bars.update(task, completed=done)
-
-            for finding in check_scene(scene, camera, backend=variant, progress=advance):
-                yield scene, finding
-
-
-def _check_on_cluster(
-    scenes: "list[Scene]", camera: "Sensor", *, variant: str, address: str
+def _check(
+    scenes: "list[Scene]", camera: "Sensor", *, variant: str, cluster: str | None
 ) -> "Iterator[tuple[Scene, Finding]]":
-    """Yield the findings of each scene as workers return them; workers need access to the folders of the scenes."""
-    from saf_gen.authoring.checks import CheckSceneJob
-    from saf_gen.core.execution import Cluster, run_jobs
+    """Yield the findings of each scene when its check has ended, in a process of this machine or on a worker.
+
+    Workers need access to the folders of the scenes.
+    """
+    from saf_gen.authoring.jobs import CheckSceneJob, run_scene_jobs
     from saf_gen.core.finding import Finding
 
-    if not scenes:
-        return
-    machines = Cluster(address, scenes[0].folder / "scene.yaml")
     jobs = [CheckSceneJob(scene, camera, variant) for scene in scenes]
-    with progress_bars() as bars:
+    with ExitStack() as undo, progress_bars() as bars:
         task = bars.add_task("check", total=len(jobs))
-        for job, result, error in run_jobs(
-            jobs, workers=1, report=lambda name, done: bars.update(task, advance=1), cluster=machines, notify=err.print
-        ):
-            for finding in (Finding("cluster", "error", str(error)),) if error else result:
+
+        def report(name: str, done: float) -> None:
+            bars.update(task, description=name)
+
+        ended = run_scene_jobs(jobs, report, cluster=cluster, notify=err.print)
+        undo.enter_context(closing(ended))
+        for done, (job, result, error) in enumerate(ended, 1):
+            bars.update(task, completed=done)
+            if isinstance(error, BadInput) and cluster is None:
+                raise error
+            for finding in (Finding("process", "error", str(error)),) if error else result:
                 yield job.scene, finding
 
 
@@ -172,13 +159,21 @@ def preview_command(
     variant: Variant = "auto",
 ) -> None:
     """Draw a contact sheet of a scene: images, depth, light groups, histogram, focus curves, family."""
-    with defer_interrupts():
-        from saf_gen.authoring.scene_sheet import preview_scene
-        from saf_gen.camera import get_sensor
+    from saf_gen.authoring.jobs import PreviewJob, run_scene_jobs
+    from saf_gen.camera import get_sensor
 
     scene, camera = _scene(name), get_sensor(sensor)
     path = target or scene.folder / "preview.png"
-    preview_scene(scene, camera, path=path, backend=variant)
+    with progress_bars() as bars:
+        task = bars.add_task(f"preview {scene.id}", total=None)
+
+        def report(name: str, done: float) -> None:
+            bars.update(task, description=name)
+
+        job = PreviewJob(scene, camera, path, variant)
+        ((_, _, error),) = run_scene_jobs([job], report, notify=err.print)
+    if error is not None:
+        raise error if isinstance(error, BadInput) else SafGenError(f"scene {scene.id!r}: {error}")
     out.print(str(path), soft_wrap=True)
 
 

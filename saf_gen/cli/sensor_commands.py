@@ -147,13 +147,14 @@ def fit_command(
 
     A single recording of any scene, without --dark, gives bounds and no file.
     """
-    from saf_gen.calibration.fit_files import write_fit
+    from saf_gen.calibration.fit_files import FITTED, fitted_files, write_fit
     from saf_gen.calibration.fit_sensor import fit_sensor
     from saf_gen.calibration.recordings import open_recording
     from saf_gen.camera import get_sensor
-    from saf_gen.core.files import check_writable
+    from saf_gen.core.files import check_ours, check_writable, read_start, refuse_link
 
     base_sensor, target = get_sensor(base), folder or Path()
+    refuse_link(target)
     check_writable(target)
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", name):
         raise BadInput(f"--name is {name!r}", allowed="letters, digits, _, . and -: it names files")
@@ -165,6 +166,9 @@ def fit_command(
             allowed="--dark FILE",
             hint="record with the lens covered; one recording alone gives bounds",
         )
+    if dark is not None and FITTED not in read_start(target / f"{name}.yaml"):
+        for file in fitted_files(name):
+            check_ours(target / file, FITTED)
     with ExitStack() as stack, progress_bars() as bars:
         opened = [stack.enter_context(open_recording(f, layout=layout, readout_hz=rate)) for f in flats]
         if dark is None:

@@ -86,6 +86,7 @@ def import_command(
                  "--mask": mask, "--times": times}  # fmt: skip
         _import_saf_folder(file, target, rate=rate, refused=[name for name, value in options.items() if value])
         return
+    _check_stream_output(file, target)
     source, how = _open_source(
         file, layout=None if layout == "auto" else layout, size=parse_size(size), order=order, axes=axes,
         frames=frames, flip=flip, key=key,
@@ -107,6 +108,15 @@ def import_command(
         )
         (err if is_odd else out).print(f"{'Warning: ' if is_odd else ''}lens log {focus}: {line}", soft_wrap=True)
     _print_picture(target)
+
+
+def _check_stream_output(source: Path, target: Path) -> None:
+    """Raise BadInput if the output is the source, a link, or a file that is no stream."""
+    from saf_gen.core.files import check_apart
+    from saf_gen.stream.stream_file import check_replaceable
+
+    check_apart(source, target)
+    check_replaceable(target)
 
 
 def _open_source(
@@ -141,8 +151,10 @@ def _open_source(
 
 
 def _import_saf_folder(folder: Path, target: Path, *, rate: float, refused: list[str]) -> None:
+    from saf_gen.core.files import refuse_link
     from saf_gen.stream.interop.saf_folder import import_saf_folder
 
+    refuse_link(target)
     if refused:
         raise BadInput(
             f"{refused[0]} is given with a folder", allowed="--rate", hint="leave it out: config.xlsx has the rest"
@@ -270,6 +282,7 @@ def encode_command(
     from saf_gen.stream.interop.encode_pictures import SLOW_READOUTS, encode_pictures, prepare_pictures, rate_from_text
     from saf_gen.stream.interop.picture_frames import open_pictures
 
+    _check_stream_output(pictures, target)
     rate_hz = None if rate is None else rate_from_text(rate)
     source = open_pictures(pictures, linear=linear, key=key)
     plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate_hz, mean_rate=mean_rate, frames=frames)
@@ -308,9 +321,15 @@ def export_command(
     flip: Annotated[bool | None, typer.Option(help="Store the bottom row first (default: as in the layout).")] = None,
 ) -> None:
     """Convert a stream to a raw spike file."""
+    from saf_gen.core.files import check_apart, refuse_link
     from saf_gen.stream.interop import READERS, export_raw_frames
     from saf_gen.stream.stream_file import open_stream
 
+    check_apart(stream, target)
+    refuse_link(target)
+    if target.exists():
+        hint = "choose another name, or remove it"
+        raise BadInput(f"{target} exists, and raw files do not say who wrote them", hint=hint)
     if reader is not None and layout is not None:
         raise BadInput(
             "--layout and --for are both given", hint="keep one: --for selects the layout that the reader expects"
@@ -348,6 +367,7 @@ def cut_command(
     from saf_gen.stream.cutting import cut_stream
     from saf_gen.stream.stream_file import open_stream
 
+    _check_stream_output(stream, target)
     with open_stream(stream) as opened:
         _, height, width = opened.shape
     region = (_parse_span(rows, "rows", total=height), _parse_span(columns, "columns", total=width))
@@ -417,6 +437,7 @@ def view_command(
     fps: Annotated[float, typer.Option(help="Pictures per second of .gif, .mp4 and .html.")] = 12.0,
 ) -> None:
     """Draw pictures of a stream, together with its lens position, light, truth and scores."""
+    from saf_gen.benchmark.admission import admit_measure
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.stream_file import open_stream
 
@@ -430,6 +451,7 @@ def view_command(
             stop=stop,
             every=every,
             measures=measure or (),
+            find_measure=admit_measure,
             region=region,
             fps=fps,
         )

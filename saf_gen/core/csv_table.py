@@ -4,7 +4,7 @@ The text of a table becomes part of the recipe: an edited table makes a differen
 later does no harm.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from math import isfinite
 from pathlib import Path
@@ -14,6 +14,9 @@ import numpy as np
 from saf_gen.errors import BadInput, closest
 
 MAX_TABLE_BYTES = 4 << 20  # every file of the dataset contains a copy
+MAX_LOG_BYTES = 1 << 27
+"""Largest log of a recording, about six minutes of readouts; ten seconds to read."""
+PIECE = 1 << 20
 
 
 def read_text_in(folder: str | Path, name: str, *, where: str = "") -> str:
@@ -71,34 +74,74 @@ def parse_columns(text: str, names: tuple[str, ...], *, name: str, rising: bool 
     The first line contains the ``names``, in order. Empty lines and lines that begin with # are skipped. ``name`` is
     the name of the file in errors. If ``rising`` is false, the first column may hold any numbers.
 
+    Rows are read a piece of the text at a time, so that a table takes little more memory than its numbers and its text.
     Raises BadInput, with the line, if the heading differs, a row has too many or too few cells, a value is not a finite
     number, the first column does not rise, or the table has no rows.
     """
-    rows: list[list[float]] = []
-    heading = ""
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip() or line.startswith("#"):
-            continue
-        where = f"{name}:{number}"
-        cells = [cell.strip() for cell in line.split(",")]
+    first, heading = find_heading(text)
+    if tuple(cell.strip() for cell in heading.split(",")) != names:
         if not heading:
-            heading = line
-            if cells != list(names):
-                raise BadInput(f"the columns are {line.strip()!r}", where=where, allowed=",".join(names))
-            continue
-        if len(cells) != len(names):
-            raise BadInput(f"the row is {line.strip()!r}", where=where, allowed=f"{len(names)} numbers")
-        row = [_number(cell, column, where=where) for cell, column in zip(cells, names, strict=True)]
-        if rising and rows and not row[0] > rows[-1][0]:
+            raise BadInput("the table has no rows", where=name, allowed=f"{','.join(names)}, then numbers")
+        raise BadInput(f"the columns are {heading.strip()!r}", where=f"{name}:{first}", allowed=",".join(names))
+    pieces = [np.empty((0, len(names)))]
+    for number, lines in _pieces(text):
+        rows = [(n, line) for n, line in enumerate(lines, start=number) if n > first and not _says_nothing(line)]
+        try:
+            table = _read_fast([line for _, line in rows], len(names))
+        except ValueError:  # a fault, which is named, or a number that only Python reads
+            table = np.array([_row(line, names, where=f"{name}:{n}") for n, line in rows])
+        last = pieces[-1][-1:]
+        if rising and len(wrong := np.flatnonzero(~(np.diff(np.concatenate([last, table])[:, 0]) > 0))):
+            at = int(wrong[0]) + 1 - len(last)
+            before = table[at - 1, 0] if at else last[0, 0]
             raise BadInput(
-                f"{names[0]} goes from {rows[-1][0]:g} to {row[0]:g}", where=where, allowed="a column that rises"
-            )
-        rows.append(row)
-    if not rows:
+                f"{names[0]} goes from {before:g} to {table[at, 0]:g}", where=f"{name}:{rows[at][0]}",
+                allowed="a column that rises",
+            )  # fmt: skip
+        pieces += [table] if len(table) else []
+    columns = np.concatenate(pieces).T.copy()
+    if not columns.size:
         raise BadInput("the table has no rows", where=name, allowed=f"{','.join(names)}, then numbers")
-    table = np.array(rows).T
-    table.flags.writeable = False
-    return tuple(table)
+    columns.flags.writeable = False
+    return tuple(columns)
+
+
+def find_heading(text: str) -> tuple[int, str]:
+    """Return the number and the text of the first line of a table that says something; (0, "") if there is none."""
+    lines = ((n, line) for number, piece in _pieces(text) for n, line in enumerate(piece, start=number))
+    return next(((n, line) for n, line in lines if not _says_nothing(line)), (0, ""))
+
+
+def _says_nothing(line: str) -> bool:
+    return not line.strip() or line.startswith("#")
+
+
+def _pieces(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the lines of a text, about PIECE characters at a time, with the number of the first."""
+    begin, number = 0, 1
+    while begin < len(text):
+        end = text.find("\n", begin + PIECE)
+        lines = (text[begin : len(text) if end < 0 else end] + "\n").splitlines()
+        yield number, lines
+        number += len(lines)
+        begin = len(text) if end < 0 else end + 1
+
+
+def _read_fast(lines: list[str], columns: int) -> np.ndarray:
+    """Return a table, float64 (row, column); raise ValueError if a row does not have so many finite numbers."""
+    if not lines:
+        return np.empty((0, columns))
+    table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
+    if table.shape != (len(lines), columns) or not np.isfinite(table).all():
+        raise ValueError
+    return table
+
+
+def _row(line: str, names: tuple[str, ...], *, where: str) -> list[float]:
+    cells = [cell.strip() for cell in line.split(",")]
+    if len(cells) != len(names):
+        raise BadInput(f"the row is {line.strip()!r}", where=where, allowed=f"{len(names)} numbers")
+    return [_number(cell, column, where=where) for cell, column in zip(cells, names, strict=True)]
 
 
 def _number(cell: str, column: str, *, where: str) -> float:

@@ -36,10 +36,11 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     A missing folder is created. If an exception is raised, the temporary file is removed and an older ``path`` remains.
     Several processes, even on several machines, may write the same path: the file that is completed last remains.
 
-    Raises BadInput if the disk is full or the folder cannot be written to.
+    Raises BadInput if the disk is full or the folder cannot be written to, or if ``path`` is a symbolic link.
     """
     final = Path(path)
     check_on_disk(final)
+    refuse_link(final)
     part = temporary_name(final)
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
@@ -58,6 +59,59 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 def name_as_text(name: str) -> str:
     """Return a file name as text that can be written to a file: bytes that are not UTF-8 become escapes."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def refuse_link(path: str | os.PathLike[str]) -> None:
+    """Raise BadInput if an output is a symbolic link: replacing it would leave what it points to as it was."""
+    if os.path.islink(path):  # noqa: PTH114  which also finds links that end in a slash
+        target = Path(os.fspath(path).rstrip("/")).resolve()
+        raise BadInput(f"{path} is a symbolic link", allowed="a file or folder itself", hint=f"write to {target}")
+
+
+def check_ours(path: Path, mark: str) -> None:
+    """Raise BadInput if an output would replace a link, a folder, or a file without this mark in its first 64 KiB."""
+    refuse_link(path)
+    if path.exists() and mark not in read_start(path):
+        raise BadInput(f"{path} exists, and saf-gen did not write it", hint="choose another name, or move it away")
+
+
+def read_start(path: Path) -> str:
+    """Return the first 64 KiB of a file as text; '' if it is no file or cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(1 << 16).decode("utf-8", "replace")
+    except OSError:
+        return ""
+
+
+@contextmanager
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Create a folder if it is missing, and keep other processes that call this function from it during the block.
+
+    A process that ends, however, holds no lock any more. Some file systems on a network have no locks; the block then
+    runs without one. If nothing was written into a new folder, it is removed again.
+
+    Raises BadInput if another process holds the lock, or if the folder cannot be created.
+    """
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        opened = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    try:
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+                hint = "wait until it has ended, or give another folder with --out"
+                raise BadInput(f"another saf-gen is writing to {folder}", hint=hint) from error
+        yield
+    finally:
+        os.close(opened)
+        if is_new:
+            with suppress(OSError):  # it holds what the block wrote
+                folder.rmdir()
 
 
 def check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
@@ -102,6 +156,7 @@ def write_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 def temporary_folder(path: Path) -> Iterator[Path]:
     """Yield a new folder with a temporary name next to ``path``; it is removed at the end."""
     check_on_disk(path)
+    refuse_link(path)
     part = temporary_name(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path.parent)

@@ -4,6 +4,7 @@ Such code may raise anything. ``exit``, which also ``argparse`` calls, raises Sy
 would end the whole run, and the results of other methods and scenes would be lost.
 """
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -27,12 +28,16 @@ def describe_exit(error: SystemExit) -> str:
 def user_code() -> Iterator[None]:
     """Run users' code in the ``with`` block, so that whatever it raises, but Ctrl-C, is an Exception.
 
+    A copy of this process that the code has made by ``fork`` ends at the end of the block: it must not go on with our
+    work.
+
     Raises
     ------
     CodeStopped
         If the code calls ``exit``, or raises another BaseException than KeyboardInterrupt. Every Exception of the code
         is left as it is.
     """
+    owner = os.getpid()
     try:
         yield
     except (Exception, KeyboardInterrupt, PassesUserCode):
@@ -42,6 +47,9 @@ def user_code() -> Iterator[None]:
     except BaseException as error:
         message = f"its code raised {type(error).__name__}: {error}"
         raise CodeStopped(message).with_traceback(error.__traceback__) from error
+    finally:
+        if os.getpid() != owner:
+            os._exit(1)
 
 
 @contextmanager

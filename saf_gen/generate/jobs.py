@@ -63,9 +63,12 @@ class RenderJob:
         from saf_gen.render import render_missing  # so that only a process that renders loads Mitsuba
         from saf_gen.render.grain import measure_by_repeat
 
-        reported: set[str] = set()
+        building, reported = f"{self.name} · build", set[str]()
+        report(building, 0.0)  # the code of a scene may take any time, and should not do so in silence
 
         def progress(piece: str, done: float) -> None:
+            if not reported:
+                report(building, 1.0)
             reported.add(f"{self.name} · {piece}")
             report(f"{self.name} · {piece}", COMPUTED_FRACTION * done)
 

@@ -7,7 +7,14 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, WithJsonSchema, field_validator, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    WithJsonSchema,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from saf_gen.core.config import components
 from saf_gen.core.config.document import FrozenModel, validate_document
@@ -103,6 +110,13 @@ class FocusSettings(FrozenModel):
     """Number of rendered focus positions, evenly spaced over the travel."""
     motion: dict[str, Any] = Field(default_factory=lambda: {"kind": "sweep"})
     """Lens motion, ``{kind: …}``; may be a choice among several."""
+    aberrations: Literal["none", "mild", "strong"] | None = None
+    """Aberrations of every lens: none, or those of a typical lens; by default those of its card."""
+
+    @model_serializer(mode="wrap")
+    def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out ``aberrations`` if it is not given: recipes keep the text and fingerprint from before this key."""
+        return {key: value for key, value in serialize(self).items() if key != "aberrations" or value is not None}
 
     @field_validator("motion", mode="before")
     @classmethod

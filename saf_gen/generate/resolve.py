@@ -13,8 +13,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core import seeds
 from saf_gen.core.config import components
@@ -442,6 +440,7 @@ def _resolve_stacks(
             samples=recipe.render.samples,
             max_depth=recipe.render.max_depth,
             f_number=recipe.camera.exposure.f_number,
+            aberrations=recipe.focus.aberrations,
             wavelength_m=0.0 if recipe.render.diffraction is False else sensor.wavelength_m,
             estimator=recipe.render.estimator,
             time_s=card.still_s if card.slices_per_s is not None else 0.0,
@@ -537,8 +536,7 @@ def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:
     lines = []
     scenes = {sequence.scene.id: sequence.time_stack.specs[0] for sequence in resolved.sequences}
     for name, spec in scenes.items():
-        depth = np.array([float(spec.drive.focus_depth(0.5))])
-        low, high = spec.drive.depth_of_focus(depth, spec.pitch_m, wavelength_m=spec.wavelength_m)
+        low, high = spec.drive.depth_of_focus(0.5, spec.pitch_m, wavelength_m=spec.wavelength_m)
         count = (high - low) * (spec.positions - 1)
         if count < MIN_POSITIONS:
             enough = math.ceil(MIN_POSITIONS / (high - low)) + 1

@@ -19,7 +19,16 @@ from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY
 from saf_gen.core.config.ranges import is_range, range_extremes
 from saf_gen.core.execution import Cluster, ReportProgress, SchedulerLost, run_jobs
 from saf_gen.core.extras import RESULT_PACKAGES, installed_version
-from saf_gen.core.files import check_file_system, check_writable, free_disk_bytes, remove_leftovers, write_text
+from saf_gen.core.files import (
+    check_file_system,
+    check_ours,
+    check_writable,
+    free_disk_bytes,
+    read_start,
+    refuse_link,
+    remove_leftovers,
+    write_text,
+)
 from saf_gen.core.object_store import AnyPath
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput, SafGenError, unknown
@@ -31,11 +40,21 @@ from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, recipe_fi
 from saf_gen.scene.scene_folder import SceneCard
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
-from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
-from saf_gen.stream.sharing.croissant import SYNTHETIC, DatasetFacts, front_matter, read_licences, write_croissant
+from saf_gen.stream.manifest import FORMAT as MANIFEST_FORMAT
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.sharing.croissant import (
+    CARD_NAME,
+    SYNTHETIC,
+    DatasetFacts,
+    front_matter,
+    read_licences,
+    write_croissant,
+)
 from saf_gen.stream.stream_file import open_stream
 
 BACKENDS = ("auto", "cuda", "llvm", "scalar")
+MARKS = {MANIFEST_NAME: MANIFEST_FORMAT, "README.md": "Made by saf_gen", CARD_NAME: MANIFEST_NAME}
+"""Files of a dataset, with words by which they are known as such."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +261,12 @@ def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
 
 def _check_folder(plan: Plan) -> None:
     folder = plan.folder
+    if isinstance(plan.target, Path):
+        refuse_link(plan.target)
     check_writable(folder)
+    if MANIFEST_FORMAT not in read_start(folder / MANIFEST_NAME):  # there is none before the first run has ended
+        for name, mark in MARKS.items():
+            check_ours(folder / name, mark)
     needed, free = plan.disk_bytes, free_disk_bytes(folder)
     if needed > free:
         raise BadInput(

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from saf_gen.core.config.document import Document, FrozenModel, validate_document
 from saf_gen.core.config.yaml_document import read_yaml
-from saf_gen.core.files import write_text
+from saf_gen.core.files import refuse_link, write_text
 from saf_gen.errors import BadInput
 
 _DIGITS = 32
@@ -64,6 +64,7 @@ def seal_recipe(recipe: Path, sealed: Path, *, secret_file: Path) -> SealedSeed:
     if _is_sealed(document):
         raise BadInput("this recipe is sealed already", where=document.locate("seed"))
     for path in (sealed, secret_file):
+        refuse_link(path)
         if path.exists():
             hint = "choose another name: sealed recipes and secrets are never overwritten"
             if not sealed.exists():  # the secret is written first: a run was stopped, or the sealed recipe was moved

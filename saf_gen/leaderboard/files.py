@@ -20,6 +20,12 @@ from saf_gen.leaderboard.notes import grain_by_scene, notes_on
 from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_rankings
 from saf_gen.leaderboard.ranking import LeaderboardRow
 
+LEADERBOARD_FILES = (
+    "leaderboard.json", "leaderboard.csv", "leaderboard.md", "leaderboard.tex", "axes.csv", "agreement.csv",
+    "profiles.csv", "neighbours.csv",
+)  # fmt: skip
+"""Names of the tables of a leaderboard."""
+
 
 @dataclass(frozen=True)
 class Results:
@@ -77,17 +83,17 @@ def write_leaderboard(
     """
     results = results or compute_results(rows, records)
     ranking = tables.ranking(rows)
-    texts = {
-        "leaderboard.json": _format_json(rows, records=records, failures=failures, results=results),
-        "leaderboard.csv": ranking.to_csv(),
-        "leaderboard.md": _format_page(rows, records=records, failures=failures, results=results),
-        "leaderboard.tex": ranking.up_to(tables.INTERVALS).to_latex(),
-        "axes.csv": tables.bin_lines(results.axes).to_csv(),
-        "agreement.csv": tables.agreement(results.agreement).to_csv(),
-        "profiles.csv": tables.profile_lines(results.comparison.profiles).to_csv(),
-        "neighbours.csv": tables.neighbours(results.comparison.neighbours).to_csv(),
-    }
-    paths = _write(folder, texts)
+    texts = (
+        _format_json(rows, records=records, failures=failures, results=results),
+        ranking.to_csv(),
+        _format_page(rows, records=records, failures=failures, results=results),
+        ranking.up_to(tables.INTERVALS).to_latex(),
+        tables.bin_lines(results.axes).to_csv(),
+        tables.agreement(results.agreement).to_csv(),
+        tables.profile_lines(results.comparison.profiles).to_csv(),
+        tables.neighbours(results.comparison.neighbours).to_csv(),
+    )
+    paths = _write(folder, dict(zip(LEADERBOARD_FILES, texts, strict=True)))
     write_records(Path(folder) / RECORDS_FILE, records)
     return [*paths, Path(folder) / RECORDS_FILE]
 

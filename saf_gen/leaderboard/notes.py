@@ -30,6 +30,11 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
             f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once"
             + ("; with so few scenes, almost no methods can be told apart." if scenes < 2 * MIN_SCENES else ".")
         )
+    found += [
+        f"{row.method} fails methods check: {row.failed_check} (saf-gen methods check says why)."
+        for row in rows
+        if row.failed_check
+    ]
     found += _name_obstacles(records)
     found += grain_warning(records)
     machines = sorted({r.machine for r in records if r.machine})

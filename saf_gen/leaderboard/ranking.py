@@ -69,6 +69,8 @@ class LeaderboardRow:
     """Why the intervals (the eleven fields above) are missing; '' if they are known."""
     verified: str | None = None
     """``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``; None if no row was verified."""
+    failed_check: str | None = None
+    """First check of ``saf-gen methods check`` that the method fails; None if there is none."""
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,7 @@ def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -
         hunting=mean_over_scenes(records, _hunts),
         windows=mean_over_scenes(records, lambda r: r.windows),
         seconds=mean_over_scenes(records, lambda r: r.seconds),
+        failed_check=next((r.failed_check for r in records if r.failed_check), None),
     )
 
 

@@ -11,22 +11,16 @@ stated.
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from saf_gen import __version__
+from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import (
-    DEFAULT_RECORDED_METHODS,
-    Method,
-    parse_method,
-    split_halves,
-    split_options,
-    split_region,
-)
+from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, Method, split_halves, split_options, split_region
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.benchmark.tracks.recorded import check_leaves_lens
@@ -150,6 +144,8 @@ class SafRanking:
         Methods of these evaluations that were not run, with the reasons.
     own : Evaluation
         The evaluation by our protocol, as ``saf-gen evaluate`` makes it.
+    broke : tuple of Record
+        Records, by either protocol, of methods whose own code broke.
     """
 
     rows: tuple[SafRow, ...]
@@ -158,6 +154,7 @@ class SafRanking:
     beside: tuple[str, ...]
     left_out: Mapping[str, str]
     own: Evaluation
+    broke: tuple[Record, ...] = ()
 
 
 def rank_on_saf(
@@ -180,7 +177,7 @@ def rank_on_saf(
         Folder for the streams, in ``recordings/``, and for results that are kept until the ranking is written.
     methods : sequence of str, optional
         Names of methods; by default those methods of ``beside`` whose code is registered, or the default methods if
-        ``beside`` is empty.
+        ``beside`` is empty. Methods that are not part of saf_gen run as guests, as in an evaluation.
     beside : sequence of Path, optional
         Evaluations of other data, such as a generated test split, whose rankings are compared with this ranking.
     readout_hz : float, default 20000
@@ -227,6 +224,7 @@ def rank_on_saf(
     )
     stores[0].write()
     failures, records = list(own.failures), {(r.method, r.sequence): r for r in own.records}
+    broke = [record for record in own.records if record.broke]
     theirs: dict[tuple[str, str], tuple[float | None, int | None]] = {}
     for block in sorted({recording.block for recording in listed if recording.block}):
         set_methods = {method.name: _set_block(method, block) for method in chosen}
@@ -238,9 +236,11 @@ def rank_on_saf(
             progress=progress,
             keep=stores[-1],
             draw=False,
+            check=False,
         )
         stores[-1].write()
         failures += found.failures
+        broke += [record for record in found.records if record.broke]
         by_name = {(record.method, record.sequence): record for record in found.records}
         for label, method in set_methods.items():
             for sequence in {sequence for _, sequence in by_name}:
@@ -265,7 +265,7 @@ def rank_on_saf(
         for (method, sequence), record in records.items()
     )
     rows = rank_answers(answers, runs)
-    return SafRanking(rows, answers, compare_with_runs(answers, runs), tuple(runs), left_out, own)
+    return SafRanking(rows, answers, compare_with_runs(answers, runs), tuple(runs), left_out, own, tuple(broke))
 
 
 def remove_kept(out: Path) -> None:
@@ -286,19 +286,19 @@ def _choose_methods(
     """Return the methods to run, and those of evaluations that are left out, with the reasons."""
     left_out: dict[str, str] = {}
     if methods is not None:
-        found = [parse_method(name) for name in methods]
+        found = [admit_method(name) for name in methods]
         return list({method.name: method for method in found}.values()), left_out
     chosen: dict[str, Method] = {}
     for run, records in runs.items():
         for label in dict.fromkeys(record.method for record in records):
             try:
                 with refuse_code(run):
-                    chosen.setdefault(label, parse_method(label))
+                    chosen.setdefault(label, admit_method(label))
             except BadInput as error:
                 left_out[label] = error.problem
     if runs and not chosen:
         raise BadInput(f"no method of {', '.join(runs)} is available", hint="name methods: --method or --methods")
-    return list(chosen.values()) or [parse_method(name) for name in DEFAULT_RECORDED_METHODS], left_out
+    return list(chosen.values()) or [admit_method(name) for name in DEFAULT_RECORDED_METHODS], left_out
 
 
 def _import_recordings(folder: Path, listed: Sequence[SafRecording], *, streams: Path, readout_hz: float) -> Path:
@@ -318,8 +318,7 @@ def _set_block(method: Method, block: int) -> Method:
     """Return the method with this block length, or unchanged if its name states a length or it has no blocks."""
     name, region = split_region(method.name)
     stated_options = split_options(halves[1])[1] if len(halves := split_halves(name)) > 1 else ""
-    names = {field.name for field in fields(method.search)} if is_dataclass(method.search) else frozenset[str]()
-    options = [key for key in BLOCK_OPTIONS if key in names]
+    options = [key for key in BLOCK_OPTIONS if key in method.search_options]
     if (
         name.startswith("@")
         or not options
@@ -328,14 +327,14 @@ def _set_block(method: Method, block: int) -> Method:
         return method
     text = f"{name}{',' if stated_options else ':'}{options[0]}={block}"
     with refuse_code("this method"):  # its code is already loaded
-        return parse_method(f"{text}@{region}" if region else text)
+        return admit_method(f"{text}@{region}" if region else text)
 
 
 def _print_frame(record: Record, method: Method) -> float | None:
     """Return the frame that SAF's programs print, counted from 1; for a block, this is its last frame."""
     if record.frame is None:
         return None
-    block = getattr(method.search, "window", 1) if method.search_name in PRINTS_LAST_FRAME else 1
+    block = method.search_options.get("window", 1) if method.search_name in PRINTS_LAST_FRAME else 1
     return record.frame + 1 + (block - 1) / 2
 
 

@@ -10,7 +10,8 @@ from datetime import date
 from pathlib import Path
 from typing import Literal
 
-from saf_gen.benchmark.method_spec import read_tuned, split_halves, split_options, split_region
+from saf_gen.benchmark.method_folder import ends_as_folder
+from saf_gen.benchmark.method_spec import read_folder, read_tuned, split_halves, split_options, split_region
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
@@ -58,7 +59,8 @@ class SubmissionCard(FrozenModel):
     track: Literal["recorded", "closed_loop"]
     """``recorded`` if the method answered on recordings, ``closed_loop`` if it moved the lens."""
     method: str = ""
-    """Method as MEASURE+SEARCH, each a registered name or ``file.py:Class`` of a file in the folder; or empty."""
+    """Method as MEASURE+SEARCH, each a registered name or ``file.py:Class`` of a file in the folder; or the name of a
+    folder with a card in it, with a slash at the end; or empty."""
     predictions: str = ""
     """File of answers that another program computed; or empty."""
     constants: str = ""
@@ -165,7 +167,21 @@ def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[Fin
 
 
 def _check_method(method: str, folder: Path) -> None:
-    """Raise BadInput unless both parts of a method are registered or defined in a file of the folder."""
+    """Raise BadInput unless both parts of a method are registered or defined in a file of the folder.
+
+    The method may also be a folder with a card, in this folder.
+    """
+    if ends_as_folder(method):
+        inside = folder / method
+        if not inside.resolve().is_relative_to(folder.resolve()):
+            raise BadInput(f"{method} is outside {folder}", hint="copy it into the folder")
+        for (name, _), kind in zip(read_folder(inside).halves, ("measures", "searches"), strict=True):
+            file, _, member = name.rpartition(":")
+            if file:
+                _check_member(Path(file), member, has_forms=kind == "measures")
+            elif name not in names(kind):
+                raise unknown(kind.removesuffix("s"), name, allowed=names(kind))
+        return
     halves = split_halves(split_region(method)[0])
     if len(halves) != 2:
         raise BadInput(f"the method is {method!r}", allowed="MEASURE+SEARCH, such as method.py:Mine+argmax")
@@ -246,8 +262,9 @@ def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) 
     elif state == RERUN_HERE or card.predictions:
         yield Finding("verified", "ok", state or "answers of another program stay a claim")
     else:
+        is_code = ".py:" in card.method or ends_as_folder(card.method)
         how = f"saf-gen leaderboard verify {folder / EVALUATION} --on {data}"
-        named = f" --method {folder / card.method}" if ".py:" in card.method else ""
+        named = f" --method {folder}/{card.method}" if is_code else ""
         yield Finding("verified", "warning", f"{state or 'nobody has run it again'}: {how}{named}")
 
 

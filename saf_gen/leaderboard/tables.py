@@ -103,6 +103,14 @@ _RANK = (
     ),
     Column("method", "method", meaning="Focus measure + search.", kind="name", link="#answers"),
     Column(
+        "methods check",
+        "failed_check",
+        "fails {}".format,
+        meaning="First check of saf-gen methods check that a method that is not part of saf_gen fails.",
+        detail=USUAL,
+        optional=True,
+    ),
+    Column(
         "verified",
         "verified",
         meaning="Whether a repeated run gave the same answers: see saf-gen leaderboard verify.",

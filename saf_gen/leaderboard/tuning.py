@@ -14,6 +14,7 @@ from saf_gen import __version__
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
+from saf_gen.benchmark.method_folder import ends_as_folder
 from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, split_halves, split_options, split_region
 from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
@@ -51,6 +52,11 @@ def expand_grid(method: str, values: ParameterGrid) -> list[str]:
         MAX_COMBINATIONS combinations, or the measure or the search refuses a key or a value.
     """
     name, region = split_region(admit_method(method).name)  # reports errors in the method itself first
+    if ends_as_folder(name):
+        raise BadInput(
+            f"{name} is a method in a folder, whose options are in its card",
+            allowed="MEASURE+SEARCH, such as my_method/model.py:Net+my_method/search.py:Walk",
+        )
     halves = dict(zip(("measure", "search"), split_halves(name), strict=True))
     for key, choices in values.items():
         half, dot, option = key.partition(".")
@@ -156,6 +162,7 @@ def tune(
         progress=progress,
         keep=keep,
         cluster=cluster,
+        check=False,
         tell=notify,
     )
     if result.failures:

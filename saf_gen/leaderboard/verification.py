@@ -27,8 +27,14 @@ from saf_gen.leaderboard.outcomes import group_by
 VERIFICATION_FILE = "verification.json"
 FORMAT = "saf-gen verification 1"
 RERUN_HERE, RERUN_ELSEWHERE, DIFFERS, CLAIMED = "re-run here", "re-run elsewhere", "differs", "claimed"
-COST_AND_MACHINE = frozenset({"seconds", "machine", "limits", "tuning", "note"})
+COST_AND_MACHINE = frozenset({"seconds", "machine", "limits", "failed_check", "tuning", "note"})
 """Keys of a record that may differ between two runs of the same method."""
+PROVES = (
+    "this code, with the digest in the records, gave these answers again from counts and lens positions; not proved: "
+    "that it had never seen the answers (rank on a sealed split), or that it read nothing else here (read it, or "
+    "verify in a container)"
+)
+"""What a row that is re-run here proves, and what not."""
 HINT = "run saf-gen leaderboard verify again"
 
 

@@ -1,4 +1,4 @@
-"""The thin lens and its focus drives, in closed form.
+"""The thin lens and its focus drives, in closed form, and the aberrations that a real lens adds.
 
 Lengths are in metres. Positions are fractions of the travel of a drive, 0 to 1.
 """
@@ -7,11 +7,22 @@ from collections.abc import Mapping
 from typing import Any
 
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.best_focus import FocusCriterion
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
+from saf_gen.optics.wavefront import Wavefront
 
-__all__ = ["DRIVES", "Drive", "FocalLengthDrive", "ImageDistanceDrive", "Stage", "drive_from_dict"]
+__all__ = [
+    "DRIVES",
+    "Drive",
+    "FocalLengthDrive",
+    "FocusCriterion",
+    "ImageDistanceDrive",
+    "Stage",
+    "Wavefront",
+    "drive_from_dict",
+]
 
 DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in (ImageDistanceDrive, FocalLengthDrive, Stage)}
 """The class of each kind of drive."""
@@ -28,4 +39,6 @@ def drive_from_dict(data: Mapping[str, Any]) -> Drive:
         If the other keys are not parameters of the drive.
     """
     numbers = {key: tuple(v) if isinstance(v, list) else v for key, v in data.items() if key != "kind"}
+    if wavefront := data.get("wavefront"):
+        numbers["wavefront"] = Wavefront(**wavefront)
     return DRIVES[data["kind"]](**numbers)

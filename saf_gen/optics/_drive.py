@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.optics.wavefront import Wavefront
 
 Positions = np.ndarray | float
 
@@ -32,6 +33,8 @@ class Drive(ABC):
     """f-number of the lens focused at infinity."""
     transmission: float
     """Fraction of the light that the lens transmits."""
+    wavefront: Wavefront | None
+    """Aberrations of the lens; None for a perfect thin lens."""
 
     @property
     @abstractmethod
@@ -51,28 +54,31 @@ class Drive(ABC):
         return np.zeros_like(np.asarray(position, dtype=np.float64))
 
     @abstractmethod
-    def best_position(self, depth: Positions) -> np.ndarray:
-        """Return the position that focuses a point at a depth in metres; it may be outside 0 to 1."""
+    def best_position(self, depth: Positions, *, defocus: Positions = 0.0) -> np.ndarray:
+        """Return the position that focuses a point at a depth in metres; it may be outside 0 to 1.
+
+        ``defocus``, if given, is what :meth:`defocus` is to be there (1/m).
+        """
 
     @abstractmethod
-    def true_focus(self, depths: np.ndarray) -> float:
-        """Return the position that minimises the mean of c², the squared blur, over these depths in metres."""
+    def least_blur(self, depths: np.ndarray) -> float:
+        """Return the position at which the mean of c², the squared blur of a perfect lens, over these depths (m) is
+        least.
+        """
 
-    def depth_of_focus(
-        self, depths: np.ndarray, pixel_pitch_m: float, *, wavelength_m: float = 0.0
-    ) -> tuple[float, float]:
+    def depth_of_focus(self, focused: float, pixel_pitch_m: float, *, wavelength_m: float = 0.0) -> tuple[float, float]:
         """Return the two positions, in increasing order, at which the blur equals the width the camera resolves.
 
         This width is one pixel in geometric optics. With waves it is √(pixel² + (λ·v/R)²): the squared widths of
         independent blurs add, and a blur of λ·v/R alone is Rayleigh's quarter wave, at λ/(2·NA²) on either side of the
         sensor with NA = R/v, and at λ/(2·(R/u)²) in front of the lens. The blur is that of the single depth in focus at
-        :meth:`true_focus`, because a target with a range of depths is never sharp everywhere, and its mean blur may
-        never be as small as a pixel.
+        ``focused``, because a target with a range of depths is never sharp everywhere, and its mean blur may never be
+        as small as a pixel.
 
         Parameters
         ----------
-        depths : ndarray, any shape
-            Depths of the pixels of the target, metres.
+        focused : float
+            Position at which the target is in focus (:mod:`saf_gen.optics.best_focus`).
         pixel_pitch_m : float
             Width of a pixel, metres.
         wavelength_m : float, default 0
@@ -88,9 +94,8 @@ class Drive(ABC):
         Lord Rayleigh, "Investigations in optics, with special reference to the spectroscope", Phil. Mag. 8, 403 (1879),
         doi:10.1080/14786447908639715.
         """
-        truth = self.true_focus(depths)
-        in_focus = wavelength_m * float(self.image_distance(truth)) / self.aperture_radius_m
-        low, high = sorted(self._positions_of_blur(truth, math.hypot(pixel_pitch_m, in_focus)))
+        in_focus = wavelength_m * float(self.image_distance(focused)) / self.aperture_radius_m
+        low, high = sorted(self._positions_of_blur(focused, math.hypot(pixel_pitch_m, in_focus)))
         return low, high
 
     def check_wave_depth(self, wavelength_m: float) -> None:
@@ -136,10 +141,16 @@ class Drive(ABC):
         For a point at the distance u_o from the lens it is c = 2R·v·|1/u_o - 1/u|, and infinite if the point is at the
         lens or behind it.
         """
+        return 2 * self.aperture_radius_m * self.image_distance(position) * np.abs(self.defocus(position, depth))
+
+    def defocus(self, position: Positions, depth: Positions) -> np.ndarray:
+        """Return 1/u_o - 1/u (1/m) at a position, for a point at a depth in metres and the distance u_o from the lens.
+
+        It is infinite if the point is at the lens or behind it.
+        """
         distance = np.asarray(depth, dtype=np.float64) - self.shift(position)
         with np.errstate(divide="ignore"):
-            defocus = np.where(distance > 0, 1 / distance, np.inf) - 1 / self.object_distance(position)
-        return 2 * self.aperture_radius_m * self.image_distance(position) * np.abs(defocus)
+            return np.where(distance > 0, 1 / distance, np.inf) - 1 / self.object_distance(position)
 
     def ray_transfer(self, position: Positions, reference: float = 0.5) -> np.ndarray:
         """Return the matrix M of the path of a ray through the stack, with (x_p, a_p) = M(p)·(x, a).
@@ -172,4 +183,7 @@ class Drive(ABC):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the kind and the parameters of this drive as plain data."""
-        return {"kind": self.kind, **asdict(self)}  # type: ignore[call-overload]
+        fields = asdict(self)  # type: ignore[call-overload]
+        if self.wavefront is None:
+            del fields["wavefront"]
+        return {"kind": self.kind, **fields}

@@ -7,6 +7,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.wavefront import Wavefront
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,8 @@ class ImageDistanceDrive(Drive):
         Object distances in focus at position 0 and at position 1, metres.
     transmission : float, default 1
         Fraction of the light that the lens transmits.
+    wavefront : Wavefront, optional
+        Aberrations of the lens.
 
     Raises
     ------
@@ -39,6 +42,7 @@ class ImageDistanceDrive(Drive):
     f_number: float
     focus_range_m: tuple[float, float]
     transmission: float = 1.0
+    wavefront: Wavefront | None = None
 
     def __post_init__(self) -> None:
         for distance in self.focus_range_m:
@@ -75,12 +79,12 @@ class ImageDistanceDrive(Drive):
         first, last = self._ends
         return (np.asarray(image_distance, dtype=np.float64) - first) / (last - first)
 
-    def best_position(self, depth: np.ndarray | float) -> np.ndarray:
+    def best_position(self, depth: np.ndarray | float, *, defocus: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the position that focuses a point at a depth in metres; it may be outside 0 to 1."""
-        return self.position(1 / (1 / self.focal_length_m - 1 / np.asarray(depth, dtype=np.float64)))
+        return self.position(1 / (1 / self.focal_length_m - 1 / np.asarray(depth, dtype=np.float64) + defocus))
 
-    def true_focus(self, depths: np.ndarray) -> float:
-        """Return the position that minimises the mean squared blur over these depths in metres.
+    def least_blur(self, depths: np.ndarray) -> float:
+        """Return the position that minimises the mean squared blur of a perfect lens over these depths in metres.
 
         The blur is c = 2R·|1 - v·w| with w = 1/f - 1/u_o, so the mean of c² is a parabola in v with its minimum at
         v = mean(w) / mean(w²), which is the image distance in focus if all depths are equal.

@@ -1,17 +1,53 @@
 """The lens of a scene card: the keys of each kind of focus drive, and the construction of the drive."""
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from saf_gen.core.config.document import FrozenModel
 from saf_gen.optics._drive import Drive
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
+from saf_gen.optics.wavefront import Wavefront
 
 FocalLengthMm = Annotated[float, Field(gt=0, le=2000)]
+
+
+class Aberrations(FrozenModel):
+    """How far the waves that leave a lens depart from spheres, by Seidel's sum (docs/explanation/physics.md)."""
+
+    spherical: float = Field(default=0.0, ge=-20, le=20)
+    """Spherical aberration W040 at the edge of the aperture, waves."""
+    coma: float = Field(default=0.0, ge=-20, le=20)
+    """Coma W131 at the edge of the aperture and at ``height_mm``, waves."""
+    astigmatism: float = Field(default=0.0, ge=-20, le=20)
+    """Astigmatism W222 at the edge of the aperture and at ``height_mm``, waves."""
+    field_curvature: float = Field(default=0.0, ge=-20, le=20)
+    """Field curvature W220 at the edge of the aperture and at ``height_mm``, waves."""
+    wave_nm: float = Field(default=550.0, ge=200, le=2000)
+    """Length of the waves in which the aberrations are given, nm."""
+    height_mm: float | None = Field(default=None, gt=0, le=200)
+    """Distance from the middle of the sensor at which coma, astigmatism and field curvature are given, mm."""
+
+    @model_validator(mode="after")
+    def _states_its_height(self) -> "Aberrations":
+        off_axis = [name for name in ("coma", "astigmatism", "field_curvature") if getattr(self, name)]
+        if off_axis and self.height_mm is None:
+            raise ValueError(
+                f"{off_axis[0]} needs height_mm, the distance from the middle of the sensor where it holds"
+            )
+        return self
+
+    def wavefront(self, radius_m: float) -> Wavefront | None:
+        """Return the wavefront of a lens with this radius of its aperture (m), or None if all aberrations are 0."""
+        wave_m = self.wave_nm * 1e-9
+        off_axis = (self.coma * wave_m, self.astigmatism * wave_m, self.field_curvature * wave_m)
+        if not (self.spherical or any(off_axis)):
+            return None
+        return Wavefront(self.spherical * wave_m, *off_axis, radius_m, (self.height_mm or 1e3) / 1e3)
 
 
 class _Lens(FrozenModel):
@@ -23,6 +59,8 @@ class _Lens(FrozenModel):
     """f-number of the lens focused at infinity."""
     transmission: float = Field(default=1.0, gt=0, le=1)
     """Fraction of the light that the lens transmits."""
+    aberrations: Aberrations | None = None
+    """Aberrations of the lens at the f-number of the card; by default none."""
 
     @property
     @abstractmethod
@@ -34,13 +72,18 @@ class _Lens(FrozenModel):
 
         ``f_number``, if given, replaces that of the card. Raises BadInput if the travel is impossible.
         """
-        numbers = self.model_dump(exclude={"drive"}) | ({"f_number": f_number} if f_number else {})
+        numbers = self.model_dump(exclude={"drive", "aberrations"}) | ({"f_number": f_number} if f_number else {})
         fields = {}
         for key, value in numbers.items():  # a card gives lengths of the lens in millimetres, all others in metres
             if key.endswith("_mm"):
                 key, value = f"{key.removesuffix('_mm')}_m", value / 1000
             fields[key] = value
-        return self.drive_class(**fields)
+        drive = self.drive_class(**fields)
+        if self.aberrations is None:
+            return drive
+        # Stopped down, the lens keeps its waves and uses less of them.
+        radius_m = drive.aperture_radius_m * drive.f_number / self.f_number
+        return replace(drive, wavefront=self.aberrations.wavefront(radius_m))  # type: ignore[type-var]
 
 
 class ImageDistanceLens(_Lens):

@@ -7,6 +7,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.wavefront import Wavefront
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ class Stage(Drive):
         z at position 0 and at position 1, metres.
     transmission : float, default 1
         Fraction of the light that the lens transmits.
+    wavefront : Wavefront, optional
+        Aberrations of the lens.
 
     Raises
     ------
@@ -46,6 +49,7 @@ class Stage(Drive):
     magnification: float
     travel_m: tuple[float, float]
     transmission: float = 1.0
+    wavefront: Wavefront | None = None
 
     def __post_init__(self) -> None:
         first, last = self.travel_m
@@ -95,12 +99,13 @@ class Stage(Drive):
         first, last = self.travel_m
         return (np.asarray(shift, dtype=np.float64) - first) / (last - first)
 
-    def best_position(self, depth: np.ndarray | float) -> np.ndarray:
+    def best_position(self, depth: np.ndarray | float, *, defocus: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the position that focuses a point at a depth in metres, where z = d - u; infinite if the depth is."""
-        return self.position(np.asarray(depth, dtype=np.float64) - self._u)
+        nearer = self._u * self._u * defocus / (1 + self._u * defocus)  # u - 1/(1/u + defocus), without cancellation
+        return self.position(np.asarray(depth, dtype=np.float64) - self._u + nearer)
 
-    def true_focus(self, depths: np.ndarray) -> float:
-        """Return the position that minimises the mean squared blur over these depths in metres.
+    def least_blur(self, depths: np.ndarray) -> float:
+        """Return the position that minimises the mean squared blur of a perfect lens over these depths in metres.
 
         The blur is c = 2R·v·|1/y - 1/u| with y = d - z. The mean of c² decreases with z while F = mean((y - u)/y³) > 0.
         F is positive with the nearest depth in focus, negative with the farthest in focus, and has one zero in between:

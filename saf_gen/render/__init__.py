@@ -55,13 +55,19 @@ def render_missing(
     ------
     BadInput
         If the scene cannot be built, the lens runs into it, the target of a single stack is out of sight or cannot be
-        focused, or a spec asks for diffraction that the backend cannot render.
+        focused, or a spec asks for diffraction or aberrations that the backend cannot render.
     """
     if not backend.can_render_waves(backend_name) and any(spec.wavelength_m for spec in specs):
         raise BadInput(
             f"variant {backend_name} cannot render diffraction",
             allowed="llvm, cuda",
             hint="or set render: {diffraction: false}",
+        )
+    if backend_name == "scalar" and specs[0].drive.wavefront is not None:
+        raise BadInput(
+            "variant scalar cannot render the aberrations of a lens",
+            allowed="llvm, cuda",
+            hint="or leave aberrations out of scene.yaml",
         )
     todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing_pieces()]
     if not todo:

@@ -6,6 +6,7 @@ that is wide enough for every position (:func:`saf_gen.render.ray_sampling.ray_c
 spread. If the lens moves through the rays, a path counts only at the positions at which it is inside the aperture. The
 paths that fall into a pixel are thus an even sample of pixel and aperture at every position, and their mean is
 unbiased. Waves bend a path at the lens, which moves its line across the sensor (:mod:`saf_gen.render.diffraction`).
+Aberrations turn it in front of the lens, which moves nothing behind it (:mod:`saf_gen.optics.wavefront`).
 """
 
 import math
@@ -100,6 +101,9 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
         a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
         # Slope in object space. The equivalent (a - x)/v - a/f would lose digits if u is much larger than f.
         slope_x, slope_y = -(x * inverse_v + a.x * inverse_u), -(y * inverse_v + a.y * inverse_u)
+        if drive.wavefront is not None:
+            turned = drive.wavefront.slope((a.x, a.y), (x, y), number=opaque)
+            slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
         origin = mi.Point3f(a.x + slope_x * ahead, a.y + slope_y * ahead, farthest) * units
         ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))
         done, first = (begin + count) / rows, begin * columns * samples

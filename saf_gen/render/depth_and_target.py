@@ -75,7 +75,7 @@ def trace_geometry(
             return trace_depth_at(setup, target_shapes, position=0.5)
         raise _out_of_sight_error(setup, target_shapes)
     depths = sight.depth[sight.target]
-    best = drive.true_focus(depths)
+    best = setup.in_focus.true_focus(sight.depth, sight.target)
     if not (allow_unseen_target or 0 <= best <= 1):
         near, far = drive.focusing_range_m
         raise BadInput(

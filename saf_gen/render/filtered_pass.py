@@ -137,7 +137,9 @@ def render_with_shading(
     finder = SurfaceFinder(first, emitting=emitting)
     rays_per_path = 1  # if little is shared, rays that are not traced on would contribute little
     if shading.unshared < 0.5:
-        blurred = focus.size <= LAYERED_POSITIONS  # summed in layers, which average over blur
+        blurred = (
+            focus.size <= LAYERED_POSITIONS and first.drive.wavefront is None
+        )  # in layers, which average over blur
         rays_per_path = RAYS_INTO_LIGHT if blurred and shading.in_light > 0.5 else PRIMARY_RAYS
     samples *= rays_per_path if rays_per_path > 1 else UNSHARED_PATHS
 
@@ -288,7 +290,8 @@ class _Sums:
         grid, drive = self._setup.grid, self._setup.drive
         shape = (focus.size, grid.rows, grid.columns)
         self._layers = None
-        if LayeredSums.sums_in_layers(shape, len(setups)):
+        # Layers sort paths by the blur of a perfect lens.
+        if drive.wavefront is None and LayeredSums.sums_in_layers(shape, len(setups)):
             scale = np.array(
                 [one_pass.fixed_point_scale(self._setup, focus, samples=samples, max_radiance=m) for m in max_radiance]
             )

@@ -83,7 +83,7 @@ def measure_by_repeat(
                 StackStore(folder, second).load_planes(0, spec.rendered_count),
                 target=target,
                 samples=(spec.samples, second.samples),
-                indices=_choose_positions(spec, spec.drive.true_focus(depth[target])),
+                indices=_choose_positions(spec, spec.in_focus.true_focus(depth, target)),
             )
             write_grain(root, spec, grain=grain)
 
@@ -94,7 +94,7 @@ def stacks_to_repeat(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]:
     for spec in specs:
         depth, target = StackStore(root, spec).load_geometry()
         if target.any():
-            seen.append((spec, abs(float(spec.focus.mean()) - spec.drive.true_focus(depth[target]))))
+            seen.append((spec, abs(float(spec.focus.mean()) - spec.in_focus.true_focus(depth, target))))
     if not seen:
         return []
     count = min(MAX_SLICES, max(len(seen) // SLICE_STRIDE, 1))

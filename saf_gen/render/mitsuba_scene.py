@@ -5,10 +5,11 @@ The scene is plain XML, whose names are kept, or the result of its ``scene.py``.
 """
 
 import importlib.util
+import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -378,17 +379,55 @@ def call_scene_script(scene: Scene, function: str, *, default: Any = None) -> An
     Raises BadInput, with a one-line message, if the script raises anything.
     """
     script = scene.folder / "scene.py"
-    with _scene_modules(scene):
+    limit = sys.getrecursionlimit()
+    with _kept_process(script), _scene_modules(scene):
         try:
             with user_code():
-                module = _execute(f"saf_gen_scene_{scene.id}", script)
-                if default is not None and not hasattr(module, function):
-                    return default
-                return getattr(module, function)(dict(scene.params))
+                try:
+                    module = _execute(f"saf_gen_scene_{scene.id}", script)
+                    if default is not None and not hasattr(module, function):
+                        return default
+                    return getattr(module, function)(dict(scene.params))
+                finally:
+                    sys.setrecursionlimit(limit)  # here, because no further function could be called under a low one
         except BadInput:
             raise
         except Exception as error:  # the code of a scene may raise anything
-            raise BadInput(f"{script} failed: {type(error).__name__}: {error}") from error
+            raise BadInput(f"{script} failed: {type(error).__name__}: {error}".rstrip(": ")) from error
+
+
+@contextmanager
+def _kept_process(script: Path) -> Iterator[None]:
+    """Put back what a script may change for its whole process: standard streams, working folder, environment.
+
+    Other scenes are rendered by the same process. A file that is opened under the number of a closed standard stream
+    would receive what is printed. Raises BadInput if the script has closed descriptors that it did not open.
+    """
+    streams = {number: os.dup(number) for number in range(3) if _is_open(number)}
+    objects, folder, environment = (sys.stdin, sys.stdout, sys.stderr), Path.cwd(), dict(os.environ)
+    try:
+        yield
+    finally:
+        sys.stdin, sys.stdout, sys.stderr = objects
+        with suppress(OSError):
+            os.chdir(folder)
+        if dict(os.environ) != environment:
+            os.environ.clear()
+            os.environ.update(environment)
+        try:
+            for number, copy in streams.items():
+                os.dup2(copy, number)
+                os.close(copy)
+        except OSError as error:  # the copies are closed, too, and so may be all that this process needs
+            raise BadInput(f"{script} closed files that it did not open", hint="repair it") from error
+
+
+def _is_open(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:
+        return False
+    return True
 
 
 def _execute(name: str, file: Path) -> ModuleType:

@@ -54,7 +54,7 @@ def _lit_pixels(setup: RenderSetup, target_shapes: tuple[str, ...], *, seen: Dep
     pixels, samples = JIT_SAMPLING if vectors else SCALAR_SAMPLING
     rows, columns = np.nonzero(seen.target)
     chosen = np.linspace(0, rows.size - 1, min(pixels, rows.size)).astype(int)
-    position = min(max(setup.drive.true_focus(seen.depth[seen.target]), 0.0), 1.0)
+    position = min(max(setup.in_focus.true_focus(seen.depth, seen.target), 0.0), 1.0)
     camera = mi.load_dict({"type": "perspective", **camera_dict(setup, position)})
     height, width = seen.target.shape
     origin, direction = camera_rays(camera, x=(columns[chosen] + 0.5) / width, y=(rows[chosen] + 0.5) / height)

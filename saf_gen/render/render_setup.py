@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.core.region import Region
-from saf_gen.optics import Drive
+from saf_gen.optics import Drive, FocusCriterion
 from saf_gen.stack.focal_stack import PixelGrid
 
 
@@ -52,6 +52,11 @@ class RenderSetup:
     unit_m: float = 1.0
     wavelength_m: float = 0.0
     moved_m: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def in_focus(self) -> FocusCriterion:
+        """What counts as in focus."""
+        return FocusCriterion(self.drive, self.grid.pitch_m, self.wavelength_m)
 
     def to_world_at(self, forward_m: float) -> Any:
         """Return the transform from camera space to the world for a lens moved by ``forward_m`` towards the scene."""

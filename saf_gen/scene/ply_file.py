@@ -131,6 +131,8 @@ def read_header(file: BinaryIO) -> tuple[str, list[Element]]:
         words = line.decode("ascii", "replace").split()
         match words:
             case ["end_header"] if order is not None:
+                if empty := [one for one in elements if one.rows and not one.properties]:
+                    raise ValueError(f"its {empty[0].rows:,} rows of {empty[0].name!r:.80} hold nothing")
                 return order, elements
             case ["format", name, _] if name in ORDERS:
                 order = ORDERS[name]

@@ -23,7 +23,8 @@ from saf_gen.core import exr
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import atomic_file
 from saf_gen.errors import BadInput
-from saf_gen.optics import Drive, drive_from_dict
+from saf_gen.optics import Drive, FocusCriterion, drive_from_dict
+from saf_gen.optics.typical_aberrations import with_typical_aberrations
 from saf_gen.scene.scene_folder import Scene
 
 FORMAT = "saf-gen focal stack 2"
@@ -87,7 +88,8 @@ class StackSpec:
         Moments (s) whose light paths the filtered estimator uses to find the shading of surfaces; the last is the
         moment of the stack. If empty, only paths of this moment are used.
     layers : int, default LAYERS_VERSION
-        Version of the sums in layers; it counts only if the stack has at most LAYERED_POSITIONS.
+        Version of the sums in layers; it counts only if there are any: for at most LAYERED_POSITIONS, the filtered
+        estimator, and a lens without aberrations.
     """
 
     scene: str
@@ -122,6 +124,7 @@ class StackSpec:
         estimator: str = "filtered",
         groups: Iterable[str] | None = None,
         f_number: float | None = None,
+        aberrations: str | None = None,
         window: tuple[int, int] | None = None,
     ) -> "StackSpec":
         """Return the spec of a member of a scene's family in front of a sensor.
@@ -136,16 +139,22 @@ class StackSpec:
             Light groups; by default all.
         f_number : float, optional
             F-number; by default the card's.
+        aberrations : {'none', 'mild', 'strong'}, optional
+            Typical aberrations in place of the card's (:mod:`saf_gen.optics.typical_aberrations`).
         positions, samples, max_depth, time_s, wavelength_m, estimator, window
             See :class:`StackSpec`.
 
         Raises
         ------
         BadInput
-            If the travel is impossible, or if diffraction keeps all of it in focus.
+            If the travel is impossible, diffraction keeps all of it in focus, or rays cannot show the aberrations.
         """
         drive = scene.build_drive(f_number)
         drive.check_wave_depth(wavelength_m)
+        size = {"rows": grid.rows, "columns": grid.columns}
+        if aberrations is not None:
+            drive = with_typical_aberrations(FocusCriterion(drive, grid.pitch_m, wavelength_m), aberrations, **size)
+        FocusCriterion(drive, grid.pitch_m, wavelength_m).check(**size)
         return cls(
             scene=scene.id,
             scene_digest=scene.digest,
@@ -173,7 +182,8 @@ class StackSpec:
     def as_dict(self) -> dict[str, Any]:
         """Return the spec as plain data, including the kind of the drive, and ``layers`` if it counts and is not 1."""
         values = {**{field.name: getattr(self, field.name) for field in fields(self)}, "drive": self.drive.as_dict()}
-        if self.layers == 1 or self.estimator != "filtered" or self.rendered_count > LAYERED_POSITIONS:
+        few = self.rendered_count <= LAYERED_POSITIONS
+        if self.layers == 1 or not few or self.estimator != "filtered" or self.drive.wavefront is not None:
             del values["layers"]
         return values
 
@@ -202,6 +212,11 @@ class StackSpec:
         if spec.key != key:
             raise BadInput(f"{path} describes another stack, {spec.key}", hint="run saf-gen generate again")
         return spec
+
+    @property
+    def in_focus(self) -> FocusCriterion:
+        """What counts as in focus."""
+        return FocusCriterion(self.drive, self.pitch_m, self.wavelength_m)
 
     @property
     def focus(self) -> np.ndarray:

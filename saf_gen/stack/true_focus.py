@@ -44,7 +44,7 @@ def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> tuple[Tr
     time_stack = plane_source.time_stack
     if not time_stack.is_moving:
         depth, target = plane_source.load_geometry(0)
-        best = time_stack.specs[0].drive.true_focus(depth[target])
+        best = time_stack.specs[0].in_focus.true_focus(depth, target)
         frame = _first(focus_crossings(position, best))
         return _truth_at(plane_source, 0, position=best, frame=frame), frame
     seen_frames, best_positions, seen = [], [], []
@@ -53,7 +53,7 @@ def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> tuple[Tr
         seen.append(bool(target.any()))
         if seen[-1]:
             seen_frames.append(begin)
-            best_positions.append(spec.drive.true_focus(depth[target]))
+            best_positions.append(spec.in_focus.true_focus(depth, target))
     if not seen_frames:
         raise BadInput(
             f"the target of {time_stack.specs[0].scene} is never seen in {position.size} frames",
@@ -92,11 +92,12 @@ def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: floa
     depth, target = plane_source.load_geometry(j)
     return Truth(
         position=position,
-        depth_of_focus=spec.drive.depth_of_focus(depth[target], spec.pitch_m, wavelength_m=spec.wavelength_m),
+        depth_of_focus=spec.in_focus.depth_of_focus(depth, target),
         frame=frame,
         depth=depth,
         target=target,
-        best_position=spec.drive.best_position(depth).astype(np.float32),
+        best_position=spec.in_focus.best_position(depth).astype(np.float32),
+        least_blur=None if spec.drive.wavefront is None else spec.in_focus.least_blur(depth, target),
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, ClassVar
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, FailFast, Field
 
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
@@ -78,7 +78,7 @@ class Manifest:
     name: str
     recipe_fingerprint: str
     variant: str
-    sequences: tuple[SequenceEntry, ...]
+    sequences: Annotated[tuple[SequenceEntry, ...], FailFast()]
 
     @property
     def splits(self) -> tuple[str, ...]:

@@ -51,6 +51,9 @@ class Truth:
         in a moving scene, each at the time when the lens first reaches the position.
     track : ndarray of float32, shape (T,), optional
         ``position`` in each frame of a moving scene; the fields before ``sharpness`` then hold at ``frame``.
+    least_blur : float, optional
+        Position of the least mean squared blur, for a lens with aberrations; ``position`` is then that of the largest
+        contrast.
     """
 
     position: float = math.nan
@@ -61,6 +64,7 @@ class Truth:
     best_position: np.ndarray | None = None
     sharpness: np.ndarray | None = None
     track: np.ndarray | None = None
+    least_blur: float | None = None
 
     @property
     def known(self) -> bool:
@@ -140,6 +144,7 @@ ARRAY_DATASETS = {
     "best_position": ("/truth/best_position", "float32", "HW"),
     "sharpness": ("/truth/sharpness", "float64", "K"),
     "track": ("/truth/track", "float32", "T"),
+    "least_blur": ("/truth/least_blur", "float64", ""),
 }
 _SCALARS = ("position", "depth_of_focus", "frame")
 _IN_EVERY_FRAME = ("focus_position", "track")
@@ -302,7 +307,7 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
     stored = {f: values[name] for f, (name, _, _) in ARRAY_DATASETS.items() if name in values}
     found: dict[str, Any] = {f: _checked_array(f, value, shape=shape) for f, value in stored.items()}
     truth = {f: found.pop(f) for f in tuple(found) if f in Truth.__dataclass_fields__}
-    for name in ("position", "frame"):
+    for name in ("position", "frame", "least_blur"):
         if name in truth:
             truth[name] = float(truth[name])
     if "depth_of_focus" in truth:

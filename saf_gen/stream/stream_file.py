@@ -16,13 +16,14 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any, Self
 
 import h5py
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import HDF5_SIGNATURE
+from saf_gen.core.files import HDF5_SIGNATURE, refuse_link
 from saf_gen.core.object_store import AnyPath, ObjectReader, StorePath, find_path
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput, closest
@@ -85,6 +86,17 @@ def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None
             return stream
     except _DAMAGE as error:
         raise _damaged(where, error, reader=reader) from error
+
+
+def check_replaceable(path: Path) -> None:
+    """Raise BadInput if a stream that is written to this path would replace a link, or a file that is no stream."""
+    refuse_link(path)
+    if path.is_file():
+        try:
+            open_stream(path).close()
+        except BadInput as error:
+            problem = f"{path} exists, and is no saf-gen stream that can be read"
+            raise BadInput(problem, hint="choose another name, or move it away") from error
 
 
 def _open_unlocked(path: AnyPath) -> h5py.File:

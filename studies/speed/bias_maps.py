@@ -87,7 +87,7 @@ def render_case(case: Case, plan: Plan, *, references: Path | None) -> tuple[np.
     seen = renderer.trace_geometry(allow_unseen_target=True)
     whole = SceneRenderer(find_scene(case.scene), get_sensor("vidar_400x250"), backend_name="llvm")
     told = whole.trace_geometry() if plan.shrink > 1 else seen
-    truth = renderer.scene.build_drive().true_focus(told.depth[told.target])
+    truth = renderer.scene.build_drive().least_blur(told.depth[told.target])
     place = truth + (case.away if truth < 0.5 else -case.away)
     plane = min(round(place * (POSITIONS - 1)), POSITIONS - 2)
     window = plane, plane + 1

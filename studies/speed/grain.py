@@ -71,7 +71,7 @@ def _figures(scene: Scene, sensor: Sensor, size: Size) -> Iterator[Figure]:
     cropped = goals.crop_sensor(sensor, full_renderer.trace_geometry().target)
     renderer = SceneRenderer(scene, cropped, backend_name="auto", wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_geometry()
-    truth = scene.build_drive().true_focus(seen.depth[seen.target])
+    truth = scene.build_drive().least_blur(seen.depth[seen.target])
     measured_positions = goals.grain_positions(truth)
     positions = size.positions[0]
     still = measure_still(renderer, seen, at=measured_positions, positions=positions, samples=size.still_samples)

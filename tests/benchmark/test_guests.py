@@ -41,10 +41,15 @@ FEW = ("exits_at_once", "reads_address_zero", "never_ends", "forks_and_returns_t
 
 
 @pytest.fixture(scope="module")
-def sweep(tmp_path_factory):
+def sweep_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("guest") / "a.h5"
     write_stream(path, make_spikes(200.0, shape=(400, 24, 32)), focus_position=np.linspace(0, 1, 400, dtype=np.float32))
-    with open_stream(path) as stream:
+    return path
+
+
+@pytest.fixture(scope="module")
+def sweep(sweep_file):
+    with open_stream(sweep_file) as stream:
         yield WindowCounts(stream)
 
 
@@ -88,7 +93,7 @@ def test_a_guest_gives_what_the_same_method_gives_in_the_evaluator(tmp_path):
     dataset = write_three_sweeps(tmp_path / "three")
     shipped = ["sd+argmax:window=50", "sd_debiased+egs_code", "sd_tfi+argmax:window=80", "vollath_f4_n+peak_fit"]
     guests = [f"{tmp_path}/mine.py:{name}+{search}" for name, search in GUESTS]
-    records = evaluate(dataset, methods=[*shipped, *guests], draw=False).records
+    records = evaluate(dataset, methods=[*shipped, *guests], draw=False, check=False).records
     for one, other in zip(shipped, guests, strict=True):
         mine, theirs = ([plain(r) for r in records if r.method == name] for name in (one, other))
         for a, b in zip(mine, theirs, strict=True):
@@ -101,7 +106,9 @@ def test_the_closed_loop_is_the_same_for_a_guest(tmp_path, captured_dataset):
     copy = f"{tmp_path}/mine.py:Copy:of=sd"
     protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
     methods = [f"{measure}+{search}" for search in searches for measure in ("sd", copy)]
-    records = evaluate(captured_dataset, methods=methods, protocol=protocol, draw=False, limits=LONG).records
+    records = evaluate(
+        captured_dataset, methods=methods, protocol=protocol, draw=False, check=False, limits=LONG
+    ).records
     for one, other in zip(methods[::2], methods[1::2], strict=True):
         mine, theirs = ([plain(r) for r in records if r.method == name] for name in (one, other))
         for a, b in zip(mine, theirs, strict=True):
@@ -114,8 +121,12 @@ def test_hostile_methods_fail_for_themselves_in_the_closed_loop(tmp_path, captur
     protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
     hostile = {f"sd+{FILE}:{name}": HOSTILE[name] for name in FEW}
     methods = ["sd+hill_climb", *hostile, "tenengrad_n+golden_section"]
-    records = evaluate(captured_dataset, methods=methods, protocol=protocol, draw=False, limits=SHORT).records
-    alone = evaluate(captured_dataset, methods=[methods[0], methods[-1]], protocol=protocol, draw=False).records
+    records = evaluate(
+        captured_dataset, methods=methods, protocol=protocol, draw=False, check=False, limits=SHORT
+    ).records
+    alone = evaluate(
+        captured_dataset, methods=[methods[0], methods[-1]], protocol=protocol, draw=False, check=False
+    ).records
     assert [plain(r) for r in records if r.method not in hostile] == [plain(r) for r in alone]
     for record in records:
         if hostile.get(record.method):
@@ -177,9 +188,9 @@ def test_a_saboteur_changes_no_row_of_another(tmp_path):
     (tmp_path / "mine.py").write_text("import numpy as np\ndef mine(counts):\n    return float(np.var(counts))\n")
     dataset = write_three_sweeps(tmp_path / "three")
     others = ["sd+argmax:window=50", f"{tmp_path}/mine.py:mine+argmax:window=50", "tenengrad_n+egs_code"]
-    alone = evaluate(dataset, methods=others, draw=False).records
+    alone = evaluate(dataset, methods=others, draw=False, check=False).records
     saboteurs = [f"sd+{FILE}:{name}" for name in ("patches_the_comparison", "forgets_this_package", "exits_at_once")]
-    beside = evaluate(dataset, methods=[saboteurs[0], *others, *saboteurs[1:]], draw=False).records
+    beside = evaluate(dataset, methods=[saboteurs[0], *others, *saboteurs[1:]], draw=False, check=False).records
     cost = ("seconds", "machine")
     expected = [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in alone]
     found = [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in beside if r.method in others]
@@ -191,7 +202,7 @@ def test_a_guest_holds_no_file_no_path_and_no_truth(tmp_path):
     """It looks through its descriptors, arguments, environment, folder and memory for what the evaluator knows."""
     dataset = write_three_sweeps(tmp_path / "secret-dataset-of-nobody")
     (tmp_path / "spy.py").write_text(SPY)
-    (record, *_) = evaluate(dataset, methods=[f"sd+{tmp_path}/spy.py:spy"], draw=False).records
+    (record, *_) = evaluate(dataset, methods=[f"sd+{tmp_path}/spy.py:spy"], draw=False, check=False).records
     assert record.note == "nothing found", record.note
 
 
@@ -352,6 +363,57 @@ def test_a_plus_in_a_path_is_no_sign_of_a_method(name, halves):
     assert split_halves(name) == halves
 
 
+def test_a_guest_that_cannot_be_started_again_fails_its_own_row(tmp_path, captured_dataset, monkeypatch):
+    """It ends in the first sequence, when the machine is out of processes."""
+    protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
+    methods = ["sd+hill_climb", f"sd+{FILE}:exits_at_once", "tenengrad_n+golden_section"]
+    admit_method(methods[1], LONG)
+
+    def refuse(*_, **__):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("saf_gen.benchmark.guests.host.subprocess.Popen", refuse)
+    how = {"protocol": protocol, "draw": False, "check": False, "limits": LONG, "scene_motion": "static"}
+    records = evaluate(captured_dataset, methods=methods, **how).records
+    notes = {record.note for record in records if record.method == methods[1]}
+    assert notes == {
+        "its process ended with exit code 0",
+        "its process cannot be started: Resource temporarily unavailable",
+    }
+    alone = evaluate(captured_dataset, methods=methods[::2], **how).records
+    assert [plain(r) for r in records if r.method != methods[1]] == [plain(r) for r in alone]
+
+
+class Breaks(RecordingView):
+    """A view that breaks once the method has seen two windows."""
+
+    def image(self, form, *, first, stop):
+        if self.scorer.windows == 2:
+            raise ZeroDivisionError("the evaluator's own")
+        return super().image(form, first=first, stop=stop)
+
+
+def test_an_error_of_the_evaluator_in_mid_run_ends_the_guest(tmp_path, sweep):
+    """Otherwise the guest would take the first reply of its next run for a window of this one."""
+    (tmp_path / "mine.py").write_text("def mine(counts):\n    return float(counts.var())\n")
+    method = admit_method(f"{tmp_path}/mine.py:mine+argmax:window=50", LONG)
+    process, view = method.guest._process._process, Breaks(sweep, None)
+    with pytest.raises(ZeroDivisionError):
+        run_method(method, view, scorer=view.scorer)
+    assert process.poll() is not None
+    view = RecordingView(sweep, None)
+    answer, problem = run_method(method, view, scorer=view.scorer)
+    assert (problem, len(view.scorer.scores)) == ("", 8)
+    assert answer.frame == admitted_alone("variance+argmax:window=50", sweep).frame
+    method.guest.close()
+
+
+def admitted_alone(spec, sweep):
+    method = admit_method(spec)
+    view = RecordingView(sweep, method.measure)
+    return run_method(method, view, scorer=view.scorer)[0]
+
+
 def test_a_killed_evaluator_leaves_no_guest_and_no_folder(tmp_path):
     (tmp_path / "mine.py").write_text("def mine(counts):\n    return float(counts.var())\n")
     code = (
@@ -366,6 +428,46 @@ def test_a_killed_evaluator_leaves_no_guest_and_no_folder(tmp_path):
         time.sleep(0.05)
     assert list(tmp_path.glob("saf-gen-guest-*")) == []
     assert not is_running(int(run.stdout))
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param("holds_the_interpreter", marks=pytest.mark.slow), "leaves_a_child_behind"]
+)
+def test_a_killed_evaluator_leaves_nothing_that_a_guest_started(tmp_path, sweep_file, name):
+    """Not even a guest that never lets another thread look for the evaluator, nor a child in a session of its own."""
+    code = (
+        "import os, signal, sys, threading, time\n"
+        "from saf_gen.benchmark.admission import admit_method, run_method\n"
+        "from saf_gen.benchmark.guests.host import Limits\n"
+        "from saf_gen.benchmark.view.recording import RecordingView, WindowCounts\n"
+        "from saf_gen.stream.stream_file import open_stream\n"
+        f"method = admit_method('sd+{FILE}:{name}', Limits(load_s=8, run_s=8))\n"
+        f"view = RecordingView(WindowCounts(open_stream('{sweep_file}')), None)\n"
+        "run = lambda: run_method(method, view, scorer=view.scorer)\n"
+        "threading.Thread(target=run, daemon=True).start()\n"
+        "time.sleep(2)\n"
+        "print(method.guest._process._folder, flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and marked(run.stdout.strip()):
+        time.sleep(0.1)
+    assert run.stdout.strip(), run.stderr
+    assert marked(run.stdout.strip()) == []
+
+
+def marked(folder):
+    """Return the processes that have the mark of a guest with this folder in their environment."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if f"SAF_GEN_GUEST={folder}".encode() in path.read_bytes().split(b"\0"):
+                found.append(path.parent.name)
+        except OSError:
+            continue
+    return found
 
 
 def is_running(process):

@@ -66,7 +66,8 @@ def digest(values: object) -> str:
 
 def numbers(records: list[Record]) -> list[dict[str, object]]:
     """Return the fields of records that depend only on the evaluator, not on times, code, versions or the file."""
-    left_out = "seconds note data code machine limits parameters rig grain_rms grain_of_curve sensor benchmark".split()
+    left_out = {*"seconds note data code machine limits failed_check parameters rig".split()}
+    left_out |= {"grain_rms", "grain_of_curve", "sensor", "benchmark"}
     names = [f.name for f in fields(Record) if f.name not in left_out]
     return [{name: getattr(record, name) for name in names} for record in records]
 

@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +13,12 @@ from pathlib import Path
 import distributed
 import pytest
 from dask_processes import scheduler_process, wait_until, worker_processes
+from foreign_listeners import listener
 from pool_jobs import DiesOnce, Exits, Light, Raises, Square
 from refusals import assert_says, refusal
 from test_executor import done
 
-from saf_gen.core.execution import Cluster, SchedulerLost, dask_cluster, run_jobs
+from saf_gen.core.execution import Cluster, SchedulerLost, dask_cluster, dask_connection, run_jobs, silence
 from saf_gen.core.extras import installed_versions
 from saf_gen.errors import BadInput
 
@@ -87,14 +89,8 @@ def no_renaming(patch):
 
 
 def other_dask(patch):
-    real = distributed.Client.get_versions
-
-    def older(self, **options):
-        found = real(self, **options)
-        found["scheduler"]["packages"] |= {"distributed": "2024.1.0"}
-        return found
-
-    patch.setattr(distributed.Client, "get_versions", older)
+    real = dask_connection._ask_scheduler
+    patch.setattr(dask_connection, "_ask_scheduler", lambda address: real(address) | {"distributed": "2024.1.0"})
 
 
 @pytest.mark.parametrize(
@@ -112,11 +108,59 @@ def test_a_cluster_that_cannot_work_on_the_folder_is_refused_in_one_line(cluster
     assert_says(refusal(done, [Square(1)], cluster=cluster), message)
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x", ""])
-def test_a_scheduler_that_does_not_answer_is_one_line(address, tmp_path, monkeypatch):
-    monkeypatch.setattr(dask_cluster, "CONNECT_S", "0.3s")
+OTHER = "something else listens there, which does not speak Dask's protocol"
+
+
+@pytest.mark.parametrize(
+    ("kind", "why"),
+    [
+        ("nothing", "nothing listens on port"),
+        ("silent", "something listens there, but says nothing"),
+        ("closes", "something listens there, but says nothing"),
+        ("http", "a web server listens there, perhaps the dashboard | 8786"),
+        ("ssh", OTHER),
+        ("noise", OTHER),
+        ("zeros", OTHER),
+        ("announces a petabyte", OTHER),
+        ("drips", OTHER),
+    ],
+)
+def test_what_is_no_scheduler_is_one_line_that_says_what_it_is(kind, why, tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_connection, "CONNECT_S", 0.5)
+    monkeypatch.setattr(dask_connection, "LOOK_S", 0.5)
+    with listener(kind) as address:
+        begin = time.monotonic()
+        problem = refusal(done, [Square(1)], cluster=Cluster(address, tmp_path))
+        assert_says(problem, f"no Dask scheduler answers at {address!r}: {why} | tcp://host:8786 | `dask scheduler`")
+        assert time.monotonic() - begin < 20  # with 10 s and 3 s in place of these halves, at most 30 s
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [
+        ("tcp://no-such-host.invalid:8786", "the host 'no-such-host.invalid' is unknown"),
+        ("http://127.0.0.1:8786", "'http' is no protocol of Dask | did you mean 'tcp'?"),
+        ("tcs://127.0.0.1:8786", "'tcs' is no protocol of Dask | did you mean"),
+        ("tls://127.0.0.1:8786", "no certificates are set"),
+        ("tcp://127.0.0.1", "missing port number"),
+        ("tcp://127.0.0.1:99999", "it needs a host, and a port from 1 to 65535"),
+        ("tcp://127.0.0.1:http", ""),
+        ("somewhere", "missing port number"),
+        ("", ""),
+    ],
+)
+def test_an_address_of_no_scheduler_is_one_line(address, why, tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_connection, "CONNECT_S", 0.5)
     problem = refusal(done, [Square(1)], cluster=Cluster(address, tmp_path))
-    assert_says(problem, f"no Dask scheduler answers at {address!r}")
+    assert_says(problem, f"no Dask scheduler answers at {address!r}: {why}")
+
+
+def test_the_address_of_a_worker_is_refused(cluster, tmp_path):
+    with distributed.Client(cluster.address, set_as_default=False) as client:
+        worker = next(iter(client.scheduler_info(n_workers=-1)["workers"]))
+    problem = refusal(done, [Square(1)], cluster=Cluster(worker, tmp_path))
+    assert_says(problem, f"no Dask scheduler answers at {worker!r}: it is the address of a worker")
 
 
 def test_a_cluster_without_dask_is_one_line_with_what_to_install(monkeypatch, tmp_path):
@@ -183,3 +227,66 @@ def test_workers_that_die_or_join_and_a_lost_scheduler_are_one_line_each(tmp_pat
                 assert isinstance(problem, SchedulerLost)
                 assert_says(problem, f"the Dask scheduler at {address} does not answer any more")
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.slow
+def test_a_worker_and_a_scheduler_that_fall_silent_are_told_and_the_run_goes_on_when_they_wake(tmp_path, monkeypatch):
+    monkeypatch.setattr(silence, "TELL_AFTER_S", 1.5)
+    monkeypatch.setattr(dask_cluster, "LOOK_FOR_WORKERS_S", 0.2)
+    with (
+        scheduler_process(tmp_path) as (scheduler, address),
+        worker_processes(tmp_path, address, "--nworkers", "1") as nanny,
+        ThreadPoolExecutor(1) as thread,
+    ):
+        with distributed.Client(address, set_as_default=False) as client:
+            client.wait_for_workers(1, timeout=60)
+            name = next(iter(client.scheduler_info(n_workers=-1)["workers"]))
+        cluster, lines, heard = Cluster(address, tmp_path, writes=True), [], []
+        run = thread.submit(
+            done, [Waits(tmp_path)], cluster=cluster, notify=lines.append, report=lambda *step: heard.append(step)
+        )
+        wait_until((tmp_path / "pid").exists)
+        worker = int((tmp_path / "pid").read_text())
+        for stopped, who in ((worker, f"the worker {name}"), (scheduler.pid, f"the scheduler at {address}")):
+            lines.clear()
+            os.kill(stopped, signal.SIGSTOP)
+            wait_until(lambda: lines)
+            assert lines[0].startswith(f"waiting: {who}")
+            assert " has said nothing for " in lines[0]
+            assert lines[0].endswith("; Ctrl-C stops")
+            assert ("which has waits" in lines[0]) == (stopped == worker)
+            os.kill(stopped, signal.SIGCONT)
+            wait_until(lambda who=who: f"goes on: {who} answers again" in lines)
+        (tmp_path / "go").touch()
+        assert run.result(60)["waits"] == ("waits", "")
+        assert heard == [("waits", 1.0)]
+
+        os.kill(worker, signal.SIGSTOP)  # a new run does not begin
+        monkeypatch.setattr(dask_cluster, "ANSWER_S", 2.0)
+        problem = refusal(done, [Square(1)], cluster=cluster)
+        assert_says(problem, f"1 of 1 workers of the scheduler at {address} do not answer within 2 s: {name} | wake or")
+        assert nanny.poll() is None
+
+
+@pytest.mark.slow
+def test_the_job_of_a_worker_that_does_not_wake_is_given_to_another(tmp_path, monkeypatch):
+    monkeypatch.setattr(silence, "TELL_AFTER_S", 1.0)
+    monkeypatch.setattr(dask_cluster, "LOOK_FOR_WORKERS_S", 0.2)
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL", "2s")
+    with (
+        scheduler_process(tmp_path) as (_, address),
+        worker_processes(tmp_path, address),
+        ThreadPoolExecutor(1) as thread,
+    ):
+        with distributed.Client(address, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
+        lines = []
+        cluster = Cluster(address, tmp_path, writes=True)
+        run = thread.submit(done, [Waits(tmp_path)], cluster=cluster, notify=lines.append)
+        wait_until((tmp_path / "pid").exists)
+        os.kill(int((tmp_path / "pid").read_text()), signal.SIGSTOP)
+        (tmp_path / "go").touch()
+        assert run.result(90)["waits"] == ("waits", "")
+        assert any(line.startswith("waiting: the worker ") for line in lines)
+        again = next(line for line in lines if line.startswith("again: waits (its worker "))
+        assert again.endswith("was silent for too long)")

@@ -8,19 +8,33 @@ import sys
 import textwrap
 import threading
 import time
-from concurrent.futures import wait
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from multiprocessing import connection
 from pathlib import Path
 
 import pytest
 from dask_processes import wait_until
-from pool_jobs import Dies, DiesOnce, Exits, Heavy, Naps, Raises, Sleeps, Square
+from pool_jobs import (
+    ClosesAll,
+    Dies,
+    DiesOnce,
+    EndedBy,
+    Exits,
+    Forks,
+    Heavy,
+    Naps,
+    Raises,
+    Returns,
+    Sleeps,
+    Square,
+    Unsendable,
+)
 
-from saf_gen.core.execution import run_jobs
+from saf_gen.core.execution import run_jobs, silence
 from saf_gen.core.execution.worker_pool import WorkerPool
 from saf_gen.errors import BadInput
 
-DEATH = "its process died: killed, or out of memory?"
+DEATH = "its process died: "
 
 
 def done(jobs, **options):
@@ -52,13 +66,13 @@ def test_all_progress_of_jobs_is_reported_in_order():
         assert [fraction for name, fraction in heard if name == f"square {n}"] == [0.5, 1.0]
 
 
-def test_progress_of_a_job_is_reported_before_its_end():
-    pool, heard = WorkerPool(1, notify=lambda line: None), []
-    pool.add([Square(3)])
-    wait(pool.futures)
-    ended = [job.name for job, _ in pool.collect(lambda name, done: heard.append(done))]
-    pool.close()
-    assert (ended, heard) == (["square 3"], [0.5, 1.0])
+def collect_all(pool, report=lambda name, done: None):
+    """Return what a pool yields until it is empty."""
+    ended = []
+    while pool.running:
+        connection.wait(pool.running, timeout=0.2)
+        ended += pool.collect(report)
+    return ended
 
 
 def test_a_process_that_dies_between_two_jobs_costs_neither():
@@ -66,13 +80,56 @@ def test_a_process_that_dies_between_two_jobs_costs_neither():
     results = []
     for number in (2, 3):
         pool.add([Square(number)])
-        wait(pool.futures)
-        results += [future.result() for _, future in pool.collect(lambda name, done: None)]
+        results += [result for _, result, _ in collect_all(pool)]
         os.kill(results[-1][1], signal.SIGKILL)
         assert ended_within(10, [results[-1][1]])
-        time.sleep(0.5)  # until the pool has noticed
     pool.close()
     assert [square for square, _ in results] == [4, 9]
+
+
+def test_a_job_that_says_nothing_for_long_is_told_again_and_again(monkeypatch, tmp_path):
+    monkeypatch.setattr(silence, "TELL_AFTER_S", 0.1)
+    lines = []
+
+    def notify(line):
+        lines.append(line)
+        if len(lines) == 3:
+            (tmp_path / "mark").touch()
+
+    done([Heavy(tmp_path / "mark", name="silent")], notify=notify)
+    assert len(lines) >= 3
+    assert all(line.startswith("waiting: silent has said nothing for ") for line in lines)
+
+
+def test_jobs_and_results_that_cannot_be_sent_or_read_are_errors_of_their_jobs():
+    results = done([Returns("a lambda"), Returns("an error of two arguments"), Unsendable(lambda: None), Square(2)])
+    assert "its result cannot be sent: " in results["returns a lambda"][1]
+    assert "its result cannot be read: TypeError" in results["returns an error of two arguments"][1]
+    assert "it cannot be sent: " in results["unsendable"][1]
+    assert results["square 2"][0][0] == 4
+
+
+@pytest.mark.parametrize(
+    ("job", "why"),
+    [
+        (Dies(), "it ended itself with exit code 9"),
+        (EndedBy(signal.SIGSEGV), "Segmentation fault"),
+        (EndedBy(signal.SIGKILL), "killed, or out of memory?"),
+        (ClosesAll(), "its code closed the pipe to the run"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_job_whose_process_dies_twice_says_how(job, why):
+    again = []
+    results = done([job, Square(3)], notify=again.append)
+    assert results[job.name] == (None, f"its process died twice ({why}); run the same command again to go on")
+    assert again == [f"again: {job.name} (its process died: {why})"]
+    assert results["square 3"][0][0] == 9
+
+
+def test_a_copy_that_a_job_forks_does_not_go_on_with_it(tmp_path):
+    assert done([Forks(tmp_path)])["forks"] == ("done", "")
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
@@ -140,12 +197,12 @@ def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(tmp_pat
     for n in range(1, 8):
         assert results[f"square {n}"][0][0] == n * n
     assert results["dies once"] == ("done", "")
-    assert again.count(f"again: dies once ({DEATH})") == 1
+    assert sum(line.startswith(f"again: dies once ({DEATH}") for line in again) == 1
     for name in ("dies", "dies too"):
         assert results[name][0] is None
         assert "its process died twice" in results[name][1]
         assert "run the same command again" in results[name][1]
-        assert again.count(f"again: {name} ({DEATH})") == 1
+        assert sum(line.startswith(f"again: {name} ({DEATH}") for line in again) == 1
     assert len(again) <= 3 * 3
 
 
@@ -186,39 +243,70 @@ def test_workers_end_when_the_caller_stops_listening(tmp_path):
     assert ended_within(10, [worker])
 
 
-@pytest.mark.slow
-def test_workers_end_when_their_parent_is_killed(tmp_path):
-    """Otherwise a killed run would leave a process that occupies memory and writes to the dataset."""
-    script = tmp_path / "script.py"
+@contextmanager
+def run_of_two_workers(folder):
+    """Start a program whose two workers are busy; yield its process and their process ids."""
+    script = folder / "script.py"
     script.write_text(
         textwrap.dedent(
             """
             import sys
             from pathlib import Path
             from saf_gen.core.execution import run_jobs
-            from pool_jobs import Sleeps
+            from pool_jobs import Heavy, Sleeps
             if __name__ == "__main__":
                 notes = [Path(n) for n in sys.argv[1:]]
-                jobs = [Sleeps(note, name=note.name) for note in notes]
-                list(run_jobs(jobs, workers=len(jobs), report=lambda name, done: None))
+                jobs = [*(Sleeps(note, name=note.name) for note in notes), Heavy(notes[0].with_name("never"))]
+                list(run_jobs(jobs, workers=len(notes), report=lambda name, done: None))
             """
         )
     )
-    notes = [tmp_path / "one", tmp_path / "two"]
-    path = os.pathsep.join(sys.path)
+    notes = [folder / "one", folder / "two"]
     run = subprocess.Popen(
         [sys.executable, str(script), *map(str, notes)],
-        env=os.environ | {"PYTHONPATH": path},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
         start_new_session=True,
         stderr=subprocess.DEVNULL,
     )
     try:
         wait_until(lambda: all(note.exists() for note in notes), 30)
-        workers = [int(note.read_text()) for note in notes]
+        yield run, [int(note.read_text()) for note in notes]
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
+        run.wait()
+
+
+@pytest.mark.slow
+def test_workers_end_when_their_parent_is_killed(tmp_path):
+    """Otherwise a killed run would leave a process that occupies memory and writes to the dataset."""
+    with run_of_two_workers(tmp_path) as (run, workers):
         assert all(map(alive, workers))
         run.kill()
         run.wait()
         assert ended_within(10, workers)
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(run.pid, signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_a_run_whose_whole_group_is_killed_leaves_nothing_in_shared_memory(tmp_path):
+    """Nobody is left then who could clean up. Other programs of this machine make semaphores, too."""
+    with run_of_two_workers(tmp_path) as (run, workers):
+        group = [process.parent for process in Path("/proc").glob("[0-9]*/stat") if group_of(process) == run.pid]
+        assert len(group) >= 4
+        shared = {name for process in group for name in shared_memory_of(process)}
+        os.killpg(run.pid, signal.SIGKILL)
+        run.wait()
+        assert ended_within(10, workers)
+        assert [name for name in shared if name.exists()] == []
+
+
+def group_of(stat):
+    with suppress(OSError):
+        return int(stat.read_text().rpartition(")")[2].split()[2])
+
+
+def shared_memory_of(process):
+    with suppress(OSError):
+        lines = (process / "maps").read_text().splitlines()
+        return [Path(line.split(None, 5)[5]) for line in lines if "/dev/shm/" in line]
+    return []

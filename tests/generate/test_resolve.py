@@ -5,7 +5,7 @@ import yaml
 from refusals import assert_says, refusal
 
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.generate.resolve import SceneFamily, draw_sequences, recipe_fingerprint
+from saf_gen.generate.resolve import SceneFamily, draw_sequences, recipe_fingerprint, resolve_recipe
 
 BASE = {
     "name": "tiny",
@@ -89,6 +89,23 @@ def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
     turned = Recipe.model_validate(dict(reversed(BASE.items())))
     assert recipe_fingerprint(recipe) == recipe_fingerprint(turned)
     assert recipe_fingerprint(recipe) != recipe_fingerprint(Recipe.model_validate(BASE | {"seed": 2}))
+
+
+def test_a_recipe_replaces_the_aberrations_of_every_lens(tmp_path):
+    """Without the key, text and fingerprint are those from before it existed."""
+    plain = Recipe.model_validate(BASE)
+    assert "aberrations" not in plain.model_dump(mode="json")["focus"]
+    found = {}
+    for severity in (None, "none", "mild", "strong"):
+        focus = BASE["focus"] | ({"aberrations": severity} if severity else {})
+        path = tmp_path / "recipe.yaml"
+        path.write_text(yaml.safe_dump(BASE | {"focus": focus}))
+        resolved = resolve_recipe(path)
+        drives = {s.scene.id: s.time_stack.specs[0].drive for s in resolved.sequences}
+        found[severity] = [drive.wavefront and drive.wavefront.spherical_m for drive in drives.values()]
+        assert (recipe_fingerprint(resolved.recipe) == recipe_fingerprint(plain)) == (severity is None)
+    assert found[None] == found["none"] == [None, None]
+    assert [strong / mild for strong, mild in zip(found["strong"], found["mild"], strict=True)] == pytest.approx([3, 3])
 
 
 def test_a_scene_at_rest_is_static_alone_and_changes_nothing_of_the_others():

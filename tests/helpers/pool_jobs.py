@@ -10,6 +10,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from saf_gen.core.user_code import user_code
+
 
 class Light:
     """A job that shares the machine and needs no GPU."""
@@ -131,3 +133,71 @@ class Heavy:
             time.sleep(0.02)
         time.sleep(self.seconds)
         return begin, time.monotonic()
+
+
+@dataclass(frozen=True)
+class EndedBy(Light):
+    """A job whose process gets a signal that ends it."""
+
+    number: int
+    name: str = "ended"
+
+    def run(self, report):
+        os.kill(os.getpid(), self.number)
+        time.sleep(60)
+
+
+@dataclass(frozen=True)
+class ClosesAll(Light):
+    """A job that closes all descriptors of its process."""
+
+    name: str = "closes all"
+
+    def run(self, report):
+        os.closerange(0, 256)
+
+
+@dataclass(frozen=True)
+class Forks(Light):
+    """A job that forks; each process that goes on after that leaves a file."""
+
+    notes: Path
+    name: str = "forks"
+
+    def run(self, report):
+        with user_code():
+            os.fork()
+        (self.notes / str(os.getpid())).touch()
+        return "done"
+
+
+class Unreadable(Exception):
+    """An error that cannot be unpickled, because its two arguments are not those that are pickled."""
+
+    def __init__(self, first, second):
+        super().__init__(first)
+
+
+@dataclass(frozen=True)
+class Returns(Light):
+    """A job that returns something that cannot be sent or read."""
+
+    what: str
+
+    @property
+    def name(self) -> str:
+        return f"returns {self.what}"
+
+    def run(self, report):
+        return (lambda: None) if self.what == "a lambda" else Unreadable("x", "y")
+
+
+@dataclass(frozen=True)
+class Unsendable(Light):
+    """A job that cannot be sent, because of what it holds."""
+
+    held: object
+    name: str = "unsendable"
+
+    def run(self, report):
+        return self.held

@@ -177,6 +177,40 @@ def interrupted(*_, **__):
     raise KeyboardInterrupt
 
 
+THEIRS = """
+import os
+from saf_gen.parts import Answer
+from saf_gen.plugins.measures import get_measure
+
+def copy(counts):
+    return get_measure("sd_code")(counts)
+
+def ends(view):
+    os._exit(0)
+
+def asks_for_truth(view):
+    walked = [view, view._view, view._view._line]
+    return Answer(0.0 if any(hasattr(one, "truth") or hasattr(one, "_counts") for one in walked) else 7.0)
+"""
+
+
+def test_methods_of_others_are_guests_and_answer_the_same(call, saf, tmp_path):
+    (tmp_path / "theirs.py").write_text(THEIRS)
+    own, bad = f"{tmp_path}/theirs.py:copy", [f"sd+{tmp_path}/theirs.py:{name}" for name in ("ends", "asks_for_truth")]
+    shipped = ["sd_code+argmax", "sd_code+egs_code", "sd_code+argmax:window=40"]
+    methods = [*shipped, *(name.replace("sd_code", own, 1) for name in shipped), *bad]
+    options = [part for name in methods for part in ("--method", name)]
+    code, _, err = call("leaderboard", "saf", saf, "--out", tmp_path / "out", *options)
+    assert (code, err.count("\n")) == (1, 1)
+    assert f"{bad[0]} failed on 6 runs: its process ended with exit code 0" in err
+    with (tmp_path / "out/answers.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    answers = {name: [row | {"method": ""} for row in rows if row["method"] == name] for name in methods}
+    for name in shipped:
+        assert answers[name] == answers[name.replace("sd_code", own, 1)]
+    assert [{row["own"] for row in answers[name]} for name in bad] == [{""}, {"8.0"}]
+
+
 @pytest.mark.slow
 def test_a_stopped_ranking_goes_on(call, saf, tmp_path, monkeypatch):
     command = ("leaderboard", "saf", saf, "--out", tmp_path, "--method", "er_count+argmax")

@@ -91,7 +91,10 @@ def test_rows_of_registered_methods_are_found_again_and_others_are_claimed(call,
 def test_a_method_of_a_file_runs_only_where_the_command_names_it(call, evaluation, dataset, tmp_path):
     mine = tmp_path / "mine.py"
     command = ("leaderboard", "verify", evaluation, "--on", dataset)
-    assert call(*command)[0] == 0
+    code, out, _ = call(*command)
+    assert code == 0
+    assert "re-run here: this code, with the digest in the records, gave these answers again" in out
+    assert "not proved: that it had never seen the answers" in out
     assert states(evaluation)["theirs.py:Spread+argmax"] == "claimed"
     assert call(*command, "--method", f"{mine}:Spread+argmax")[0] == 0
     assert states(evaluation)["theirs.py:Spread+argmax"] == "re-run here"

@@ -88,7 +88,7 @@ def test_the_truth_of_many_depths_minimises_the_mean_squared_blur(lens):
         lambda p: float(np.mean(lens.blur_diameter(p, depths) ** 2)) * 1e12, bounds=(0, 1), method="bounded",
         options={"xatol": 1e-10},
     )  # fmt: skip
-    assert lens.true_focus(depths) == pytest.approx(found.x, abs=1e-7)
+    assert lens.least_blur(depths) == pytest.approx(found.x, abs=1e-7)
 
 
 @pytest.mark.parametrize("counts", [(3, 6, 4), (1, 1, 1), (1, 50, 2000)])
@@ -100,14 +100,14 @@ def test_the_truth_of_a_deep_relief_on_a_stage_is_its_only_minimum(counts):
     mean = sum(n * lens.blur_diameter(p, d) ** 2 for n, d in zip(counts, (u, 2.2 * u, 5 * u), strict=True))
     assert (np.diff(np.sign(np.diff(mean))) != 0).sum() == 1
     depths = np.repeat([u, 2.2 * u, 5 * u], counts)
-    assert lens.true_focus(depths) == pytest.approx(p[mean.argmin()], abs=2 * (p[1] - p[0]))
+    assert lens.least_blur(depths) == pytest.approx(p[mean.argmin()], abs=2 * (p[1] - p[0]))
 
 
 @every_drive
 def test_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus(lens):
     depth = float(lens.focus_depth(0.4))
-    low, high = lens.depth_of_focus(np.full(4, depth), PITCH)
-    assert low < lens.true_focus(np.full(4, depth)) < high
+    low, high = lens.depth_of_focus(0.4, PITCH)
+    assert low < 0.4 < high
     assert lens.blur_diameter(np.array([low, high]), depth) == pytest.approx(PITCH, rel=1e-6)
 
 
@@ -118,15 +118,13 @@ def test_waves_add_in_squares_to_the_depth_of_focus(lens):
     v = float(lens.image_distance(lens.best_position(depth)))
     width = 555e-9 * v / lens.aperture_radius_m
     for pitch in (PITCH, 0.0):
-        ends = lens.depth_of_focus(np.full(4, depth), pitch, wavelength_m=555e-9)
+        ends = lens.depth_of_focus(0.4, pitch, wavelength_m=555e-9)
         assert ends[0] < float(lens.best_position(depth)) < ends[1]
         blur = lens.blur_diameter(np.array(ends), depth)
         assert blur == pytest.approx(np.hypot(pitch, width), rel=1e-6)
     waves = blur * lens.aperture_radius_m / (4 * 555e-9 * v)
     assert waves == pytest.approx(0.25, rel=1e-6)
-    assert lens.depth_of_focus(np.full(4, depth), PITCH, wavelength_m=0.0) == lens.depth_of_focus(
-        np.full(4, depth), PITCH
-    )
+    assert lens.depth_of_focus(0.4, PITCH, wavelength_m=0.0) == lens.depth_of_focus(0.4, PITCH)
 
 
 @pytest.mark.parametrize(
@@ -138,14 +136,13 @@ def test_waves_add_in_squares_to_the_depth_of_focus(lens):
 )
 def test_half_depths_of_focus_under_the_microscopes(objective, geometric_m, by_waves_m):
     """u²·pitch/(2R·v) and λ·u²/(2R²) separately, and the root of the sum of their squares; within 0.3 %."""
-    depth = np.array([objective.focus_depth(0.5)])
     micrometres = abs(objective.travel_m[1] - objective.travel_m[0])
     for pitch, wave, expected in (
         (PITCH, 0.0, geometric_m),
         (0.0, 555e-9, by_waves_m),
         (PITCH, 555e-9, np.hypot(geometric_m, by_waves_m)),
     ):
-        low, high = objective.depth_of_focus(depth, pitch, wavelength_m=wave)
+        low, high = objective.depth_of_focus(0.5, pitch, wavelength_m=wave)
         assert (high - low) / 2 * micrometres == pytest.approx(expected, rel=3e-3)
 
 
@@ -163,7 +160,7 @@ def test_a_lens_that_waves_keep_in_focus_all_the_way_is_refused():
 
 def test_a_pinhole_on_a_stage_has_no_far_end_of_focus():
     pinhole = Stage(focal_length_m=0.004, f_number=300.0, magnification=0.5, travel_m=(-1e-3, 1e-3))
-    near, far = pinhole.depth_of_focus(np.array([0.012]), PITCH)
+    near, far = pinhole.depth_of_focus(float(pinhole.best_position(0.012)), PITCH)
     assert (near, far) == (-np.inf, pytest.approx(float(pinhole.best_position(0.012)), abs=10))
 
 

@@ -12,6 +12,7 @@ from written_scenes import (
     write_scene,
 )
 
+from saf_gen.optics import FocusCriterion
 from saf_gen.render import depth_and_target, thin_lens
 from saf_gen.render.render_setup import SensorGrid
 
@@ -36,7 +37,9 @@ def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, mo
     drive = setup.drive
     seen = depth_and_target.trace_geometry(setup, ("glow",))
     assert seen.depth[seen.target] == pytest.approx(FOCUS_M, abs=1e-9)
-    assert 60e-6 * np.diff(drive.depth_of_focus(seen.depth[seen.target], PITCH)) == pytest.approx(2.31e-6, abs=1e-8)
+    assert 60e-6 * np.diff(FocusCriterion(drive, PITCH).depth_of_focus(seen.depth, seen.target)) == pytest.approx(
+        2.31e-6, abs=1e-8
+    )
 
     stack = render_stack_once(setup, positions=21, samples=500, seed=2)
     edges = [measure_edge(image, PITCH) for image in stack]

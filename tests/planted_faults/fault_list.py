@@ -288,8 +288,8 @@ FAULTS = {
         (
             Change(
                 "stack.true_focus",
-                "best = time_stack.specs[0].drive.true_focus(depth[target])",
-                "best = time_stack.specs[0].drive.true_focus(depth[depth.shape[0] // 2, depth.shape[1] // 2])",
+                "best = time_stack.specs[0].in_focus.true_focus(depth, target)",
+                "best = time_stack.specs[0].drive.least_blur(depth[depth.shape[0] // 2, depth.shape[1] // 2])",
             ),
         ),
         (
@@ -297,13 +297,27 @@ FAULTS = {
             f"{EACH_LAW}[truth_depths]",
         ),
     ),
+    "aberrations of the other sign": Fault(
+        "The rays of a lens with aberrations are turned the other way, so that it is sharp on the other side.",
+        (
+            Change(
+                "render.camera_rays",
+                "slope_x + turned[0], slope_y + turned[1]",
+                "slope_x - turned[0], slope_y - turned[1]",
+            ),
+        ),
+        (
+            "render/test_aberrations.py::test_rays_are_turned_in_front_of_the_lens_and_nowhere_else[focal_length]",
+            "render/test_aberrations.py::test_astigmatism_parts_the_foci_of_edges_across_and_along[0--10.0]",
+        ),
+    ),
     "moving truth from all depths": Fault(
         "The truth of a moving scene is the best compromise over all pixels, not over those of the target.",
         (
             Change(
                 "stack.true_focus",
-                "best_positions.append(spec.drive.true_focus(depth[target]))",
-                "best_positions.append(spec.drive.true_focus(depth))",
+                "best_positions.append(spec.in_focus.true_focus(depth, target))",
+                "best_positions.append(spec.in_focus.true_focus(depth, np.ones_like(target)))",
             ),
         ),
         (
@@ -313,7 +327,7 @@ FAULTS = {
     ),
     "depth of focus from all depths": Fault(
         "The depth of focus is that of the best compromise over all pixels, not over those of the target.",
-        (Change("stack.true_focus", "depth_of_focus(depth[target],", "depth_of_focus(depth,"),),
+        (Change("stack.true_focus", "depth_of_focus(depth, target)", "depth_of_focus(depth, np.ones_like(target))"),),
         (
             "stack/test_true_focus.py::test_the_depth_of_focus_of_a_moving_target_is_round_about_its_own_depths",
             "generate/test_recorded_spikes.py::test_a_target_is_blurred_alike_by_a_pixel_at_both_ends_of_its_depth_of_focus",

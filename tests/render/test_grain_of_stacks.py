@@ -91,7 +91,7 @@ def test_the_slices_are_spread_evenly_and_hold_the_one_in_focus(tmp_path):
     assert 6 <= len(chosen) <= 7
     assert np.diff(sorted({0, *chosen, 99})).max() <= 15
     middle = [float(spec.focus.mean()) for spec in specs]
-    best = SPEC.drive.true_focus(np.array([0.5]))
+    best = SPEC.drive.least_blur(np.array([0.5]))
     assert min(abs(middle[n] - best) for n in chosen) == min(abs(m - best) for m in middle)
 
 

@@ -155,7 +155,7 @@ def test_a_window_of_thickness_t_brings_the_target_nearer_by_t_times_1_minus_1_b
     assert seen.target.sum() >= 64
     shift = 0.03 * (1 - 1 / index) + (1.8e-4 if unit_m == 1 else 0.0)
     assert 0.5 - seen.depth[seen.target] == pytest.approx(shift, rel=0.01)
-    truth = setup.drive.true_focus(seen.depth[seen.target])
+    truth = setup.in_focus.true_focus(seen.depth, seen.target)
     assert truth == pytest.approx(float(setup.drive.best_position(0.5 - shift)), abs=3e-4)
     assert seen.residual_blur_px < 0.01
 
@@ -259,7 +259,7 @@ def test_a_rendered_stack_is_sharpest_where_the_target_appears(tmp_path, monkeyp
     scene = write_scene(tmp_path, monkeypatch, lens=LENS, distance_m=0.5, shapes=text, light="room", target="target")
     setup = load_setup(scene, ("room",), grid=SensorGrid(rows=40, columns=64, pitch_m=20e-6), max_depth=8)
     seen = trace_geometry(setup, ("target",))
-    truth = setup.drive.true_focus(seen.depth[seen.target])
+    truth = setup.in_focus.true_focus(seen.depth, seen.target)
     positions = 33
     stack = render_stack_once(setup, positions=positions, samples=16, seed=1)
     peak = find_peak(dispersion(stack)) / (positions - 1)

@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import resource
 import shutil
 import sys
@@ -89,7 +90,7 @@ def find_faults(code: int, out: str, err: str) -> list[str]:
         faults.append(f"{len(lines)} lines of an error")
     if code == 1 and not all(line.startswith(("saf-gen:", "warning:")) for line in lines):
         faults.append("other lines than errors")
-    if "Warning" in err or "Traceback" in err:
+    if re.search(r"\wWarning\b", err) or "Traceback" in err:  # "Warning: " alone is ours
         faults.append("a warning of Python")
     if any(unicodedata.category(c) in ("Cc", "Cf", "Cs") and c not in "\n\t" for c in out + err):
         faults.append("a control character on the terminal")

@@ -70,7 +70,7 @@ def test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths(drive):
     assert truth.best_position == pytest.approx(drive.best_position(depth), abs=1e-6)
     # The truth of any other set of pixels is at least 0.05 of the travel away.
     others = [depth, depth[4:5, 6:7], depth[0:1], depth[1:2, 2:7], np.array([0.47, 0.53])]
-    apart = [abs(drive.true_focus(np.ravel(one)) - best) for one in others]
+    apart = [abs(drive.least_blur(np.ravel(one)) - best) for one in others]
     assert min(apart[:4]) > 0.05
     assert apart[4] > 0.01
 
@@ -100,6 +100,6 @@ def test_the_depth_of_focus_of_a_moving_target_is_round_about_its_own_depths(dri
 def sharpest_exactly(drive, n):
     """The result of ``sharpest`` to the last digit, from the formula of the drive."""
     depth, target = scene_at(n)
-    exact = drive.true_focus(depth[target])
+    exact = drive.least_blur(depth[target])
     assert exact == pytest.approx(sharpest(drive, n), abs=2e-5)
     return exact

@@ -5,7 +5,6 @@
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 from saf_gen.authoring.checks.geometry import (
     check_family,
@@ -19,7 +18,6 @@ from saf_gen.authoring.checks.grain import check_grain
 from saf_gen.authoring.checks.pictures import check_curve, check_detail, check_exposure, check_slices
 from saf_gen.authoring.checks.subject import SceneUnderTest
 from saf_gen.camera import Sensor
-from saf_gen.core.execution import ReportProgress
 from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput, closest
 from saf_gen.scene.scene_folder import Scene
@@ -156,24 +154,3 @@ def _check_source(scene: Scene, source: str) -> Finding:
             "source", "warning", f"{assets[0]} has no documented origin: name SOURCE.md, and state in it {content}"
         )
     return Finding("source", "ok", source)
-
-
-@dataclass(frozen=True)
-class CheckSceneJob:
-    """Checks a scene and returns all findings at once."""
-
-    scene: Scene
-    sensor: Sensor
-    backend: str
-    takes_all_cores = True
-
-    @property
-    def name(self) -> str:
-        return f"check {self.scene.id}"
-
-    @property
-    def wants_gpu(self) -> bool:
-        return self.backend in ("auto", "cuda")
-
-    def run(self, report: ReportProgress) -> tuple[Finding, ...]:
-        return tuple(check_scene(self.scene, self.sensor, backend=self.backend))

@@ -108,6 +108,7 @@ def _lengths(metres: np.ndarray) -> str:
 MARGIN = 0.1  # of the travel, at either end
 MIN_BLUR = 4.0  # pixels; with less blur at both ends of the travel, a search has nothing to find
 MAX_RESIDUAL_BLUR = 1.0  # pixels
+MAX_APART = 0.3  # half depths of focus between the largest contrast and the least blur
 MEMBERS = 3
 
 
@@ -127,6 +128,15 @@ def check_reach(subject: SceneUnderTest) -> Iterator[Finding]:
         f"blurred over {ends[0]:.0f} and {ends[1]:.0f} pixels at the ends of the travel"
     )
     left = subject.depth_and_target.residual_blur_px
+    seen = subject.depth_and_target
+    apart = abs(subject.in_focus.least_blur(seen.depth, seen.target) - truth)
+    if apart > MAX_APART * half:
+        yield Finding(
+            "reach",
+            "warning",
+            f"the lens has aberrations: contrast is greatest {apart / half:.2f} half depths of focus from the least "
+            "blur, so what is in focus depends on the texture; lower them, or stop the lens down",
+        )
     if left > MAX_RESIDUAL_BLUR:
         yield Finding(
             "reach",
@@ -188,7 +198,7 @@ def check_motion(subject: SceneUnderTest) -> Iterator[Finding]:
     for time_s in times:
         seen = renderer.trace_geometry(time_s=time_s, allow_unseen_target=True)
         if seen.target.any():
-            positions.append(subject.drive.true_focus(seen.depth[seen.target]))
+            positions.append(subject.in_focus.true_focus(seen.depth, seen.target))
         else:
             lost.append(time_s)
     if not positions:

@@ -352,7 +352,7 @@ def _measure_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch |
     seen = renderer.trace_geometry(time_s=between, allow_unseen_target=True)
     if not seen.target.any():
         return None
-    truth = subject.drive.true_focus(seen.depth[seen.target])
+    truth = subject.in_focus.true_focus(seen.depth, seen.target)
     if not 0 <= truth <= 1:
         return None
     box = bounding_box(seen.target)

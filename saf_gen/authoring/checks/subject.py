@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from saf_gen.camera import Sensor, charge_of_images
-from saf_gen.optics import Drive
+from saf_gen.optics import Drive, FocusCriterion
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene
@@ -55,16 +55,20 @@ class SceneUnderTest:
         """Depths (m) of the target's pixels, float32 (pixel,)."""
         return self.depth_and_target.depth[self.depth_and_target.target]
 
+    @property
+    def in_focus(self) -> FocusCriterion:
+        """What counts as in focus."""
+        return FocusCriterion(self.drive, self.sensor.pitch_m, self.renderer.wavelength_m)
+
     @cached_property
     def true_focus(self) -> float:
-        """Position of the lens that is sharpest by geometric optics."""
-        return self.drive.true_focus(self.target_depths_m)
+        """Position of the lens at which the target is sharpest."""
+        return self.in_focus.true_focus(self.depth_and_target.depth, self.depth_and_target.target)
 
     @cached_property
     def depth_of_focus(self) -> tuple[float, float]:
         """Positions of the lens at which the target's blur is as wide as what the camera resolves in focus."""
-        waves = self.renderer.wavelength_m
-        return self.drive.depth_of_focus(self.target_depths_m, self.sensor.pitch_m, wavelength_m=waves)
+        return self.in_focus.depth_of_focus(self.depth_and_target.depth, self.depth_and_target.target)
 
     @property
     def half_depth_of_focus(self) -> float:

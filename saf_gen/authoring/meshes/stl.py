@@ -49,10 +49,10 @@ def _text_corners(data: bytes, path: Path) -> np.ndarray:
     """Return the corners of all facets of a text file, float64 (corner, 3)."""
     words = data.lower().split()
     ends = len(re.findall(rb"\bendfacet\b", data, re.IGNORECASE))
-    at = np.flatnonzero(np.array(words) == b"vertex") if words else np.zeros(0, int)
+    at = [n for n, word in enumerate(words) if word == b"vertex"]
     try:
-        if b"endsolid" not in words or at.size != 3 * ends:
-            raise ValueError(f"it has {at.size} vertices and {ends} complete facets")
+        if b"endsolid" not in words or len(at) != 3 * ends:
+            raise ValueError(f"it has {len(at)} vertices and {ends} complete facets")
         return np.array([[float(words[n + k]) for k in (1, 2, 3)] for n in at], dtype=np.float64).reshape(-1, 3)
     except (ValueError, IndexError) as error:
         raise BadInput(f"the mesh is damaged: {error}", where=str(path), hint="export or download it again") from error

@@ -6,9 +6,10 @@ Every registered measure and search passes these checks in the tests of this pro
 """
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from saf_gen.benchmark.conformance._check_runner import (
     Check,
@@ -21,13 +22,13 @@ from saf_gen.benchmark.conformance._check_runner import (
 from saf_gen.benchmark.conformance._samples import BEST_FOCUS, write_recordings
 from saf_gen.benchmark.conformance.estimating_search_checks import estimating_checks, recording_length
 from saf_gen.benchmark.conformance.measure_checks import measure_checks
-from saf_gen.benchmark.method_spec import Method, resolve_name
+from saf_gen.benchmark.method_spec import Half, Method, build_method, find_plugin, resolve_name
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.finding import Finding
 from saf_gen.parts import Answer, Measure, Search, commands
 from saf_gen.stream.stream_file import open_stream
 
-__all__ = ["CheckLimits", "check_by_name", "check_measure", "check_method", "check_search"]
+__all__ = ["CheckLimits", "check_by_name", "check_measure", "check_method", "check_parts", "check_search", "find_parts"]
 
 LIMITS = CheckLimits()
 MIN_FRAMES = 4000  # makes windows long enough to contain a spike or two
@@ -58,8 +59,25 @@ def check_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[Finding]:
     found = resolve_name(name)
     if isinstance(found, Method):
         return check_method(found, limits)
-    kind, plug_in = found
-    return check_measure(plug_in, limits) if kind == "measures" else check_search(plug_in, limits)
+    return check_parts({found[0]: found[1]}, limits)
+
+
+def find_parts(halves: Sequence[Half], kind: str = "") -> dict[str, Any]:
+    """Return the measure and the search of a method, or a single plug-in of this or an unknown kind, by kind.
+
+    Raises BadInput if one is unknown or refuses its options.
+    """
+    if len(halves) == 1:
+        return dict([find_plugin(halves[0], kind)])
+    method = build_method(*halves)
+    return {"measures": method.measure, "searches": method.search}
+
+
+def check_parts(parts: Mapping[str, Any], limits: CheckLimits = LIMITS) -> Iterator[Finding]:
+    """Run the checks of a measure, of a search, or of both as a method, and yield their results."""
+    if len(parts) == 2:
+        return check_method(Method("measure+search", parts["measures"], parts["searches"], code=""), limits)
+    return check_measure(parts["measures"], limits) if "measures" in parts else check_search(parts["searches"], limits)
 
 
 def check_measure(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[Finding]:

@@ -1,19 +1,20 @@
 """A method of others: what it is made of, and its runs in a process of its own."""
 
-import hashlib
 import sys
 import sysconfig
 import threading
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from saf_gen.benchmark.guests.host import GuestLost, GuestProcess, GuestView, Limits
+import numpy as np
+
+from saf_gen.benchmark.guests.host import MAX_OPENED, GuestLost, GuestProcess, GuestView, Limits
 from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.search_run import answer_fault, to_one_line, to_plain_numbers
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
 from saf_gen.core.config.source_digest import source_digest
+from saf_gen.core.files import file_sha256
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
@@ -21,6 +22,8 @@ MAX_ALIVE = 96
 """Processes of guests that are kept; the one that was started first is ended for another, and started again if needed.
 """
 PACKAGE = Path(__file__).resolve().parents[2]
+PACKAGES = {"site-packages", "dist-packages"}
+"""Names of folders that hold installed packages, wherever they are."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +58,15 @@ class Guest:
         Whether its search commands the lens.
     files : list of (str, str)
         Name and digest of each file that the method read while it was loaded.
+    read_late : set of (str, str)
+        Path and digest of each file that it read only when it was called, so that ``files`` does not hold it; a file
+        that changed meanwhile is there twice. The digest is '' if there is no such file.
     plugins : list of dict
         Descriptions of the measure and the search.
+    search_options : dict of str to object
+        Options of the search that are numbers, texts or flags.
+    measure : dict of str to bool
+        What the measure states of its input: ``halves``, ``intervals`` and ``timed``.
 
     Raises
     ------
@@ -69,7 +79,11 @@ class Guest:
         self._process: GuestProcess | None = None
         self._lost = ""  # why it ended while it was loaded; it is then not started again
         self.parameters, self.commands, self.plugins = spec.name.replace("+", " + "), False, list[dict[str, Any]]()
-        self._paths = [Path(file) for file in spec.files]
+        self.search_options, self.measure = dict[str, Any](), dict[str, bool]()
+        self._own, self._packages = {Path(file) for file in spec.files}, list[Path]()
+        self._paths = list(self._own)
+        self.read_late: set[tuple[str, str]] = set()
+        self._late_states: dict[str, tuple[int, int]] = {}
         try:
             self._process = self._start()
             self._describe(self._process.hello)
@@ -83,13 +97,17 @@ class Guest:
         try:
             self.parameters, self.commands = self._as_written(str(hello["parameters"])), bool(hello["commands"])
             self.plugins = list(hello["plugins"])
-            self._paths += [Path(str(path)) for path in (*hello["class_files"], *hello["read"])]
-        except (KeyError, TypeError) as error:
+            self.search_options = {str(name): value for name, value in hello["search_options"].items()}
+            self.measure = {str(name): bool(value) for name, value in hello["measure"].items()}
+            self._own |= {Path(str(path)) for path in hello["class_files"]}
+            self._packages = [Path(str(path)) for path in hello["packages"]]
+            self._paths += [*self._own, *(Path(str(path)) for path in hello["read"])]
+        except (KeyError, TypeError, AttributeError) as error:
             raise GuestLost("its process sent nonsense") from error
 
     def _start(self) -> GuestProcess:
         order = {"name": self._spec.name, "measure": self._spec.measure, "search": self._spec.search}
-        process = GuestProcess(order, list(self._spec.folders), limits=self.limits)
+        process = GuestProcess({"load": order}, list(self._spec.folders), limits=self.limits)
         _ALIVE.append(self)
         if len(_ALIVE) > MAX_ALIVE:  # a tuning may have hundreds of methods
             _ALIVE[0].close()
@@ -102,22 +120,42 @@ class Guest:
 
     def _digest_files(self) -> list[tuple[str, str]]:
         """Return name and digest of the method's own files, and of those of saf_gen that it uses, sorted."""
-        found = {}
-        for path in self._paths:
-            name = self._name_file(path)
-            if name:
-                with suppress(OSError):
-                    found[name] = source_digest(path) if path.suffix == ".py" else _sha256(path)
-        return sorted(found.items())
+        named = {path: name for path in self._paths if (name := self._name_file(path))}
+        return sorted({(name, digest) for path, name in named.items() if (digest := _digest(path))})
 
     def _name_file(self, path: Path) -> str:
         """Return the name of a file in the digest: relative to the method's folder; '' for a file of no method."""
         if path.is_relative_to(PACKAGE):
             return path.name if path.parent.parent == PACKAGE / "plugins" else ""
-        for folder in self._spec.folders:
+        packages = [package.parent for package in self._packages if package in path.parents]
+        for folder in (*map(Path, self._spec.folders), *packages):
             if path.is_relative_to(folder):
                 return path.relative_to(folder).as_posix()
-        return "" if any(path.is_relative_to(root) for root in _SYSTEM) else path.name
+        is_of_the_machine = path not in self._own and (
+            not PACKAGES.isdisjoint(path.parts)
+            or path.parent.suffix == ".dist-info"
+            or any(path.is_relative_to(root) for root in _SYSTEM)
+        )
+        return "" if is_of_the_machine else path.name
+
+    def _note_late_files(self, opened: list[str]) -> None:
+        """Note what the method has opened since it was loaded, and whether it has changed since."""
+        if len(opened) >= MAX_OPENED:
+            self.read_late.add(("more files than are counted", "?"))
+        for text in {*opened, *self._late_states}:
+            path = Path(text).resolve()
+            if not (name := self._name_file(path)):
+                continue
+            try:
+                status = path.stat()
+                state = (status.st_mtime_ns, status.st_size)
+            except OSError:
+                state = (0, 0)
+            if self._late_states.get(text) != state:
+                self._late_states[text] = state
+                digest = _digest(path)
+                if (name, digest) not in self.files:
+                    self.read_late.add((str(path), digest))
 
     @property
     def is_current(self) -> bool:
@@ -130,15 +168,12 @@ class Guest:
         Raises BudgetSpentError, and BadInput if the error concerns the file ``stream_path``.
         """
         with self._lock:
-            if self._lost:
-                return Answer(), to_one_line(self._lost)
             try:
-                if self._process is None or not self._process.alive:
-                    self.close()
-                    if not self.is_current:
-                        return Answer(), "its files changed since the evaluation began"
-                    self._process = self._start()
-                last = self._process.run(view, scorer, stream_path=stream_path)
+                process = self._running()
+                try:
+                    last = process.run(view, scorer, stream_path=stream_path)
+                finally:
+                    self._note_late_files(process.opened)
                 answer, problem = _read_answer(last, commanding=self.commands)
                 _note_scores(scorer, last)
             except BudgetSpentError:
@@ -155,6 +190,26 @@ class Guest:
                 raise
             return answer, problem
 
+    def _running(self) -> GuestProcess:
+        """Return the process, started again if it ended; raises GuestLost if it cannot be."""
+        if self._lost:
+            raise GuestLost(self._lost)
+        if self._process is None or not self._process.alive:
+            self.close()
+            if not self.is_current:
+                raise GuestLost("its files changed since the evaluation began")
+            self._process = self._start()
+        return self._process
+
+    def rate(self, image: np.ndarray, *, frames: int) -> float:
+        """Return the score of a window of so many frames; raises GuestLost or BadInput as the process does."""
+        with self._lock:
+            try:
+                return self._running().rate(image, frames=frames)
+            except BaseException:
+                self.close()
+                raise
+
     def close(self) -> None:
         """End the process."""
         if self._process is not None:
@@ -162,6 +217,29 @@ class Guest:
         self._process = None
         if self in _ALIVE:
             _ALIVE.remove(self)
+
+
+@dataclass(frozen=True)
+class GuestMeasure:
+    """A focus measure of others, which scores windows in a process of its own.
+
+    What it raises is a BadInput that names it, whatever happens to its process.
+    """
+
+    name: str
+    guest: Guest
+
+    def __getattr__(self, key: str) -> Any:
+        if key in ("halves", "intervals", "timed"):
+            return self.guest.measure.get(key, False)
+        raise AttributeError(key)
+
+    def __call__(self, image: np.ndarray, *, frames: int = 0) -> float:
+        try:
+            return self.guest.rate(image, frames=frames)
+        except GuestLost as lost:
+            problem = to_one_line(f"focus measure {self.name!r} fails: {lost}")
+            raise BadInput(problem, hint="repair it") from lost
 
 
 def _read_answer(last: dict[str, Any], *, commanding: bool) -> tuple[Answer, str]:
@@ -186,9 +264,17 @@ def _note_scores(scorer: MeteredScorer, last: dict[str, Any]) -> None:
         raise GuestLost("its process sent scores that are none") from error
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _digest(path: Path) -> str:
+    """Return the digest of a file, of which remarks in Python are no part; '' if it cannot be read."""
+    try:
+        return source_digest(path) if path.suffix == ".py" else file_sha256(path)
+    except (OSError, BadInput):
+        return ""
+
+
+def is_as_read(path: str, digest: str) -> bool:
+    """Return whether a file that a guest read late is still what it was; see :attr:`Guest.read_late`."""
+    return _digest(Path(path)) == digest
 
 
 _SYSTEM = [

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,23 +22,29 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from saf_gen.benchmark.guests.wire import MessageReader, SharedMemory, write_message
+from saf_gen.benchmark.guests.wire import MessageReader, SharedMemory, write_message_within
 from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
+from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput
 from saf_gen.parts import View
 from saf_gen.stream.measure_input import Form
 
+PROGRAM = "saf_gen.benchmark.guests.process"
 KEPT_VARIABLES = ("PATH", "LANG", "LC_", "LD_LIBRARY_PATH", "DYLD_", "CUDA_", "NVIDIA_", "OMP_", "MKL_", "OPENBLAS_",
                   "NUMBA_", "VIRTUAL_ENV", "CONDA_", "SYSTEMROOT", "WINDIR", "PROCESSOR_", "TZ")  # fmt: skip
 """Beginnings of the names of environment variables that a guest gets; all others, such as keys, it does not get."""
 WATCH_S = 0.1
 """Time between two looks at the memory of a guest that is computing."""
+SEND_S = 5.0
+"""Time within which a guest reads a message."""
 PINGS = 11
 """Messages that are sent to measure how long one takes, and once more for each size of image."""
 FORMS = ("counts", "halves", "intervals")
 MIN_RESIDENT_BYTES = 1 << 28
 """Lowest limit of memory: Python, numpy and this package take a third of it."""
+MAX_OPENED, MAX_PATH_CHARACTERS = 1_000, 4_096
+"""Number of files that a guest opens late, and length of their paths, of which account is kept."""
 MAX_TAIL_BYTES = 2_000
 """Bytes that are kept of what a guest prints."""
 MARK = "SAF_GEN_GUEST"
@@ -90,21 +97,25 @@ class GuestPart:
 
 
 class GuestProcess:
-    """A process that has loaded one method.
+    """A process that has loaded one method, or plug-ins to check.
 
     Parameters
     ----------
-    spec : dict
-        Name and options of its measure and of its search, with absolute paths.
+    order : dict
+        What its program loads: names with their options and with absolute paths.
     folders : sequence of str
         Folders whose modules the method may import.
     limits : Limits
         What it may use.
+    program : str, optional
+        Module that it runs.
 
     Attributes
     ----------
     hello : dict
         What it said of its method.
+    opened : list of str
+        Paths of the files that it opened after it had loaded its method, MAX_OPENED at most.
 
     Raises
     ------
@@ -114,8 +125,9 @@ class GuestProcess:
         If it ends while it loads, or takes too long.
     """
 
-    def __init__(self, spec: dict[str, Any], folders: list[str], *, limits: Limits) -> None:
+    def __init__(self, order: dict[str, Any], folders: list[str], *, limits: Limits, program: str = PROGRAM) -> None:
         self._limits, self._run, self._tail, self._checked, self._closed = limits, 0, b"", 0.0, False
+        self.opened: list[str] = []
         self._folder = Path(tempfile.mkdtemp(prefix="saf-gen-guest-"))
         self._memory = SharedMemory.create(self._folder)
         inherited = [self._memory.descriptor] if self._memory.descriptor >= 0 else []
@@ -123,8 +135,8 @@ class GuestProcess:
         work.mkdir()
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "saf_gen.benchmark.guests.process", str(self._memory.descriptor),
-                 self._memory.path],
+                [sys.executable, "-P", "-m", program, str(self._memory.descriptor),
+                 self._memory.path, str(max(limits.load_s, limits.run_s))],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=work,
                 env=_environment(self._folder), pass_fds=inherited, start_new_session=True,
             )  # fmt: skip
@@ -136,7 +148,7 @@ class GuestProcess:
         self._incoming = MessageReader(self._process.stdout)  # type: ignore[arg-type]
         threading.Thread(target=self._drain, daemon=True).start()
         try:
-            self._send({"load": spec, "folders": folders})
+            self._send({**order, "folders": folders})
             self.hello, _ = self._receive(limits.load_s, "load")
             if "refused" in self.hello:
                 raise BadInput(**{key: str(text) for key, text in self.hello["refused"].items()})
@@ -205,6 +217,30 @@ class GuestProcess:
             shape = ()
             message, left = {"spent": str(spent)}, min(left, 1.0)  # it may tidy up, but its run is over
 
+    def rate(self, image: np.ndarray, *, frames: int) -> float:
+        """Return the score of a window of so many frames by the guest's measure.
+
+        Raises GuestLost, also if the measure raises an error, and BadInput if it does.
+        """
+        self._run += 1
+        self._send({"rate": frames, "start": self._run, **self._memory.write(image)})
+        reply, _ = self._receive(self._limits.run_s, "answer")
+        if "refused" in reply:
+            raise BadInput(**{key: str(text) for key, text in reply["refused"].items()})
+        score = reply.get("score")
+        if not isinstance(score, float):
+            raise GuestLost(str(reply.get("problem", "its process sent a score that is none")))
+        return score
+
+    def check(self) -> Iterator[Finding]:
+        """Run the checks of what the guest has loaded, and yield their results; raises GuestLost."""
+        self._send({"start": 0})
+        while "end" not in (message := self._receive(self._limits.run_s, "answer")[0]):
+            try:
+                yield Finding(**{key: str(text) for key, text in message["finding"].items()})  # type: ignore[arg-type]
+            except (KeyError, TypeError, AttributeError) as error:
+                raise GuestLost("its process sent a finding that is none") from error
+
     def _reply(self, request: dict[str, Any], view: GuestView) -> dict[str, Any]:
         try:
             if "image" in request:
@@ -235,10 +271,11 @@ class GuestProcess:
         return median(times)
 
     def _send(self, message: dict[str, Any]) -> float:
-        """Send a message, and return the time just before."""
+        """Send a message, and return the time just before; raises GuestLost if the guest does not read."""
         sent = perf_counter()
         with suppress(OSError, ValueError):  # that the guest is gone is found when it is waited for
-            write_message(self._process.stdin, message)  # type: ignore[arg-type]
+            if not write_message_within(self._process.stdin, message, seconds=SEND_S):  # type: ignore[arg-type]
+                raise self._lost("its process does not read the replies to its requests")
         return sent
 
     def _receive(self, seconds: float, doing: str) -> tuple[dict[str, Any], float]:
@@ -249,8 +286,7 @@ class GuestProcess:
             if not self._incoming.wait(wait):
                 self._check_memory()
                 if perf_counter() >= deadline:
-                    limit = self._limits.load_s if doing == "load" else self._limits.run_s
-                    raise self._lost(f"{OVER_A_LIMIT}it did not {doing} within {limit:g} s")
+                    raise self._over_time(doing)
                 continue
             arrived = perf_counter()
             try:
@@ -261,7 +297,16 @@ class GuestProcess:
                 raise self._lost("")
             if arrived - self._checked >= WATCH_S:  # a guest that asks all the time is watched, too
                 self._check_memory()
-            return message, arrived
+            if "opened" not in message:
+                return message, arrived
+            if len(self.opened) < MAX_OPENED:
+                self.opened.append(str(message["opened"])[:MAX_PATH_CHARACTERS])
+            if arrived >= deadline:
+                raise self._over_time(doing)
+
+    def _over_time(self, doing: str) -> GuestLost:
+        limit = self._limits.load_s if doing == "load" else self._limits.run_s
+        return self._lost(f"{OVER_A_LIMIT}it did not {doing} within {limit:g} s")
 
     def _check_memory(self) -> None:
         self._checked, allowed = perf_counter(), self._limits.resident_bytes
@@ -331,8 +376,13 @@ def _end_tree(process: subprocess.Popen[bytes], folder: Path) -> None:
             os.killpg(process.pid, signal.SIGKILL)
     process.kill()
     process.wait()
+    end_marked(folder)
+
+
+def end_marked(folder: Path) -> None:
+    """Kill the processes that a guest with this folder started, but not this one."""
     mark = f"{MARK}={folder}".encode()
     for environment in Path("/proc").glob("[0-9]*/environ"):
         with suppress(OSError):
-            if mark in environment.read_bytes().split(b"\0"):
+            if mark in environment.read_bytes().split(b"\0") and int(environment.parent.name) != os.getpid():
                 os.kill(int(environment.parent.name), signal.SIGKILL)

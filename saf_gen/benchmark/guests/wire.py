@@ -18,15 +18,44 @@ from typing import Any, BinaryIO, Self
 
 import numpy as np
 
+_to_json = json.JSONEncoder(separators=(",", ":")).encode  # json.dumps would make an encoder for each message
 MAX_MESSAGE_BYTES = 8 << 20
 """Largest message, enough for a trace of the longest allowed length."""
 
 
 def write_message(pipe: BinaryIO, message: dict[str, Any]) -> None:
     """Write a message; raises OSError if the other side is gone."""
-    data = json.dumps(message, separators=(",", ":")).encode()
-    pipe.write(len(data).to_bytes(4, "little") + data)
+    pipe.write(_pack(message))
     pipe.flush()
+
+
+def _pack(message: dict[str, Any]) -> bytes:
+    data = _to_json(message).encode()
+    return len(data).to_bytes(4, "little") + data
+
+
+def write_message_within(pipe: BinaryIO, message: dict[str, Any], *, seconds: float) -> bool:
+    """Write a message to a process that may not read, and return whether it was written within this time.
+
+    Where pipes cannot be waited for (Windows), it waits as long as it takes. Raises OSError if the other side is gone.
+    """
+    if os.name == "nt":
+        write_message(pipe, message)
+        return True
+    data = _pack(message)
+    deadline = perf_counter() + seconds
+    while data:
+        if not _is_ready(pipe.fileno(), select.POLLOUT, seconds=max(deadline - perf_counter(), 0.0)):
+            return False
+        data = data[os.write(pipe.fileno(), data[: select.PIPE_BUF]) :]  # a pipe that is ready takes as much
+    return True
+
+
+def _is_ready(file: int, event: int, *, seconds: float) -> bool:
+    """Return whether a pipe can be read or written, or has ended, within this time."""
+    poll = select.poll()  # select() refuses descriptors above 1023
+    poll.register(file, event)
+    return bool(poll.poll(seconds * 1e3))
 
 
 def read_message(pipe: BinaryIO) -> dict[str, Any] | None:
@@ -74,7 +103,7 @@ class MessageReader:
         while not self._is_whole():
             left = max(deadline - perf_counter(), 0.0)
             if self._arrived is None:
-                if not select.select([self._file], [], [], left)[0]:
+                if not _is_ready(self._file, select.POLLIN, seconds=left):
                     return False
                 read = os.read(self._file, 1 << 16)
             else:
@@ -139,7 +168,9 @@ class SharedMemory:
         if hasattr(os, "memfd_create"):
             import fcntl
 
-            file = os.memfd_create("saf-gen window", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+            made = os.memfd_create("saf-gen window", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+            file = fcntl.fcntl(made, fcntl.F_DUPFD_CLOEXEC, 3)  # a worker without standard streams has lower ones free
+            os.close(made)
             fcntl.fcntl(file, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
             return cls(file, inherited=True)
         file, path = tempfile.mkstemp(prefix="window-", dir=folder)

@@ -3,6 +3,9 @@
 >>> import gymnasium, saf_gen.benchmark.gym  # doctest: +SKIP
 >>> env = gymnasium.make("saf_gen/Autofocus-v0", dataset="datasets/quickstart")  # doctest: +SKIP
 
+The reward is computed from the true focus, and a policy runs in the process that knows it. So this is a place to train
+and test your own policies, and none for code of others: that is evaluated as a search, in a process of its own.
+
 This module needs the extra ``gym``. The id ends with a version, which is increased whenever the observations or the
 rewards of a policy change.
 """

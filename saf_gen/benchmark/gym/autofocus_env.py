@@ -28,6 +28,9 @@ MAX_PIXELS = 1024
 class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     """A Gymnasium environment in which a policy moves the lens of a running spike camera until it is in focus.
 
+    Its reward is computed from the true focus, which the environment holds in the process of the policy: code of others
+    could read it there.
+
     Parameters
     ----------
     dataset : str or Path

@@ -18,12 +18,14 @@ from pydantic import AfterValidator, Field
 
 from saf_gen.benchmark.records import Count, Duration, Number
 from saf_gen.benchmark.tracks.tasks import SequenceTask
-from saf_gen.core.config.document import Document, FrozenModel, read_text, validate_document
+from saf_gen.core.config.document import MAX_LINE, Document, FrozenModel, read_text, validate_document
 from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.manifest import ALL_SPLITS
 
 EXAMPLE = '{"method": "my_net", "sequence": "ID", "frame": 8213.5} in each line'
+MAX_BYTES = 1 << 27
+"""Largest file, of more than half a million answers."""
 FRAMES_HINT = "set frames_seen to the number of frames seen, at least up to the answer, or leave frames_seen out"
 METHOD_NAME = r"[A-Za-z0-9][A-Za-z0-9_.:=,+-]{0,79}"
 """Regular expression for the names of policies and of methods that run elsewhere."""
@@ -181,9 +183,12 @@ def read_predictions(path: str | Path) -> PredictionSet:
     """
     path = Path(path)
     found: dict[str, dict[str, Prediction]] = {}
-    for number, line in enumerate(read_text(path).split("\n"), start=1):  # notes may contain other line separators
+    text = read_text(path, max_bytes=MAX_BYTES)
+    for number, line in enumerate(text.split("\n"), start=1):  # notes may contain other line separators
         if not line.strip():
             continue
+        if len(line) > MAX_LINE:
+            raise BadInput("the line is too long", where=f"{path}:{number}", allowed=f"at most {MAX_LINE:,} characters")
         document = parse_json(line, path, first_line=number)
         prediction = _parse_prediction(document)
         answers = found.setdefault(prediction.method, {})

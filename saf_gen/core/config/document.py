@@ -77,8 +77,8 @@ class Document:
         return Document({key: self.data[key]}, self.path, find_lines=lambda: self._lines)
 
 
-MAX_DATA_FILE_BYTES = 1 << 30
-"""Largest size, in bytes, of a file that programs write, such as the manifest of a dataset."""
+MAX_DATA_FILE_BYTES = 1 << 28
+"""Largest size, in bytes, of a file that programs write, such as the manifest of half a million sequences."""
 MAX_LINE = 1 << 24
 """Largest number of characters per line of a file that programs write, such as the records of an evaluation."""
 
@@ -260,12 +260,11 @@ def _annotation_inside(model: Any, key: Key) -> Any:
     if key in (known := _fields(model)):
         return known[str(key)]
     for candidate in _alternatives(model):
-        if get_origin(candidate) is Annotated:
-            kind, *notes = get_args(candidate)
-            if any(isinstance(note, Tag) and note.tag == key for note in notes):
-                return kind
-        elif get_origin(candidate) in (dict, list, tuple):
-            return get_args(candidate)[1 if get_origin(candidate) is dict else 0]
+        kind, *notes = get_args(candidate) if get_origin(candidate) is Annotated else (candidate,)
+        if any(isinstance(note, Tag) and note.tag == key for note in notes):
+            return kind
+        if get_origin(kind) in (dict, list, tuple):
+            return get_args(kind)[1 if get_origin(kind) is dict else 0]
     return None
 
 

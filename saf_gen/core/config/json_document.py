@@ -15,6 +15,8 @@ TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 CONSTANTS = ("NaN", "Infinity", "-Infinity")
 CHECKSUM = "checksum"
 """Last key of an object that programs write; its value is the first 16 digits of the SHA-256 of the text before it."""
+MAX_VALUES, MAX_WALKED = 10_000_000, 1 << 23
+"""Values of a document, of which each takes Python 100 bytes, and characters of one in which lines are looked for."""
 _CHECKSUM_AT_END = re.compile(rf'"{CHECKSUM}": "([0-9a-f]{{16}})"\n?\}}\n?\Z')
 
 
@@ -31,6 +33,13 @@ def parse_json(text: str, path: str | AnyPath, *, first_line: int = 1, hint: str
     """Read JSON text that begins in line ``first_line`` of the file ``path``; raise BadInput as :func:`read_json`."""
     path = path if isinstance(path, StorePath) else Path(path)
     try:
+        if (values := sum(map(text.count, ",[{"))) > MAX_VALUES:
+            raise BadInput(
+                f"this holds {values:,} values",
+                where=f"{path}:{first_line}",
+                allowed=f"at most {MAX_VALUES:,}",
+                hint=hint,
+            )
         data = json.loads(text, object_pairs_hook=_dict_of_unique_keys, parse_constant=_refuse_constant)
         if "\\u" in text:
             check_valid_unicode(json.dumps(data, ensure_ascii=False), where=f"{path}:{first_line}")
@@ -104,6 +113,8 @@ def _refuse_constant(constant: str) -> NoReturn:
 def _find_problem(text: str, line: int) -> tuple[str, int]:
     """Return the first problem that JSON's grammar or Python allows but this module refuses, and its line."""
     seen = set()
+    if len(text) > MAX_WALKED:
+        return "a key is given twice, or a number is NaN, infinite or too long", line
     for keys, at, token in _walk(text, line):
         if token == ":" and keys in seen:
             return f"the key {keys[-1]!r} is given twice", at
@@ -117,6 +128,8 @@ def _find_problem(text: str, line: int) -> tuple[str, int]:
 
 def _find_lines(text: str, line: int) -> Lines:
     lines: dict[tuple[Key, ...], int] = {}
+    if len(text) > MAX_WALKED:  # the names of the keys must do
+        return lines
     for keys, at, _ in _walk(text, line):
         lines.setdefault(keys, at)
     return lines

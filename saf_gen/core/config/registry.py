@@ -53,13 +53,13 @@ def refuse_code(where: str) -> Iterator[None]:
 
 
 def allow_code(name: str) -> None:
-    """Allow files to name ``package.module:Class`` or ``file.py:Class``, because the command line named it."""
+    """Allow files to name ``package.module:Class``, ``file.py:Class`` or a folder, because the command line did."""
     _ALLOWED.update((name, _without_form(name)))
 
 
 def check_code_allowed(name: str) -> None:
     """Raise BadInput if a file names code that the command line did not name."""
-    if ":" in name and not {name, _without_form(name)} & _ALLOWED and (where := _CODE_REFUSED_IN.get()):
+    if not {name, _without_form(name)} & _ALLOWED and (where := _CODE_REFUSED_IN.get()):
         raise BadInput(
             f"{where} names the code {name!r}",
             allowed="registered names in files; code is run only if the command line names it",

@@ -15,7 +15,7 @@ import yaml
 from saf_gen.core.config.document import Document, Key, check_valid_unicode, read_text
 from saf_gen.errors import BadInput
 
-TOO_DEEP = "this is nested too deep, or contains itself"
+TOO_DEEP, TOO_MANY = "this is nested too deep, or contains itself", "this holds too many values"
 MAX_YAML_BYTES, MAX_VALUES = 1 << 22, 100_000
 """Limits of a file that users write. Each repetition of a value by an alias counts, because a few lines can hold
 millions."""
@@ -32,6 +32,15 @@ class _Loader(yaml.SafeLoader):
     """PyYAML's loader with the rules of YAML 1.2 for plain values; digits may be grouped by underscores, as before."""
 
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 PyYAML's own attribute, which add_implicit_resolver fills
+    composed = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Return the next node; PyYAML takes half a minute for the million values that 4 MiB can hold."""
+        self.composed += 1
+        if self.composed > 2 * MAX_VALUES:  # a key is a node, too
+            raise yaml.composer.ComposerError(None, None, TOO_MANY, self.get_mark())
+        node: yaml.Node | None = super().compose_node(parent, index)
+        return node
 
 
 for _kind, _pattern, _first in (
@@ -95,7 +104,7 @@ def _to_plain(
     """Return the plain data of a node and note its lines; refuse a repeated key, which PyYAML would silently accept."""
     lines[at] = node.start_mark.line + 1
     if len(lines) > MAX_VALUES:
-        raise BadInput("this holds too many values", where=f"{path}:{lines[at]}", allowed=f"at most {MAX_VALUES:,}")
+        raise BadInput(TOO_MANY, where=f"{path}:{lines[at]}", allowed=f"at most {MAX_VALUES:,}")
     if isinstance(node, yaml.MappingNode):
         out: dict[str, Any] = {}
         for key_node, value_node in node.value:

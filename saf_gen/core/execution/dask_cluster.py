@@ -3,14 +3,13 @@
 Differences between machines could silently produce wrong data, so each worker must have the same versions as the
 machine that hands out the jobs, and see its folder. This is checked on all workers before the first job, and again
 before every job, because workers may join later. A worker that dies costs only time: the scheduler gives its jobs to
-others, and a line of text reports it. If the scheduler is lost, finished work is kept, and :class:`SchedulerLost` is
+others, and a line of text reports it. Another does if a worker or the scheduler says nothing for long, as if it was
+stopped; the run goes on when it wakes. If the scheduler is lost, finished work is kept, and :class:`SchedulerLost` is
 raised.
 """
 
 import hashlib
-import logging
 import threading
-import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
@@ -20,15 +19,21 @@ from queue import Empty, SimpleQueue
 from secrets import token_hex
 from typing import Any
 
+from saf_gen.core.execution.dask_connection import connect, silence_dask, within
 from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress, describe_job_error
+from saf_gen.core.execution.silence import Silence
 from saf_gen.core.extras import installed_versions, require_extra
 from saf_gen.core.files import check_file_system, remove_leftovers, temporary_name
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput, SafGenError
 
-CONNECT_S = "10s"
 LOOK_FOR_WORKERS_S = 5.0
-SCHEDULER_PACKAGES = ("dask", "distributed", "msgpack")
+ANSWER_S = 30.0
+"""Time in which workers must answer before the first job."""
+IF_SILENT = (
+    "if it does not wake, the scheduler gives its work to other workers (distributed.scheduler.worker-ttl, 5 minutes "
+    "by default)"
+)
 _JOB_LOCK = threading.Lock()
 
 
@@ -141,88 +146,40 @@ def run_on_dask(
     ------
     BadInput
         If no scheduler answers at the address, if it has another version of Dask, or if a worker has other versions,
-        does not see the folder, or has a file system that cannot hold a dataset.
+        does not answer or see the folder, or has a file system that cannot hold a dataset.
     SchedulerLost
         If the scheduler ends or can no longer be reached; jobs that ended earlier have been yielded.
     """
     require_extra("cluster", "distributed", of="--cluster")
-    with _silence_dask(), _connect(cluster.address) as client, _agree_on_conditions(cluster) as conditions:
+    with silence_dask(), connect(cluster.address) as client, _agree_on_conditions(cluster) as conditions:
         yield from _Dispatcher(client, cluster.address, conditions=conditions, notify=notify).run(
             jobs, report=report, follow_up=follow_up
         )
 
 
-@contextmanager
-def _silence_dask() -> Iterator[None]:
-    """Keep Dask's log of a lost connection off the terminal, because a one-line error reports it."""
-    import distributed
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", distributed.versions.VersionMismatchWarning)  # _connect checks versions
-        quiet = [
-            logger
-            for name, logger in logging.root.manager.loggerDict.items()
-            if isinstance(logger, logging.Logger) and name.split(".")[0] in ("distributed", "tornado", "asyncio")
-        ]
-        disabled = {logger: logger.disabled for logger in quiet}
-        for logger in quiet:
-            logger.disabled = True
-        try:
-            yield
-        finally:
-            for logger, was in disabled.items():
-                logger.disabled = was
-
-
-@contextmanager
-def _connect(address: str) -> Iterator[Any]:
-    """Yield a client of the scheduler, after checking that its versions of Dask and Python match those here."""
-    import distributed
-
-    try:
-        if address.startswith("tls:") and not distributed.Security().get_connection_args("client")["ssl_context"]:
-            raise ValueError("no certificates are set")
-        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
-        raise BadInput(
-            f"no Dask scheduler answers at {address!r}: {error}",
-            allowed="an address such as tcp://host:8786, or tls://host:8786 with certificates in Dask's configuration",
-        ) from error
-    try:
-        found: Any = client.get_versions(packages=list(SCHEDULER_PACKAGES))
-        theirs, here = (found[side]["packages"] for side in ("scheduler", "client"))
-        other = [
-            f"{name} {theirs[name]}, not {here[name]}" for name in SCHEDULER_PACKAGES if theirs[name] != here[name]
-        ]
-        if theirs["python"].split(".")[:2] != here["python"].split(".")[:2]:
-            other.append("another version of Python")
-        if other:
-            raise BadInput(
-                f"the scheduler at {address} has {'; '.join(other)}",
-                hint="install the versions in constraints.txt on all machines",
-            )
-        yield client
-    finally:
-        client.close(timeout=2)
-
-
 class _Dispatcher:
-    """Hands jobs to a cluster, and notices when they end, when workers leave, and when the scheduler is lost."""
+    """Hands jobs to a cluster, and notices when they end, when workers leave or fall silent, and a lost scheduler."""
 
     def __init__(self, client: Any, address: str, *, conditions: _Conditions, notify: Callable[[str], None]) -> None:
         self._client, self._address, self._conditions, self._notify = client, address, conditions, notify
         self._running: dict[str, tuple[Job, Any]] = {}
         self._messages: SimpleQueue[tuple[str, Any]] = SimpleQueue()
         self._waits_for_workers = False
+        self._scheduler = Silence(notify)
+        self._workers: dict[str, tuple[float, Silence]] = {}  # when the scheduler heard of each, by its own clock
 
     def run(self, jobs: Sequence[Job], *, report: ReportProgress, follow_up: FollowUp) -> Iterator[JobResult]:
+        over = threading.Event()
         with self._notice_loss():
             self._check_workers()
             self._client.subscribe_topic("all", lambda event: self._messages.put(("event", event[1])))
             self._submit(jobs)
+        self._scheduler.end()
+        threading.Thread(target=self._watch, args=(over,), daemon=True).start()
         try:
             yield from self._collect(report, follow_up)
         finally:
+            over.set()
             # Without this, the scheduler would go on writing to a client that has gone.
             with suppress(CancelledError, OSError, RuntimeError):
                 self._client.unsubscribe_topic("all")
@@ -251,15 +208,35 @@ class _Dispatcher:
             raise SchedulerLost(f"the Dask scheduler at {self._address} does not answer any more") from error
 
     def _check_workers(self) -> None:
-        """Raise BadInput if one of the workers present cannot run jobs of this machine."""
-        problems = self._client.run(self._conditions.find_problem_at_start, on_error="return")
+        """Raise BadInput if one of the workers present cannot run jobs of this machine, or does not answer."""
+        find_problem = self._conditions.find_problem_at_start
+        try:
+            problems = within(ANSWER_S, lambda: self._client.run(find_problem, on_error="return"))
+        except TimeoutError:
+            raise self._silent_at_start() from None
         found = {worker: problem for worker, problem in problems.items() if problem}
         for worker, problem in found.items():
             if isinstance(problem, BaseException):
                 problem = f"cannot run saf_gen: {type(problem).__name__}: {problem}"
             raise BadInput(f"{len(found)} of {len(problems)} workers cannot be used: {worker} {problem}")
-        workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+        workers = self._list_workers().values()
         self._has_gpus = any(worker["resources"].get("GPU") for worker in workers)
+
+    def _list_workers(self) -> dict[str, Any]:
+        workers: dict[str, Any] = within(ANSWER_S, lambda: self._client.scheduler_info(n_workers=-1)["workers"])
+        return workers
+
+    def _silent_at_start(self) -> BadInput:
+        """Return the error for workers that do not answer when they are asked for their versions."""
+        workers = self._list_workers()
+        heard_s = {address: worker["last_seen"] for address, worker in workers.items()}
+        latest_s = max(heard_s.values(), default=0.0)
+        silent = [address for address, then_s in heard_s.items() if latest_s - then_s > ANSWER_S / 2] or list(heard_s)
+        return BadInput(
+            f"{len(silent)} of {len(workers)} workers of the scheduler at {self._address} do not answer within "
+            f"{ANSWER_S:.0f} s: {', '.join(silent)}",
+            hint="wake or end them, and run the same command again",
+        )
 
     def _submit(self, jobs: Iterable[Job]) -> None:
         for job in jobs:
@@ -276,37 +253,75 @@ class _Dispatcher:
 
     def _next_ended(self) -> tuple[Job, tuple[Any, SafGenError | None]] | None:
         """Return a job that has ended and its outcome; None after another message, or after a while without any."""
+        self._scheduler.tell(f"the scheduler at {self._address}", "the run goes on when it answers")
         try:
             kind, message = self._messages.get(timeout=LOOK_FOR_WORKERS_S)
         except Empty:
-            self._look_for_workers()
             return None
         if kind == "event":
             self._notify_of_lost_worker(message)
             return None
-        job, future = self._running.pop(message)
+        if kind == "seen":
+            self._note_workers(*message)
+            return None
+        job, future = self._running[message]
         if future.cancelled():  # only Dask cancels futures, when the connection is lost
             raise CancelledError
         if future.status == "error":
-            return job, (None, _describe_dask_error(future.exception()))
-        outcome = future.result()
-        future.release()  # if Dask runs a finished job again, the job finds its file
+            outcome = None, _describe_dask_error(future.exception())
+        else:
+            try:
+                outcome = future.result(timeout=LOOK_FOR_WORKERS_S)
+            except TimeoutError:  # the worker that holds it is silent
+                self._messages.put((kind, message))
+                return None
+            future.release()  # if Dask runs a finished job again, the job finds its file
+        del self._running[message]
         return job, outcome
 
     def _notify_of_lost_worker(self, event: Any) -> None:
         if event.get("action") != "remove-worker":
             return
+        _, silence = self._workers.pop(event["worker"], (0.0, None))
         why = "ended" if event.get("expected") else "died: killed, or out of memory?"
+        if silence and silence.is_long:
+            why = "was silent for too long"
         for key in event.get("processing-tasks", ()):
             if key in self._running:
                 self._notify(f"again: {self._running[key][0].name} (its worker {event['worker']} {why})")
 
-    def _look_for_workers(self) -> None:
-        """Report a lack of workers once, until a worker appears; a batch system may take hours to start one."""
-        has_workers = bool(self._client.nthreads())
-        if not has_workers and not self._waits_for_workers:
+    def _watch(self, over: threading.Event) -> None:
+        """Ask the scheduler again and again for its workers, in a thread of its own, because it may never answer."""
+        while not over.is_set():
+            try:
+                workers = self._client.scheduler_info(n_workers=-1)["workers"]
+                silent = [address for address, (_, silence) in list(self._workers.items()) if silence.is_long]
+                held = self._client.processing(silent) if silent else {}
+            except Exception:  # noqa: BLE001  (the connection is lost, which all futures notice)
+                return
+            heard_s = {address: worker["last_seen"] for address, worker in workers.items()}
+            self._messages.put(("seen", (heard_s, held)))
+            over.wait(LOOK_FOR_WORKERS_S)
+
+    def _note_workers(self, heard_s: dict[str, float], held: dict[str, Any]) -> None:
+        """Report workers that have fallen silent or answer again, and a lack of workers, each once.
+
+        A batch system may take hours to start a worker.
+        """
+        self._scheduler.end(f"the scheduler at {self._address}")
+        for address in self._workers.keys() - heard_s.keys():
+            del self._workers[address]
+        for address, seen_s in heard_s.items():
+            before_s, silence = self._workers.setdefault(address, (seen_s, Silence(self._notify)))
+            if seen_s != before_s:
+                silence.end(f"the worker {address}")
+                self._workers[address] = seen_s, silence
+            elif jobs := [self._running[key][0].name for key in held.get(address, ()) if key in self._running]:
+                more = f" and {len(jobs) - 1} more" if len(jobs) > 1 else ""
+                silence.tell(f"the worker {address}, which has {jobs[0]}{more},", IF_SILENT)
+        if not heard_s and not self._waits_for_workers:
             self._notify(f"waiting: the scheduler at {self._address} has no workers; {len(self._running)} jobs wait")
-        self._waits_for_workers = not has_workers
+        self._waits_for_workers = not heard_s
 
 
 def _describe_dask_error(error: BaseException) -> SafGenError:

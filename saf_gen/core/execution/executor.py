@@ -1,11 +1,10 @@
 """Runs jobs, and the jobs that follow from them, on the cores of this machine or on a Dask cluster."""
 
-import multiprocessing
 from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, wait
+from multiprocessing.connection import wait
 
 from saf_gen.core.execution.dask_cluster import Cluster, run_on_dask
-from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress, describe_job_error
+from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress
 from saf_gen.core.execution.worker_pool import WorkerPool
 
 
@@ -38,7 +37,8 @@ def run_jobs(
     cluster : Cluster, optional
         Dask cluster that runs the jobs instead, see :func:`saf_gen.core.execution.dask_cluster.run_on_dask`.
     notify : callable, optional
-        Called with a line of text for each job that is run again, with the reason.
+        Called with a line of text for each job that is run again, with the reason, and for what has been silent for
+        long.
 
     Yields
     ------
@@ -56,7 +56,6 @@ def run_jobs(
 def _run_on_cores(
     jobs: Sequence[Job], workers: int, *, report: ReportProgress, follow_up: FollowUp, notify: Callable[[str], None]
 ) -> Generator[JobResult]:
-    others = set(multiprocessing.active_children())  # these belong to the program that calls this function
     pools = exclusive_pool, shared_pool = tuple(WorkerPool(count, notify=notify) for count in (1, workers))
 
     def add(jobs: Iterable[Job]) -> None:
@@ -65,20 +64,15 @@ def _run_on_cores(
 
     try:
         add(jobs)
-        while futures := [future for pool in pools for future in pool.futures]:
-            wait(futures, timeout=0.2, return_when=FIRST_COMPLETED)
+        while pipes := [pipe for pool in pools for pipe in pool.running]:
+            wait(pipes, timeout=0.2)
             for pool in pools:
-                for job, future in pool.collect(report):
-                    error = future.exception()
-                    if error is not None:
-                        yield job, None, describe_job_error(error)
-                        continue
-                    add(follow_up(job, future.result()))
-                    yield job, future.result(), None
+                for job, result, error in pool.collect(report):
+                    if error is None:
+                        add(follow_up(job, result))
+                    yield job, result, error
     except BaseException:
         # Jobs may be terminated at any point, and waiting for a render to finish could take minutes.
-        for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
         for pool in pools:
             pool.close(cancel=True)
         raise

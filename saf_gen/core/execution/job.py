@@ -5,7 +5,6 @@ runs twice, or a worker that dies, does no harm. Its return value is small.
 """
 
 from collections.abc import Callable, Iterable
-from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Protocol
 
 from saf_gen.errors import SafGenError
@@ -44,9 +43,7 @@ def describe_job_error(error: BaseException) -> SafGenError:
     """Return the error of a job as users see it, whatever exception the job raised."""
     if isinstance(error, SafGenError):
         return error
-    if isinstance(error, BrokenProcessPool):
-        message = "its process died twice (killed, or out of memory?); run the same command again to go on"
-    elif isinstance(error, MemoryError):
+    if isinstance(error, MemoryError):
         message = "out of memory; run with fewer --workers"
     else:
         message = f"{type(error).__name__}: {error}"

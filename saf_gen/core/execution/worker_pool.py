@@ -1,38 +1,72 @@
-"""A pool of processes that runs jobs, and survives the death of one of its processes.
+"""A pool of processes that runs jobs, and survives the death of its processes.
 
-If one of its processes is killed (by a user, or by the kernel for its memory), a ``ProcessPoolExecutor`` breaks and
-loses all its jobs. This pool runs each of them again alone, in a new executor, so that a second death shows which job
-caused it, and the other jobs succeed.
+Each process has a pipe of its own, with one reader and one writer at each end. Thus the pool knows which job a process
+ran when it died, and nothing is shared that a dead process could leave locked or behind: the semaphores of
+``ProcessPoolExecutor`` stay in shared memory if all processes are killed together.
 """
 
 import multiprocessing
 import multiprocessing.connection
 import os
+import pickle
+import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from time import monotonic
 from typing import Any
 
 from saf_gen.core.cores import defer_interrupts
-from saf_gen.core.execution.job import Job, ReportProgress
+from saf_gen.core.execution.job import Job, JobResult, ReportProgress, describe_job_error
+from saf_gen.core.execution.silence import Silence
 from saf_gen.core.user_code import user_code
+from saf_gen.errors import SafGenError
 
 MAX_DEATHS = 2
+END_S = 10.0
+"""Time that processes get to end once nothing is left to do; code of users may keep them from it."""
+LOST_S = 1.0
+"""Time that a process gets to end once its pipe is closed."""
+LOST_PIPE = "its code closed the pipe to the run"
+EXIT_LOST = 113
 
 
-_queue: Any = None
-
-
-def _start_worker(queue: Any) -> None:
-    """Set up a worker, which reports to the queue and ends when its parent ends."""
-    global _queue
-    _queue = queue
+def _serve(pipe: Connection, first: bytes) -> None:
+    """Run a job, and those that come through the pipe after it, one at a time, until the pipe or the parent ends."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
+    sending = threading.Lock()
+
+    def send(*message: Any) -> None:
+        packed = pickle.dumps(message)
+        try:
+            with sending:
+                pipe.send_bytes(packed)
+        except OSError:  # code of users has closed it
+            os._exit(EXIT_LOST)
+
+    packed: bytes | None = first
+    while packed is not None:
+        send("begun")
+        result, error = _run(packed, lambda name, done: send("progress", name, done))
+        try:
+            send("ended", result, error)
+        except Exception as problem:  # noqa: BLE001  (results that cannot be pickled raise anything)
+            send("ended", None, SafGenError(f"its result cannot be sent: {problem}"))
+        packed = _receive(pipe)
+
+
+def _receive(pipe: Connection) -> bytes | None:
+    try:
+        return pipe.recv_bytes()
+    except EOFError:
+        return None
+    except OSError:
+        os._exit(EXIT_LOST)
 
 
 def _exit_after(sentinel: int) -> None:
@@ -41,95 +75,207 @@ def _exit_after(sentinel: int) -> None:
     os._exit(1)
 
 
-def _run(job: Job) -> Any:
-    with user_code():
-        return job.run(lambda name, done: _queue.put((name, done)))
+def _run(packed: bytes, report: ReportProgress) -> tuple[Any, SafGenError | None]:
+    try:
+        with user_code():
+            job: Job = pickle.loads(packed)
+            return job.run(report), None
+    except BaseException as error:  # noqa: BLE001  (whatever a job raises is its result; interrupts are deferred)
+        return None, describe_job_error(error)
 
 
-@dataclass(eq=False)
 class _Attempt:
-    """A job, and the number of processes that have died while they ran it."""
+    """A job, the number of processes that have died while they ran it, and its latest report."""
 
-    job: Job
-    deaths: int = 0
+    def __init__(self, job: Job, silence: Silence) -> None:
+        self.job, self.deaths, self.piece, self.silence = job, 0, job.name, silence
+
+    def hear(self, piece: str) -> None:
+        self.piece = piece
+        self.silence.end()
+
+
+@dataclass(frozen=True)
+class _Unsendable:
+    """Takes the place of a job that cannot be pickled, and fails."""
+
+    name: str
+    problem: str
+
+    def run(self, report: ReportProgress) -> Any:
+        raise SafGenError(self.problem)
+
+
+class _Worker:
+    """A process, and this end of its pipe."""
+
+    def __init__(self, attempt: _Attempt) -> None:
+        # Processes are spawned, because Mitsuba's and numba's threads do not survive a fork.
+        context = multiprocessing.get_context("spawn")
+        self.has_begun = True  # or died at its job, which it got before it started
+        self.pipe, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs, self._take(attempt)))
+        with defer_interrupts():  # a worker that is interrupted while it starts prints a traceback
+            self.process.start()
+        theirs.close()
+
+    def begin(self, attempt: _Attempt) -> None:
+        """Run another job in the process, which has ended its last one and waits."""
+        packed, self.has_begun = self._take(attempt), False
+        with suppress(OSError):  # it has died, which is noticed when it is listened to
+            self.pipe.send_bytes(packed)
+
+    def _take(self, attempt: _Attempt) -> bytes:
+        self.attempt = attempt
+        attempt.hear(attempt.job.name)
+        try:
+            return pickle.dumps(attempt.job)
+        except Exception as error:  # noqa: BLE001  (plug-ins in a job may raise anything)
+            return pickle.dumps(_Unsendable(attempt.job.name, f"it cannot be sent: {error}"))
+
+    def listen(self, report: ReportProgress) -> tuple[Any, SafGenError | None] | None:
+        """Pass on the progress of the job; return its result and error if it has ended, otherwise None.
+
+        Raises EOFError if the process has died.
+        """
+        is_alive = self.is_alive()  # asked first, so that its last messages are read
+        while self._has_message():
+            try:
+                packed = self.pipe.recv_bytes()
+            except OSError as error:
+                raise EOFError from error
+            try:
+                kind, *message = pickle.loads(packed)
+            except Exception as error:  # noqa: BLE001  (code of users may define what is unpickled)
+                return None, SafGenError(f"its result cannot be read: {type(error).__name__}: {error}")
+            if kind == "ended":
+                return message[0], message[1]
+            if kind == "progress":
+                self.attempt.hear(message[0])
+                report(*message)
+            self.has_begun = True
+        if not is_alive:
+            raise EOFError
+        return None
+
+    def _has_message(self) -> bool:
+        try:
+            return self.pipe.poll()
+        except OSError:
+            return False
+
+    def is_alive(self) -> bool:
+        # Asked of the system: a process that code of users has forked keeps the pipe open.
+        return self.process.is_alive()
+
+    def how_it_died(self) -> str:
+        """Return in words how the process ended; one that has only lost its pipe is killed."""
+        self.process.join(LOST_S)
+        if self.is_alive():
+            self.wait(0.0)
+            return LOST_PIPE
+        code = self.process.exitcode or 0
+        if -code == signal.SIGKILL:
+            return "killed, or out of memory?"
+        if code < 0:
+            return signal.strsignal(-code) or f"signal {-code}"
+        return LOST_PIPE if code == EXIT_LOST else f"it ended itself with exit code {code}"
+
+    def end(self) -> None:
+        """Let the process end; it does at once if it has no job."""
+        self.pipe.close()
+
+    def wait(self, until_s: float) -> None:
+        """Wait until the process has ended, and kill it at a time on the monotonic clock."""
+        while self.is_alive() and (left := until_s - monotonic()) > 0:
+            self.process.join(min(left, 0.05))
+        if self.is_alive():
+            self.process.kill()
+        self.process.join()
 
 
 class WorkerPool:
     """A pool that runs at most ``size`` jobs at a time, each in its own process.
 
-    ``notify`` is called with a line of text for each job that is run again because its process died.
+    ``notify`` is called with a line of text for each job that is run again because its process died, and for each that
+    has been silent for long.
     """
 
     def __init__(self, size: int, *, notify: Callable[[str], None]) -> None:
         self._size, self._notify = size, notify
         self._waiting: deque[_Attempt] = deque()
-        self._suspects: deque[_Attempt] = deque()  # one of them may have killed its process
-        self._running: dict[Future[Any], _Attempt] = {}
-        self._open()
-
-    def _open(self) -> None:
-        # Processes are spawned, because Mitsuba's and numba's threads do not survive a fork. Each executor has its own
-        # queue, because a process may have died while it held the lock of the old queue.
-        context = multiprocessing.get_context("spawn")
-        self._queue = context.SimpleQueue()
-        self._pool = ProcessPoolExecutor(
-            self._size, mp_context=context, initializer=_start_worker, initargs=(self._queue,)
-        )
+        self._suspects: deque[_Attempt] = deque()  # they run alone, because memory may have run out
+        self._busy: list[_Worker] = []
+        self._idle: list[_Worker] = []
 
     @property
-    def futures(self) -> list[Future[Any]]:
-        """One future for each running job."""
-        return list(self._running)
+    def running(self) -> list[Connection]:
+        """One pipe for each running job; it can be read when there is something to collect."""
+        return [worker.pipe for worker in self._busy]
 
     def add(self, jobs: Iterable[Job]) -> None:
         """Add jobs, and start as many as may run now."""
-        self._waiting += map(_Attempt, jobs)
+        self._waiting += (_Attempt(job, Silence(self._notify)) for job in jobs)
         self._start()
 
     def _start(self) -> None:
-        with defer_interrupts():  # a worker that is interrupted while it starts prints a traceback
-            while queue := self._suspects or self._waiting:
-                a_suspect_runs = any(attempt.deaths for attempt in self._running.values())
-                if a_suspect_runs or len(self._running) >= (1 if self._suspects else self._size):
-                    return
-                try:
-                    future = self._pool.submit(_run, queue[0].job)
-                except BrokenProcessPool:  # a process has died; jobs that were running are still to be collected
-                    if self._running:
-                        return
-                    self._reopen()
-                else:
-                    self._running[future] = queue.popleft()
+        while queue := self._suspects or self._waiting:
+            a_suspect_runs = any(worker.attempt.deaths for worker in self._busy)
+            if a_suspect_runs or len(self._busy) >= (1 if self._suspects else self._size):
+                return
+            self._idle = [worker for worker in self._idle if worker.is_alive()]
+            if self._idle:
+                worker = self._idle.pop()
+                worker.begin(queue.popleft())
+            else:
+                worker = _Worker(queue.popleft())
+            self._busy.append(worker)
 
-    def _reopen(self) -> None:
-        self._pool.shutdown(wait=False)
-        self._open()
-
-    def collect(self, report: ReportProgress) -> Iterator[tuple[Job, Future[Any]]]:
+    def collect(self, report: ReportProgress) -> Iterator[JobResult]:
         """Pass on progress, yield the jobs that have ended, and start others.
 
         A job has ended when it has returned, raised an exception, or lost two processes.
         """
-        ended = [future for future in self._running if future.done()]
-        died = any(isinstance(future.exception(), BrokenProcessPool) for future in ended)
-        if died:
-            wait(self._running)  # every job ends now, by itself or with the executor
-            ended = list(self._running)
-        while not self._queue.empty():  # read only now, so that it holds all reports of the jobs that have ended
-            report(*self._queue.get())
-        if died:
-            self._reopen()
-        for future in ended:
-            attempt = self._running.pop(future)
-            if isinstance(future.exception(), BrokenProcessPool):
-                attempt.deaths += 1
-                if attempt.deaths < MAX_DEATHS:
-                    self._suspects.append(attempt)
-                    self._notify(f"again: {attempt.job.name} (its process died: killed, or out of memory?)")
+        for worker in list(self._busy):
+            attempt = worker.attempt
+            try:
+                outcome = worker.listen(report)
+            except EOFError:
+                outcome = self._bury(worker, attempt)
+            else:
+                if outcome is None:
+                    attempt.silence.tell(attempt.piece)
                     continue
-            yield attempt.job, future
+                self._busy.remove(worker)
+                self._idle.append(worker)
+            if outcome is not None:
+                yield attempt.job, *outcome
         self._start()
 
+    def _bury(self, worker: _Worker, attempt: _Attempt) -> tuple[None, SafGenError] | None:
+        """Give the job of a dead process to another one, or return the error of the job."""
+        self._busy.remove(worker)
+        worker.end()
+        if not worker.has_begun:  # it died before, while it had no job
+            self._waiting.appendleft(attempt)
+            worker.wait(monotonic() + LOST_S)
+            return None
+        why, attempt.deaths = worker.how_it_died(), attempt.deaths + 1
+        if attempt.deaths < MAX_DEATHS:
+            self._suspects.append(attempt)
+            self._notify(f"again: {attempt.job.name} (its process died: {why})")
+            return None
+        _, _, stage = attempt.piece.removeprefix(attempt.job.name).rpartition(" · ")
+        during = f" during its {stage}" if stage else ""
+        return None, SafGenError(f"its process died twice{during} ({why}); run the same command again to go on")
+
     def close(self, *, cancel: bool = False) -> None:
-        """Wait until the processes have ended; with ``cancel``, drop the jobs that have not begun."""
-        self._pool.shutdown(wait=True, cancel_futures=cancel)
+        """Wait until the processes have ended; with ``cancel``, drop all jobs and end the running ones."""
+        workers = [*self._busy, *self._idle]
+        for worker in workers:
+            worker.end()
+            if cancel:
+                worker.process.terminate()
+        until_s = monotonic() + END_S
+        for worker in workers:
+            worker.wait(until_s)

@@ -1,5 +1,10 @@
 """The report of an evaluation: an HTML page, its figures as files, and the folder that holds all files."""
 
-from saf_gen.leaderboard.report.evaluation_folder import WrittenEvaluation, write_evaluation, write_report
+from saf_gen.leaderboard.report.evaluation_folder import (
+    WrittenEvaluation,
+    check_replaceable,
+    write_evaluation,
+    write_report,
+)
 
-__all__ = ["WrittenEvaluation", "write_evaluation", "write_report"]
+__all__ = ["WrittenEvaluation", "check_replaceable", "write_evaluation", "write_report"]

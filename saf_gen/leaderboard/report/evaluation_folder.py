@@ -7,6 +7,7 @@ killed, the next run moves the rest. A page lists the figures of its evaluation,
 """
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Sequence, Set
@@ -17,11 +18,20 @@ from pathlib import Path
 from saf_gen.benchmark.records import READY, RECORDS_FILE
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.cores import defer_termination
-from saf_gen.core.files import atomic_file, rename_durably, sync_folder, temporary_folder, unwritable, write_text
+from saf_gen.core.files import (
+    atomic_file,
+    read_start,
+    refuse_link,
+    rename_durably,
+    sync_folder,
+    temporary_folder,
+    unwritable,
+    write_text,
+)
 from saf_gen.core.plain_text import escape_all_text, plural
-from saf_gen.errors import escape_controls
+from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.figures.figure import PDF_CREATOR, add_paper, to_pdf
-from saf_gen.leaderboard.files import Results, compute_results, write_curves, write_leaderboard
+from saf_gen.leaderboard.files import LEADERBOARD_FILES, Results, compute_results, write_curves, write_leaderboard
 from saf_gen.leaderboard.ranking import LeaderboardRow
 from saf_gen.leaderboard.report.choose_figures import plot_figures
 from saf_gen.leaderboard.report.page import build_page
@@ -32,6 +42,9 @@ PAGE, FIGURES = "index.html", "figures"
 CURVES = ("curves.csv", "measures.csv")
 CURVES_START = "measure,"
 PAGE_MARK = "data-of-records"
+MARKS = {RECORDS_FILE: '"saf-gen record ', "leaderboard.json": '"saf-gen leaderboard"'}
+"""Files that say at their beginning that they are of an evaluation; its page says so, too."""
+FILES = (*LEADERBOARD_FILES, RECORDS_FILE, *CURVES, PAGE)
 _FIGURE_FILE = re.compile(rf"{FIGURES}/[\w.-]+\.(svg|pdf)")
 _FIGURE = re.compile(r'<figure id="([\w.-]+)">')
 
@@ -90,6 +103,28 @@ def write_evaluation(
     except OSError as error:
         raise unwritable(Path(error.filename2 or error.filename or final), error) from error
     return WrittenEvaluation(paths, f"replaced {earlier}" if earlier else "")
+
+
+def check_replaceable(folder: Path) -> None:
+    """Raise BadInput if an evaluation in this folder would replace links, or files that no evaluation wrote.
+
+    A folder is that of an evaluation if its records, its ``leaderboard.json`` or its page say so.
+    """
+    refuse_link(folder)
+    present = [path for name in (*FILES, FIGURES) if os.path.lexists(path := folder / name)]
+    for path in present:
+        refuse_link(path)
+    is_evaluation = (
+        (folder / READY).is_dir()
+        or any(mark in read_start(folder / name) for name, mark in MARKS.items())
+        or PAGE_MARK in _read_text(folder / PAGE)
+    )
+    if present and not is_evaluation:
+        raise BadInput(
+            f"{present[0]} exists, and no evaluation wrote it",
+            allowed="a folder that is new, or holds an evaluation or other files",
+            hint="give another folder with --out, or move it away",
+        )
 
 
 def write_report(

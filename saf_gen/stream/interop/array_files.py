@@ -1,7 +1,9 @@
 """Arrays in untrusted files, NumPy's .npy and .npz and MATLAB's .mat, read a few slices at a time.
 
-Nothing in such a file is executed: pickled objects are refused. The size in a header is compared with the size of
-the file before memory is allocated.
+Nothing in such a file is executed: pickled objects are refused. A dark recording packs a thousand to one, so the ratio
+of a packed file says nothing; it is read in pieces instead. The memory that this takes does not depend on the size of
+the array, because a slice along the first axis has at most MAX_SLICE_BYTES, and the time is that of unpacking, because
+the bytes that an array states must be in the file.
 """
 
 import os
@@ -13,7 +15,7 @@ from contextlib import contextmanager
 from math import prod
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, Protocol
+from typing import IO, Any, Protocol
 
 import numpy as np
 
@@ -24,6 +26,10 @@ from saf_gen.stream.interop.matlab_arrays import MatlabSlices, list_arrays
 ENDINGS = (".npy", ".npz", ".mat")
 MAX_CHUNK_BYTES = 64 << 20
 """Largest chunk of a MATLAB file of version 7.3; HDF5 always decompresses complete chunks."""
+MAX_SLICE_BYTES = 128 << 20
+"""Largest slice along the first axis of a packed array, of which one is always read completely."""
+MAX_DEFLATED = 1_100
+"""A little more than the ratio to which deflate packs zeros, 1,032."""
 DAMAGE = (
     *(OSError, ValueError, EOFError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError),
     *(SyntaxError, TokenError, NotImplementedError, zipfile.BadZipFile, zlib.error, struct.error),
@@ -62,13 +68,32 @@ def open_array(path: str | os.PathLike[str], *, key: str | None = None, axes: in
         raise BadInput(f"--key {key} is given for a file with one array", where=str(path), hint="leave it out")
     with _report_damage(where):
         if ending == ".npy":
-            loaded: np.ndarray = np.load(where, mmap_mode="r", allow_pickle=False)
-            return loaded
+            return np.lib.format.open_memmap(where, mode="r")  # np.load would open other formats, too
+        packed: SlicedArray
         if ending == ".npz":
-            return _ArchivedArray(where, key=key, axes=axes)
-        with where.open("rb") as file:
-            is_hdf5 = _is_hdf5(file.read(1024))
-        return _HdfArray(where, key=key, axes=axes) if is_hdf5 else _OldMatlabArray(where, key=key, axes=axes)
+            packed = _ArchivedArray(where, key=key, axes=axes)
+        else:
+            with where.open("rb") as file:
+                is_hdf5 = _is_hdf5(file.read(1024))
+            packed = (_HdfArray if is_hdf5 else _OldMatlabArray)(where, key=key, axes=axes)
+        if (size := prod(packed.shape[1:]) * packed.dtype.itemsize) > MAX_SLICE_BYTES:
+            raise BadInput(
+                f"the array has the shape {packed.shape}, of which one slice takes {size:,} bytes", where=str(path),
+                allowed=f"at most {MAX_SLICE_BYTES:,}", hint="store it with time on the first axis, or as .npy",
+            )  # fmt: skip
+        return packed
+
+
+def open_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo | str) -> IO[bytes]:
+    """Return a file of a zip archive, which is unpacked as it is read.
+
+    Raises ValueError unless it is stored or deflated, as by NumPy and spreadsheets: of other methods, zipfile unpacks
+    4 KiB at once, which may hold gigabytes.
+    """
+    info = archive.getinfo(member) if isinstance(member, str) else member
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"{info.filename} is packed by method {info.compress_type}; allowed: 0 and 8 (deflate)")
+    return archive.open(info)
 
 
 @contextmanager
@@ -108,7 +133,7 @@ class _ArchivedArray:
         headers = {}
         for info in self._archive.infolist():
             if info.filename.endswith(".npy"):
-                with self._archive.open(info) as file:
+                with open_member(self._archive, info) as file:
                     headers[info.filename.removesuffix(".npy")] = (*_read_header(file), info)
         self.name = name = _choose_array({n: h[0] for n, h in headers.items()}, key, axes=axes, where=str(path))
         self.shape, in_columns, self.dtype, self._begin, self._info = headers[name]
@@ -120,13 +145,15 @@ class _ArchivedArray:
             raise BadInput(
                 f"{name} has {self._info.file_size} bytes", where=str(path), allowed="the size that its header states"
             )
-        self._file, self._at = self._archive.open(self._info), -1
+        self._file: IO[bytes] | None = None
+        self._at = -1
 
     def __getitem__(self, span: slice) -> np.ndarray:
         first, stop, _ = span.indices(self.shape[0])
         with _report_damage(self._path):
-            if self._at != first:
-                self._file.close()
+            if self._file is None or self._at != first:
+                if self._file is not None:
+                    self._file.close()
                 self._file = self._archive.open(self._info)
                 self._file.seek(self._begin + first * self._slice_bytes)
             raw = self._file.read((stop - first) * self._slice_bytes)
@@ -158,6 +185,9 @@ class _HdfArray:
                 found[name] = item
         name = _choose_array({n: d.shape for n, d in found.items()}, key, axes=axes, where=str(path))
         self._data = found[name]
+        states, holds = self._data.size * self._data.dtype.itemsize, self._data.id.get_storage_size()
+        if states > holds * (MAX_DEFLATED if self._data.compression else 1):  # HDF5 would make up the rest
+            raise BadInput(f"{name} states {states:,} bytes, and the file holds {holds:,} of it", where=str(path))
         self.shape = (self._data.shape[0], *self._data.shape[:0:-1])
         self.dtype = self._data.dtype
 
@@ -168,16 +198,17 @@ class _HdfArray:
 
 
 def _is_safely_stored(item: Any) -> bool:
-    """Return whether an array has only filters that MATLAB uses, and chunks of at most MAX_CHUNK_BYTES.
+    """Return whether an array has only filters that MATLAB uses, each once, and chunks of at most MAX_CHUNK_BYTES.
 
-    Other filters could run other code.
+    Other filters could run other code, and what is deflated twice unpacks a million to one.
     """
     from h5py import h5z
 
     plist = item.id.get_create_plist()
-    filters = {plist.get_filter(n)[0] for n in range(plist.get_nfilters())}
+    filters = [plist.get_filter(n)[0] for n in range(plist.get_nfilters())]
     allowed = {h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32}
-    return filters <= allowed and prod(item.chunks or (1,)) * item.dtype.itemsize <= MAX_CHUNK_BYTES
+    plain = allowed.issuperset(filters) and len(set(filters)) == len(filters)
+    return plain and prod(item.chunks or (1,)) * item.dtype.itemsize <= MAX_CHUNK_BYTES
 
 
 class _OldMatlabArray:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from saf_gen.core.config.document import read_text
-from saf_gen.core.csv_table import parse_columns
+from saf_gen.core.csv_table import MAX_LOG_BYTES, find_heading, parse_columns
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop.array_files import ENDINGS, open_array
 from saf_gen.stream.interop.picture_frames import open_pictures
@@ -55,7 +55,7 @@ def read_mask(text: str, shape: tuple[int, int]) -> np.ndarray:
     if not path.is_file():
         raise BadInput("there is no such file", where=str(path), allowed="a mask, or --mask find")
     if ending in ENDINGS:
-        mask = _read_array(path, key)
+        mask = _read_array(path, key, shape=shape)
     elif ending in PICTURES:
         pages = [page > 0 for page in open_pictures(path, linear=True)]
         if len(pages) > 1:
@@ -65,12 +65,16 @@ def read_mask(text: str, shape: tuple[int, int]) -> np.ndarray:
         return _checked(_read_places(path, shape), path)
     else:
         raise unknown("kind of mask", path.suffix, allowed=(*ENDINGS, *PICTURES, ".csv"), where=str(path))
-    if mask.shape != shape:
+    _check_size(mask.shape, shape, path=path)
+    return _checked(mask, path)
+
+
+def _check_size(found: tuple[int, ...], shape: tuple[int, int], *, path: Path) -> None:
+    if found != shape:
         raise BadInput(
-            f"the mask has {' × '.join(map(str, mask.shape))} pixels", where=str(path),
+            f"the mask has {' × '.join(map(str, found))} pixels", where=str(path),
             allowed=f"{shape[0]} rows × {shape[1]} columns, as in the recording",
         )  # fmt: skip
-    return _checked(mask, path)
 
 
 def _checked(mask: np.ndarray, path: Path) -> np.ndarray:
@@ -82,14 +86,17 @@ def _checked(mask: np.ndarray, path: Path) -> np.ndarray:
     return mask
 
 
-def _read_array(path: Path, key: str | None) -> np.ndarray:
+def _read_array(path: Path, key: str | None, *, shape: tuple[int, int]) -> np.ndarray:
     array = open_array(path, key=key, axes=2)
     if array.dtype.kind not in "buif" or len(array.shape) != 2:
         raise BadInput(f"the array is {array.dtype} {array.shape}", where=str(path), allowed="numbers (rows, columns)")
+    # The last axis of a .mat file comes first. The size is compared before the values are read, as they may be many.
+    is_matlab = path.suffix.lower() == ".mat"
+    _check_size(array.shape[::-1] if is_matlab else array.shape, shape, path=path)
     values = np.asarray(array[slice(0, array.shape[0])])
     if not np.isfinite(values).all():
         raise BadInput("the array holds values that are not finite", where=str(path), allowed="0 for good pixels")
-    return (values.T if path.suffix.lower() == ".mat" else values) != 0  # the last axis of a .mat file comes first
+    return (values.T if is_matlab else values) != 0
 
 
 def _read_places(path: Path, shape: tuple[int, int]) -> np.ndarray:
@@ -108,8 +115,8 @@ def read_table(path: Path, headings: tuple[str, ...]) -> dict[str, np.ndarray]:
 
     Raises BadInput if the file cannot be read or has another heading, or if a row does not hold finite numbers.
     """
-    text = read_text(path).removeprefix("\ufeff")
-    heading = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
+    text = read_text(path, max_bytes=MAX_LOG_BYTES).removeprefix("\ufeff")
+    _, heading = find_heading(text)
     names = tuple(cell.strip() for cell in heading.split(","))
     if ",".join(names) not in headings:
         raise BadInput(f"the columns are {heading.strip()!r}", where=str(path), allowed=" or ".join(headings))

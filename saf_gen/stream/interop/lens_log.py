@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.core.config.document import read_text
-from saf_gen.core.csv_table import parse_columns
+from saf_gen.core.csv_table import MAX_LOG_BYTES, find_heading, parse_columns
 from saf_gen.errors import BadInput
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stream.interop.readouts import SECONDS, Readouts
@@ -101,9 +101,8 @@ def _read_table(
     path: Path, column: str | None, *, readout_hz: float, readouts: Readouts | None
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return the readout of each row, possibly fractional, and the columns after the first by name."""
-    text = read_text(path).removeprefix("\ufeff")
-    lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
-    heading = tuple(cell.strip() for cell in next(lines, "").split(","))
+    text = read_text(path, max_bytes=MAX_LOG_BYTES).removeprefix("\ufeff")
+    heading = tuple(cell.strip() for cell in find_heading(text)[1].split(","))
     kinds = heading[1:]
     fits = kinds == (column,) if column else kinds and all(kinds) and len(set(kinds)) == len(kinds)
     if heading[0] not in TIMES or not fits:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
@@ -13,7 +14,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.interop.raw_frames import RAW_LAYOUTS, count_raw_frames, import_raw_frames
 from saf_gen.stream.interop.spreadsheet import read_sheet
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_file import check_replaceable, open_stream
 
 CONFIG = "config.xlsx"
 COLUMNS = ("id", "scene name", "frames", "focal frame", "dt", "path")
@@ -69,9 +70,8 @@ def read_saf_config(folder: str | Path) -> list[SafRecording]:
     if not rows:
         raise BadInput("lists no recording", where=str(root / CONFIG), allowed=", ".join(COLUMNS))
     found = [_read_recording(row, root=root, where=f"{root / CONFIG}:{number}") for number, row in rows]
-    names = [recording.name for recording in found]
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(recording.name for recording in found).items():
+        if count > 1:
             raise BadInput(
                 f"lists {name!r} twice", where=str(root / CONFIG), allowed="a different id for each recording"
             )
@@ -124,6 +124,7 @@ def import_saf_folder(
         lens = ((np.arange(recording.frames) + 0.5) / recording.frames).astype(np.float32)
         target = Path(out) / (f"blocks-{recording.block}" if by_block else "") / f"{recording.name}.h5"
         if not _is_imported(target, recording, newer_than=Path(folder) / CONFIG, readout_hz=readout_hz):
+            check_replaceable(target)
             import_raw_frames(
                 recording.file,
                 target,

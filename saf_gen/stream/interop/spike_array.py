@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 from math import prod
 from pathlib import Path
-from tempfile import TemporaryFile
+from tempfile import TemporaryFile, gettempdir
 from typing import Any, TypeVar
 
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import name_as_text
+from saf_gen.core.files import free_disk_bytes, name_as_text
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop import evidence
 from saf_gen.stream.interop.array_files import SlicedArray, open_array
@@ -234,6 +234,13 @@ def _in_order(array: SlicedArray, axes: str) -> SlicedArray:
     if axes == "TYX":
         return array
     if not isinstance(array, np.ndarray):
+        needed, free = prod(array.shape) * array.dtype.itemsize, free_disk_bytes(Path(gettempdir()))
+        if needed > free:
+            raise BadInput(
+                f"the axes {axes} need a copy of {needed / 1e6:,.0f} MB in {gettempdir()}",
+                allowed=f"{free / 1e6:,.0f} MB, which are free there",
+                hint="store it with time on the first axis, or set TMPDIR to a larger disk",
+            )  # fmt: skip
         with TemporaryFile(prefix="saf-gen-") as file:  # the map keeps it open
             copy = np.memmap(file, array.dtype, "w+", shape=array.shape)
         step = max(BLOCK_BYTES // max(prod(array.shape[1:]) * array.dtype.itemsize, 1), 1)

@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from saf_gen.errors import BadInput
+from saf_gen.stream.interop.array_files import open_member
 
 MAX_BYTES, MIN_BYTES, MAX_RATIO = 8 << 20, 1 << 16, 100
 """Largest size, in bytes, of a part of the file after decompression: MAX_RATIO times the file, within these bounds."""
@@ -43,7 +44,7 @@ def read_sheet(path: str | Path) -> list[list[str]]:
 
 
 def _read_part(archive: zipfile.ZipFile, name: str, *, where: str, limit: int) -> ElementTree.Element:
-    with archive.open(name) as file:
+    with open_member(archive, name) as file:
         text = file.read(limit + 1)
     if len(text) > limit:
         raise BadInput(f"{name} is larger than {limit:,} bytes", where=where, allowed="a table of recordings")

@@ -1,12 +1,13 @@
 """Pictures of a recording as a figure, a moving picture, a video, or a page to scrub through."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from saf_gen.core.files import atomic_file, name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.metadata import ReadableStream
 from saf_gen.stream.pictures.timeline import KINDS, WindowPictures, choose_windows
@@ -43,6 +44,7 @@ def write_view(
     stop: int | None = None,
     every: int | None = None,
     measures: Sequence[str] = (),
+    find_measure: Callable[[str], Callable[..., float]] = get_measure,
     region: str = "target",
     fps: float = 12.0,
 ) -> WindowPictures:
@@ -65,6 +67,8 @@ def write_view(
         Frames from one picture to the next; by default chosen to give ``FORMS[...].count`` pictures.
     measures : sequence of str, default ()
         Names of focus measures whose curves are drawn.
+    find_measure : callable, optional
+        Called with each name; returns the measure.
     region : str, default "target"
         Region that measures score, drawn as a box: ``target``, or ``frame`` for the whole frame, which is also used if
         the stream has no target.
@@ -106,6 +110,7 @@ def write_view(
         stop=stream.shape[0] if stop is None else stop,
         window=pictures.window,
         measures=measures,
+        find_measure=find_measure,
         region=box,
     )
     with atomic_file(target) as part:

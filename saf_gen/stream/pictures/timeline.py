@@ -1,6 +1,6 @@
 """Pictures of windows of a recording, and the quantities over its frames: lens, light, truth, scores of measures."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from operator import index
@@ -206,6 +206,7 @@ def read_timeline(
     stop: int,
     window: int,
     measures: Sequence[str] = (),
+    find_measure: Callable[[str], Callable[..., float]] = get_measure,
     region: Region | None = None,
 ) -> Timeline:
     """Return the known quantities in frames ``first <= t < stop``, with scores of ``measures`` in ``region``.
@@ -213,7 +214,7 @@ def read_timeline(
     Windows follow each other directly or, if that would be more than SCORED windows, at even intervals. Raises BadInput
     if a measure is unknown or cannot score a window.
     """
-    scorers = {name: get_measure(name) for name in measures}
+    scorers = {name: find_measure(name) for name in measures}
     count = min(max((stop - first) // window, 1), SCORED)
     starts = np.unique(np.linspace(first, stop - window, count).astype(np.int64)).tolist()
     source = _Windows(stream, region)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO, Protocol
 
 from saf_gen.core.config.document import check_plain_file
-from saf_gen.core.files import check_writable, file_sha256, free_disk_bytes, unwritable
+from saf_gen.core.files import check_writable, file_sha256, free_disk_bytes, refuse_link, unwritable
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, parse_manifest
 from saf_gen.stream.sharing.packing import INDEX_NAME, MAX_INDEX_BYTES, PackedFile, Shard, ShardIndex, parse_shard_index
@@ -145,6 +145,7 @@ def fetch_dataset(
 
 
 def _check_folder(folder: Path, index: ShardIndex) -> None:
+    refuse_link(folder)
     check_writable(folder)
     manifest = next(one for one in index.files if one.file == MANIFEST_NAME)
     if (folder / MANIFEST_NAME).exists() and not _is_complete(folder, manifest):

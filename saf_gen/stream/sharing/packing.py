@@ -10,11 +10,11 @@ from hashlib import file_digest
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, ClassVar
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, FailFast, Field
 
 from saf_gen.core.config.document import STRICT, Document, validate_document
 from saf_gen.core.config.json_document import parse_json, read_json
-from saf_gen.core.files import atomic_file, check_writable, file_sha256, write_folder, write_text
+from saf_gen.core.files import atomic_file, check_writable, file_sha256, refuse_link, write_folder, write_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, verify_entry
 from saf_gen.stream.sharing.croissant import (
@@ -57,7 +57,7 @@ class Shard:
     file: str
     bytes: Bytes
     sha256: Digest
-    members: tuple[PackedFile, ...]
+    members: Annotated[tuple[PackedFile, ...], FailFast()]
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ class ShardIndex:
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     name: str
-    shards: tuple[Shard, ...]
-    files: tuple[PackedFile, ...]
+    shards: Annotated[tuple[Shard, ...], FailFast()]
+    files: Annotated[tuple[PackedFile, ...], FailFast()]
 
     @property
     def total_bytes(self) -> int:
@@ -189,6 +189,7 @@ def pack_dataset(
         If the folder is not a dataset or is damaged, if no licence is stated, or if ``out`` is not empty.
     """
     source, target = Path(dataset), Path(out)
+    refuse_link(target)
     manifest = read_manifest(source)
     if not manifest.sequences:
         raise BadInput("has no sequence", where=str(source), hint="make some with saf-gen generate")

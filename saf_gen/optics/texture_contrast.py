@@ -1,0 +1,170 @@
+"""The contrast that a lens with aberrations leaves of a stated texture, over defocus.
+
+The power of the texture falls as 1/f², as that of natural scenes does (Field 1987), from MIN_CYCLES to the Nyquist
+frequency of the pixels, evenly in all directions. Its squared contrast is
+
+    C² = ∫ |T(f)·S(f)|²/f² d²f
+
+where S is the transfer of a square pixel and T that of the lens: of its waves if a wavelength is given,
+
+    T(f) = 1/(π·R²)·∫ exp(2πi/λ·(W(a + λvf/2) - W(a - λvf/2))) d²a   over points a with both arguments in the aperture,
+
+otherwise of its rays, T(f) = mean of exp(2πi·f·Δ(a)) with Δ = v·∇W. W is the wavefront plus that of defocus,
+a²/2·(1/u_o - 1/u).
+
+References
+----------
+D. J. Field, "Relations between the statistics of natural images and the response properties of cortical cells", J. Opt.
+Soc. Am. A 4, 2379 (1987), doi:10.1364/JOSAA.4.002379.
+H. H. Hopkins, "The frequency response of a defocused optical system", Proc. R. Soc. A 231, 91 (1955),
+doi:10.1098/rspa.1955.0158.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from saf_gen.optics.wavefront import Wavefront
+
+MIN_CYCLES = 1 / 64  # per pixel
+FREQUENCIES, DIRECTIONS = 12, 6
+LENS_POINTS = 512
+STEP = 0.25  # between the defoci of a curve, in half depths of focus
+REACH = 5.0  # half depths of focus beyond the aberrations that a curve covers
+
+
+class Imaging(NamedTuple):
+    """What light passes on its way to a pixel.
+
+    Attributes
+    ----------
+    radius_m, image_distance_m : float
+        Radius R of the aperture, and distance v from the lens to the sensor, metres.
+    pitch_m : float
+        Pitch of the pixels, metres.
+    wavelength_m : float
+        Wavelength of the light, metres; 0 for geometric optics.
+    """
+
+    radius_m: float
+    image_distance_m: float
+    pitch_m: float
+    wavelength_m: float
+
+    @property
+    def resolved_defocus(self) -> float:
+        """Defocus (1/m) that blurs a point over the width that the camera resolves: half a depth of focus."""
+        width = np.hypot(self.pitch_m, self.wavelength_m * self.image_distance_m / self.radius_m)
+        return float(width) / (2 * self.radius_m * self.image_distance_m)
+
+
+@dataclass(frozen=True, eq=False)
+class ContrastCurve:
+    """Squared contrast over defocus at one distance from the middle of the sensor.
+
+    Attributes
+    ----------
+    defocus : ndarray of float64, shape (defocus,)
+        1/u_o - 1/u, 1/m, evenly spaced.
+    squared : ndarray of float64, shape (defocus,)
+        Squared contrast.
+    balanced : float
+        Defocus (1/m) of the least mean squared blur.
+    """
+
+    defocus: np.ndarray
+    squared: np.ndarray
+    balanced: float
+
+    def at(self, defocus: np.ndarray) -> np.ndarray:
+        """Return the squared contrast at any defocus (1/m); beyond the ends, that of the ends."""
+        return np.asarray(self._spline(np.clip(defocus, self.defocus[0], self.defocus[-1])))
+
+    @cached_property
+    def _spline(self) -> Any:
+        from scipy.interpolate import CubicSpline  # takes half a second and is needed for aberrations only
+
+        return CubicSpline(self.defocus, self.squared)
+
+    @property
+    def peak(self) -> float:
+        """Defocus (1/m) of the largest contrast, by the parabola through the largest value and its neighbours."""
+        k = min(max(int(self.squared.argmax()), 1), self.squared.size - 2)
+        before, at, after = self.squared[k - 1 : k + 2]
+        step = self.defocus[1] - self.defocus[0]
+        return float(self.defocus[k] + step * (before - after) / (2 * (before - 2 * at + after)))
+
+
+@lru_cache(maxsize=256)
+def contrast_curve(wavefront: Wavefront, imaging: Imaging, *, height_m: float) -> ContrastCurve:
+    """Return the contrast over every defocus that the wavefront may balance, and what is near them.
+
+    Parameters
+    ----------
+    wavefront : Wavefront
+        Aberrations of the lens.
+    imaging : Imaging
+        What else light passes.
+    height_m : float
+        Distance from the middle of the sensor, metres.
+    """
+    radius, a = imaging.radius_m, lens_points(imaging.radius_m)
+    slope = wavefront.slope(a, (height_m, 0.0))
+    balanced = -2 * float(np.mean(a[0] * slope[0] + a[1] * slope[1])) / radius**2
+    # No part of the lens focuses farther from the least blur than this.
+    spread = 4 * wavefront.largest_path(radius, height_m) / radius**2 / imaging.resolved_defocus
+    count = int(np.ceil((REACH + spread) / STEP))
+    defocus = balanced + np.arange(-count, count + 1) * STEP * imaging.resolved_defocus
+    return ContrastCurve(defocus, squared_contrast(defocus, wavefront, imaging=imaging, height_m=height_m), balanced)
+
+
+def squared_contrast(
+    defocus: np.ndarray, wavefront: Wavefront, *, imaging: Imaging, height_m: float = 0.0
+) -> np.ndarray:
+    """Return the squared contrast of the stated texture, divided by that of a perfect lens in focus without waves.
+
+    Parameters
+    ----------
+    defocus : ndarray of float64, shape (defocus,)
+        1/u_o - 1/u, 1/m.
+    wavefront, imaging, height_m
+        See :func:`contrast_curve`.
+
+    Returns
+    -------
+    ndarray of float64, shape (defocus,)
+        Without unit, from 0 to about 1.
+    """
+    radius, v, pitch, wavelength = imaging
+    edges = np.geomspace(MIN_CYCLES, 0.5, FREQUENCIES + 1)
+    cycles = np.sqrt(edges[1:] * edges[:-1]) / pitch
+    a, point = lens_points(radius), (height_m, 0.0)
+    slope = wavefront.slope(a, point)
+    amount = np.asarray(defocus, np.float32)[:, None]
+    total, full = np.zeros(len(defocus)), 0.0
+    for direction in (np.arange(DIRECTIONS) + 0.5) * np.pi / DIRECTIONS:
+        for f in cycles:
+            fx, fy = f * np.cos(direction), f * np.sin(direction)
+            pixel = float(np.sinc(fx * pitch) * np.sinc(fy * pitch)) ** 2
+            full += pixel
+            by_defocus = 2 * np.pi * v * (a[0] * fx + a[1] * fy)
+            if not wavelength:
+                by_waves = 2 * np.pi * v * (slope[0] * fx + slope[1] * fy)
+            else:
+                sx, sy = wavelength * v * fx / 2, wavelength * v * fy / 2
+                ahead, behind = (a[0] + sx, a[1] + sy), (a[0] - sx, a[1] - sy)
+                both = np.maximum(np.hypot(*ahead), np.hypot(*behind)) <= radius
+                path = wavefront.path(ahead, point) - wavefront.path(behind, point)
+                by_defocus, by_waves = by_defocus[both], 2 * np.pi / wavelength * path[both]
+            phase = amount * by_defocus.astype(np.float32) + by_waves.astype(np.float32)
+            total += pixel * (np.cos(phase).sum(axis=1) ** 2 + np.sin(phase).sum(axis=1) ** 2)
+    return total.astype(np.float64) / (full * LENS_POINTS**2)
+
+
+def lens_points(radius_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (m) spread evenly over a disc: a spiral whose turns are the golden angle."""
+    n = np.arange(LENS_POINTS) + 0.5
+    r, angle = radius_m * np.sqrt(n / LENS_POINTS), n * np.pi * (3 - np.sqrt(5))
+    return r * np.cos(angle), r * np.sin(angle)
