@@ -137,9 +137,7 @@ def render_with_shading(
     finder = SurfaceFinder(first, emitting=emitting)
     rays_per_path = 1  # if little is shared, rays that are not traced on would contribute little
     if shading.unshared < 0.5:
-        blurred = (
-            focus.size <= LAYERED_POSITIONS and first.drive.wavefront is None
-        )  # in layers, which average over blur
+        blurred = focus.size <= LAYERED_POSITIONS and first.drive.wavefront is None  # layers average over blur
         rays_per_path = RAYS_INTO_LIGHT if blurred and shading.in_light > 0.5 else PRIMARY_RAYS
     samples *= rays_per_path if rays_per_path > 1 else UNSHARED_PATHS
 

@@ -270,7 +270,8 @@ def _compose(all_sums: tuple[np.ndarray, ...], scale: np.ndarray, *, position: i
 
     Kernels get complete arrays: slices have various memory layouts, each of which would need a separate compilation.
     """
-    planes, here, plain, samples = _split_layers(*all_sums, position, scale)
+    sums, landed, unmoved = all_sums
+    planes, here, plain, samples = _split_layers(sums, landed, unmoved, position, scale)
     layers = np.flatnonzero(samples)
     planes, here, steps = planes[layers], here[layers], np.abs(layers - SIDE_LAYERS)
     mixed = _find_mixed(here, layers, REACHES[steps])
