@@ -15,7 +15,8 @@ therefore counted where paths land, and smoothed by a Gaussian so narrow that it
 
 Behind an outline in focus, a part of the lens is covered. What is seen through the rest changes from pixel to pixel,
 however blurred it is. Pixels of both, and those around them whose paths would be moved across, are not smoothed: they
-are the plain mean of their paths, and no other pixel gets any of these.
+are the plain mean of their paths, and no other pixel gets any of these. Bent light, whose blur is unknown, is in the
+focused layer, but makes no pixel plain.
 
 References
 ----------
@@ -91,7 +92,7 @@ class LayeredSums:
         focus, rows, columns = shape
         workers = max(1, min(nb.get_num_threads(), ACCUMULATOR_BYTES // self.bytes_needed(shape, max_radiance.size)))
         self._sums = np.zeros((workers, focus, LAYERS, rows, columns, max_radiance.size), dtype=np.int64)
-        # Where moved paths landed: their number in each layer, and their sums in all layers together.
+        # Where paths of known blur landed: their number in each layer, and the sums of those that were moved.
         self._landed = np.zeros(self._sums.shape[:-1], dtype=np.int32)
         self._unmoved = np.zeros((workers, focus, rows, columns, max_radiance.size), dtype=np.int64)
         self._scale, self._max_radiance = scale, max_radiance
@@ -224,10 +225,11 @@ def _add_some(sums, landed, unmoved, a, b, line, values, units, begin, end, weig
                 step = _find_step(abs(blur), step)  # mostly the same as for the previous path
                 if step:
                     layer = SIDE_LAYERS - step if blur > 0 else SIDE_LAYERS + step
-                    if 0 <= row < rows and 0 <= column < columns:
-                        landed[k, layer, row, column] += times
-                        for g in range(groups):
-                            unmoved[k, row, column, g] += words[g]
+                if 0 <= row < rows and 0 <= column < columns:
+                    landed[k, layer, row, column] += times
+                    for g in range(groups):
+                        unmoved[k, row, column, g] += words[g] if step else np.int64(0)
+                if step:
                     ratio, r2 = np.float32(4 * GAUSSIANS[step]) / blur, lens_x[i] * lens_x[i] + lens_y[i] * lens_y[i]
                     inward = np.float32(0.5) * blur * _inward(ratio * ratio, r2)
                     column, row = math.floor(x - inward * lens_x[i]), math.floor(y - inward * lens_y[i])
@@ -271,10 +273,10 @@ def _compose(all_sums: tuple[np.ndarray, ...], scale: np.ndarray, *, position: i
     Kernels get complete arrays: slices have various memory layouts, each of which would need a separate compilation.
     """
     sums, landed, unmoved = all_sums
-    planes, here, plain, samples = _split_layers(sums, landed, unmoved, position, scale)
+    planes, here, is_sharp, plain, samples = _split_layers(sums, landed, unmoved, position, scale)
     layers = np.flatnonzero(samples)
     planes, here, steps = planes[layers], here[layers], np.abs(layers - SIDE_LAYERS)
-    mixed = _find_mixed(here, layers, REACHES[steps])
+    mixed = _find_mixed(here, is_sharp, layers, REACHES[steps])
     planes *= ~mixed[:, None]
     rest = np.cumsum(here[::-1], axis=0)[::-1]  # samples of a layer and of all behind it
     coverage = np.stack([here, rest], axis=1)
@@ -296,16 +298,18 @@ def _stack_taps(sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @nb.njit(parallel=True, cache=True)
 def _split_layers(sums, landed, unmoved, k, scale):
-    """Return the sums at position ``k``: those of layers, samples that landed, the plain mean, and samples per layer.
+    """Return what the paths left at position ``k``: sums, samples that landed, focus, plain mean, samples per layer.
 
     The first planes of a layer, float32 (layer, light + 1, row, col), hold the radiance of each light group; the last
-    one holds the number of samples where they were moved to. Samples that landed are float32 (layer, row, col), the
-    plain mean of all paths float32 (light, row, col), and the samples per layer float64 (layer,).
+    one holds the number of samples where they were moved to. Samples that landed are float32 (layer, row, col). Pixels
+    with something in focus are bool (row, col), the plain mean of all paths is float32 (light, row, col), and the
+    samples per layer are float64 (layer,).
     """
     workers, _, layers, rows, columns, groups = sums.shape
     mask = (np.int64(1) << COUNT_BITS) - 1
     planes = np.empty((layers, groups + 1, rows, columns), np.float32)
     here = np.empty((layers, rows, columns), np.float32)
+    is_sharp = np.zeros((rows, columns), np.bool_)
     plain = np.empty((groups, rows, columns), np.float32)
     samples = np.zeros((rows, layers))
     for row in nb.prange(rows):
@@ -322,6 +326,7 @@ def _split_layers(sums, landed, unmoved, k, scale):
                     all_landed += landed[worker, k, layer, row, column]
                 planes[layer, groups, row, column] = count
                 here[layer, row, column] = count if layer == SIDE_LAYERS else all_landed
+                is_sharp[row, column] |= layer == SIDE_LAYERS and all_landed > 0
                 samples[row, layer] += count
         for column in range(columns):
             for g in range(groups):
@@ -329,28 +334,26 @@ def _split_layers(sums, landed, unmoved, k, scale):
                 for worker in range(workers):
                     total += unmoved[worker, k, row, column, g] + sums[worker, k, SIDE_LAYERS, row, column, g]
                 plain[g, row, column] = (total >> COUNT_BITS) / (scale[g] * max(total & mask, 1))
-    return planes, here, plain, samples.sum(axis=0)
+    return planes, here, is_sharp, plain, samples.sum(axis=0)
 
 
 @nb.njit(cache=True)
-def _find_mixed(here, numbers, reaches):
+def _find_mixed(here, is_sharp, numbers, reaches):
     """Return which pixels of a layer are not smoothed, bool (layer, row, col).
 
-    These are the pixels that a layer behind the focus shares with the focused one, and those within ``reaches`` of
-    them, int64 (layer,). ``numbers`` are those of the layers, int64 (layer,), which rise.
+    These are the pixels that a layer behind the focus shares with something in focus, and those within ``reaches`` of
+    them, int64 (layer,). ``numbers`` are those of the layers, int64 (layer,).
     """
     layers, rows, columns = here.shape
     mixed = np.zeros(here.shape, np.bool_)
-    focused = np.searchsorted(numbers, SIDE_LAYERS)
-    if focused == layers or numbers[focused] != SIDE_LAYERS:
-        return mixed
-    for layer in range(focused + 1, layers):
-        reach = reaches[layer]
-        for row in range(rows):
-            for column in range(columns):
-                if here[focused, row, column] > 0 and here[layer, row, column] > 0:
-                    top, left = max(row - reach, 0), max(column - reach, 0)
-                    mixed[layer, top : row + reach + 1, left : column + reach + 1] = True
+    for layer in range(layers):
+        if numbers[layer] > SIDE_LAYERS:
+            reach = reaches[layer]
+            for row in range(rows):
+                for column in range(columns):
+                    if is_sharp[row, column] and here[layer, row, column] > 0:
+                        top, left = max(row - reach, 0), max(column - reach, 0)
+                        mixed[layer, top : row + reach + 1, left : column + reach + 1] = True
     return mixed
 
 

@@ -345,7 +345,7 @@ FAULTS = {
         "In time slices, the fraction that a layer covers is counted where its paths are moved to; no pixel is plain.",
         (
             Change("render.layered_splat", "count if layer == SIDE_LAYERS else all_landed", "count"),
-            Change("render.layered_splat", "range(focused + 1, layers)", "range(layers, layers)"),
+            Change("render.layered_splat", "numbers[layer] > SIDE_LAYERS", "numbers[layer] > LAYERS"),
         ),
         (
             "render/test_layered_splat.py::test_an_edge_before_a_blurred_wall_has_its_own_blur_and_place",

@@ -86,7 +86,7 @@ def sum_slowly(shape, blur, line, lens, distance, radiance):
     weight = np.ones(radiance.size) if line.weight is None else line.weight
     for k in range(focus):
         light, count, landed = np.zeros((3, LAYERS, rows, columns))
-        plain_light = np.zeros((rows, columns))
+        plain_light, is_sharp = np.zeros((rows, columns)), np.zeros((rows, columns), bool)
         for i in range(radiance.size):
             if not begin[i] <= k < end[i]:
                 continue
@@ -100,6 +100,7 @@ def sum_slowly(shape, blur, line, lens, distance, radiance):
             if 0 <= x < columns and 0 <= y < rows:
                 landed[layer, int(y), int(x)] += weight[i]
                 plain_light[int(y), int(x)] += weight[i] * radiance[i]
+                is_sharp[int(y), int(x)] |= layer == SIDE_LAYERS and distance[i] > 0 and weight[i] > 0
             if layer != SIDE_LAYERS:
                 kept = kept_radius(4 * sigma_of(layer) / abs(c), np.hypot(lens[0][i], lens[1][i]))
                 x -= c / 2 * (1 - kept) * lens[0][i]
@@ -112,7 +113,7 @@ def sum_slowly(shape, blur, line, lens, distance, radiance):
         for layer in range(LAYERS):
             if layer > SIDE_LAYERS:
                 reach = int(np.ceil(1.5 * SMOOTHING * 2 * sigma_of(layer)))
-                mixed = maximum_filter((landed[layer] > 0) & (landed[SIDE_LAYERS] > 0), 2 * reach + 1)
+                mixed = maximum_filter((landed[layer] > 0) & is_sharp, 2 * reach + 1)
                 light[layer][mixed] = count[layer][mixed] = 0
                 is_plain |= mixed & (landed[layer] > 0)
             one, seen = (smooth(array, sigma_of(layer)) for array in (count[layer], light[layer]))
@@ -317,6 +318,19 @@ def test_an_edge_near_focus_before_a_blurred_texture_is_as_sharp_as_in_the_plain
             for profile in (layers[middle - reach : middle + reach], plain[middle - reach : middle + reach])
         )
         assert energy == pytest.approx(expected, rel=0.03)
+
+
+def test_bent_light_leaves_what_is_behind_it_smooth():
+    """A tenth of the paths are bent, as bright as the mean of a wall whose paths have a relative noise of 1.
+
+    The plain mean of 16 paths has a standard deviation of 0.24.
+    """
+    shape, random = (1, 40, 60), np.random.default_rng(12)
+    line, lens = even_paths(random, shape, 16)
+    bent = random.random(line.first_x.size) < 0.1
+    radiance = np.where(bent, 1.0, random.gamma(1, 1, bent.size))
+    picture = add_all(shape, (line, lens, np.where(bent, 0.0, distance_of(-30)), radiance))[0, 0]
+    assert picture.std() < 0.12
 
 
 def test_the_number_of_workers_changes_no_bit():
