@@ -100,7 +100,7 @@ def test_a_job_is_reported_as_done_once_its_files_have_their_names(first):
     assert first.failed == {}
     expected = {f"record {name}": {f"{name}.h5"} for name in first.recorded}
     expected |= {"render plane · geometry": {"geometry.exr", "geometry.json"}, "render plane · light": {"lamp.json"}}
-    assert FILES_WHEN_DONE.keys() == {*expected, "render plane · grain"}
+    assert FILES_WHEN_DONE.keys() == {*expected, "render plane · build", "render plane · grain"}
     assert {name: FILES_WHEN_DONE[name] & files for name, files in expected.items()} == expected
     assert not any(name.endswith(".part") for files in FILES_WHEN_DONE.values() for name in files)
 
