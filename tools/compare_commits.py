@@ -12,8 +12,8 @@ a commit is run once. Renders are equal bit for bit on one machine only: run bot
 
 moving      three scenes, two also moving, on 40 × 64 pixels, under three lights: all measures and searches
 quickstart  recipes/quickstart.yaml: the methods that run by default, and a stream that is scored, exported and imported
-v2          ten sequences of the test split of recipes/saf_bench-v2.yaml at full size, one of a moving scene; only commits
-            that generate this benchmark can run it
+v2          ten sequences of the test split of recipes/saf_bench-v2.yaml at full size, one of a moving scene; only
+            commits that generate this benchmark can run it
 """
 
 import argparse

@@ -48,9 +48,9 @@ FAULTS = {
         (
             Change(
                 "optics._drive",
-                "return 2 * self.aperture_radius_m * self.image_distance(position) * np.abs(defocus)",
+                "return 2 * self.aperture_radius_m * self.image_distance(position) * np.abs(",
                 "power = 1 / self.image_distance(position) + 1 / self.object_distance(position)\n"
-                "        return 2 * self.aperture_radius_m / power * np.abs(defocus)",
+                "        return 2 * self.aperture_radius_m / power * np.abs(",
             ),
         ),
         (
@@ -307,8 +307,8 @@ FAULTS = {
             ),
         ),
         (
-            "render/test_aberrations.py::test_rays_are_turned_in_front_of_the_lens_and_nowhere_else[focal_length]",
-            "render/test_aberrations.py::test_astigmatism_parts_the_foci_of_edges_across_and_along[0--10.0]",
+            "render/test_aberrated_pictures.py::test_rays_are_turned_in_front_of_the_lens_and_nowhere_else[focal_length]",
+            "render/test_aberrated_pictures.py::test_astigmatism_parts_the_foci_of_edges_across_and_along[0--10.0]",
         ),
     ),
     "moving truth from all depths": Fault(
