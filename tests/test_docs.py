@@ -443,7 +443,7 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
         assert list((desk / "made").glob(ticked(row[0])[0].replace("SPLIT-SCENE", "*")))
     record = json.loads((desk / "made/records.jsonl").read_text().splitlines()[0])
     keys = {key for row in table("docs/reference/records.md", "key") for key in ticked(row[0])}
-    assert keys | {"format", "checksum"} == set(record)
+    assert keys | {"format", "checksum"} == set(record) | {"failed_check"}  # a key of methods that fail one
     with (desk / "made/leaderboard.csv").open() as file:
         header = next(csv.reader(file))
     lights = [f"success_1dof_light_{light}" for light in ("constant", "continuous", "sudden")]

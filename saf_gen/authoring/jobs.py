@@ -9,6 +9,7 @@ from pathlib import Path
 
 from saf_gen.camera import Sensor
 from saf_gen.core.execution import Cluster, JobResult, ReportProgress, run_jobs
+from saf_gen.core.extras import RENDERER, require_extra
 from saf_gen.core.finding import Finding
 from saf_gen.scene.scene_folder import Scene
 
@@ -73,5 +74,7 @@ def run_scene_jobs(
 
     See :func:`saf_gen.core.execution.run_jobs`; ``cluster`` is the address of a Dask scheduler.
     """
+    if cluster is None:
+        require_extra("render", *RENDERER, of="rendering")
     machines = Cluster(cluster, jobs[0].scene.folder / "scene.yaml") if cluster and jobs else None
     return run_jobs(jobs, workers=1, report=report, cluster=machines, notify=notify)

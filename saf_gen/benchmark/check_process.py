@@ -5,6 +5,7 @@
 """
 
 import os
+import sys
 from dataclasses import asdict
 from typing import Any
 
@@ -36,6 +37,7 @@ def main() -> None:
     line.receive()  # the evaluator may end this process here
     for finding in check_parts(parts):
         line.send({"finding": asdict(finding)})
+    sys.stdout.flush()  # what the plug-ins printed
     line.send({"end": 1})
     os._exit(0)
 

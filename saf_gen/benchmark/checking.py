@@ -1,10 +1,11 @@
 """Checks and descriptions of methods, measures and searches by name; code of others runs in a process of its own."""
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 from saf_gen.benchmark import conformance
 from saf_gen.benchmark.admission import KINDS, admit_method, codes_of, is_foreign, make_absolute_halves
@@ -34,16 +35,18 @@ BRIEF_S = 10.0
 """Time that an evaluation spends on the checks of a measure or search."""
 
 
-def check_by_name(name: str) -> Iterator[Finding]:
+def check_by_name(name: str, hear: Callable[[str], object] = lambda said: None) -> Iterator[Finding]:
     """Run the checks of a method, or of a single measure or search, and yield their results, wherever it runs.
 
     The name is as for :func:`saf_gen.benchmark.conformance.check_by_name`. Code of others is checked in a process of
-    its own, whose end is an error of the check during which it ended.
+    its own, whose end is an error of the check during which it ended; ``hear`` is called with what it prints.
 
     Raises BadInput, when it is called, if there is nothing of this name.
     """
     halves = list(_halves_of(name).values())
-    return _findings(halves, limits=CHECK_LIMITS) if _are_foreign(halves) else conformance.check_by_name(name)
+    return (
+        _findings(halves, limits=CHECK_LIMITS, hear=hear) if _are_foreign(halves) else conformance.check_by_name(name)
+    )
 
 
 def describe_by_name(name: str) -> list[PluginDescription]:
@@ -56,13 +59,25 @@ def describe_by_name(name: str) -> list[PluginDescription]:
         parts = conformance.find_parts(halves)
         return [describe_plugin(text, kind, plug_in=parts[kind]) for text, kind in zip(texts, parts, strict=True)]
     try:
-        guest, _ = _start_checks(halves, limits=CHECK_LIMITS)
+        guest, shown = _start_checks(halves, limits=CHECK_LIMITS)
     except GuestLost as lost:
         raise BadInput(to_one_line(f"{name!r} cannot be loaded: {lost}"), hint="repair it") from lost
     guest.close()
-    said = guest.hello.get("plugins", [])
+    said = [_spelled(one, shown) for one in guest.hello.get("plugins", [])]
     kinds = KINDS if len(halves) == 2 else [kind for kind in KINDS if any(one["plugin_kind"] == kind for one in said)]
     return [take_description(text, kind, said=said) for text, kind in zip(texts, kinds, strict=True)]
+
+
+def _spelled(said: Any, shown: Mapping[str, str]) -> Any:
+    """Return what a process says, with the user's spelling in place of absolute paths."""
+    if isinstance(said, dict):
+        return {key: _spelled(value, shown) for key, value in said.items()}
+    if isinstance(said, list):
+        return [_spelled(value, shown) for value in said]
+    if isinstance(said, str):
+        for absolute, spelling in shown.items():
+            said = said.replace(absolute, spelling)
+    return said
 
 
 def first_failed_check(method: Method) -> str:
@@ -111,19 +126,24 @@ def _are_foreign(halves: Sequence[Half]) -> bool:
     return any(is_foreign(half, kind) for half in halves for kind in KINDS)
 
 
-def _start_checks(halves: Sequence[Half], kind: str = "", *, limits: Limits) -> tuple[GuestProcess, dict[str, str]]:
+def _start_checks(
+    halves: Sequence[Half], kind: str = "", *, limits: Limits, hear: Callable[[str], object] = lambda said: None
+) -> tuple[GuestProcess, dict[str, str]]:
     """Return a process that can check these plug-ins, and their absolute paths with the spelling of the user."""
     for half in halves:
         for code in codes_of(half):
             check_code_allowed(code)
     loaded, shown, folders = make_absolute_halves(halves)
-    return GuestProcess({"halves": loaded, "kind": kind}, folders, limits=limits, program=PROGRAM), shown
+    order = {"halves": loaded, "kind": kind}
+    return GuestProcess(order, folders, limits=limits, program=PROGRAM, hear=hear), shown
 
 
-def _findings(halves: Sequence[Half], kind: str = "", *, limits: Limits) -> Generator[Finding]:
+def _findings(
+    halves: Sequence[Half], kind: str = "", *, limits: Limits, hear: Callable[[str], object] = lambda said: None
+) -> Generator[Finding]:
     """Yield the results of the checks of plug-ins, which run in a process of their own; BadInput comes at once."""
     try:
-        process, shown = _start_checks(halves, kind, limits=limits)
+        process, shown = _start_checks(halves, kind, limits=limits, hear=hear)
     except GuestLost as lost:
         found = _end_of_process(f"while it was loaded, {lost}")
         return (one for one in [found])
@@ -133,10 +153,7 @@ def _findings(halves: Sequence[Half], kind: str = "", *, limits: Limits) -> Gene
 def _findings_of(process: GuestProcess, shown: Mapping[str, str]) -> Generator[Finding]:
     try:
         for finding in process.check():
-            text = finding.text
-            for absolute, spelling in shown.items():
-                text = text.replace(absolute, spelling)
-            yield replace(finding, text=text)
+            yield replace(finding, text=_spelled(finding.text, shown))
     except GuestLost as lost:
         yield _end_of_process(f"{lost}; the remaining checks were skipped")
     finally:

@@ -108,7 +108,9 @@ def package_of_the_page(tmp_path, monkeypatch):
     """Install the package that the page describes, as pip would, and unload it afterwards."""
     modules = []
     for text in code_blocks("python"):
-        name = re.match(r"# (\w+)\.py\n", text)[1]
+        if not (named := re.match(r"# (\w+)\.py\n", text)):
+            continue  # a file of the method in a folder
+        name = named[1]
         modules.append(name)
         (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
     project = tomllib.loads(code_blocks("toml")[0])["project"]

@@ -88,7 +88,7 @@ def foreign(tmp_path_factory):
 
 @pytest.mark.parametrize("track", ["recorded", "closed_loop"])
 @pytest.mark.parametrize(
-    "names", [pytest.param(FEW, id="few"), pytest.param(tuple(HOSTILE), marks=pytest.mark.slow, id="all")]
+    "names", [pytest.param(FEW, id="few"), pytest.param(tuple(HOSTILE), marks=pytest.mark.long, id="all")]
 )
 def test_hostile_methods_cost_their_own_rows_alone(sweeps, captured_dataset, cluster, foreign, track, names):
     how = {"draw": False, "check": False, "cluster": cluster, "limits": LIMITS}

@@ -220,6 +220,8 @@ def test_workers_that_die_or_join_and_a_lost_scheduler_are_one_line_each(tmp_pat
                     problem = refusal(done, [Square(1)], cluster=cluster)
                     assert_says(problem, "1 of 3 workers | has saf_gen  | constraints.txt")
 
+                with distributed.Client(address, set_as_default=False) as client:  # the other worker has left
+                    wait_until(lambda: len(client.scheduler_info(n_workers=-1)["workers"]) == 2)
                 lost = thread.submit(done, [Waits(tmp_path)], cluster=cluster)
                 wait_until((tmp_path / "pid").exists)
                 os.killpg(scheduler.pid, signal.SIGKILL)

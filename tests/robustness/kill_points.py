@@ -249,11 +249,8 @@ def make_earlier(machine: Machine, writer: Writer) -> None:
             machine, Writer("before", ("tune", "data", *TRY[:3], "search.window=50,80", "--out", "out.json"), "", str)
         )
         shutil.rmtree(work / "kept")
-    if writer.name in ("import", "export"):
-        first = np.load(work / "frames.npy")[:100]
-        write_stream(work / "out.h5", first)
-        if writer.name == "export":
-            (work / "out.h5").rename(work / "out.dat")
+    if writer.name == "import":  # export replaces nothing
+        write_stream(work / "out.h5", np.load(work / "frames.npy")[:100])
     shutil.rmtree(machine.folder / "config")  # the user's secret is made again
     (machine.folder / "config").mkdir()
 

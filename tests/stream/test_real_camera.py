@@ -105,6 +105,7 @@ def test_an_export_for_saf_has_its_gaps_and_can_be_turned_over(call, tmp_path):
     frames = np.random.default_rng(3).integers(0, 2, (3, 250, 400), np.uint8)
     write_stream(tmp_path / "a.h5", frames)
     for options, seen in ((("--for", "saf"), frames), (("--for", "saf", "--flip"), frames[:, ::-1])):
+        (tmp_path / "a.dat").unlink(missing_ok=True)
         call("export", tmp_path / "a.h5", "--out", tmp_path / "a.dat", *options)
         raw = np.frombuffer((tmp_path / "a.dat").read_bytes(), np.uint8).reshape(3, 250, 52)
         assert not raw[:, :, 50:].any()

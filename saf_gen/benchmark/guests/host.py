@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,6 +109,8 @@ class GuestProcess:
         What it may use.
     program : str, optional
         Module that it runs.
+    hear : callable, optional
+        Called with what the plug-ins print.
 
     Attributes
     ----------
@@ -125,7 +127,16 @@ class GuestProcess:
         If it ends while it loads, or takes too long.
     """
 
-    def __init__(self, order: dict[str, Any], folders: list[str], *, limits: Limits, program: str = PROGRAM) -> None:
+    def __init__(
+        self,
+        order: dict[str, Any],
+        folders: list[str],
+        *,
+        limits: Limits,
+        program: str = PROGRAM,
+        hear: Callable[[str], object] = lambda said: None,
+    ) -> None:
+        self._hear = hear
         self._limits, self._run, self._tail, self._checked, self._closed = limits, 0, b"", 0.0, False
         self.opened: list[str] = []
         self._folder = Path(tempfile.mkdtemp(prefix="saf-gen-guest-"))
@@ -146,7 +157,8 @@ class GuestProcess:
             raise GuestLost(f"its process cannot be started: {error.strerror or error}") from error
         atexit.register(self.close)
         self._incoming = MessageReader(self._process.stdout)  # type: ignore[arg-type]
-        threading.Thread(target=self._drain, daemon=True).start()
+        self._drainer = threading.Thread(target=self._drain, daemon=True)
+        self._drainer.start()
         try:
             self._send({**order, "folders": folders})
             self.hello, _ = self._receive(limits.load_s, "load")
@@ -327,6 +339,7 @@ class GuestProcess:
         with self._process.stderr as pipe, suppress(OSError):  # type: ignore[union-attr]
             while said := os.read(pipe.fileno(), 1 << 16):
                 self._tail = (self._tail + said)[-MAX_TAIL_BYTES:]
+                self._hear(said.decode(errors="replace"))
 
     def close(self) -> None:
         """End the process and everything that it started, and delete its folder."""
@@ -335,6 +348,7 @@ class GuestProcess:
         self._closed = True
         atexit.unregister(self.close)
         _end_tree(self._process, self._folder)
+        self._drainer.join(1.0)
         for pipe in (self._process.stdin, self._process.stdout):
             with suppress(OSError):
                 pipe.close()  # type: ignore[union-attr]

@@ -154,7 +154,7 @@ def _look(address: str) -> str:
                 said = there.recv(64)
                 if said.startswith(b"HTTP/"):
                     return "a web server listens there, perhaps the dashboard: a scheduler's port is 8786 by default"
-                if scheme == "tcp":
+                if said and scheme == "tcp":
                     return "something else listens there, which does not speak Dask's protocol"
             return "something listens there, but says nothing that a scheduler would say"
     except socket.gaierror as error:
