@@ -284,7 +284,7 @@ def test_scalar_renders_geometric_stacks_and_says_so(work, small_recipe, tmp_pat
     assert StackStore(tmp_path / "ds" / "stacks", spec).missing_pieces() == []
     with saf_gen.open_stream(tmp_path / "ds" / "test" / "plane-constant-00.h5") as stream:
         depths = stream.truth.depth[stream.truth.target]
-        assert stream.truth.depth_of_focus == spec.drive.depth_of_focus(depths, spec.pitch_m)
+        assert stream.truth.depth_of_focus == spec.drive.depth_of_focus(spec.drive.least_blur(depths), spec.pitch_m)
         assert "diffraction: false" in stream.metadata.provenance["recipe"]
     again = generate(work, tmp_path / "ds", variant="scalar")
     assert (len(again.kept), again.recorded, again.rendered) == (3, [], [])

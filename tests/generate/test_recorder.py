@@ -149,7 +149,7 @@ def test_a_lens_held_out_of_focus_never_passes_the_focus(tmp_path):
 def test_absolute_exposure_counts_the_scenes_own_electrons(tmp_path):
     """Q = τπR²/v²·L·A·FF·QE·λ/(hc)·t on the axis, written out independently here."""
     sensor = get_sensor("vidar_400x250")
-    v = float(DRIVE.image_distance(DRIVE.true_focus(np.array([0.5]))))
+    v = float(DRIVE.image_distance(DRIVE.least_blur(np.array([0.5]))))
     flux = np.pi * DRIVE.aperture_radius_m**2 / v**2 * 60e-6**2 * sensor.fill_factor
     electrons = flux * sensor.quantum_efficiency * sensor.wavelength_m / (6.62607015e-34 * 299792458) / 20_000
     pictures = stack(radiance=0.2 * sensor.threshold_e / electrons)
