@@ -1,6 +1,7 @@
 """Readers of packed formats hold the bounds that they state, and honest dark recordings are far above their ratio."""
 
 import io
+import struct
 import zipfile
 import zlib
 
@@ -98,6 +99,16 @@ def test_an_array_that_would_cost_more_than_it_may_is_refused_before_it_is_read(
 def test_a_mask_of_another_size_is_refused_before_it_is_read(tmp_path):
     write_zip(tmp_path / "a.npz", "mask.npy", as_npy(np.zeros((2_000, 4_000), np.uint8)), zipfile.ZIP_DEFLATED)
     assert_says(refusal(read_mask, str(tmp_path / "a.npz"), (64, 64)), "2000 × 4000 pixels | 64 rows × 64 columns")
+
+
+def test_an_archive_that_lists_one_member_many_times_is_refused(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", spikes=np.zeros((100, 10, 10), np.uint8))
+    data = (tmp_path / "a.npz").read_bytes()
+    begin, end = data.index(b"PK\1\2"), data.rindex(b"PK\5\6")
+    entries = data[begin:end] * 300
+    tail = struct.pack("<4s4H2IH", b"PK\5\6", 0, 0, 300, 300, len(entries), begin, 0)
+    (tmp_path / "a.npz").write_bytes(data[:begin] + entries + tail)
+    assert_says(refusal(open_array, tmp_path / "a.npz"), "several of its members are one and the same")
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])

@@ -131,7 +131,10 @@ class _ArchivedArray:
     def __init__(self, path: Path, *, key: str | None, axes: int) -> None:
         self._path, self._archive = path, zipfile.ZipFile(path)
         headers = {}
-        for info in self._archive.infolist():
+        members = self._archive.infolist()
+        if len({info.header_offset for info in members}) != len(members):
+            raise ValueError("several of its members are one and the same")
+        for info in members:
             if info.filename.endswith(".npy"):
                 with open_member(self._archive, info) as file:
                     headers[info.filename.removesuffix(".npy")] = (*_read_header(file), info)
