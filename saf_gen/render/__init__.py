@@ -63,12 +63,6 @@ def render_missing(
             allowed="llvm, cuda",
             hint="or set render: {diffraction: false}",
         )
-    if backend_name == "scalar" and specs[0].drive.wavefront is not None:
-        raise BadInput(
-            "variant scalar cannot render the aberrations of a lens",
-            allowed="llvm, cuda",
-            hint="or leave aberrations out of scene.yaml",
-        )
     todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing_pieces()]
     if not todo:
         return []

@@ -8,6 +8,7 @@ import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.core.region import Region
+from saf_gen.errors import BadInput
 from saf_gen.optics import Drive
 from saf_gen.render import backend, depth_and_target, estimators, irradiance, mitsuba_scene, own_light, thin_lens
 from saf_gen.render.depth_and_target import DepthAndTarget
@@ -55,7 +56,7 @@ class SceneRenderer:
     Raises
     ------
     BadInput
-        If the scene cannot be built, or the backend cannot run on this machine.
+        If the scene cannot be built, or the backend cannot run on this machine or cannot render its lens.
     """
 
     motions: dict[str, RigidMotion]
@@ -74,6 +75,12 @@ class SceneRenderer:
     ) -> None:
         self.scene, self.grid, self.max_depth, self._drive = scene, grid, max_depth, drive
         self.backend_name = backend.choose_backend(backend_name)
+        if self.is_slow and (drive or scene.build_drive()).wavefront is not None:
+            raise BadInput(
+                "variant scalar cannot render the aberrations of a lens",
+                allowed="llvm, cuda",
+                hint="or leave aberrations out of scene.yaml",
+            )
         self.wavelength_m = wavelength_m if backend.can_render_waves(self.backend_name) else 0.0
         backend.activate_backend(self.backend_name, threads=threads)
         self._described, self._kept = mitsuba_scene.scene_dict(scene), kept

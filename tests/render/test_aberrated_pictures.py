@@ -10,9 +10,11 @@ from refusals import refusal
 from written_scenes import dispersion, find_peak, load_setup, measure_edge, needs_llvm, render_stack_once, write_scene
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage, Wavefront
+from saf_gen.optics.lens_card import Aberrations
 from saf_gen.render import filtered_pass, render_missing
 from saf_gen.render.camera_rays import cast_rays
 from saf_gen.render.render_setup import SensorGrid
+from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec
 
@@ -229,3 +231,12 @@ def test_stacks_of_a_perfect_lens_keep_their_names(test_scenes):
     spec = StackSpec.from_scene(plane, GRID, positions=3, samples=1, max_depth=2, time_s=0.0, wavelength_m=0.0)
     assert "wavefront" not in spec.as_dict()["drive"]
     assert replace(spec, drive=aberrated(spec.drive, spherical=1.0)).key != spec.key
+
+
+def test_scalar_refuses_to_show_a_lens_with_aberrations_as_a_perfect_one(test_scenes):
+    """Previews and checks, which take the lens of the card, too."""
+    plane = find_scene("plane")
+    lens = plane.card.lens.model_copy(update={"aberrations": Aberrations(spherical=1.0)})
+    bent = replace(plane, card=plane.card.model_copy(update={"lens": lens}))
+    assert refusal(SceneRenderer, bent, GRID, backend_name="scalar").allowed == "llvm, cuda"
+    SceneRenderer(plane, GRID, backend_name="scalar")
