@@ -186,17 +186,39 @@ class Record:
     benchmark: str | None = None
     """Name and digest of the frozen benchmark that the sequence belongs to; None if it belongs to no benchmark."""
 
+    optimum: Position | None = None
+    """Position at which the focus curve of the method's measure peaks without any noise, in constant light. It is known
+    for ``sd`` and related measures in the box around a target at rest, from the noise-free sharpness in the recording.
+    The key is missing if it is unknown."""
+    error_optimum_dof: Position | None = None
+    """Answer minus ``optimum``, in depths of focus: the error that the truth, which weighs all pixels of the target
+    alike, does not explain. The key is missing if it is unknown."""
+    least_blur: Position | None = None
+    """Position of the least blur at the answer, if a lens with aberrations has it more than 0.15 depths of focus from
+    the truth, its largest contrast. The key is missing otherwise, as are the next two."""
+    error_least_blur_dof: Position | None = None
+    """Answer minus ``least_blur``, in depths of focus."""
+    success_least_blur: Flag | None = None
+    """Success within one depth of focus if the least blur were the truth."""
+
     @property
     def broke(self) -> bool:
         """Whether the method's own code broke: it raised an error that is not BadInput, or its answer is malformed."""
         return self.status == "failed" and not self.note.startswith(FAIR_FAILURES)
 
 
+KEYS_WHERE_KNOWN = (
+    "failed_check", "optimum", "error_optimum_dof", "least_blur", "error_least_blur_dof", "success_least_blur",
+)  # fmt: skip
+"""Keys that a line has only if they are known, so that lines from before there were such keys are read as well."""
+
+
 def record_to_json(record: Record) -> dict[str, Any]:
     """Return the record in plain JSON types: numbers that are not finite become null, and tuples become lists."""
     plain = {f.name: _to_json_value(getattr(record, f.name)) for f in fields(record)}
-    if not record.failed_check:
-        del plain["failed_check"]
+    for key in KEYS_WHERE_KNOWN:
+        if plain[key] in (None, ""):
+            del plain[key]
     return {"format": RECORD_FORMAT, **plain}
 
 
@@ -284,7 +306,7 @@ def _parse_record(document: Document) -> Record:
     return record
 
 
-_KEYS = [f.name for f in fields(Record) if f.name != "failed_check"]
+_KEYS = [f.name for f in fields(Record) if f.name not in KEYS_WHERE_KNOWN]
 
 
 def _find_contradiction(r: Record) -> tuple[str, str] | None:
@@ -301,7 +323,7 @@ def _find_contradiction(r: Record) -> tuple[str, str] | None:
     if len({s is None for s in success}) > 1:
         return "success is known within some limits and not within others", "all three, or null in all"
     if r.status != "answered":
-        for name in ("position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s"):
+        for name in _NEED_AN_ANSWER:
             if getattr(r, name) is not None:
                 return f"{r.status}, but {name} is {getattr(r, name):g}", "null if there is no answer"
     if r.obstacle in BLANK and (r.status == "answered" or success[0] is not None):
@@ -333,6 +355,28 @@ def _find_contradiction(r: Record) -> tuple[str, str] | None:
             return f"error_dof is {r.error_dof:g}, but success is {shown}", ", ".join(map(str, right))
     elif r.status == "answered" and any(success):
         return "success is true, but error_dof is null", "success false or null if the error is unknown"
+    return _find_contradiction_of_least_blur(r)
+
+
+_NEED_AN_ANSWER = (
+    "position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "error_optimum_dof",
+    "error_least_blur_dof",
+)  # fmt: skip
+
+
+def _find_contradiction_of_least_blur(r: Record) -> tuple[str, str] | None:
+    if r.success_least_blur is None:
+        return None
+    if r.least_blur is None or r.success_1dof is None:
+        return "success_least_blur is known, and least_blur or success_1dof is not", "known in all three"
+    if r.status == "answered" and r.error_least_blur_dof is not None:
+        right = abs(r.error_least_blur_dof) <= SUCCESS_LIMITS_DOF[1]
+    elif r.status == "abstained":
+        return None
+    else:
+        right = False
+    if r.success_least_blur != right:
+        return f"success_least_blur is {r.success_least_blur}", f"{right}, as error_least_blur_dof is"
     return None
 
 

@@ -36,6 +36,7 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
         if row.failed_check
     ]
     found += _name_obstacles(records)
+    found += _name_least_blur(records)
     found += grain_warning(records)
     machines = sorted({r.machine for r in records if r.machine})
     if len(machines) > 1:
@@ -83,6 +84,17 @@ def _name_obstacles(records: Iterable[Record]) -> list[str]:
             named.append(f"{len(found)} with {what} ({', '.join(found[:NAMED_SEQUENCES])}{more})")
     total = sum(obstacle is not None for obstacle in obstacles.values())
     return [f"{total} of {len(obstacles)} sequences cannot be focused: {'; '.join(named)}."] if named else []
+
+
+def _name_least_blur(records: Iterable[Record]) -> list[str]:
+    """Return a sentence, in a list, that counts the sequences whose least blur is far from the truth; [] if none is."""
+    blurs = {r.sequence: r.least_blur is not None for r in records}
+    if not any(blurs.values()):
+        return []
+    return [
+        f"On {sum(blurs.values())} of {len(blurs)} sequences the lens has aberrations, and its least blur is far from "
+        "its largest contrast, by which methods are ranked: see ≤1 DoF of least blur."
+    ]
 
 
 @dataclass(frozen=True)

@@ -71,6 +71,8 @@ class LeaderboardRow:
     """``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``; None if no row was verified."""
     failed_check: str | None = None
     """First check of ``saf-gen methods check`` that the method fails; None if there is none."""
+    success_least_blur: float | None = None
+    """``success_1dof`` if the least blur were the truth wherever it is far from it; None if it nowhere is."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,14 @@ def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -
         windows=mean_over_scenes(records, lambda r: r.windows),
         seconds=mean_over_scenes(records, lambda r: r.seconds),
         failed_check=next((r.failed_check for r in records if r.failed_check), None),
+        success_least_blur=mean_over_scenes(records, _by_least_blur)
+        if any(r.success_least_blur is not None for r in records)
+        else None,
     )
+
+
+def _by_least_blur(record: Record) -> float | None:
+    return record.success_1dof if record.success_least_blur is None else record.success_least_blur
 
 
 def _hunts(record: Record) -> float | None:

@@ -11,7 +11,7 @@ from saf_gen import __version__
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
 from saf_gen.benchmark.method_spec import Method, split_region
-from saf_gen.benchmark.records import OVER_A_LIMIT, Record, read_records
+from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, OVER_A_LIMIT, Record, read_records
 from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
@@ -141,7 +141,12 @@ def _compare(records: Sequence[Record], again: Mapping[str, Record], *, unread: 
             differing.append(f"{record.sequence} is not in the dataset")
         else:
             other = replace(again[record.sequence], method=record.method)
-            keys = (f.name for f in fields(Record) if f.name not in COST_AND_MACHINE)
+            keys = (
+                f.name
+                for f in fields(Record)
+                # An older record lacks the keys that follow from its answer and are left out where they are unknown.
+                if not (f.name in COST_AND_MACHINE or (f.name in KEYS_WHERE_KNOWN and getattr(record, f.name) is None))
+            )
             unequal = [key for key in keys if not _is_same(getattr(record, key), getattr(other, key))]
             if unequal:
                 key = "data" if "data" in unequal else unequal[0]

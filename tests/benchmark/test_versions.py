@@ -12,7 +12,7 @@ from saf_gen import write_stream
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym.episode import Episode
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, Record
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
@@ -67,7 +67,7 @@ def digest(values: object) -> str:
 def numbers(records: list[Record]) -> list[dict[str, object]]:
     """Return the fields of records that depend only on the evaluator, not on times, code, versions or the file."""
     left_out = {*"seconds note data code machine limits failed_check parameters rig".split()}
-    left_out |= {"grain_rms", "grain_of_curve", "sensor", "benchmark"}
+    left_out |= {"grain_rms", "grain_of_curve", "sensor", "benchmark", *KEYS_WHERE_KNOWN}
     names = [f.name for f in fields(Record) if f.name not in left_out]
     return [{name: getattr(record, name) for name in names} for record in records]
 

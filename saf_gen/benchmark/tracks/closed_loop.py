@@ -22,6 +22,7 @@ from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import LensPath
 from saf_gen.benchmark.search_run import withhold
+from saf_gen.benchmark.tracks.beside_truth import least_blur_fields, optimum_fields
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
@@ -285,9 +286,15 @@ class ClosedLoopSequence:
         obstacle = known["obstacle"]
         if obstacle in BLANK:
             run = replace(run, answer=withhold(run.answer, f"the recording has {obstacle}"))
-        judged = judge_run(run, self.capture.truth, readout_hz=self.capture.sensor.readout_hz)
-        if obstacle in BLANK:
-            judged |= dict.fromkeys(("success_half_dof", "success_1dof", "success_2dof"))
+        truth = self.capture.truth
+
+        def judge_by(truth: Truth) -> dict[str, Any]:
+            judged = judge_run(run, truth, readout_hz=self.capture.sensor.readout_hz)
+            if obstacle in BLANK:
+                judged |= dict.fromkeys(("success_half_dof", "success_1dof", "success_2dof"))
+            return judged
+
+        judged = judge_by(truth)
         if not run.windows and not judged["lens_travel"]:  # neither looked nor moved: there is no cost to compare
             judged |= dict.fromkeys(("lens_travel", "time_to_focus_s"))
         unknown = dict.fromkeys(("position", "error", "error_dof", "blur_px", "time_to_focus_s"))
@@ -309,6 +316,8 @@ class ClosedLoopSequence:
             data=self.data,
             terms=protocol.describe(self.capture),
             **{**unknown, **judged},
+            **optimum_fields(truth, judged.get("position"), method=known["method"], region=self.region),
+            **least_blur_fields(truth, judge_by),
             **known,
         )
 

@@ -1,5 +1,6 @@
 """The recorded track, in which every method sees the same recording through a restricted view."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -13,6 +14,7 @@ from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.search_run import withhold
 from saf_gen.benchmark.thumbnails import make_thumbnails
+from saf_gen.benchmark.tracks.beside_truth import least_blur_fields, optimum_fields
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
@@ -20,6 +22,7 @@ from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
 from saf_gen.stream.measure_input import choose_region
+from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 
@@ -181,20 +184,25 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
     truth, seen, obstacle = stream.truth, attempt.fields["frames_seen"], common["obstacle"]
     is_blank = obstacle in BLANK
     answer = withhold(attempt.answer, f"the recording has {obstacle}" if is_blank else "")
-    judged = asdict(
-        judge(
-            answer.frame,
-            frames_seen=seen,
-            focus_position=stream.focus_position,
-            truth=truth.position,
-            track=truth.track,
-            truth_frame=truth.frame,
-            ends=truth.depth_of_focus,
+
+    def judge_by(truth: Truth, truth_frame: float = math.nan) -> dict[str, Any]:
+        judged = asdict(
+            judge(
+                answer.frame,
+                frames_seen=seen,
+                focus_position=stream.focus_position,
+                truth=truth.position,
+                track=truth.track,
+                truth_frame=truth_frame,
+                ends=truth.depth_of_focus,
+            )
         )
-    )
-    # A failure must not count as an abstention, which is a success if the focus is out of reach.
-    success = (success and not attempt.problem for success in judged.pop("success"))
-    half, one, two = (None,) * 3 if is_blank else success
+        # A failure must not count as an abstention, which is a success if the focus is out of reach.
+        success = (success and not attempt.problem for success in judged.pop("success"))
+        half, one, two = (None,) * 3 if is_blank else success
+        return judged | {"success_half_dof": half, "success_1dof": one, "success_2dof": two}
+
+    judged = judge_by(truth, truth.frame)
     if not seen:  # the lens of the recording moved, but not for this method
         judged["lens_travel"] = None
     return Record(
@@ -204,15 +212,14 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
         light=task.light,
         status="failed" if attempt.problem else "abstained" if answer.frame is None else "answered",
         frame=None if answer.frame is None else float(answer.frame),
-        success_half_dof=half,
-        success_1dof=one,
-        success_2dof=two,
         trace=tuple(float(x) for x in answer.trace),
         frames=stream.shape[0],
         note=attempt.problem or answer.note,
         data=stream.content_sha256,
         time_to_focus_s=None if answer.frame is None or not seen else _end_s(stream, seen - 1),
         **judged,
+        **optimum_fields(truth, judged["position"], method=attempt.fields["method"], region=common["region"]),
+        **least_blur_fields(truth, judge_by),
         **attempt.fields,
         **common,
     )

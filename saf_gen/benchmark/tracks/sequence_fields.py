@@ -211,6 +211,12 @@ ENERGY_OF_MEASURE: Mapping[str, str] = {
 }
 
 
+def energy_of_method(method: str) -> str | None:
+    """Return the energy that the measure of a method is or follows, one of ENERGIES; None if it is none of them."""
+    measure = split_halves(method)[0].split(":")[0]
+    return ENERGY_OF_MEASURE.get(measure.removesuffix(INTERVAL_SUFFIX).removesuffix(NORMALISED_SUFFIX))
+
+
 def grain_fields(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
     """Return the fields of a record that describe the grain of a recording; None if unknown.
 
@@ -221,9 +227,7 @@ def grain_fields(stream: SpikeStream, method: str = "", *, region: str = "") -> 
     grain = grain_of_stream(stream.metadata.provenance)
     if grain is None:
         return {"grain_rms": None, "grain_of_curve": None}
-    measure = split_halves(method)[0].split(":")[0]
-    measure = measure.removesuffix(INTERVAL_SUFFIX).removesuffix(NORMALISED_SUFFIX)
-    energy, of_curve = ENERGY_OF_MEASURE.get(measure), math.nan
+    energy, of_curve = energy_of_method(method), math.nan
     if energy is not None and region == "target":
         sharpness = stream.truth.sharpness
         known = np.empty(0) if sharpness is None or energy != "contrast" else sharpness[np.isfinite(sharpness)]

@@ -1,0 +1,202 @@
+"""Errors from the peak of a measure's own noise-free curve, and from the least blur of a lens with aberrations."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from handmade_records import record
+from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
+from refusals import assert_says, refusal
+
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, format_records, read_records, record_to_json
+from saf_gen.benchmark.tracks.beside_truth import optimum_fields
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, ClosedLoopSequence
+from saf_gen.leaderboard.notes import notes_on
+from saf_gen.leaderboard.ranking import rank_methods
+from saf_gen.leaderboard.tables import ranking
+from saf_gen.parts import Answer
+from saf_gen.stream.metadata import Truth
+from saf_gen.stream.stream_writer import write_stream
+
+FRAMES, TARGET = SHAPE[0], np.ones(SHAPE[1:], bool)
+NEAR = Truth(position=0.5, depth_of_focus=(0.45, 0.55))
+
+
+def curve(peak, positions=33, *, width=0.1):
+    return np.exp(-(((np.linspace(0, 1, positions) - peak) / width) ** 2))
+
+
+def optimum(truth, *, method="sd+argmax", region="target", position=0.5):
+    return optimum_fields(truth, position, method=method, region=region)
+
+
+@pytest.mark.parametrize("peak", [0.1, 0.4321, 0.5, 0.77])
+def test_the_optimum_is_the_peak_of_the_curve_in_the_recording(peak):
+    """The error of a parabola through three values of this bell at this step is at most 0.05 steps."""
+    found = optimum(replace(NEAR, sharpness=curve(peak)), position=0.6)
+    assert found["optimum"] == pytest.approx(peak, abs=0.05 / 32)
+    assert found["error_optimum_dof"] == pytest.approx((0.6 - found["optimum"]) / 0.1)
+
+
+@pytest.mark.parametrize(
+    ("truth", "asked"),
+    {
+        "no curve": (NEAR, {}),
+        "no truth": (Truth(sharpness=curve(0.5)), {}),
+        "a flat curve": (replace(NEAR, sharpness=np.ones(33)), {}),
+        "a black picture": (replace(NEAR, sharpness=np.zeros(33)), {}),
+        "two positions": (replace(NEAR, sharpness=np.array([1.0, 2.0])), {}),
+        "a step of 1.25 depths of focus": (replace(NEAR, sharpness=curve(0.5, 9)), {}),
+        "a peak at the end": (replace(NEAR, sharpness=curve(1.2)), {}),
+        "a peak beside positions that are unknown": (
+            replace(NEAR, sharpness=np.where(np.arange(33) > 16, math.nan, curve(0.7))),
+            {},
+        ),
+        "unknown everywhere": (replace(NEAR, sharpness=np.full(33, math.nan)), {}),
+        "a scene that moves": (replace(NEAR, sharpness=curve(0.5), track=np.full(8, 0.5)), {}),
+        "a measure of another kind": (replace(NEAR, sharpness=curve(0.5)), {"method": "brenner+argmax"}),
+        "a measure of a user": (replace(NEAR, sharpness=curve(0.5)), {"method": "mine.py+argmax"}),
+        "the whole frame": (replace(NEAR, sharpness=curve(0.5)), {"region": "frame"}),
+    }.values(),
+)
+def test_an_optimum_that_nothing_shows_is_unknown(truth, asked):
+    assert optimum(truth, **asked) == {"optimum": None, "error_optimum_dof": None}
+
+
+def test_an_abstention_has_an_optimum_and_no_error():
+    found = optimum(replace(NEAR, sharpness=curve(0.4)), position=None)
+    assert found == {"optimum": pytest.approx(0.4, abs=1e-3), "error_optimum_dof": None}
+
+
+@pytest.fixture
+def answered(tmp_path):
+    """A function that evaluates methods on a sweep, sharp at frame 300, whose truth has more fields than usual."""
+
+    def run(*methods, predicted="", **truth):
+        path = tmp_path / "test" / "a.h5"
+        path.parent.mkdir()
+        lens = np.linspace(0, 1, FRAMES, dtype=np.float32)
+        write_stream(
+            path, make_spikes(300), focus_position=lens, truth=make_truth(300.0, target=TARGET, dof=0.1, **truth)
+        )
+        (tmp_path / "p.jsonl").write_text(predicted)
+        more = {"predictions": tmp_path / "p.jsonl"} if predicted else {}
+        return {r.method: r for r in evaluate(list_streams(tmp_path, {"id": "a"}), methods=methods, **more).records}
+
+    return run
+
+
+def test_a_method_is_judged_from_its_measures_own_peak_beside_the_truth(answered):
+    found = answered("sd+argmax", "brenner+argmax", sharpness=curve(0.41))
+    assert found["sd+argmax"].optimum == pytest.approx(0.41, abs=1e-3)
+    one = found["sd+argmax"]
+    assert one.error_optimum_dof == pytest.approx((one.position - one.optimum) / 0.1)
+    assert one.error_dof == pytest.approx((one.position - 300 / 799) / 0.1)
+    assert found["brenner+argmax"].optimum is None
+
+
+@pytest.mark.parametrize(
+    ("apart", "known", "right"), [(0.0149, False, None), (-0.0151, True, True), (0.2, True, False)]
+)
+def test_success_is_given_against_the_least_blur_where_it_is_far_from_the_truth(answered, apart, known, right):
+    """The depth of focus is 0.1 of the travel; 0.15 of it is far."""
+    found = answered("sd+argmax", least_blur=300 / 799 + apart)["sd+argmax"]
+    assert found.success_1dof is True
+    assert (found.least_blur is not None, found.success_least_blur) == (known, right)
+    if known:
+        assert found.error_least_blur_dof == pytest.approx(found.error_dof - apart / 0.1)
+
+
+def test_an_abstention_is_right_by_the_least_blur_if_the_lens_does_not_come_near_it(answered):
+    nothing = '{"method": "elsewhere", "sequence": "a", "frame": null}\n'
+    one = answered("sd+argmax", predicted=nothing, least_blur=1.5)["elsewhere"]
+    assert (one.status, one.success_1dof, one.success_least_blur) == ("abstained", False, True)
+
+
+def test_in_a_moving_scene_the_least_blur_moves_with_the_truth(answered):
+    track = np.linspace(0.35, 0.40, FRAMES, dtype=np.float32)
+    found = answered("sd+argmax", track=track, least_blur=300 / 799 + 0.05)["sd+argmax"]
+    assert found.least_blur == pytest.approx(found.truth + 0.05, abs=1e-6)
+
+
+def run_to(position, truth, *, region="target", problem=""):
+    """The record of a method that moved the lens to ``position`` in the closed loop, and what the sequence knows."""
+    capture = SimpleNamespace(truth=truth, sensor=SimpleNamespace(readout_hz=20_000.0))
+    task = SimpleNamespace(id="a", split="test", scene="board", light="constant")
+    sequence = ClosedLoopSequence(task, capture, (slice(0, 1), slice(0, 1)), region, None, "d")
+    run = ClosedLoopRun(
+        Answer(position=position), problem, 100, np.linspace(0, position or 0, 100), 4000, 3, 0.1, (0.0, position)
+    )
+    known = {"method": "sd+golden_section", "code": "c", "obstacle": None, "track": "closed_loop"}
+    return sequence.make_record(run, SimpleNamespace(describe=lambda capture: "terms"), known=known)
+
+
+def test_the_closed_loop_judges_by_both_as_well():
+    truth = replace(NEAR, sharpness=curve(0.45), least_blur=0.52)
+    found = run_to(0.62, truth)
+    assert found.optimum == pytest.approx(0.45, abs=1e-3)
+    assert found.error_optimum_dof == pytest.approx(1.7, abs=0.02)
+    assert (found.error_dof, found.error_least_blur_dof) == (pytest.approx(1.2), pytest.approx(1.0))
+    assert (found.success_1dof, found.success_least_blur) == (False, True)
+    assert run_to(0.62, truth, region="frame").optimum is None
+    assert run_to(0.62, truth, problem="broke").success_least_blur is False
+    assert run_to(0.62, replace(truth, least_blur=0.51)).success_least_blur is None
+
+
+def test_lines_have_the_keys_only_where_they_are_known(answered, tmp_path):
+    (plain,) = answered("sd+argmax").values()
+    assert not set(record_to_json(plain)) & set(KEYS_WHERE_KNOWN)
+    full = replace(plain, optimum=0.4, least_blur=0.3, error_least_blur_dof=3.0, success_least_blur=False)
+    (tmp_path / "records.jsonl").write_text(format_records([plain, full]))
+    assert read_records(tmp_path) == [plain, full]
+
+
+BOTH = {"least_blur": 0.45, "error_least_blur_dof": 0.5, "success_least_blur": True}
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"error_least_blur_dof": 1.5}, "success_least_blur is True"),
+        ({"success_least_blur": False}, "success_least_blur is False"),
+        ({"least_blur": None}, "success_least_blur is known, and least_blur or success_1dof is not"),
+        ({"error_least_blur_dof": None}, "success_least_blur is True"),
+        ({"status": "abstained", "frame": None}, "abstained, but position is"),
+        ({"status": "failed", "frame": None, "position": None}, "failed, but error is"),
+        ({"error_optimum_dof": "near"}, "error_optimum_dof"),
+        ({"success_least_blur": 1}, "success_least_blur"),
+    ],
+)
+def test_a_line_that_contradicts_itself_is_refused(tmp_path, changes, says):
+    (tmp_path / "records.jsonl").write_text(format_records([replace(record("sd+argmax", "s", 0.0), **BOTH)]))
+    assert read_records(tmp_path)[0].success_least_blur
+    (tmp_path / "records.jsonl").write_text(
+        format_records([replace(record("sd+argmax", "s", 0.0), **{**BOTH, **changes})])
+    )
+    assert_says(refusal(read_records, tmp_path), says)
+
+
+def test_the_leaderboard_gives_both_successes_only_where_some_lens_needs_them():
+    sharp = [record(m, "s1", 0.2) for m in ("a+argmax", "b+argmax")]
+    apart = [
+        replace(record("a+argmax", "s2", 0.2, scene="fan"), **BOTH),
+        replace(
+            record("b+argmax", "s2", 1.2, scene="fan"),
+            least_blur=0.6,
+            error_least_blur_dof=0.2,
+            success_least_blur=True,
+        ),
+    ]
+    plain, both = rank_methods(sharp), rank_methods(sharp + apart)
+    assert "success_least_blur" not in ranking(plain).to_csv()
+    assert {r.method: (r.success_1dof, r.success_least_blur) for r in both} == {
+        "a+argmax": (1.0, 1.0),
+        "b+argmax": (0.5, 1.0),
+    }
+    assert "≤1 DoF of least blur" in ranking(both).to_markdown()
+    assert "success_least_blur" in ranking(both).to_csv()
+    assert not any("least blur" in note for note in notes_on(plain, sharp))
+    assert any(note.startswith("On 1 of 2 sequences") for note in notes_on(both, sharp + apart))
