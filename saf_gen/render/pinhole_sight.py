@@ -210,6 +210,7 @@ class PinholeSight:
         towards = mi.Vector3f(*(mi.Float(np.ascontiguousarray(x, dtype=np.float32)) for x in direction.T))
         begin = mi.Point3f(*(mi.Float(np.ascontiguousarray(x, dtype=np.float32)) for x in origin.T))
         hit = self._scene.ray_intersect(mi.Ray3f(begin, towards))
+        dr.eval(hit)  # once: otherwise each array that is read below traces the rays again
         valid = hit.is_valid().numpy()
         shape, instance = self._numbers(hit.shape), self._numbers(hit.instance)
         effects = [self._effects[n] if n >= 0 else Effect(OPAQUE) for n in range(-1, len(self._effects))]
@@ -224,9 +225,10 @@ class PinholeSight:
             sample, weight = bsdf.sample(
                 mi.BSDFContext(), hit, mi.Float(1 - 2.0**-24), mi.Point2f(0.5), mi.Bool(sampled)
             )
-            wo = _columns(hit.to_world(sample.wo), len(origin))
-            next_direction = np.where(sampled[:, None], wo, next_direction)
-            part = np.array(sample.pdf * (weight.x > 0), dtype=np.float64).reshape(-1)
+            outgoing, chance = hit.to_world(sample.wo), sample.pdf * (weight.x > 0)
+            dr.eval(outgoing, chance)
+            next_direction = np.where(sampled[:, None], _columns(outgoing, len(origin)), next_direction)
+            part = np.array(chance, dtype=np.float64).reshape(-1)
             through = np.where(sampled, part, through)
         snell = (kind == BENDING) & (index > 0)
         if snell.any():
@@ -405,9 +407,8 @@ def apparent_distance(
 
     def landing(at: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Return where rays from points (m) on the lens meet the target (m), nan where they miss it."""
-        count = len(slopes)
-        origin = np.column_stack([np.broadcast_to(at, (count, 2)), np.zeros(count)]) / unit
-        ray = np.column_stack([slopes, np.ones(count)]) @ turn.T
+        origin = np.column_stack([at, np.zeros(len(slopes))]) / unit
+        ray = np.column_stack([slopes, np.ones(len(slopes))]) @ turn.T
         found = sight.follow(origin @ turn.T + lens, ray / np.linalg.norm(ray, axis=1, keepdims=True))
         return np.where(found.on_target[:, None], found.point * unit, np.nan)
 
@@ -415,12 +416,16 @@ def apparent_distance(
         """Return the change of the landing point per unit of both coordinates on the lens, aimed at a distance (m), or
         of both slopes if ``aim`` is None: float64 (ray, 3, 2), nan where a ray misses the target.
         """
-        columns = []
+        points, slopes = [], []
         for axis in np.eye(2):
             at = np.zeros(2) if aim is None else step * axis
             turned = step * axis if aim is None else -step * axis / aim[:, None]
-            columns.append((landing(at, towards + turned) - landing(-at, towards - turned)) / (2 * step))
-        return np.stack(columns, axis=-1)
+            for sign in (1, -1):
+                points.append(np.broadcast_to(sign * at, towards.shape))
+                slopes.append(towards + sign * turned)
+        # All four at once: following rays costs the same for few as for many.
+        ends = landing(np.concatenate(points), np.concatenate(slopes)).reshape(2, 2, len(towards), 3)
+        return np.moveaxis((ends[:, 0] - ends[:, 1]) / (2 * step), 0, -1)
 
     def shrunk(step: float, aim: np.ndarray | None) -> np.ndarray:
         found = np.full((len(slope), 3, 2), np.nan)

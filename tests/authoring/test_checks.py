@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from written_scenes import VARIANT, needs_llvm, write_scene
 from saf_gen.authoring import checks
 from saf_gen.authoring.checks import SceneUnderTest, check_licence, check_scene
 from saf_gen.authoring.checks.geometry import _find_fastest_shape
-from saf_gen.authoring.checks.pictures import _measure_detail
+from saf_gen.authoring.checks.pictures import _measure_detail, check_curve
 from saf_gen.authoring.template import scene_from_template
 from saf_gen.camera import get_sensor
 from saf_gen.scene.scene_folder import find_scene
@@ -244,6 +245,42 @@ SHARPER_WALL = (  # a uniform card, turned by 45°, in front of a textured wall
 )
 def test_a_planted_fault_is_reported(skeleton, sensor, pairs, check, levels, message):
     assert any(f[0] in levels and message in f[1] for f in findings(skeleton(*pairs), sensor, check))
+
+
+def subject_that_peaks(offset, *, dof=0.04, truth=0.5):
+    """A subject whose curve peaks ``offset`` depths of focus behind the true focus, a bell three of them wide."""
+    board = np.indices((8, 8)).sum(axis=0) % 2 - 0.5
+
+    def stack(focus):
+        bell = 0.2 + 0.6 * np.exp(-(((focus - truth - offset * dof) / (3 * dof)) ** 2))
+        spec = SimpleNamespace(focus=focus)
+        return SimpleNamespace(spec=spec, target=board > -1, charge=1 + bell[:, None, None] * board)
+
+    near = stack(truth + dof / 4 * np.arange(-8, 9))
+    return SimpleNamespace(
+        stack=stack(np.linspace(0, 1, 65)),
+        near_stacks=(near, near),
+        half_depth_of_focus=dof / 2,
+        true_focus=truth,
+        collected_charge=lambda stack: stack.charge,
+    )
+
+
+@pytest.mark.parametrize(
+    ("offset", "level", "message"),
+    [
+        (0.0, "ok", "sharpest at 0.500 of the travel"),
+        (0.14, "ok", "0.14 depths of focus"),
+        (0.16, "warning", "0.16 depths of focus from the true focus, which weighs all pixels of the target alike"),
+        (-0.3, "warning", "compare methods by the error from their own optimum"),
+        (0.6, "warning", "something else in the target's box is sharper there"),
+        (1.6, "error", "something else in the target's box is sharper there"),
+    ],
+)
+def test_a_curve_that_peaks_off_the_true_focus_is_reported_from_three_tenths_of_a_half_depth_on(offset, level, message):
+    finding = next(check_curve(subject_that_peaks(offset)))
+    assert finding.level == level
+    assert message in finding.text
 
 
 def test_illuminance_is_reported_and_compared_with_the_card(skeleton, sensor):
