@@ -54,7 +54,7 @@ def read_saf_config(folder: str | Path) -> list[SafRecording]:
     from 1, like the frames that these programs print.
 
     Raises BadInput, naming the row, if a number in a row is invalid, or if its file is missing, too short or outside
-    both folders; and if the table has no rows or names a recording twice.
+    both folders; and if the table has no rows, names a recording twice, or lists a file twice with the same numbers.
     """
     root = Path(folder)
     if not (root / CONFIG).is_file():
@@ -74,6 +74,15 @@ def read_saf_config(folder: str | Path) -> list[SafRecording]:
         if count > 1:
             raise BadInput(
                 f"lists {name!r} twice", where=str(root / CONFIG), allowed="a different id for each recording"
+            )
+    first: dict[tuple[Path, int, int, int | None], SafRecording] = {}
+    for recording in found:
+        what = (recording.file.resolve(), recording.frames, recording.focal_frame, recording.block)
+        if (before := first.setdefault(what, recording)) is not recording:
+            raise BadInput(
+                f"lists {name_as_text(recording.file.name)} twice, as {before.name!r} and {recording.name!r}",
+                where=str(root / CONFIG),
+                allowed="rows that differ in more than their id and name",
             )
     return found
 
