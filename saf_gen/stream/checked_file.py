@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 
 from saf_gen.core.object_store import ObjectReader
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.metadata import ARRAY_DATASETS, MAX_PIXELS
 
@@ -62,6 +63,16 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
             f"/spikes has chunks of {math.prod(spikes.chunks):,} bytes",
             where=where,
             allowed=f"at most {MAX_CHUNK_BYTES:,}",
+        )
+    parts = (
+        1 if spikes.chunks is None else math.prod(-(-n // c) for n, c in zip(spikes.shape, spikes.chunks, strict=True))
+    )
+    written = spikes.id.get_num_chunks() if spikes.chunks is not None else int(spikes.id.get_storage_size() > 0)
+    if written < parts:  # HDF5 would read zeros there
+        raise BadInput(
+            f"/spikes was not written to its end: {written:,} of {plural(parts, 'chunk')}",
+            where=where,
+            hint="write or copy the file again",
         )
     return spikes
 
