@@ -49,8 +49,8 @@ def read_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
 def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     """Return ``/spikes``.
 
-    Raises BadInput if it is a link, is stored outside the file, or has the wrong type, other filters, too many pixels
-    or too large chunks.
+    Raises BadInput if it is a link, is stored outside the file, has the wrong type, other filters, too many pixels or
+    too large chunks, or was not written to its end.
     """
     spikes = _open_dataset(file, "spikes", where=where)
     if spikes.dtype != np.uint8 or spikes.ndim != 3 or 0 in spikes.shape:
@@ -64,10 +64,11 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
             where=where,
             allowed=f"at most {MAX_CHUNK_BYTES:,}",
         )
-    parts = (
-        1 if spikes.chunks is None else math.prod(-(-n // c) for n, c in zip(spikes.shape, spikes.chunks, strict=True))
-    )
-    written = spikes.id.get_num_chunks() if spikes.chunks is not None else int(spikes.id.get_storage_size() > 0)
+    if spikes.chunks is None:
+        parts, written = 1, int(spikes.id.get_storage_size() > 0)
+    else:
+        parts = math.prod(-(-n // c) for n, c in zip(spikes.shape, spikes.chunks, strict=True))
+        written = spikes.id.get_num_chunks()
     if written < parts:  # HDF5 would read zeros there
         raise BadInput(
             f"/spikes was not written to its end: {written:,} of {plural(parts, 'chunk')}",
