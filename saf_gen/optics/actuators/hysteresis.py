@@ -67,7 +67,7 @@ def apply_hysteresis(
             sums[0] += share * (position + passed * (speed + acceleration * passed / 2))
             sums[1] += share * (speed + acceleration * passed)
             sums[2] += share * acceleration
-        driven.append((time, *sums))
+        driven.append((time, sums[0], sums[1], sums[2]))
     return driven, plays
 
 
