@@ -396,6 +396,57 @@ FAULTS = {
             "render/test_pinhole_sight.py::test_depth_is_that_of_the_first_visible_surface",
         ),
     ),
+    "hysteresis without memory": Fault(
+        "At each command, a piezo forgets how it came to its position.",
+        (
+            Change(
+                "optics.actuators.actuated_lens",
+                "states = states_at(self._operators, begin)",
+                "states = operators_at_rest(position)",
+            ),
+        ),
+        (
+            "optics/test_hysteresis.py::test_the_area_of_a_loop_is_that_of_its_play_operators_and_grows_as_the_cube_of_the_stroke",
+            "optics/test_actuators.py::test_a_reference_by_brute_force_moves_alike",
+        ),
+    ),
+    "drift without surroundings": Fault(
+        "A liquid lens drifts by the heat of its current alone, however warm the room is.",
+        (
+            Change(
+                "optics.actuators.actuated_lens",
+                "(drift.ambient_k + drift.heating_k * warmth)",
+                "(drift.heating_k * warmth)",
+            ),
+        ),
+        (
+            "optics/test_hysteresis.py::test_a_lens_drifts_exponentially_to_the_offset_of_its_new_temperature",
+            "optics/test_hysteresis.py::test_a_sensor_at_the_motor_sees_neither_hysteresis_nor_drift",
+        ),
+    ),
+    "log of the truth": Fault(
+        "The lens log of a recording holds where the lens was, not what its drive was told.",
+        (Change("generate.record", "focus_position=log.astype", "focus_position=position.astype"),),
+        (
+            "generate/test_driven_lens.py::test_the_log_is_what_a_piezo_was_told_and_the_truth_where_it_was",
+            "generate/test_driven_lens.py::test_methods_see_the_log_alone",
+        ),
+    ),
+    "judged by the log": Fault(
+        "Answers on recordings are judged by the lens log, not by where the lens was.",
+        (
+            Change(
+                "stream.metadata",
+                "self.focus_position if self.truth.lens is None else",
+                "self.focus_position if True else",
+            ),
+        ),
+        (
+            "generate/test_driven_lens.py::test_the_log_is_what_a_piezo_was_told_and_the_truth_where_it_was",
+            "generate/test_driven_lens.py::test_a_part_keeps_its_part_of_the_truth",
+            "benchmark/test_evaluate.py::test_an_answer_is_judged_by_where_the_lens_was_and_not_by_its_log",
+        ),
+    ),
 }
 
 
