@@ -12,7 +12,6 @@ import numpy as np
 from saf_gen.camera import Encoder, Sensor, draw_fixed_pattern, exposure_scale
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
-from saf_gen.generate.lens_course import lens_course
 from saf_gen.generate.resolve import PlannedSequence
 from saf_gen.plugins.lights import group_gains
 from saf_gen.stack.charge_source import ChargeSource
@@ -134,7 +133,7 @@ class Recorder:
         """
         time_stack, hz = plane_source.time_stack, self.sensor.readout_hz
         spec = time_stack.specs[0]
-        position, log = lens_course(sequence, self.frames, readout_hz=hz)
+        position, log = sequence.lens_course(self.frames, readout_hz=hz)
         charge_source = ChargeSource(plane_source, self.sensor)
         truth, moment = find_true_focus(plane_source, position)
         self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)

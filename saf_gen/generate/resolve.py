@@ -13,6 +13,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core import seeds
 from saf_gen.core.config import components
@@ -107,6 +109,10 @@ class PlannedSequence:
             del actuator["name"], actuator["sources"]  # texts do not move the lens
             data["actuator"] = {**actuator, "seed": seed}
         return data
+
+    def lens_course(self, frames: int, *, readout_hz: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the lens is in the middle of each readout, and its log; see :func:`lens_course`."""
+        return lens_course(self.motion, frames, readout_hz=readout_hz, actuator=self.actuator, seed=self.actuator_seed)
 
     @property
     def file(self) -> str:
@@ -479,7 +485,7 @@ def _resolve_stacks(
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
-    position = lens_course(sequence, frames, readout_hz=hz)[0]
+    position = sequence.lens_course(frames, readout_hz=hz)[0]
     starts = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
     windows = slice_windows(position, starts, positions=spec.positions)
     times = [start / hz for start in starts]

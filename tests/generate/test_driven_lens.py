@@ -12,7 +12,6 @@ import saf_gen
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.camera import get_sensor
-from saf_gen.generate.lens_course import lens_course
 from saf_gen.generate.record import Recorder
 from saf_gen.generate.resolve import recipe_digest, resolve_recipe
 from saf_gen.generate.run import generate
@@ -38,7 +37,7 @@ def record(folder, actuator, *, motion=THERE_AND_BACK, pictures=None, name="s"):
 def test_the_log_is_what_a_piezo_was_told_and_the_truth_where_it_was(tmp_path):
     with record(tmp_path, get_actuator("piezo")) as stream:
         log, did, truth = stream.focus_position, stream.truth.lens, stream.truth
-        told = lens_course(make_sequence(motion=THERE_AND_BACK), FRAMES, readout_hz=20_000)[0]
+        told = make_sequence(motion=THERE_AND_BACK).lens_course(FRAMES, readout_hz=20_000)[0]
         assert log == pytest.approx(told, abs=3e-3)
         assert stream.metadata.lens_position is did
         assert stream.metadata.image_distance == pytest.approx(DRIVE.image_distance(log), rel=1e-6)
@@ -133,9 +132,7 @@ def test_the_digest_sees_the_numbers_of_the_actuator_and_not_its_name(tmp_path, 
 def test_the_lens_errs_alike_under_every_light_and_not_in_every_repeat(tmp_path, test_scenes):
     splits = {"test": {"scenes": ["plane"], "lights": ["constant", "continuous"], "repeats": 2}}
     sequences = resolve_recipe(write_recipe(tmp_path, "hand", splits=splits)).sequences
-    courses = {
-        (s.planned.light, s.planned.repeat): lens_course(s.planned, 400, readout_hz=20_000)[1] for s in sequences
-    }
+    courses = {(s.planned.light, s.planned.repeat): s.planned.lens_course(400, readout_hz=20_000)[1] for s in sequences}
     assert (courses["constant", 0] == courses["continuous", 0]).all()
     assert (courses["constant", 0] != courses["constant", 1]).any()
 
