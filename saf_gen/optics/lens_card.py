@@ -11,6 +11,7 @@ from saf_gen.optics._drive import Drive
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
+from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
 FocalLengthMm = Annotated[float, Field(gt=0, le=2000)]
@@ -50,6 +51,15 @@ class Aberrations(FrozenModel):
         return Wavefront(self.spherical * wave_m, *off_axis, radius_m, (self.height_mm or 1e3) / 1e3)
 
 
+class Vignetting(FrozenModel):
+    """A ring in front of the lens, through which rays from the edge of the picture pass only in part."""
+
+    radius_mm: float = Field(gt=0, le=1000)
+    """Radius of its opening, mm."""
+    distance_mm: float = Field(gt=0, le=1000)
+    """Distance from the lens towards the scene, mm."""
+
+
 class _Lens(FrozenModel):
     """The keys that all lenses share. The aperture radius does not change while the lens focuses."""
 
@@ -61,6 +71,10 @@ class _Lens(FrozenModel):
     """Fraction of the light that the lens transmits."""
     aberrations: Aberrations | None = None
     """Aberrations of the lens at the f-number of the card; by default none."""
+    vignetting: Vignetting | None = None
+    """Ring in front of the lens that takes light from the edge of the picture; by default none."""
+    veiling_glare: float = Field(default=0.0, ge=0, le=0.5)
+    """Share of the light in the frame that the lens spreads evenly over it."""
 
     @property
     @abstractmethod
@@ -72,13 +86,16 @@ class _Lens(FrozenModel):
 
         ``f_number``, if given, replaces that of the card. Raises BadInput if the travel is impossible.
         """
-        numbers = self.model_dump(exclude={"drive", "aberrations"}) | ({"f_number": f_number} if f_number else {})
+        numbers = self.model_dump(exclude={"drive", "aberrations", "vignetting"})
+        numbers |= {"f_number": f_number} if f_number else {}
         fields = {}
         for key, value in numbers.items():  # a card gives lengths of the lens in millimetres, all others in metres
             if key.endswith("_mm"):
                 key, value = f"{key.removesuffix('_mm')}_m", value / 1000
             fields[key] = value
         drive = self.drive_class(**fields)
+        if (ring := self.vignetting) is not None:
+            drive = replace(drive, ring=Ring(ring.radius_mm / 1e3, ring.distance_mm / 1e3))  # type: ignore[type-var]
         if self.aberrations is None:
             return drive
         # Stopped down, the lens keeps its waves and uses less of them.

@@ -75,11 +75,11 @@ class SceneRenderer:
     ) -> None:
         self.scene, self.grid, self.max_depth, self._drive = scene, grid, max_depth, drive
         self.backend_name = backend.choose_backend(backend_name)
-        if self.is_slow and (drive or scene.build_drive()).wavefront is not None:
+        if self.is_slow and not (drive or scene.build_drive()).fills_its_aperture_perfectly:
             raise BadInput(
-                "variant scalar cannot render the aberrations of a lens",
+                "variant scalar cannot render the aberrations or the vignetting of a lens",
                 allowed="llvm, cuda",
-                hint="or leave aberrations out of scene.yaml",
+                hint="or leave aberrations and vignetting out of scene.yaml",
             )
         self.wavelength_m = wavelength_m if backend.can_render_waves(self.backend_name) else 0.0
         backend.activate_backend(self.backend_name, threads=threads)

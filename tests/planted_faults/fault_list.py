@@ -396,6 +396,28 @@ FAULTS = {
             "render/test_pinhole_sight.py::test_depth_is_that_of_the_first_visible_surface",
         ),
     ),
+    "ring behind the lens": Fault(
+        "Rays are followed to the ring as if it were as far behind the lens, without refraction.",
+        (
+            Change(
+                "optics.vignetting",
+                "a[0] + slope[0] * distance, a[1] + slope[1]",
+                "a[0] - slope[0] * distance, a[1] - slope[1]",
+            ),
+        ),
+        (
+            "render/test_vignetted_pictures.py::test_an_even_field_darkens_by_the_overlap_of_the_discs",
+            "render/test_vignetted_pictures.py::test_a_lamp_out_of_focus_is_a_cats_eye_of_the_overlap",
+        ),
+    ),
+    "glare lost": Fault(
+        "The light that veiling glare takes from the picture is not spread over it, but lost.",
+        (Change("camera.exposure", "picture += np.float32(share * mean)", "picture += np.float32(0 * mean)"),),
+        (
+            "camera/test_exposure.py::test_glare_is_a_share_of_the_frames_light_that_is_spread_evenly_and_none_of_it_is_lost",
+            "camera/test_exposure.py::test_glare_is_seen_in_the_spikes_of_a_black_field",
+        ),
+    ),
     "hysteresis without memory": Fault(
         "At each command, a piezo forgets how it came to its position.",
         (
