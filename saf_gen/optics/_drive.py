@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.optics.distortion import Distortion
 from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
@@ -38,6 +39,8 @@ class Drive(ABC):
     """Aberrations of the lens; None for a perfect thin lens."""
     ring: Ring | None
     """Ring in front of the lens that takes light away from the edge of the picture; None for an open one."""
+    distortion: Distortion | None
+    """Distortion of the lens; None for one that shows all points where a perfect lens does."""
     veiling_glare: float
     """Share of the light in the frame that the lens spreads evenly over it, 0 to 1."""
 
@@ -194,7 +197,7 @@ class Drive(ABC):
     def as_dict(self) -> dict[str, Any]:
         """Return the kind and the parameters of this drive as plain data, without what the lens does not have."""
         fields = asdict(self)  # type: ignore[call-overload]
-        for name in ("wavefront", "ring", "veiling_glare"):
+        for name in ("wavefront", "ring", "distortion", "veiling_glare"):
             if not fields[name]:
                 del fields[name]
         return {"kind": self.kind, **fields}

@@ -17,6 +17,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.distortion import Distortion
 from saf_gen.optics.texture_contrast import REACH, STEP, ContrastCurve, Imaging, contrast_curve
 from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
@@ -94,13 +95,15 @@ class FocusCriterion:
         """Raise BadInput if the model of the lens does not hold in front of a sensor of this size.
 
         It does not if waves matter more than rays bent at the aperture can show, if a stage moves so far that the
-        wavefront of another part of the lens counts, or if a ring in front of the lens leaves parts of the picture
-        without light.
+        wavefront of another part of the lens counts, if a ring in front of the lens leaves parts of the picture
+        without light, or if distortion folds the picture.
         """
         wavefront, drive = self.drive.wavefront, self.drive
         corner = float(np.hypot(rows, columns)) / 2 * self.pitch_m
         if drive.ring is not None:
             self._check_ring(drive.ring, corner)
+        if drive.distortion is not None:
+            self._check_distortion(drive.distortion, corner)
         if wavefront is None:
             return
         largest = wavefront.largest_path(drive.aperture_radius_m, corner)
@@ -116,6 +119,18 @@ class FocusCriterion:
                 f"the aberrations change by up to {moved:.2g} pixels over the travel of the stage",
                 allowed=f"at most {MAX_STAGE_RESIDUAL_PX:g} pixels: they are taken from the middle of the travel",
                 hint="shorten travel_m, or lower aberrations in scene.yaml",
+            )
+
+    def _check_distortion(self, distortion: Distortion, corner_m: float) -> None:
+        """Raise BadInput if the distortion does not suit this lens; the picture's half diagonal is ``corner_m``."""
+        if self.drive.kind == "stage":
+            raise BadInput("distortion is not built for a stage", hint="leave distortion out of scene.yaml")
+        slope = corner_m / float(self.drive.image_distance(np.array([0.0, 1.0])).min())
+        if distortion.folds(slope):
+            most = 100 / 3 * (distortion.height_m / distortion.image_distance_m / slope) ** 2
+            raise BadInput(
+                f"distortion is {100 * distortion.share:g} percent, which folds the corner of the picture over itself",
+                allowed=f"below {most:.3g} percent at height_mm {distortion.height_m * 1e3:g}",
             )
 
     def _check_ring(self, ring: Ring, corner_m: float) -> None:

@@ -89,6 +89,8 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
     farthest, radius = opaque(farthest), opaque(covered.radius_m)
     half_rows, half_columns = opaque(rows / 2), opaque(columns / 2)
     pitch = opaque(grid.pitch_m)
+    # Distortion turns a ray by where it meets the sensor halfway, which is the same for every window of positions.
+    chief_x, chief_a = map(opaque, drive.ray_transfer(0.5, middle)[0] / float(drive.image_distance(0.5)))
     samples_word, row_length = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, columns)
     transform = mi.Transform4f(setup.to_world)
     for begin in range(0, rows, rows_per_pass):
@@ -107,6 +109,10 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
         slope_x, slope_y = -(x * inverse_v + a.x * inverse_u), -(y * inverse_v + a.y * inverse_u)
         if drive.wavefront is not None:
             turned = drive.wavefront.slope((a.x, a.y), (x, y), number=opaque)
+            slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
+        if drive.distortion is not None:
+            through_centre = -(x * chief_x + a.x * chief_a), -(y * chief_x + a.y * chief_a)
+            turned = drive.distortion.turn(through_centre, number=opaque)
             slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
         origin = mi.Point3f(a.x + slope_x * ahead, a.y + slope_y * ahead, farthest) * units
         ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))

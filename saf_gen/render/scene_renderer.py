@@ -75,7 +75,8 @@ class SceneRenderer:
     ) -> None:
         self.scene, self.grid, self.max_depth, self._drive = scene, grid, max_depth, drive
         self.backend_name = backend.choose_backend(backend_name)
-        if self.is_slow and not (drive or scene.build_drive()).fills_its_aperture_perfectly:
+        lens = drive or scene.build_drive()
+        if self.is_slow and not (lens.fills_its_aperture_perfectly and lens.distortion is None):
             raise BadInput(
                 "variant scalar cannot render the aberrations or the vignetting of a lens",
                 allowed="llvm, cuda",
