@@ -410,6 +410,15 @@ FAULTS = {
             "render/test_vignetted_pictures.py::test_a_lamp_out_of_focus_is_a_cats_eye_of_the_overlap",
         ),
     ),
+    "barrel for pincushion": Fault(
+        "Rays of a lens with distortion are turned the other way, in the picture, its depth and its target.",
+        (Change("optics.distortion", "number(-self.per_slope_squared)", "number(self.per_slope_squared)"),),
+        (
+            "optics/test_distortion.py::test_the_turn_is_the_gradient_of_seidels_fifth_sum_whatever_the_point_of_the_aperture",
+            "render/test_distorted_pictures.py::test_stripes_are_where_the_closed_form_displaces_them",
+            "render/test_distorted_pictures.py::test_depth_and_target_are_where_the_distorted_picture_has_them",
+        ),
+    ),
     "glare lost": Fault(
         "The light that veiling glare takes from the picture is not spread over it, but lost.",
         (Change("camera.exposure", "picture += np.float32(share * mean)", "picture += np.float32(0 * mean)"),),
