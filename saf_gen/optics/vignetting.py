@@ -65,10 +65,12 @@ class Ring:
         """
         shrinks = 1 - self.distance_m / object_distance_m
         centre = np.asarray(height_m, np.float64) * (self.distance_m / image_distance_m) / shrinks
-        return overlap_of_discs(aperture_radius_m, self.radius_m / shrinks, centre) / (math.pi * aperture_radius_m**2)
+        return overlap_of_discs(aperture_radius_m, self.radius_m / shrinks, distance=centre) / (
+            math.pi * aperture_radius_m**2
+        )
 
 
-def overlap_of_discs(one: float, other: float, distance: np.ndarray | float) -> np.ndarray:
+def overlap_of_discs(one: float, other: float, *, distance: np.ndarray | float) -> np.ndarray:
     """Return the area that two discs of these radii have in common, if their centres are ``distance`` apart.
 
     All three have the same unit. It is the sum of two circular segments.

@@ -77,10 +77,11 @@ class SceneRenderer:
         self.backend_name = backend.choose_backend(backend_name)
         lens = drive or scene.build_drive()
         if self.is_slow and not (lens.fills_its_aperture_perfectly and lens.distortion is None):
+            what = "aberrations" if lens.wavefront or lens.distortion else "vignetting"
             raise BadInput(
-                "variant scalar cannot render the aberrations or the vignetting of a lens",
+                f"variant scalar cannot render the {what} of a lens",
                 allowed="llvm, cuda",
-                hint="or leave aberrations and vignetting out of scene.yaml",
+                hint=f"or leave {what} out of scene.yaml",
             )
         self.wavelength_m = wavelength_m if backend.can_render_waves(self.backend_name) else 0.0
         backend.activate_backend(self.backend_name, threads=threads)

@@ -26,8 +26,8 @@ V, U, R = 0.055, 0.5, 0.0125
     ],
 )
 def test_the_overlap_of_two_discs_is_that_of_geometry(one, other, apart, area):
-    assert overlap_of_discs(one, other, apart) == pytest.approx(area, abs=1e-12)
-    assert overlap_of_discs(other, one, apart) == pytest.approx(area, abs=1e-12)
+    assert overlap_of_discs(one, other, distance=apart) == pytest.approx(area, abs=1e-12)
+    assert overlap_of_discs(other, one, distance=apart) == pytest.approx(area, abs=1e-12)
 
 
 @pytest.mark.parametrize(("radius", "distance"), [(0.014, 0.03), (0.012, 0.02), (0.01, 0.1), (0.05, 0.02)])
