@@ -413,7 +413,8 @@ def resolve_recipe(
     recipe_path = find_recipe(recipe_path)
     recipe, where = read_recipe(recipe_path), str(recipe_path)
     sensor = _read_sensor(recipe, Path(recipe_path).parent)
-    actuator = _read_actuator(recipe, Path(recipe_path).parent)
+    with located(where):
+        actuator = _read_actuator(recipe, Path(recipe_path).parent)
     scenes = {}
     for name in (name for settings in recipe.splits.values() for name in settings.scenes):
         with located(where):
