@@ -16,6 +16,7 @@ from saf_gen.errors import BadInput, escape_controls
 
 if TYPE_CHECKING:
     from saf_gen.generate.plan import Plan
+    from saf_gen.generate.shards import Share
 
 
 def generate_command(
@@ -27,7 +28,7 @@ def generate_command(
     workers: Annotated[int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")] = 1,
     cluster: ClusterAddress = None,
     split: Annotated[str | None, typer.Option(help="Generate only this split.")] = None,
-    shard: Annotated[str, typer.Option(help="I/N: generate every N-th sequence, starting with the I-th.")] = "1/1",
+    shard: Annotated[str, typer.Option(help="I/N: generate the I-th of N equal parts of the work.")] = "1/1",
     variant: Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")] = "auto",
     keep_slices: Annotated[
         str, typer.Option(help="Time slices of moving scenes to keep at the end: all, closed-loop or none.")
@@ -84,7 +85,12 @@ def generate_command(
     )
     if result.freed_bytes:
         out.print(f"{result.freed_bytes / 1e6:,.0f} MB of time slices deleted (--keep-slices {keep_slices})")
-    out.print(f"dataset: {target}   (next: {result.manifest.next_command(target)})", soft_wrap=True)
+    if plan.share is None:
+        out.print(f"dataset: {target}   (next: {result.manifest.next_command(target)})", soft_wrap=True)
+    else:
+        _print_share(plan.share)
+        closing = shlex.join(["saf-gen", "generate", recipe, "--out", str(target)])
+        out.print(f"next, once all {plan.share.part[1]} shards have ended: {closing}", soft_wrap=True)
     if result.without_diffraction:
         out.print("rendered without diffraction: only the variants llvm and cuda support it")
     for name, problem in result.failed.items():
@@ -117,6 +123,17 @@ def _parse_shard(text: str) -> tuple[int, int]:
     return int(index), int(count)
 
 
+def _print_share(share: "Share") -> None:
+    index, count = share.part
+    if not share.specs:
+        out.print(f"shard {index}/{count} has nothing to make: there is less to share out than there are shards")
+        return
+    out.print(
+        f"shard {index}/{count}: {len(share.specs):,} of {share.all_specs:,} stacks and time slices, "
+        f"about {_time(share.seconds)} of {_time(share.all_seconds)} ({share.seconds / share.all_seconds:.1%})"
+    )
+
+
 def _gigabytes(size: float) -> str:
     return f"{size / 1e9:.2f} GB"
 
@@ -124,7 +141,8 @@ def _gigabytes(size: float) -> str:
 def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
     from saf_gen.generate.plan import KEEP_SLICES
 
-    recipe, planned = plan.resolved.recipe, [sequence.planned for sequence in plan.resolved.sequences]
+    makes = plan.resolved.sequences if plan.share is None else plan.sequences
+    recipe, planned = plan.resolved.recipe, [sequence.planned for sequence in makes]
     frames = recipe.camera.frames
     columns = [
         Column("sequence", "id"),
@@ -135,6 +153,11 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
     ]
     title = f"{recipe.name}: {len(planned)} sequences in {plan.target}"
     print_table(Table(columns, planned, title), where_to_find="a wider terminal or a pipe shows them")
+    if plan.share is not None:
+        _print_share(plan.share)
+        if plan.by_cut_stack:
+            cut = sum(map(len, plan.by_cut_stack.values()))
+            out.print(f"{cut} sequences are recorded by the shard that sees all their slices, or by the closing run")
     out.print(f"focal stacks to render: {'; '.join(plan.labels) or 'none, all exist'}")
     if plan.kept_bytes("all"):
         listed = ", ".join(f"{choice} {_gigabytes(plan.kept_bytes(choice))}" for choice in KEEP_SLICES)

@@ -266,7 +266,7 @@ def remove_leftovers(folder: Path, *, recursive: bool = False) -> None:
 
     Those of another machine are removed if they have not changed for ABANDONED_S seconds.
     """
-    for part in (folder.rglob if recursive else folder.glob)(".*.part"):
+    for part in _find_unfinished(folder, recursive=recursive):
         with suppress(OSError):  # another process has removed it already, or it belongs to another user
             if not _is_leftover(part):
                 continue
@@ -274,6 +274,14 @@ def remove_leftovers(folder: Path, *, recursive: bool = False) -> None:
                 shutil.rmtree(part, ignore_errors=True)
             else:
                 part.unlink()
+
+
+def _find_unfinished(folder: Path, *, recursive: bool) -> Iterator[Path]:
+    """Yield temporary files and folders; those in a temporary folder go with it, at any moment."""
+    for here, folders, files in os.walk(folder):  # which passes over folders that another process has just removed
+        unfinished = {name for name in (*folders, *files) if name.startswith(".") and name.endswith(".part")}
+        yield from (Path(here, name) for name in sorted(unfinished))
+        folders[:] = [name for name in folders if recursive and name not in unfinished]
 
 
 @cache
