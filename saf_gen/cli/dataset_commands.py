@@ -89,7 +89,13 @@ def generate_command(
         out.print(f"dataset: {target}   (next: {result.manifest.next_command(target)})", soft_wrap=True)
     else:
         _print_share(plan.share)
-        closing = shlex.join(["saf-gen", "generate", recipe, "--out", str(target)])
+        options = {
+            "--out": str(target),
+            "--split": split,
+            "--keep-slices": keep_slices if keep_slices != "all" else None,
+        }
+        given = [word for option, value in options.items() if value for word in (option, value)]
+        closing = shlex.join(["saf-gen", "generate", recipe, *given])
         out.print(f"next, once all {plan.share.part[1]} shards have ended: {closing}", soft_wrap=True)
     if result.without_diffraction:
         out.print("rendered without diffraction: only the variants llvm and cuda support it")
@@ -186,6 +192,8 @@ def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder,
 
     flaws: dict[str, dict[str, str]] = {}
     count, problems = verify_dataset(dataset, report=lambda name, held: flaws.update({name: describe_flaws(held)}))
+    if not count:
+        raise BadInput("lists no sequence", where=str(dataset), hint="make some with saf-gen generate")
     for name, found in flaws.items():
         for what, words in found.items():
             out.print(escape_controls(f"{name}: {what}: {words}"), soft_wrap=True, markup=False)

@@ -92,6 +92,11 @@ class _Family:
     def seconds(self) -> float:
         return fsum(self.costs) + self.start_s
 
+    @property
+    def dearest_run_s(self) -> float:
+        """Seconds of the dearest run of a single slice."""
+        return max(self.run_seconds(k, k + 1) for k in range(len(self.specs)))
+
     def run_seconds(self, first: int, stop: int) -> float:
         """Return the seconds of a run of slices; those of a cut family are loaded once more, for depth and target."""
         looks = 0.0 if (first, stop) == (0, len(self.specs)) else (stop - first) * LOAD_S
@@ -186,7 +191,7 @@ def _deal(families: Sequence[_Family], loads: Sequence[float]) -> list[list[_Run
         return runs
     runs, longest = _deal_whole(indivisible, loads)
     moving = [family for family in dearest_first if len(family.specs) > 1]
-    level = max(mean, longest)
+    level = max(mean, longest, *(family.dearest_run_s for family in moving))
     while (found := _fill(moving, runs, loads, level)) is None:
         level *= 1.01
     return found
