@@ -322,6 +322,82 @@ def test_a_shard_that_cannot_write_says_so_in_one_line_and_nothing_is_made(recip
         assert (code, err.count("\n"), "file/ds cannot be written" in err) == (2, 1, True)
 
 
+# --- on separate disks --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def apart(recipe, made, moving, tmp_path):
+    """What each of three shards has made in a folder of its own; one has recorded the still scene."""
+    folders = [tmp_path / f"shard{n}" for n in (1, 2, 3)]
+    for n, folder in enumerate(folders, start=1):
+        run_shard(recipe, folder, 8000, 8000)
+        for spec in share_of(moving, n, 3).specs:
+            shutil.copytree(made / "stacks" / spec.key, folder / "stacks" / spec.key)
+        share = share_of(moving, n, 3)
+        if any(not stack.is_moving for stack in share.whole):
+            shutil.copytree(made / "test", folder / "test", ignore=shutil.ignore_patterns("*dynamic*"))
+        for spec in (spec for stack in share.cut for spec in stack.specs):
+            (folder / "stacks" / spec.key / "stack.grain.json").unlink(missing_ok=True)
+    return folders
+
+
+@pytest.mark.slow
+def test_shards_on_separate_disks_become_the_dataset_of_one_process(call, recipe, made, moving, apart, tmp_path):
+    """Only the grain of the cut stack is left to measure; a damaged picture is taken from nowhere."""
+    before = [everything_in(folder) for folder in apart]
+    code, out, err = call("dataset", "merge", recipe, *apart, "--out", tmp_path / "all", "--variant", VARIANT)
+    assert code == 0, err
+    assert "MB copied from 3 folders" in out
+    assert "2 sequences recorded, 2 kept from before, 0 pieces of focal stacks rendered" in out
+    assert everything_in(tmp_path / "all") == everything_in(made)
+    assert [everything_in(folder) for folder in apart] == before
+    code, out, err = call("dataset", "merge", recipe, *apart, "--out", tmp_path / "all", "--keep-slices", "none")
+    assert (code, out.splitlines()[0]) == (0, "0 MB copied from 3 folders")
+    assert "MB of time slices deleted" in out
+    assert verify_dataset(tmp_path / "all") == (4, {})
+    code, out, err = call(
+        "dataset", "merge", recipe, tmp_path / "all", "--out", tmp_path / "moved", "--keep-slices", "none"
+    )
+    assert code == 0, err
+    assert "0 sequences recorded, 4 kept from before, 0 pieces of focal stacks rendered" in out
+
+
+@pytest.mark.slow
+def test_what_a_lost_or_damaged_shard_lacks_is_named_and_made(recipe, made, moving, apart, tmp_path, call):
+    (spec,) = list(share_of(moving, 2, 3).specs)[:1]
+    picture = apart[1] / "stacks" / spec.key / "lamp.exr"
+    picture.write_bytes(picture.read_bytes()[:-7])
+    code, out, err = call("dataset", "merge", recipe, *apart, "--out", apart[0], "--variant", VARIANT)
+    assert code == 0, err
+    assert "these stacks lack pictures, which are rendered here: plane, dynamic" in err
+    assert "1 pieces of focal stacks rendered" in out
+    assert everything_in(apart[0]) == everything_in(made)
+
+
+def test_folders_that_are_no_shards_of_the_recipe_are_refused_before_anything_is_copied(recipe, apart, tmp_path, call):
+    (tmp_path / "empty").mkdir()
+    other = tmp_path / "changed.yaml"
+    other.write_text(recipe.read_text().replace("seed: 3", "seed: 4"))
+    foreign = tmp_path / "foreign.yaml"
+    foreign.write_text(recipe.read_text().replace("name: takes", "name: foreign"))
+    out = tmp_path / "all"
+    for words, message in [
+        ((recipe, *apart, tmp_path / "empty"), "empty: has no manifest.json; allowed: a folder that a shard"),
+        ((recipe, apart[0], tmp_path / "gone"), "gone: has no manifest.json"),
+        ((recipe, apart[0], tmp_path / "changed.yaml"), "has no manifest.json"),
+        ((other, *apart), "shard1: was made from another version of the recipe"),
+        ((foreign, *apart), "shard1 holds the dataset 'takes', but the recipe makes 'foreign'"),
+        ((recipe,), "Missing argument 'folders'"),
+    ]:
+        code, _, err = call("dataset", "merge", *words, "--out", out)
+        assert (code, err.count("\n")) == (2, 1)
+        assert message in err
+    assert not out.exists()
+    (tmp_path / "file").write_text("in the way")
+    code, _, err = call("dataset", "merge", recipe, *apart, "--out", tmp_path / "file/ds")
+    assert (code, err.count("\n"), "file/ds cannot be written" in err) == (2, 1, True)
+
+
 # --- real processes -----------------------------------------------------------------------------------
 
 
@@ -353,7 +429,7 @@ def test_processes_started_one_after_the_other_render_each_piece_once_though_one
     while count_pieces(folder, mine) == 0 and time.monotonic() < deadline:
         time.sleep(0.005)
     os.killpg(begun[1].pid, signal.SIGKILL)
-    begun[1].wait()
+    begun[1].communicate()
     there = count_pieces(folder, mine)
     assert 0 < there < 3 * len(mine.specs), "killed too late"
     rendered = [count_rendered(p) for n, p in enumerate(begun) if n != 1]
