@@ -75,22 +75,24 @@ class _Family:
         return tuple(dict.fromkeys(spec for stack in self.stacks for spec in stack.specs))
 
     @cached_property
+    def firsts(self) -> frozenset[int]:
+        """Indices of the specs with which a stack begins."""
+        return frozenset(self.specs.index(stack.specs[0]) for stack in self.stacks)
+
+    @cached_property
     def costs(self) -> list[float]:
         """Seconds of each spec, with a part of the grain; the last one has the recordings, too."""
         recorded = {s.time_stack for s in self.recordings}
         grain = fsum(map(_grain_seconds, recorded)) / len(self.specs)
         costs = [_render_seconds(spec) + grain for spec in self.specs]
+        for k in self.firsts:
+            costs[k] += _start_seconds(self.specs[k])
         costs[-1] += fsum(s.pixel_frames for s in self.recordings) / PIXEL_FRAMES_PER_S
         return costs
 
     @cached_property
-    def start_s(self) -> float:
-        """Seconds to trace the light paths of the moments before a run of slices."""
-        return max(map(_start_seconds, self.specs))
-
-    @cached_property
     def seconds(self) -> float:
-        return fsum(self.costs) + self.start_s
+        return fsum(self.costs)
 
     @property
     def dearest_run_s(self) -> float:
@@ -98,9 +100,15 @@ class _Family:
         return max(self.run_seconds(k, k + 1) for k in range(len(self.specs)))
 
     def run_seconds(self, first: int, stop: int) -> float:
-        """Return the seconds of a run of slices; those of a cut family are loaded once more, for depth and target."""
-        looks = 0.0 if (first, stop) == (0, len(self.specs)) else (stop - first) * LOAD_S
-        return fsum(self.costs[first:stop]) + self.start_s + looks
+        """Return the seconds of a run of slices.
+
+        It begins with the light paths of the moments before it. The slices of a cut family are loaded once more, for
+        depth and target.
+        """
+        if (first, stop) == (0, len(self.specs)):
+            return self.seconds
+        start = 0.0 if first in self.firsts else _start_seconds(self.specs[first])
+        return fsum(self.costs[first:stop]) + start + (stop - first) * LOAD_S
 
 
 _Run = tuple[_Family, int, int]
@@ -193,7 +201,7 @@ def _deal(families: Sequence[_Family], loads: Sequence[float]) -> list[list[_Run
     moving = [family for family in dearest_first if len(family.specs) > 1]
     level = max(mean, longest, *(family.dearest_run_s for family in moving))
     while (found := _fill(moving, runs, loads, level)) is None:
-        level *= 1.01
+        level *= 1.002
     return found
 
 
@@ -213,6 +221,8 @@ def _fill(
     """Deal out families so that no shard has more than ``level`` seconds; return None if that is too little.
 
     Families that fit stay whole. Each of the others is cut into runs, the longest that fit where the least is to do.
+    The last slices come first: what remains is then the beginning of the recording, whose run is the cheapest to start,
+    and it goes where it fits best.
     """
     filled = [list(mine) for mine in runs]
     loads = [s + fsum(family.run_seconds(*run) for family, *run in mine) for s, mine in zip(loads, runs, strict=True)]
@@ -225,17 +235,18 @@ def _fill(
         else:
             too_large.append(family)
     for family in too_large:
-        first = 0
-        while first < len(family.specs):
-            n = loads.index(min(loads))
-            stop = first
-            while stop < len(family.specs) and loads[n] + family.run_seconds(first, stop + 1) <= level:
-                stop += 1
-            if stop == first:
+        stop = len(family.specs)
+        while stop:
+            rest_s = family.run_seconds(0, stop)
+            n = loads.index(max((load for load in loads if load + rest_s <= level), default=min(loads)))
+            first = stop
+            while first and loads[n] + family.run_seconds(first - 1, stop) <= level:
+                first -= 1
+            if first == stop:
                 return None
             filled[n].append((family, first, stop))
             loads[n] += family.run_seconds(first, stop)
-            first = stop
+            stop = first
     return filled
 
 
@@ -247,18 +258,13 @@ def _render_seconds(spec: StackSpec) -> float:
 
 
 def _start_seconds(spec: StackSpec) -> float:
-    paths = spec.rows * spec.columns * spec.samples * PATHS_PER_SAMPLE
-    return max(len(spec.moments_s) - 1, 0) * len(spec.groups) * (LOAD_S + paths / PATHS_PER_S)
+    """Return the seconds of the light paths of the moments before a slice; the first slice repeats its own moment."""
+    others = len({*spec.moments_s} - {spec.time_s})
+    paths = max(len(spec.moments_s) - 1, 0) * spec.rows * spec.columns * spec.samples * PATHS_PER_SAMPLE
+    return len(spec.groups) * (others * LOAD_S + paths / PATHS_PER_S)
 
 
 def _grain_seconds(stack: TimeResolvedStack) -> float:
     """Return the seconds of the second render of a stack, or of a few slices that do not follow each other."""
-    again = second_render(stack.specs[0], slices=len(stack.specs))
+    again = second_render(stack.specs[-1], slices=len(stack.specs))
     return count_slices_to_repeat(len(stack.specs)) * (_render_seconds(again) + _start_seconds(again))
-
-
-def largest_share(shares: Sequence[Share]) -> tuple[float, float]:
-    """Return the seconds of the largest share, divided by those of the recipe and by the mean share."""
-    largest = max(share.seconds for share in shares)
-    total = shares[0].all_seconds
-    return largest / total, largest / total * len(shares)
