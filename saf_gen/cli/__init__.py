@@ -236,6 +236,8 @@ def _find_exit_code(error: BaseException) -> Any:
 
 
 def _is_output_closed() -> bool:
+    if not hasattr(select, "poll"):  # Windows, where writing to a closed pipe raises another error
+        return False
     poll = select.poll()
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # a stream may be None, closed, or no file
