@@ -74,8 +74,8 @@ def generate_command(
 def merge_shards_command(
     recipe: RecipeName,
     folders: Annotated[list[Path], typer.Argument(help="Folders in which shards of the recipe were generated.")],
-    target: Annotated[Path, typer.Option("--out", help="Folder of the merged dataset; it may be one of them.")],
     *,
+    target: Annotated[Path, typer.Option("--out", help="Folder of the merged dataset; it may be one of them.")],
     workers: Workers = 1,
     variant: Variant = "auto",
     keep_slices: KeepSlices = "all",
@@ -87,7 +87,7 @@ def merge_shards_command(
         from saf_gen.generate.resolve import resolve_recipe
 
     resolved = resolve_recipe(recipe)
-    copied = gather_shards(resolved, folders, target, tell=err.print)
+    copied = gather_shards(resolved, folders, target=target, tell=err.print)
     out.print(f"{copied / 1e6:,.0f} MB copied from {len(folders)} folders")
     plan = make_plan(resolved, target, keep_slices=keep_slices)
     if any(plan.to_render.values()):

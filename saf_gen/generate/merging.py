@@ -16,7 +16,7 @@ from saf_gen.stream.manifest import MANIFEST_NAME
 
 
 def gather_shards(
-    resolved: ResolvedRecipe, folders: Sequence[Path], target: Path, *, tell: Callable[[str], None] = lambda line: None
+    resolved: ResolvedRecipe, folders: Sequence[Path], *, target: Path, tell: Callable[[str], None] = lambda line: None
 ) -> int:
     """Copy what shards have made into one folder, where ``generate`` then makes what is left, and return the bytes.
 
@@ -50,7 +50,7 @@ def gather_shards(
     sources = [folder for folder in folders if not (target.exists() and target.samefile(folder))]
     copied = 0
     for spec in stacks_of(resolved.sequences):
-        copied += sum(_gather_stack(spec, source / "stacks", target / "stacks", tell=tell) for source in sources)
+        copied += sum(_gather_stack(spec, source / "stacks", target=target / "stacks", tell=tell) for source in sources)
     for sequence in resolved.sequences:
         stack, file = sequence.time_stack, sequence.planned.file
         if not stack.has_all_notes(target / "stacks"):
@@ -62,7 +62,7 @@ def gather_shards(
     return copied
 
 
-def _gather_stack(spec: StackSpec, source: Path, target: Path, *, tell: Callable[[str], None]) -> int:
+def _gather_stack(spec: StackSpec, source: Path, *, target: Path, tell: Callable[[str], None]) -> int:
     """Copy the pieces of a stack that the target lacks, and its grain; return their bytes."""
     there, here = StackStore(source, spec), StackStore(target, spec)
     if not there.folder.is_dir():

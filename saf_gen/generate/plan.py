@@ -320,7 +320,7 @@ def make_plan(resolved: ResolvedRecipe, target: AnyPath, *, keep_slices: str = "
     cut = _group_by_stack(s for s in resolved.sequences if share and s.time_stack in share.cut)
     makes = sequences if share is None else resolved.sequences
     for_loop = dict.fromkeys(s.closed_loop_slices for s in makes if s.closed_loop_slices and keep_slices != "none")
-    to_render = _stacks_to_render(cut | by_stack, [*for_loop], folder, objects=objects, share=share)
+    to_render = _stacks_to_render(cut | by_stack, [*for_loop], folder=folder, objects=objects, share=share)
     for stack, users in by_stack.items() if not objects else ():  # the grain that a store holds is not read
         unmade = any(s.planned.id not in made for s in users)
         if stack not in to_render and unmade and not stack.has_grain(folder / "stacks"):  # as after a stopped run
@@ -348,8 +348,8 @@ def _narrow_to_shard(resolved: ResolvedRecipe) -> ResolvedRecipe:
 def _stacks_to_render(
     by_stack: dict[TimeResolvedStack, list[ResolvedSequence]],
     for_loop: Iterable[TimeResolvedStack],
-    folder: Path,
     *,
+    folder: Path,
     objects: set[str],
     share: Share | None,
 ) -> dict[TimeResolvedStack, tuple[StackSpec, ...]]:

@@ -200,7 +200,7 @@ def _deal(families: Sequence[_Family], loads: Sequence[float]) -> list[list[_Run
     runs, longest = _deal_whole(indivisible, loads)
     moving = [family for family in dearest_first if len(family.specs) > 1]
     level = max(mean, longest, *(family.dearest_run_s for family in moving))
-    while (found := _fill(moving, runs, loads, level)) is None:
+    while (found := _fill(moving, runs=runs, loads=loads, level=level)) is None:
         level *= 1.002
     return found
 
@@ -216,7 +216,7 @@ def _deal_whole(families: Iterable[_Family], loads: Sequence[float]) -> tuple[li
 
 
 def _fill(
-    families: Iterable[_Family], runs: Sequence[Sequence[_Run]], loads: Sequence[float], level: float
+    families: Iterable[_Family], *, runs: Sequence[Sequence[_Run]], loads: Sequence[float], level: float
 ) -> list[list[_Run]] | None:
     """Deal out families so that no shard has more than ``level`` seconds; return None if that is too little.
 
