@@ -1,4 +1,4 @@
-"""The steps of docs/how-to/machines.md by hand, with certificates and with an object store, are run here as written."""
+"""Steps of docs/how-to/machines.md and cluster.md are run as written: job arrays, certificates, an object store."""
 
 import os
 import re
@@ -15,8 +15,9 @@ from dask_processes import end_session
 from planted_sweeps import list_streams, write_sweep
 from small_dataset import SCENES, SMALL_RECIPE
 
-PAGE = (Path(__file__).resolve().parent.parent / "docs/how-to/machines.md").read_text(encoding="utf-8")
-STEPS = PAGE.split("## Keep datasets in an object store")[1]
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = (ROOT / "docs/how-to/cluster.md").read_text(encoding="utf-8")
+STEPS = (ROOT / "docs/how-to/machines.md").read_text(encoding="utf-8").split("## Keep datasets in an object store")[1]
 
 ONE_LIGHT = SMALL_RECIPE.replace("[constant, continuous, lamp_only]", "[constant]")
 RECIPE = ONE_LIGHT.replace("name: small", "name: quickstart")
@@ -32,6 +33,39 @@ def find_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return free.getsockname()[1]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("words", ["for shard in 1 2 3", "dataset merge", "SLURM_ARRAY_TASK_ID"])
+def test_a_job_array_of_the_page_makes_the_dataset(words, tmp_path):
+    """The recipe is replaced by one of a small still scene, which one shard makes; the batch system by a loop."""
+    (tmp_path / "quickstart.yaml").write_text(RECIPE)
+    text = block_with(words).replace("quickstart", "./quickstart.yaml", 1 if "SLURM" in words else -1)
+    text = text.replace("datasets/./quickstart.yaml", "datasets/quickstart")
+    if "SLURM" in words:
+        (tmp_path / "array.sh").write_text(text)
+        tasks = "for n in 1 2 8; do SLURM_ARRAY_TASK_ID=$n sh array.sh; done\n"
+        text = tasks + "saf-gen generate ./quickstart.yaml\nsaf-gen verify datasets/quickstart\n"
+    (tmp_path / "bin").mkdir()
+    command = tmp_path / "bin/saf-gen"
+    command.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m saf_gen "$@"\n')
+    command.chmod(0o755)
+    path = os.pathsep.join([str(command.parent), os.environ["PATH"]])
+    changes = {"PATH": path, "PYTHONPATH": os.pathsep.join(sys.path), "SAF_GEN_SCENES": str(SCENES)}
+    ran = subprocess.run(["sh", "-ec", text], cwd=tmp_path, env=os.environ | changes, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.count("pieces of focal stacks rendered") == ran.stdout.count("has nothing to make") + 2
+    assert ran.stdout.count("3 pieces of focal stacks rendered") == 1
+    assert ran.stdout.endswith("1 of 1 sequences are intact\n")
+
+
+def test_the_recipe_of_the_container_for_clusters_installs_what_the_other_does():
+    docker, apptainer = ((ROOT / name).read_text(encoding="utf-8") for name in ("Dockerfile", "saf-gen.def"))
+    for pattern in (r"^F(?:ROM|rom):? (python:\S+)", r"(apt-get install --yes .*?)(?: \\)?$", r"(NUMBA_CACHE_DIR=.*)$"):
+        assert {*re.findall(pattern, apptainer, re.MULTILINE)} == {*re.findall(pattern, docker, re.MULTILINE)} != set()
+    for folder in ("saf_gen", "scenes", "recipes", "constraints.txt", "pyproject.toml"):
+        assert f"    {folder} /src/{folder}\n" in apptainer
+        assert (ROOT / folder).exists()
 
 
 @pytest.mark.slow

@@ -70,7 +70,10 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "preview": scene_commands.preview_command,
         },
     ),
-    "dataset": ("Make a dataset from existing streams.", {"index": stream_commands.index_command}),
+    "dataset": (
+        "Make a dataset from existing streams, or from shards in separate folders.",
+        {"index": stream_commands.index_command, "merge": dataset_commands.merge_shards_command},
+    ),
     "recipes": (
         "List and check recipes, and seal a test split until everybody has submitted.",
         {
@@ -114,7 +117,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "fetch", "evaluate", "tune", "leaderboard saf"),
+        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "cut", "view", "sensors"), NOTHING_WRITTEN),
@@ -233,6 +236,8 @@ def _find_exit_code(error: BaseException) -> Any:
 
 
 def _is_output_closed() -> bool:
+    if not hasattr(select, "poll"):  # Windows, where writing to a closed pipe raises another error
+        return False
     poll = select.poll()
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # a stream may be None, closed, or no file

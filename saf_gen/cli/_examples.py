@@ -6,6 +6,7 @@ EXAMPLES = {
         "generate quickstart",
         "generate recipes/sad_synthetic.yaml --dry-run --machines 8",
         "generate my_recipe.yaml --out datasets/mine --workers 2",
+        "generate quickstart --shard 2/3",
     ),
     "evaluate": (
         "evaluate datasets/quickstart",
@@ -58,6 +59,7 @@ EXAMPLES = {
     "scenes check": ("scenes check my_scene", "scenes check camel fan --json"),
     "scenes preview": ("scenes preview my_scene --out sheet.png",),
     "dataset index": ("dataset index recordings",),
+    "dataset merge": ("dataset merge quickstart shard1 shard2 --out datasets/quickstart",),
     "recipes list": ("recipes list",),
     "recipes check": ("recipes check my_recipe.yaml",),
     "recipes seal": ("recipes seal my_recipe.yaml",),

@@ -1,4 +1,4 @@
-"""The commands ``generate``, ``verify``, ``pack`` and ``fetch``."""
+"""The commands ``generate``, ``dataset merge``, ``verify``, ``pack`` and ``fetch``."""
 
 import shlex
 from pathlib import Path
@@ -16,6 +16,14 @@ from saf_gen.errors import BadInput, escape_controls
 
 if TYPE_CHECKING:
     from saf_gen.generate.plan import Plan
+    from saf_gen.generate.shards import Share
+
+
+Workers = Annotated[int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")]
+Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
+KeepSlices = Annotated[
+    str, typer.Option(help="Time slices of moving scenes to keep at the end: all, closed-loop or none.")
+]
 
 
 def generate_command(
@@ -24,14 +32,12 @@ def generate_command(
     folder: Annotated[
         Path | None, typer.Option("--out", help="Folder to write to, or s3://BUCKET/FOLDER in an object store.")
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")] = 1,
+    workers: Workers = 1,
     cluster: ClusterAddress = None,
     split: Annotated[str | None, typer.Option(help="Generate only this split.")] = None,
-    shard: Annotated[str, typer.Option(help="I/N: generate every N-th sequence, starting with the I-th.")] = "1/1",
-    variant: Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")] = "auto",
-    keep_slices: Annotated[
-        str, typer.Option(help="Time slices of moving scenes to keep at the end: all, closed-loop or none.")
-    ] = "all",
+    shard: Annotated[str, typer.Option(help="I/N: generate the I-th of N equal parts of the work.")] = "1/1",
+    variant: Variant = "auto",
+    keep_slices: KeepSlices = "all",
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print what would be made, with its time and disk, and make nothing.")
     ] = False,
@@ -45,8 +51,6 @@ def generate_command(
     with defer_interrupts():
         from saf_gen.generate.plan import make_plan
         from saf_gen.generate.resolve import coarse_sampling, resolve_recipe
-        from saf_gen.generate.run import run_plan
-        from saf_gen.generate.store import run_to_store
 
     resolved = resolve_recipe(recipe, part=_parse_shard(shard), split=split)
     target = find_path(folder or Path("datasets") / resolved.recipe.name)
@@ -61,6 +65,43 @@ def generate_command(
     if dry_run:
         _print_plan(plan, workers=workers, machines=machines)
         return
+    options = {"--out": str(target), "--split": split, "--keep-slices": keep_slices if keep_slices != "all" else None}
+    given = [word for option, value in options.items() if value for word in (option, value)]
+    closing = shlex.join(["saf-gen", "generate", recipe, *given])
+    _make(plan, workers=workers, variant=variant, cluster=cluster, closing=closing)
+
+
+def merge_shards_command(
+    recipe: RecipeName,
+    folders: Annotated[list[Path], typer.Argument(help="Folders in which shards of the recipe were generated.")],
+    *,
+    target: Annotated[Path, typer.Option("--out", help="Folder of the merged dataset; it may be one of them.")],
+    workers: Workers = 1,
+    variant: Variant = "auto",
+    keep_slices: KeepSlices = "all",
+) -> None:
+    """Copy the shards of a dataset into one folder, make what none of them could make, and list all sequences."""
+    with defer_interrupts():
+        from saf_gen.generate.merging import gather_shards
+        from saf_gen.generate.plan import make_plan
+        from saf_gen.generate.resolve import resolve_recipe
+
+    resolved = resolve_recipe(recipe)
+    copied = gather_shards(resolved, folders, target=target, tell=err.print)
+    out.print(f"{copied / 1e6:,.0f} MB copied from {len(folders)} folders")
+    plan = make_plan(resolved, target, keep_slices=keep_slices)
+    if any(plan.to_render.values()):
+        err.print(f"these stacks lack pictures, which are rendered here: {'; '.join(plan.labels)}", soft_wrap=True)
+        _warn_if_slow_renderer(variant, dry_run=False)
+    _make(plan, workers=workers, variant=variant, cluster=None, closing="")
+
+
+def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, closing: str) -> None:
+    """Make what a plan lacks, with progress bars, and print what was made; ``closing`` ends a job array."""
+    from saf_gen.generate.run import run_plan
+    from saf_gen.generate.store import run_to_store
+
+    target = plan.target
     with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
         finished: set[str] = set()
@@ -83,8 +124,12 @@ def generate_command(
         f"{len(result.rendered)} pieces of focal stacks rendered"
     )
     if result.freed_bytes:
-        out.print(f"{result.freed_bytes / 1e6:,.0f} MB of time slices deleted (--keep-slices {keep_slices})")
-    out.print(f"dataset: {target}   (next: {result.manifest.next_command(target)})", soft_wrap=True)
+        out.print(f"{result.freed_bytes / 1e6:,.0f} MB of time slices deleted (--keep-slices {plan.keep_slices})")
+    if plan.share is None:
+        out.print(f"dataset: {target}   (next: {result.manifest.next_command(target)})", soft_wrap=True)
+    else:
+        _print_share(plan.share)
+        out.print(f"next, once all {plan.share.part[1]} shards have ended: {closing}", soft_wrap=True)
     if result.without_diffraction:
         out.print("rendered without diffraction: only the variants llvm and cuda support it")
     for name, problem in result.failed.items():
@@ -117,6 +162,17 @@ def _parse_shard(text: str) -> tuple[int, int]:
     return int(index), int(count)
 
 
+def _print_share(share: "Share") -> None:
+    index, count = share.part
+    if not share.specs:
+        out.print(f"shard {index}/{count} has nothing to make: there is less to share out than there are shards")
+        return
+    out.print(
+        f"shard {index}/{count}: {len(share.specs):,} of {share.all_specs:,} stacks and time slices, "
+        f"about {_time(share.seconds)} of {_time(share.all_seconds)} ({share.seconds / share.all_seconds:.1%})"
+    )
+
+
 def _gigabytes(size: float) -> str:
     return f"{size / 1e9:.2f} GB"
 
@@ -124,7 +180,8 @@ def _gigabytes(size: float) -> str:
 def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
     from saf_gen.generate.plan import KEEP_SLICES
 
-    recipe, planned = plan.resolved.recipe, [sequence.planned for sequence in plan.resolved.sequences]
+    makes = plan.resolved.sequences if plan.share is None else plan.sequences
+    recipe, planned = plan.resolved.recipe, [sequence.planned for sequence in makes]
     frames = recipe.camera.frames
     columns = [
         Column("sequence", "id"),
@@ -135,6 +192,11 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
     ]
     title = f"{recipe.name}: {len(planned)} sequences in {plan.target}"
     print_table(Table(columns, planned, title), where_to_find="a wider terminal or a pipe shows them")
+    if plan.share is not None:
+        _print_share(plan.share)
+        if plan.by_cut_stack:
+            cut = sum(map(len, plan.by_cut_stack.values()))
+            out.print(f"{cut} sequences are recorded by the shard that sees all their slices, or by the closing run")
     out.print(f"focal stacks to render: {'; '.join(plan.labels) or 'none, all exist'}")
     if plan.kept_bytes("all"):
         listed = ", ".join(f"{choice} {_gigabytes(plan.kept_bytes(choice))}" for choice in KEEP_SLICES)
@@ -163,6 +225,8 @@ def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder,
 
     flaws: dict[str, dict[str, str]] = {}
     count, problems = verify_dataset(dataset, report=lambda name, held: flaws.update({name: describe_flaws(held)}))
+    if not count:
+        raise BadInput("lists no sequence", where=str(dataset), hint="make some with saf-gen generate")
     for name, found in flaws.items():
         for what, words in found.items():
             out.print(escape_controls(f"{name}: {what}: {words}"), soft_wrap=True, markup=False)

@@ -66,7 +66,8 @@ def describe_machine() -> tuple[dict[str, str], list[str]]:
         if not found.llvm_usable and not found.cuda:
             advice.append(f"to be faster: {backend.ADVICE}")
     facts["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"
-    facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
+    if hasattr(os, "sysconf"):  # not on Windows
+        facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
     facts["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
     facts["compiled kernels"] = choose_kernel_cache()
     facts["scenes of yours"] = ", ".join(str(folder) for folder in all_trusted()) or "none registered"

@@ -66,6 +66,9 @@ def defer_interrupts() -> Iterator[None]:
 
     Dr.Jit and Mitsuba raise their own errors or abort if they are interrupted while they load.
     """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

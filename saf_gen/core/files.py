@@ -5,7 +5,6 @@ writes it. Before a process writes to a folder, it removes the unfinished files 
 """
 
 import errno
-import fcntl
 import os
 import re
 import secrets
@@ -20,6 +19,13 @@ from pathlib import Path
 
 from saf_gen.core.object_store import check_on_disk
 from saf_gen.errors import BadInput
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    HAS_LOCKS = False
+else:
+    HAS_LOCKS = True
 
 ABANDONED_S = 86_400.0
 """Seconds without a change after which a temporary file of another machine, whose processes are unknown, is removed."""
@@ -46,7 +52,7 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         final.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers_once(final.parent)
         yield part
-        with part.open("rb") as written:
+        with part.open("r+b") as written:  # Windows syncs only what is open for writing
             os.fsync(written.fileno())
         rename_durably(part, final)
     except OSError as error:
@@ -88,30 +94,37 @@ def read_start(path: Path) -> str:
 def lock_folder(folder: Path) -> Iterator[None]:
     """Create a folder if it is missing, and keep other processes that call this function from it during the block.
 
-    A process that ends, however, holds no lock any more. Some file systems on a network have no locks; the block then
-    runs without one. If nothing was written into a new folder, it is removed again.
+    A process that ends, however, holds no lock any more. Windows, and some file systems on a network, have no locks of
+    this kind; the block then runs without one. If nothing was written into a new folder, it is removed again.
 
     Raises BadInput if another process holds the lock, or if the folder cannot be created.
     """
     is_new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        opened = os.open(folder, os.O_RDONLY)
+        opened = os.open(folder, os.O_RDONLY) if HAS_LOCKS else None  # Windows opens no folders
     except OSError as error:
         raise unwritable(folder, error) from error
     try:
         try:
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(opened)
         except OSError as error:
             if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
                 hint = "wait until it has ended, or give another folder with --out"
                 raise BadInput(f"another saf-gen is writing to {folder}", hint=hint) from error
         yield
     finally:
-        os.close(opened)
+        if opened is not None:
+            os.close(opened)
         if is_new:
             with suppress(OSError):  # it holds what the block wrote
                 folder.rmdir()
+
+
+def _lock(opened: int | None) -> None:
+    """Lock an open file or folder, or raise OSError; nothing is locked where there are no locks of this kind."""
+    if HAS_LOCKS and opened is not None:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
@@ -240,7 +253,7 @@ def check_file_system(folder: Path) -> None:
 
 def _lock_like_hdf5(file: int) -> None:
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _lock(file)
     except OSError as error:
         if error.errno != errno.ENOSYS:  # HDF5 works without locks if the system has none at all
             raise
@@ -264,9 +277,9 @@ def undeletable(path: Path, error: OSError) -> BadInput:
 def remove_leftovers(folder: Path, *, recursive: bool = False) -> None:
     """Remove temporary files and folders of ended processes in ``folder`` and, with ``recursive``, below it.
 
-    Those of another machine are removed if they have not changed for ABANDONED_S seconds.
+    Those of another machine, and all on Windows, are removed if they have not changed for ABANDONED_S seconds.
     """
-    for part in (folder.rglob if recursive else folder.glob)(".*.part"):
+    for part in _find_unfinished(folder, recursive=recursive):
         with suppress(OSError):  # another process has removed it already, or it belongs to another user
             if not _is_leftover(part):
                 continue
@@ -274,6 +287,14 @@ def remove_leftovers(folder: Path, *, recursive: bool = False) -> None:
                 shutil.rmtree(part, ignore_errors=True)
             else:
                 part.unlink()
+
+
+def _find_unfinished(folder: Path, *, recursive: bool) -> Iterator[Path]:
+    """Yield temporary files and folders; those in a temporary folder go with it, at any moment."""
+    for here, folders, files in os.walk(folder):  # which passes over folders that another process has just removed
+        unfinished = {name for name in (*folders, *files) if name.startswith(".") and name.endswith(".part")}
+        yield from (Path(here, name) for name in sorted(unfinished))
+        folders[:] = [name for name in folders if recursive and name not in unfinished]
 
 
 @cache
@@ -285,7 +306,7 @@ def _is_leftover(part: Path) -> bool:
     found = _TEMPORARY.fullmatch(part.name)
     if found is None:
         return False
-    if found["machine"] != _machine():
+    if found["machine"] != _machine() or os.name == "nt":  # where os.kill with signal 0 is Ctrl-C
         return time.time() - part.stat().st_mtime > ABANDONED_S
     return not _is_running(int(found["pid"]))
 

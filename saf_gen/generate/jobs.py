@@ -1,6 +1,6 @@
 """The jobs that make a dataset, as values that can be sent to another process, and the order in which they run."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,9 +11,11 @@ from saf_gen.core.execution import Job, ReportProgress
 from saf_gen.core.files import undeletable, unwritable
 from saf_gen.generate.plan import Plan
 from saf_gen.generate.record import Recorder, recording_digest
-from saf_gen.generate.resolve import PlannedSequence
+from saf_gen.generate.resolve import PlannedSequence, ResolvedSequence
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.stack.grain import read_grain
+from saf_gen.stack.second_render import stacks_to_repeat
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 
 COMPUTED_FRACTION = 0.99
@@ -38,6 +40,8 @@ class RenderJob:
         Rendering backend.
     measure_grain : bool, default True
         Whether to measure the grain of the stored pictures too.
+    wanted : tuple of StackSpec, optional
+        The slices that are rendered, if other shards render the rest; by default all.
     """
 
     label: str
@@ -46,6 +50,7 @@ class RenderJob:
     stacks: Path
     backend: str
     measure_grain: bool = True
+    wanted: tuple[StackSpec, ...] | None = None
 
     @property
     def name(self) -> str:
@@ -78,7 +83,14 @@ class RenderJob:
 
         options: dict[str, Any] = {"root": self.stacks, "backend_name": self.backend}
         try:
-            pieces = render_missing(self.scene, self.time_stack.specs, **options, progress=progress)
+            pieces = render_missing(
+                self.scene,
+                self.time_stack.specs,
+                **options,
+                wanted=self.wanted,
+                geometry_first=self.wanted is not None,
+                progress=progress,
+            )
             report_done()
             if self.measure_grain:
                 measure_by_repeat(self.scene, self.time_stack.specs, **options, progress=progress)
@@ -86,6 +98,47 @@ class RenderJob:
             return pieces
         except OSError as error:
             raise unwritable(self.stacks, error) from error
+
+
+@dataclass(frozen=True)
+class MeasureGrainJob:
+    """Measures the grain of some slices of a stack of which depth and target of all slices exist."""
+
+    label: str
+    scene: Scene
+    time_stack: TimeResolvedStack
+    stacks: Path
+    backend: str
+    wanted: tuple[StackSpec, ...]
+
+    @property
+    def name(self) -> str:
+        return f"measure the grain of {self.label}"
+
+    @property
+    def takes_all_cores(self) -> bool:
+        return True
+
+    @property
+    def wants_gpu(self) -> bool:
+        return self.backend == "cuda"
+
+    def run(self, report: ReportProgress) -> None:
+        from saf_gen.render.grain import measure_by_repeat
+
+        report(self.name, 0.0)
+        try:
+            measure_by_repeat(
+                self.scene,
+                self.time_stack.specs,
+                root=self.stacks,
+                backend_name=self.backend,
+                wanted=self.wanted,
+                progress=lambda name, done: report(self.name, COMPUTED_FRACTION * done),
+            )
+        except OSError as error:
+            raise unwritable(self.stacks, error) from error
+        report(self.name, 1.0)
 
 
 @dataclass(frozen=True)
@@ -219,7 +272,10 @@ class JobOrder:
 
     Missing stacks are rendered, and the recordings from each stack follow. A recording whose time slices were deleted
     is read first, and the slices are rendered again only if its file is damaged. Slices that are not to be kept are
-    deleted once every recording of the recipe that needs them is made, in all splits and shards.
+    deleted once every recording of the recipe that needs them is made, in all splits.
+
+    A shard renders its slices of cut stacks first. When it has rendered everything, it looks at these stacks again: it
+    measures the grain of its own slices if all slices have depth and target, and records what can be recorded.
 
     Parameters
     ----------
@@ -239,6 +295,7 @@ class JobOrder:
         self._ids = frozenset(s.planned.id for s in plan.sequences)
         self._finished: set[str] = set()
         self._rendered_again: set[TimeResolvedStack] = set()
+        self._unrendered = set(plan.to_render)
 
     def first_jobs(self) -> list[Job]:
         """Return the jobs that do not wait for another job."""
@@ -246,16 +303,22 @@ class JobOrder:
         for stack in self._plan.by_stack:
             if stack not in self._plan.to_render:
                 jobs += self._record_jobs(stack)
+        if not self._unrendered:
+            jobs += self._jobs_on_cut_stacks()
         return [*jobs, *self._jobs_that_delete_unrecorded()]
 
     def jobs_after(self, job: Job, result: Any) -> list[Job]:
         """Return the jobs that may start now that ``job`` has succeeded with ``result``."""
         if isinstance(job, RenderJob):
-            return self._record_jobs(job.time_stack)
+            was_last = self._unrendered == {job.time_stack}
+            self._unrendered.discard(job.time_stack)
+            return [*self._record_jobs(job.time_stack), *(self._jobs_on_cut_stacks() if was_last else ())]
+        if isinstance(job, MeasureGrainJob):
+            return self._record_if_whole(job.time_stack)
         if not isinstance(job, RecordJob):
             return []
         if result.lacks_slices:
-            if job.time_stack in self._rendered_again:
+            if job.time_stack in self._rendered_again or job.time_stack in self._plan.by_cut_stack:
                 return []
             self._rendered_again.add(job.time_stack)
             return [self._render_job(job.time_stack)]
@@ -267,11 +330,43 @@ class JobOrder:
         return self._choose_backend()
 
     def _render_job(self, stack: TimeResolvedStack) -> Job:
-        user, measure_grain = self._plan.users[stack], stack in self._plan.by_stack
-        return RenderJob(user.stack_label(stack), user.scene, stack, self._stacks, self._backend, measure_grain)
+        user, share = self._plan.users[stack], self._plan.share
+        label, measure_grain = user.stack_label(stack), stack in self._plan.by_stack
+        wanted = self._plan.to_render[stack] if share and stack in share.cut else None
+        return RenderJob(label, user.scene, stack, self._stacks, self._backend, measure_grain, wanted)
 
-    def _record_jobs(self, stack: TimeResolvedStack) -> list[Job]:
-        users = self._plan.by_stack.get(stack, [])
+    def _jobs_on_cut_stacks(self) -> list[Job]:
+        jobs: list[Job] = []
+        for stack in self._plan.by_cut_stack:
+            if mine := self._own_slices_without_grain(stack):
+                user = self._plan.users[stack]
+                jobs.append(
+                    MeasureGrainJob(user.stack_label(stack), user.scene, stack, self._stacks, self._backend, mine)
+                )
+            else:
+                jobs += self._record_if_whole(stack)
+        return jobs
+
+    def _own_slices_without_grain(self, stack: TimeResolvedStack) -> tuple[StackSpec, ...]:
+        """Return the slices of this shard whose grain is to be measured; none if that cannot be known yet."""
+        if self._plan.share is None or not stack.has_geometry(self._stacks):
+            return ()
+        mine = [spec for spec in stacks_to_repeat(stack.specs, self._stacks) if spec in self._plan.share.specs]
+        return tuple(spec for spec in mine if read_grain(self._stacks, spec) is None)
+
+    def _record_if_whole(self, stack: TimeResolvedStack) -> list[Job]:
+        """Return jobs that record from a cut stack if no other shard has slices or grain of it to make any more.
+
+        Two shards that see this at once begin with different sequences, and keep those that the other has made.
+        """
+        if stack.find_missing(self._stacks) or not stack.has_grain(self._stacks):
+            return []
+        jobs = self._record_jobs(stack, self._plan.by_cut_stack[stack])
+        first = self._plan.resolved.part[0] % max(len(jobs), 1)
+        return [*jobs[first:], *jobs[:first]]
+
+    def _record_jobs(self, stack: TimeResolvedStack, users: Sequence[ResolvedSequence] | None = None) -> list[Job]:
+        users = self._plan.by_stack.get(stack, []) if users is None else users
         self._finished -= {s.planned.id for s in users}
         digest = stack.digest(self._stacks) if users else ""
         return [

@@ -6,8 +6,8 @@ A plan looks at the disk or the store once and makes nothing; ``generate --dry-r
 import hashlib
 import heapq
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -18,6 +18,7 @@ from saf_gen.core.object_transfers import list_objects
 from saf_gen.errors import BadInput, unknown
 from saf_gen.generate.record import has_recording
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
+from saf_gen.generate.shards import Share, deal_groups, join_by_stacks, share_out
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest
@@ -174,12 +175,18 @@ class Plan:
     made : frozenset of str
         Ids of the sequences whose file exists in the target, judged by its name.
     sequences : tuple of ResolvedSequence
-        Sequences to make or to verify; of a store, those that it lacks.
+        Sequences to make or to verify: of a shard, those whose stacks it renders alone; of a store, those that it
+        lacks.
     by_stack : dict of TimeResolvedStack to list of ResolvedSequence
         Every stack of these recordings once, with the sequences that are recorded from it.
     to_render : dict of TimeResolvedStack to tuple of StackSpec
         Stacks to render, those of recordings first, with the parts that are missing; no part is missing where only the
-        grain must be measured.
+        grain must be measured. Of a shard, cut stacks come before all others, with the parts that are its own.
+    share : Share, optional
+        The shard's share; None for a run that makes everything, and in a store.
+    by_cut_stack : mapping of TimeResolvedStack to list of ResolvedSequence
+        Stacks of recordings of which the shard renders some slices, with the sequences to record from them if they are
+        complete when it has done its own work.
     """
 
     resolved: ResolvedRecipe
@@ -191,6 +198,8 @@ class Plan:
     sequences: tuple[ResolvedSequence, ...]
     by_stack: dict[TimeResolvedStack, list[ResolvedSequence]]
     to_render: dict[TimeResolvedStack, tuple[StackSpec, ...]]
+    share: Share | None = None
+    by_cut_stack: Mapping[TimeResolvedStack, list[ResolvedSequence]] = field(default_factory=dict)
 
     @property
     def in_store(self) -> bool:
@@ -200,13 +209,20 @@ class Plan:
     @cached_property
     def users(self) -> dict[TimeResolvedStack, ResolvedSequence]:
         """The first sequence that needs each stack, for its recording or for the closed loop."""
-        pairs = [(stack, s) for s in self.sequences for stack in (s.time_stack, s.closed_loop_slices) if stack]
+        makes = self.sequences if self.share is None else self.resolved.sequences
+        pairs = [(stack, s) for s in makes for stack in (s.time_stack, s.closed_loop_slices) if stack]
         return dict(reversed(pairs))
 
     @property
     def labels(self) -> list[str]:
-        """Names of the stacks to render."""
-        return [self.users[stack].stack_label(stack) for stack in self.to_render]
+        """Names of the stacks to render, with the number of slices where a shard renders only some."""
+        return [self.users[stack].stack_label(stack) + self._describe_cut(stack) for stack in self.to_render]
+
+    def _describe_cut(self, stack: TimeResolvedStack) -> str:
+        if self.share is None or stack not in self.share.cut:
+            return ""
+        mine = sum(spec in self.share.specs for spec in stack.specs)
+        return f", {mine} of {len(stack.specs)} slices"
 
     @cached_property
     def unrecorded(self) -> frozenset[str]:
@@ -239,8 +255,11 @@ class Plan:
 
     @cached_property
     def deletable(self) -> dict[frozenset[str], list[StackSpec]]:
-        """The slices that are not kept, by the ids of all sequences of the recipe that are recorded from them."""
-        if self.keep_slices == "all":
+        """The slices that are not kept, by the ids of all sequences of the recipe that are recorded from them.
+
+        There are none in a shard.
+        """
+        if self.keep_slices == "all" or self.share is not None:  # another shard may need them
             return {}
         users: defaultdict[StackSpec, set[str]] = defaultdict(set)
         for sequence in self.resolved.all_sequences:
@@ -285,40 +304,71 @@ def make_plan(resolved: ResolvedRecipe, target: AnyPath, *, keep_slices: str = "
     """
     if keep_slices not in KEEP_SLICES:
         raise unknown("choice of time slices to keep:", keep_slices, allowed=KEEP_SLICES)
-    manifest = check_same_dataset(resolved, target)
+    manifest, share = check_same_dataset(resolved, target), None
     if isinstance(target, StorePath):
+        resolved = _narrow_to_shard(resolved)
         objects, folder = list_objects(target), find_scratch(resolved, target)
         made = frozenset(s.planned.id for s in resolved.sequences if s.planned.file in objects)
         sequences = tuple(s for s in resolved.sequences if s.planned.id not in made)
     else:
         objects, folder, sequences = set[str](), target.resolve(), resolved.sequences
         made = frozenset(s.planned.id for s in sequences if (folder / s.planned.file).exists())
-    by_stack: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
-    for sequence in sequences:
-        by_stack.setdefault(sequence.time_stack, []).append(sequence)
-    to_render = _stacks_to_render(by_stack, folder, keep_slices=keep_slices, objects=objects)
+        if resolved.part[1] > 1:
+            share = share_out(resolved, resolved.part[1])[resolved.part[0] - 1]
+            sequences = tuple(s for s in sequences if s.time_stack in share.whole)
+    by_stack = _group_by_stack(sequences)
+    cut = _group_by_stack(s for s in resolved.sequences if share and s.time_stack in share.cut)
+    makes = sequences if share is None else resolved.sequences
+    for_loop = dict.fromkeys(s.closed_loop_slices for s in makes if s.closed_loop_slices and keep_slices != "none")
+    to_render = _stacks_to_render(cut | by_stack, [*for_loop], folder=folder, objects=objects, share=share)
     for stack, users in by_stack.items() if not objects else ():  # the grain that a store holds is not read
         unmade = any(s.planned.id not in made for s in users)
         if stack not in to_render and unmade and not stack.has_grain(folder / "stacks"):  # as after a stopped run
             to_render[stack] = ()
-    return Plan(resolved, target, folder, keep_slices, manifest, made, sequences, by_stack, to_render)
+    return Plan(resolved, target, folder, keep_slices, manifest, made, sequences, by_stack, to_render, share, cut)
+
+
+def _group_by_stack(sequences: Iterable[ResolvedSequence]) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
+    by_stack: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
+    for sequence in sequences:
+        by_stack.setdefault(sequence.time_stack, []).append(sequence)
+    return by_stack
+
+
+def _narrow_to_shard(resolved: ResolvedRecipe) -> ResolvedRecipe:
+    """Return a recipe with the sequences of its shard in a store, where no stack is cut.
+
+    A shard there has its own scratch folder, and does not see the slices of others.
+    """
+    index, count = resolved.part
+    mine = deal_groups(join_by_stacks(resolved.sequences, lambda s: stacks_of([s])), count)[index - 1]
+    return replace(resolved, sequences=tuple(s for s in resolved.sequences if s in mine), part=(1, 1))
 
 
 def _stacks_to_render(
-    by_stack: dict[TimeResolvedStack, list[ResolvedSequence]], folder: Path, *, keep_slices: str, objects: set[str]
+    by_stack: dict[TimeResolvedStack, list[ResolvedSequence]],
+    for_loop: Iterable[TimeResolvedStack],
+    *,
+    folder: Path,
+    objects: set[str],
+    share: Share | None,
 ) -> dict[TimeResolvedStack, tuple[StackSpec, ...]]:
-    """Return the stacks that are incomplete in a folder and in the objects of a store, with their missing parts."""
+    """Return the stacks that are incomplete in a folder and in the objects of a store, with their missing parts.
+
+    ``for_loop`` holds those that the closed loop needs, unless no slices are kept for it.
+    Parts that are not in the share of a shard are not missing.
+    """
 
     def missing(stack: TimeResolvedStack) -> tuple[StackSpec, ...]:
-        return tuple(spec for spec in stack.find_missing(folder / "stacks") if not picture_names(spec) <= objects)
+        mine = stack if share is None else replace(stack, specs=tuple(s for s in stack.specs if s in share.specs))
+        return tuple(spec for spec in mine.find_missing(folder / "stacks") if not picture_names(spec) <= objects)
 
     found = {
         stack: specs
         for stack, users in by_stack.items()
         if (specs := missing(stack)) and not _is_recorded(stack, users, folder=folder)
     }
-    slices = {s.closed_loop_slices: None for users in by_stack.values() for s in users if keep_slices != "none"}
-    return found | {stack: specs for stack in slices if stack and stack not in found and (specs := missing(stack))}
+    return found | {stack: specs for stack in for_loop if stack not in found and (specs := missing(stack))}
 
 
 def _is_recorded(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
@@ -351,19 +401,9 @@ def find_scratch(resolved: ResolvedRecipe, store: StorePath) -> Path:
 
 def split_into_batches(sequences: Iterable[ResolvedSequence]) -> list[list[ResolvedSequence]]:
     """Return the sequences in batches of about BATCH_BYTES, so that no stack belongs to two batches."""
-    group_of: dict[StackSpec, list[ResolvedSequence]] = {}
-    for sequence in sequences:
-        group, specs = [sequence], stacks_of([sequence])
-        for spec in specs:
-            other = group_of.get(spec, group)
-            if other is not group:
-                other += group
-                group_of |= dict.fromkeys(stacks_of(group), other)
-                group = other
-        group_of |= dict.fromkeys(specs, group)
     batches: list[list[ResolvedSequence]] = []
     remaining = 0
-    for group in {id(one): one for one in group_of.values()}.values():
+    for group in join_by_stacks(sequences, lambda s: stacks_of([s])):
         size = _count_bytes(group)
         if not batches or size > remaining:
             batches, remaining = [*batches, []], BATCH_BYTES

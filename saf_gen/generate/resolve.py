@@ -340,13 +340,15 @@ class ResolvedRecipe:
     all_sequences : tuple of ResolvedSequence
         All sequences of the recipe.
     sequences : tuple of ResolvedSequence
-        Sequences of the requested split and shard.
+        Sequences of the requested split.
     scenes : dict of str to Scene
         Scenes of the recipe, by name.
     sensor : Sensor
         Sensor of the recipe.
     benchmark : str, default ""
         Name and digest of the recipe's frozen benchmark, as streams store them; "" if it has none.
+    part : tuple of int, default (1, 1)
+        Shard (I, N) of these sequences that is requested, with I from 1 (:mod:`saf_gen.generate.shards`).
     """
 
     recipe: Recipe
@@ -355,6 +357,7 @@ class ResolvedRecipe:
     scenes: dict[str, Scene]
     sensor: Sensor
     benchmark: str = ""
+    part: tuple[int, int] = (1, 1)
 
     @property
     def pixel_frames(self) -> int:
@@ -394,7 +397,7 @@ def resolve_recipe(
     recipe_path : str or Path
         YAML file of the recipe, or the name of a recipe that comes with saf_gen.
     part : tuple of int, default (1, 1)
-        Shard (I, N), with I from 1: the I-th sequence and every N-th one after it.
+        Shard (I, N) that is made, with I from 1.
     split : str, optional
         Use only the sequences of this split.
 
@@ -438,9 +441,8 @@ def resolve_recipe(
             lens_positions(s.motion, frames, readout_hz=hz)
     with located(where):
         resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
-    wanted = [sequence for sequence in resolved if split in (None, sequence.planned.split)]
-    index, count = part
-    found = ResolvedRecipe(recipe, resolved, tuple(wanted[index - 1 :: count]), scenes, sensor)
+    wanted = tuple(sequence for sequence in resolved if split in (None, sequence.planned.split))
+    found = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part)
     return replace(found, benchmark=_benchmark(found))
 
 

@@ -32,8 +32,8 @@ from saf_gen.core.files import (
 from saf_gen.core.object_store import AnyPath
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput, SafGenError, unknown
-from saf_gen.generate.jobs import ChooseBackendJob, JobOrder, RecordJob, RenderJob
-from saf_gen.generate.plan import Plan, make_plan
+from saf_gen.generate.jobs import ChooseBackendJob, DeleteJob, JobOrder, RecordJob, RenderJob
+from saf_gen.generate.plan import Plan, check_same_dataset, make_plan
 from saf_gen.generate.recipe import Recipe
 from saf_gen.generate.record import Recorder, has_generated_fingerprint
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, recipe_fingerprint
@@ -41,7 +41,7 @@ from saf_gen.scene.scene_folder import SceneCard
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import FORMAT as MANIFEST_FORMAT
-from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, write_manifest
 from saf_gen.stream.sharing.croissant import (
     CARD_NAME,
     SYNTHETIC,
@@ -180,6 +180,8 @@ def run_plan(
     resolved, folder = plan.resolved, plan.folder
     _check_folder(plan)
     remove_leftovers(folder, recursive=True)
+    if plan.share is not None:
+        _claim_folder(resolved, folder)
     recorder = Recorder(
         sensor=resolved.sensor,
         frames=resolved.recipe.camera.frames,
@@ -201,21 +203,23 @@ def run_plan(
                     failed[job.name] = error
                 elif isinstance(job, RenderJob):
                     rendered += [f"{job.label} · {piece}" for piece in result]
-                elif not isinstance(job, RecordJob):
+                elif isinstance(job, DeleteJob):
                     freed += result
-                elif not result.lacks_slices:
+                elif isinstance(job, RecordJob) and not result.lacks_slices:
                     recordings[job.sequence.id] = result.kept
     except KeyboardInterrupt:
-        _write_manifest(resolved, folder)
+        _list_finished(plan)
         raise
     except SchedulerLost as lost:
-        listed = len(_write_manifest(resolved, folder).sequences)
+        if plan.share is not None:
+            raise SafGenError(f"{lost}; start a scheduler and run the same command again to continue") from lost
+        listed = len(_list_finished(plan).sequences)
         raise SafGenError(
             f"{lost}; {listed} of {len(resolved.all_sequences)} sequences are complete and listed; "
             "start a scheduler and run the same command again to continue"
         ) from lost
     recorded, kept = ([name for name, was_kept in recordings.items() if was_kept == one] for one in (False, True))
-    manifest = _write_manifest(resolved, folder)
+    manifest = _list_finished(plan)
     _write_previews(plan)
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out, freed)
 
@@ -291,12 +295,24 @@ def _write_previews(plan: Plan) -> None:
             write_preview(store.load(), plan.resolved.sensor, path=sheet)
 
 
-def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
-    """Write manifest.json and README.md for the finished sequences of the recipe, including those of other shards.
+def _claim_folder(resolved: ResolvedRecipe, folder: Path) -> None:
+    """Write a manifest that lists nothing, if there is none of this recipe, so that no shard of another joins in.
 
-    The stream files themselves are read, so that nothing is listed that this recipe would make differently, and shards
-    that end at the same time cannot lose each other's sequences.
+    Only the run that closes the job array lists sequences; a dataset that is half made cannot be mistaken for a whole.
     """
+    found, fingerprint = check_same_dataset(resolved, folder), recipe_fingerprint(resolved.recipe)
+    if found is None or found.recipe_fingerprint != fingerprint:
+        write_manifest(folder, Manifest(resolved.recipe.name, fingerprint, "", ()))
+
+
+def _list_finished(plan: Plan) -> Manifest:
+    """Write manifest.json and README.md for the finished sequences of the recipe; a shard leaves them as they are.
+
+    The stream files themselves are read, so that nothing is listed that this recipe would make differently.
+    """
+    resolved, folder = plan.resolved, plan.folder
+    if plan.share is not None:
+        return read_manifest(folder)
     stacks = folder / "stacks"
     digests: dict[TimeResolvedStack, str | None] = {}
     entries = []

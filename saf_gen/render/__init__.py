@@ -1,6 +1,6 @@
 """The renderer, which makes the files of a focal stack from a scene. Only this package imports Mitsuba."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +24,8 @@ def render_missing(
     *,
     root: Path,
     backend_name: str,
+    wanted: Collection[StackSpec] | None = None,
+    geometry_first: bool = False,
     threads: int | None = None,
     progress: Callable[[str, float], None] = lambda name, done: None,
 ) -> list[str]:
@@ -40,6 +42,11 @@ def render_missing(
     backend_name : str
         'cuda', 'llvm' or 'scalar'. The first two (JIT backends) trace every path once for all focus positions; scalar
         renders position by position.
+    wanted : collection of StackSpec, optional
+        Those among the stacks that are rendered; by default all. Each is the same as if all were rendered.
+    geometry_first : bool, default False
+        Whether depth and target of all moments are stored before the first picture. Other processes that render the
+        remaining moments need them, but each moment is then loaded once more.
     threads : int, optional
         Number of threads; by default as many as the cores that this process may use.
     progress : callable, optional
@@ -63,7 +70,8 @@ def render_missing(
             allowed="llvm, cuda",
             hint="or set render: {diffraction: false}",
         )
-    todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing_pieces()]
+    rendered = [spec for spec in specs if wanted is None or spec in wanted]
+    todo = [(spec, name) for spec in rendered for name in StackStore(root, spec).missing_pieces()]
     if not todo:
         return []
     # All moments share their camera rays, so that noise does not flicker where nothing moves.
@@ -83,9 +91,20 @@ def render_missing(
         return renderer.show(base.groups, time_s=time_s)
 
     paths = MomentShading(show, seed=seeds.derive_seed("stack", base.key), emitting=renderer.emitting)
-    moments = [(spec, missing) for spec in specs if (missing := StackStore(root, spec).missing_pieces())]
+    moments = [(spec, missing) for spec in rendered if (missing := StackStore(root, spec).missing_pieces())]
     if any("geometry" in missing for _, missing in moments):
         _require_own_light(scene, specs, groups=base.groups, show=show)
+
+    def store_geometry(spec: StackSpec, setup: RenderSetup) -> None:
+        seen = depth_and_target.trace_geometry(setup, scene.card.target, allow_unseen_target=len(specs) > 1)
+        StackStore(root, spec).write_geometry(seen.depth, seen.target, backend=backend_name)
+
+    if geometry_first:
+        for n, (spec, missing) in enumerate(moments):
+            if "geometry" in missing:
+                progress("geometry", n / len(moments))
+                store_geometry(spec, renderer.show(base.groups[:1], time_s=spec.time_s)[base.groups[0]])
+                missing.remove("geometry")
     for n, (spec, missing) in enumerate(moments):
 
         def report(name: str, done: float, n: int = n) -> None:
@@ -94,11 +113,8 @@ def render_missing(
         store = StackStore(root, spec)
         if "geometry" in missing:
             report("geometry", 0.0)
-            seen = depth_and_target.trace_geometry(
-                show(spec.time_s)[spec.groups[0]], scene.card.target, allow_unseen_target=len(specs) > 1
-            )
-            store.write_geometry(seen.depth, seen.target, backend=backend_name)
-        if missing == ["geometry"]:
+            store_geometry(spec, show(spec.time_s)[spec.groups[0]])
+        if missing in ([], ["geometry"]):
             report("geometry", 1.0)
             continue
         shading = None

@@ -302,8 +302,12 @@ class StackStore:
 
     def digest(self) -> str:
         """Return a SHA-256 over the digests of the pieces, as their notes state them."""
-        digests = json.dumps([self._note(name).get("sha256") for name in self.pieces])
+        digests = json.dumps([self.piece_digest(name) for name in self.pieces])
         return hashlib.sha256(digests.encode()).hexdigest()
+
+    def piece_digest(self, name: str) -> object:
+        """Return the SHA-256 of a piece, as its note states it; None if it has none."""
+        return self._note(name).get("sha256")
 
     def backends(self) -> set[str]:
         """Return the backends that rendered the stored pieces."""

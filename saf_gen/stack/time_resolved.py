@@ -16,6 +16,7 @@ import numpy as np
 
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.grain import StackGrain, read_grain
+from saf_gen.stack.second_render import stacks_to_repeat
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recorded_grain import GrainMoment, RecordedGrain
 
@@ -76,8 +77,15 @@ class TimeResolvedStack:
         return sum(1 for _ in takewhile(lambda spec: StackStore(root, spec).has_all_pictures(), self.specs))
 
     def has_grain(self, root: Path) -> bool:
-        """Return whether grain has been measured for any of the stacks under ``root``."""
-        return any(read_grain(root, spec) is not None for spec in self.specs)
+        """Return whether grain has been measured for all stacks under ``root`` for which it is measured at all.
+
+        Depth and target of all stacks must be stored; otherwise BadInput is raised.
+        """
+        return all(read_grain(root, spec) is not None for spec in stacks_to_repeat(self.specs, root))
+
+    def has_geometry(self, root: Path) -> bool:
+        """Return whether depth and target of all stacks are stored under ``root``."""
+        return all("geometry" not in StackStore(root, spec).missing_pieces() for spec in self.specs)
 
     def find_missing(self, root: Path) -> list[StackSpec]:
         """Return the stacks that are missing, incomplete or damaged under ``root``."""

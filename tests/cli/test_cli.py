@@ -115,9 +115,13 @@ def test_a_dry_run_reports_what_would_be_made_and_writes_nothing(call, small_rec
     assert "focal stacks to render: plane" in out
     assert "disk still needed" in out
     assert "time: about 16 s on two cores" in out, "the start takes most of it"
+    _, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--shard", "1/3")
+    assert "shard 1/3: 1 of 1 stacks and time slices, about 1 s of 1 s (100.0%)" in out
+    assert "focal stacks to render: plane" in out
     _, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--shard", "2/3")
-    assert "plane-continuous-00" in out
-    assert "plane-constant-00" not in out
+    assert "small: 0 sequences" in out
+    assert "shard 2/3 has nothing to make" in out
+    assert "focal stacks to render: none" in out
     assert not (tmp_path / "ds").exists()
 
 

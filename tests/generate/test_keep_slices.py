@@ -172,22 +172,24 @@ def test_the_closed_loop_says_what_to_do_where_no_slices_were_kept(
     assert (here.plane_source.load_planes(3, 2, 4) == there.plane_source.load_planes(3, 2, 4)).all()
 
 
-def test_a_shard_deletes_nothing_that_another_needs(work, made, copy, tmp_path):
-    """Each shard makes one of the two moving recordings, from existing slices; the second to end deletes them."""
+def test_no_shard_deletes_slices_and_the_closing_run_does(work, made, copy, tmp_path):
+    """One of two shards records the moving scene, from existing slices, and the other the still one."""
     folder, recorded_from = copy, slices(work)[0]
     for file in (folder / "manifest.json", *folder.glob("test/*.h5")):
         file.unlink()
-    shards = [resolve_recipe(tmp_path / "takes.yaml", part=(i, 2)) for i in (1, 2)]
-    assert [sum(s.planned.scene_motion == "dynamic" for s in shard.sequences) for shard in shards] == [1, 1]
-    first = run_again(shards[0], folder, "closed-loop")
-    assert (first.rendered, len(first.recorded), first.freed_bytes) == ([], len(shards[0].sequences), 0)
-    assert len(pictures(folder, recorded_from)) == 33
-    second = run_again(shards[1], folder, "closed-loop")
-    assert second.rendered == []
-    assert second.freed_bytes > 0
+    for n in (1, 2):
+        shard = run_again(resolve_recipe(tmp_path / "takes.yaml", part=(n, 2)), folder, "closed-loop")
+        assert (shard.rendered, shard.freed_bytes, shard.manifest.sequences) == ([], 0, ())
+        assert len(pictures(folder, recorded_from)) == 33
+    closing = run_again(work, folder, "closed-loop")
+    assert (closing.rendered, closing.recorded, len(closing.kept)) == ([], [], 4)
+    assert closing.freed_bytes > 0
     assert pictures(folder, recorded_from) == []
     assert digests(folder) == digests(made)
-    assert run_again(work, folder, "closed-loop").rendered == []
+    for n in (1, 2):
+        again = run_again(resolve_recipe(tmp_path / "takes.yaml", part=(n, 2)), folder, "closed-loop")
+        assert again.rendered == [], "a shard that runs after the closing run makes nothing again"
+    assert digests(folder) == digests(made)
 
 
 def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(made, tmp_path, monkeypatch):

@@ -172,11 +172,14 @@ def test_a_stream_of_another_recipe_is_not_listed_while_it_is_made_again(made, w
 
 
 @pytest.mark.slow
-def test_shards_list_what_others_have_made(made, here, store):
-    for part in (1, 2):
-        shard = resolve_recipe(here / "small.yaml", part=(part, 2))
-        fill_scratch(made, shard, store)
-        result = run(shard, store)
+def test_shards_of_whole_stacks_make_the_dataset_in_a_store(made, here, store, call):
+    """The only stack and its recordings are of the first shard; the second has nothing to make, and says so."""
+    for part, count in ((1, 3), (2, 0)):
+        shard = make_plan(resolve_recipe(here / "small.yaml", part=(part, 2)), store)
+        assert len(shard.sequences) == count
+        if count:
+            fill_scratch(made, shard.resolved, store)
+        result = run_to_store(shard, variant=VARIANT)
     assert [entry.id for entry in result.manifest.sequences] == NAMES
     assert verify_dataset(store) == (3, {})
 

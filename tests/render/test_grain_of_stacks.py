@@ -9,10 +9,11 @@ from small_dataset import SPEC
 from written_scenes import SENSOR_GRID, VARIANT, needs_llvm
 
 from saf_gen.render import render_missing
-from saf_gen.render.grain import _choose_positions, measure_by_repeat, stacks_to_repeat
+from saf_gen.render.grain import _choose_positions, measure_by_repeat
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.grain import FILE, estimate_grain, read_grain
+from saf_gen.stack.second_render import stacks_to_repeat
 
 
 def specs_of(scene, times, *, samples, window=(3, 4)):
