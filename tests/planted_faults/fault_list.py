@@ -309,6 +309,7 @@ FAULTS = {
         (
             "render/test_aberrated_pictures.py::test_rays_are_turned_in_front_of_the_lens_and_nowhere_else[focal_length]",
             "render/test_aberrated_pictures.py::test_astigmatism_parts_the_foci_of_edges_across_and_along[0--10.0]",
+            "render/test_focus_of_aberrated_pictures.py::test_the_dispersion_of_pictures_peaks_where_the_pupil_says",
         ),
     ),
     "moving truth from all depths": Fault(
