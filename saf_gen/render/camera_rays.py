@@ -17,6 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from saf_gen.optics import FittedRays
 from saf_gen.render.diffraction import find_waves, place_bends
 from saf_gen.render.host_splat import NEVER, TracedPaths
 from saf_gen.render.ray_sampling import place_samples, ray_coverage
@@ -101,10 +102,15 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
         a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
         # Slope in object space. The equivalent (a - x)/v - a/f would lose digits if u is much larger than f.
         slope_x, slope_y = -(x * inverse_v + a.x * inverse_u), -(y * inverse_v + a.y * inverse_u)
-        if drive.wavefront is not None:
+        start = a
+        if isinstance(drive.wavefront, FittedRays):
+            v = opaque(drive.image_distance(middle))
+            moved, turned = drive.wavefront.turn((a.x, a.y), (x, y), image_distance_m=v)
+            start, slope_x, slope_y = a + mi.Vector2f(*moved), slope_x + turned[0], slope_y + turned[1]
+        elif drive.wavefront is not None:
             turned = drive.wavefront.slope((a.x, a.y), (x, y), number=opaque)
             slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
-        origin = mi.Point3f(a.x + slope_x * ahead, a.y + slope_y * ahead, farthest) * units
+        origin = mi.Point3f(start.x + slope_x * ahead, start.y + slope_y * ahead, farthest) * units
         ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))
         done, first = (begin + count) / rows, begin * columns * samples
         yield CameraRays(done, begin, first, samples, pixel, sample, x, y, a, slope_x, slope_y, ray)

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.optics import FittedRays
 from saf_gen.render.pinhole_sight import PinholeSight, apparent_distance, camera_rays
 from saf_gen.render.render_setup import RenderSetup, SensorGrid, camera_dict, film_dict, render_with_camera
 
@@ -185,6 +186,12 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
     integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
     planes = render_with_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(np.float64)
+    lines = seen_lines(setup, position)
+    if lines is not None:  # the pixel whose centre is nearest to the line, where the lens bends it
+        at = (
+            np.clip(np.rint(line - 0.5).astype(int), 0, n - 1) for line, n in zip(lines, planes.shape[:2], strict=True)
+        )
+        planes = planes[tuple(at)]
     point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
     to_camera = np.linalg.inv(np.array(setup.to_world_at(float(setup.drive.shift(position))).matrix, dtype=np.float64))
 
@@ -198,7 +205,8 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
     rows, columns = np.nonzero(shape > 0 if sight.has_instances else np.isin(shape, followed))
     if not rows.size:
         return _Traced(axial, target)
-    origin, direction = camera_rays(loaded, x=(columns + 0.5) / shape.shape[1], y=(rows + 0.5) / shape.shape[0])
+    down, across = (rows + 0.5, columns + 0.5) if lines is None else (line[rows, columns] for line in lines)
+    origin, direction = camera_rays(loaded, x=across / shape.shape[1], y=down / shape.shape[0])
     ends = sight.follow(origin, direction)
 
     def distances(points: np.ndarray, passed: np.ndarray) -> np.ndarray:
@@ -218,6 +226,29 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
         residual = float(np.median(blur[sharp])) if sharp.any() else 0.0
     axial[rows, columns], target[rows, columns] = distance, on_target
     return _Traced(axial, target, residual)
+
+
+def seen_lines(setup: RenderSetup, position: float) -> np.ndarray | None:
+    """Return where a camera without distortion shows what the centre of the lens shows at each pixel.
+
+    A lens read from a file bends the rays through its centre, and they start beside it: their place is that of objects
+    in focus.
+
+    Returns
+    -------
+    ndarray of float64, shape (2, row, col), or None
+        Rows and columns, pixels from the corner of the picture; None for a lens that bends none of these rays.
+    """
+    drive, grid = setup.drive, setup.grid
+    if not isinstance(drive.wavefront, FittedRays):
+        return None
+    down, across = ((np.arange(n) + 0.5 - n / 2) * grid.pitch_m for n in (grid.rows, grid.columns))
+    x = np.broadcast_arrays(across, down[:, None])
+    v, u = float(drive.image_distance(position)), float(drive.object_distance(position))
+    centre = np.zeros((grid.rows, grid.columns))
+    slope = drive.wavefront.seen_from(u, v).slope((centre, centre), (x[0], x[1]))
+    columns, rows = ((at - v * s) / grid.pitch_m for at, s in zip(x, slope, strict=True))
+    return np.stack([rows + grid.rows / 2, columns + grid.columns / 2])
 
 
 def _shape_index(shape: Any, number: int) -> int:
