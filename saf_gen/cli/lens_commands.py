@@ -1,5 +1,6 @@
 """The commands ``lens fit`` and ``lens show``."""
 
+import math
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -65,7 +66,7 @@ def fit_lens_command(
     for note in found.notes:
         out.print(f"note: {note}", soft_wrap=True)
     out.print(str(target), soft_wrap=True)
-    card = f"lens: {{file: {target.name}, f_number: {found.f_number:.4g}, focus_range_m: [FIRST, LAST]}}"
+    card = f"lens: {{file: {target.name}, f_number: {math.ceil(100 * found.f_number) / 100:g}, focus_range_m: [FIRST, LAST]}}"
     out.print(
         f"next: saf-gen lens show {shlex.quote(str(target))}; in scene.yaml: {card}", soft_wrap=True, markup=False
     )
