@@ -183,7 +183,7 @@ def fit_lens(lens: Prescription, reach: Reach, *, degree: int = 9) -> LensFit:
         )
     order, pupils = (degree - 1) // 2, find_pupils(lens, lens.primary_nm)
     low, high = reach.waves_nm
-    waves = np.unique(1 / np.sqrt(np.linspace(1 / high**2, 1 / low**2, WAVES)))
+    waves = np.unique(np.round(1 / np.sqrt(np.linspace(1 / high**2, 1 / low**2, WAVES)), 9))
     colours = min(COLOUR_ORDER, waves.size - 1) + 1
     fit = LensFit(
         pupils, reach, lens.primary_nm, order, *(np.zeros((colours, 2 * len(monomials(order)))) for _ in "12")

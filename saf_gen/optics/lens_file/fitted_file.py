@@ -8,10 +8,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from saf_gen.core.config.document import FrozenModel, validate_document
+from saf_gen.core.config.document import FrozenModel, read_text, validate_document
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.yaml_document import parse_yaml
-from saf_gen.core.config.document import read_text
 from saf_gen.errors import BadInput, unknown
 from saf_gen.optics.fitted_rays import FittedRays, monomials
 from saf_gen.optics.lens_file.fit import LensFit, Reach, relative_illumination

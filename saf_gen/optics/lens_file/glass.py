@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, closest
 
 D_UM, F_UM, C_UM = 0.5875618, 0.4861327, 0.6562725  # the lines of helium and hydrogen that define Abbe's number
 CATALOGUE = Path(__file__).parent / "glasses.csv"
@@ -123,10 +123,11 @@ def find_glass(name: str, more: Mapping[str, Glass], *, where: str) -> Glass:
     try:
         numbers = float(index), float(abbe)
     except ValueError:
-        raise unknown(
-            f"{where}: glass",
-            name,
-            allowed=sorted({*more, *catalogue(), *PLASTICS}),
+        near = closest(key, [*more, *catalogue(), *PLASTICS])
+        raise BadInput(
+            f"{where} is of the unknown glass {name!r}",
+            allowed=f"one of {len(catalogue()) + len(PLASTICS)} glasses of Schott and Ohara and plastics, or INDEX/ABBE",
+            nearest=near,
             hint=f"state it, --glass {name}=INDEX/ABBE, or give its maker's catalogue, --catalogue FILE.agf",
         ) from None
     return model_glass(*numbers, name=name.strip())
