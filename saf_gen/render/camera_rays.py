@@ -6,7 +6,8 @@ that is wide enough for every position (:func:`saf_gen.render.ray_sampling.ray_c
 spread. If the lens moves through the rays, a path counts only at the positions at which it is inside the aperture. The
 paths that fall into a pixel are thus an even sample of pixel and aperture at every position, and their mean is
 unbiased. Waves bend a path at the lens, which moves its line across the sensor (:mod:`saf_gen.render.diffraction`).
-Aberrations turn it in front of the lens, which moves nothing behind it (:mod:`saf_gen.optics.wavefront`).
+Aberrations turn it in front of the lens, which moves nothing behind it (:mod:`saf_gen.optics.wavefront`); a lens read
+from a file also moves where it starts (:mod:`saf_gen.optics.fitted_rays`).
 """
 
 import math
@@ -105,8 +106,8 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
         start = a
         if isinstance(drive.wavefront, FittedRays):
             v = opaque(drive.image_distance(middle))
-            moved, turned = drive.wavefront.turn((a.x, a.y), (x, y), image_distance_m=v)
-            start, slope_x, slope_y = a + mi.Vector2f(*moved), slope_x + turned[0], slope_y + turned[1]
+            moved, bent = drive.wavefront.turn((a.x, a.y), (x, y), image_distance_m=v)
+            start, slope_x, slope_y = a + mi.Vector2f(*moved), slope_x + bent[0], slope_y + bent[1]
         elif drive.wavefront is not None:
             turned = drive.wavefront.slope((a.x, a.y), (x, y), number=opaque)
             slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
