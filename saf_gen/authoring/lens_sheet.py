@@ -1,7 +1,7 @@
 """Figures of a fitted lens: what it does to a point, and the numbers beside them."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -96,22 +96,21 @@ def draw_lens(lens: FittedLens, path: Path) -> None:
     seen = _at_infinity(lens.rays_at())
     with use_plot_style({**STYLE, "figure.facecolor": "white"}):
         figure = Figure(figsize=(8.8, 6.4), dpi=150, layout="constrained")
-        top, bottom = figure.subfigures(2, 1, height_ratios=(1.25, 1))
-        _draw_spots(top.subplots(len(HEIGHTS), len(STEPS)), lens, seen)
+        parts: Any = figure.subfigures(2, 1, height_ratios=(1.25, 1))
+        top, bottom = parts
+        _draw_spots(top.subplots(len(HEIGHTS), len(STEPS)), lens, seen=seen)
         axes = bottom.subplots(1, 4)
         _draw_spherical(axes[0], lens)
-        _draw_curvature(axes[1], lens, seen)
+        _draw_curvature(axes[1], lens, seen=seen)
         _draw_colour(axes[2], lens)
         _draw_illumination(axes[3], lens)
-        figure.suptitle(
-            f"{lens.name}, {lens.focal_length_mm:.3g} mm f/{lens.f_number:.3g}, {lens.primary_nm:.0f} nm, object at infinity",
-            fontsize=8.5,
-        )
+        seen_at = f"{lens.focal_length_mm:.3g} mm f/{lens.f_number:.3g}, {lens.primary_nm:.0f} nm, object at infinity"
+        figure.suptitle(f"{lens.name}, {seen_at}", fontsize=8.5)
         with atomic_file(path) as part:
             figure.savefig(part, format="png", metadata={"Software": None})
 
 
-def _draw_spots(axes: np.ndarray, lens: FittedLens, seen: SeenWavefront) -> None:
+def _draw_spots(axes: np.ndarray, lens: FittedLens, *, seen: SeenWavefront) -> None:
     radius, v = seen.rays.radius_m, seen.image_distance_m
     a = lens_points(radius)
     step = 2 * lens.primary_nm * 1e-9 / radius**2  # a wave of defocus at the edge of the aperture
@@ -144,7 +143,7 @@ def _draw_spherical(axes: Axes, lens: FittedLens) -> None:
     hide_spines(axes, "top", "right")
 
 
-def _draw_curvature(axes: Axes, lens: FittedLens, seen: SeenWavefront) -> None:
+def _draw_curvature(axes: Axes, lens: FittedLens, *, seen: SeenWavefront) -> None:
     heights = np.linspace(0, lens.height_mm, 40)
     for colour, name, focus in zip(COLOURS, ("tangential", "sagittal"), _field_foci(seen, heights / 1e3), strict=False):
         axes.plot(1e3 * focus, heights, color=colour, lw=1.2, label=name)

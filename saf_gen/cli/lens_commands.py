@@ -66,7 +66,8 @@ def fit_lens_command(
     for note in found.notes:
         out.print(f"note: {note}", soft_wrap=True)
     out.print(str(target), soft_wrap=True)
-    card = f"lens: {{file: {target.name}, f_number: {math.ceil(100 * found.f_number) / 100:g}, focus_range_m: [FIRST, LAST]}}"
+    widest = math.ceil(100 * found.f_number) / 100
+    card = f"lens: {{file: {target.name}, f_number: {widest:g}, focus_range_m: [FIRST, LAST]}}"
     out.print(
         f"next: saf-gen lens show {shlex.quote(str(target))}; in scene.yaml: {card}", soft_wrap=True, markup=False
     )
@@ -125,15 +126,15 @@ def _print_lens(lens: "FittedLens") -> None:
         "lens": lens.name,
         "made from": lens.source,
         "focal length": f"{lens.focal_length_mm:.4g} mm at {lens.primary_nm:.0f} nm",
-        "entrance pupil": f"{lens.focal_length_mm / lens.f_number:.4g} mm wide, {lens.entrance_pupil_mm:.4g} mm behind the "
-        f"first vertex; exit pupil {lens.pupil_magnification:.4g} times as wide",
+        "entrance pupil": f"{lens.focal_length_mm / lens.f_number:.4g} mm wide, {lens.entrance_pupil_mm:.4g} mm behind "
+        f"the first vertex; exit pupil {lens.pupil_magnification:.4g} times as wide",
         "fitted for": f"f/{lens.f_number:.3g} and above, image heights to {lens.height_mm:.3g} mm, objects from "
         f"{lens.nearest_m:.3g} m, {low:.0f} to {high:.0f} nm",
         "fitted within": f"{lens.rms_um:.2g} µm rms, {lens.worst_um:.2g} µm at worst on the sensor, "
         f"{lens.rms_um / USUAL_PITCH_UM:.2g} and {lens.worst_um / USUAL_PITCH_UM:.2g} pixels of {USUAL_PITCH_UM:g} µm; "
         f"degree {lens.degree}",
         "spherical aberration": f"{found.spherical_mm:+.3g} mm from the middle to the edge of the aperture",
-        "field curvature": f"tangential {found.tangential_mm:+.3g} mm, sagittal {found.sagittal_mm:+.3g} mm at the height",
+        "field curvature": f"tangential {found.tangential_mm:+.3g}, sagittal {found.sagittal_mm:+.3g} mm at the height",
         "distortion": f"{found.distortion:+.2%} at the height",
         "axial colour": f"{found.colour_mm:+.3g} mm from {low:.0f} to {high:.0f} nm",
     }

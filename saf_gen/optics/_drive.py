@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.optics.fitted_rays import FittedRays
+from saf_gen.optics.fitted_rays import FittedRays, SeenWavefront
 from saf_gen.optics.wavefront import Wavefront
 
 Positions = np.ndarray | float
@@ -34,7 +34,7 @@ class Drive(ABC):
     """f-number of the lens focused at infinity."""
     transmission: float
     """Fraction of the light that the lens transmits."""
-    wavefront: Wavefront | FittedRays | None
+    wavefront: Wavefront | FittedRays | SeenWavefront | None
     """Aberrations of the lens; None for a perfect thin lens."""
 
     @property

@@ -17,7 +17,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive, Positions
-from saf_gen.optics.fitted_rays import FittedRays
+from saf_gen.optics.fitted_rays import FittedRays, SeenWavefront
 from saf_gen.optics.texture_contrast import REACH, STEP, ContrastCurve, Imaging, contrast_curve
 from saf_gen.optics.wavefront import Wavefront
 
@@ -105,13 +105,13 @@ class FocusCriterion:
         It does not if waves matter more than rays bent at the aperture can show, or if a stage moves so far that the
         wavefront of another part of the lens counts.
         """
-        wavefront, drive = self.drive.wavefront, self.drive
+        drive, wavefront = self.drive, self.drive.wavefront
         if wavefront is None:
             return
         corner = float(np.hypot(rows, columns)) / 2 * self.pitch_m
         if isinstance(wavefront, FittedRays):
             self._check_fitted(wavefront, corner)
-            wavefront = self._at(drive.object_distance(0.5)).drive.wavefront
+            wavefront = self._at(drive.object_distance(0.5))._wavefront
         largest = wavefront.largest_path(drive.aperture_radius_m, corner)
         if (most := self.largest_path_m) is not None and largest > most * (1 + 1e-9):
             raise BadInput(
@@ -146,7 +146,7 @@ class FocusCriterion:
         """Return by how many pixels a ray may be off because a stage moves it over the lens; 0 for other drives."""
         wavefront, drive = self.drive.wavefront, self.drive
         ends = drive.shift(np.array([0.0, 1.0]))
-        if wavefront is None or ends[0] == ends[1]:
+        if not isinstance(wavefront, Wavefront) or ends[0] == ends[1]:
             return 0.0
         v, u = float(drive.image_distance(0.5)), float(drive.object_distance(0.5))
         radius = drive.aperture_radius_m
@@ -197,8 +197,8 @@ class FocusCriterion:
     # Of a lens with aberrations.
 
     @property
-    def _wavefront(self) -> Wavefront:
-        assert self.drive.wavefront is not None  # callers have made sure
+    def _wavefront(self) -> Wavefront | SeenWavefront:
+        assert isinstance(self.drive.wavefront, Wavefront | SeenWavefront)  # callers have made sure
         return self.drive.wavefront
 
     def _curves(self, largest_height_m: float) -> list[ContrastCurve]:

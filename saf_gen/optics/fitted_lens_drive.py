@@ -7,7 +7,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
-from saf_gen.optics.fitted_rays import FittedRays
+from saf_gen.optics.fitted_rays import FittedRays, SeenWavefront
 from saf_gen.optics.wavefront import Wavefront
 
 
@@ -49,7 +49,7 @@ class FittedLensDrive(Drive):
     focus_range_m: tuple[float, float]
     pupil_magnification: float
     transmission: float = 1.0
-    wavefront: Wavefront | FittedRays | None = None
+    wavefront: Wavefront | FittedRays | SeenWavefront | None = None
 
     def __post_init__(self) -> None:
         nearest = self.focal_length_m / self.pupil_magnification

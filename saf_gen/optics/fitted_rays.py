@@ -1,8 +1,8 @@
 """The rays of a real lens as polynomials, fitted to rays traced through its surfaces.
 
-A ray behind the lens is known by the point of the exit pupil from which it comes and by its slope. Both of these are
-the same wherever the sensor is, so the polynomials hold at every position of a lens that moves as a whole. They give the
-point b of the entrance pupil and the slope s from which that ray starts in front of the lens,
+A ray behind the lens is known by the point of the exit pupil from which it comes and by its slope. Both are the same
+wherever the sensor is, so the polynomials hold at every position of a lens that moves as a whole. They give the point b
+of the entrance pupil and the slope s with which that ray starts in front of the lens,
 
     b = a + R·(P1·α + P2·β),    s = m·(slope behind) - m·a/f + q·(P3·α + P4·β),
 
@@ -75,7 +75,8 @@ class FittedRays:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "FittedRays":
         """Return the rays that ``dataclasses.asdict`` described, also after a round trip through JSON."""
-        return cls(**{key: tuple(value) if isinstance(value, list) else value for key, value in data.items()})
+        fields: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in data.items()}
+        return cls(**fields)
 
     def turn(
         self, a: tuple[Any, Any], x: tuple[Any, Any], *, image_distance_m: Any
@@ -153,11 +154,11 @@ class SeenWavefront:
 
     def largest_path(self, radius_m: float, height_m: float) -> float:
         """Return the largest |W| in metres, without its tilt, over an aperture and a picture of these radii."""
-        return _largest_path(self, radius_m, height_m)
+        return _largest_path(self, radius_m=radius_m, height_m=height_m)
 
 
 @lru_cache(maxsize=256)
-def _largest_path(seen: SeenWavefront, radius_m: float, height_m: float) -> float:
+def _largest_path(seen: SeenWavefront, *, radius_m: float, height_m: float) -> float:
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     r, angle = (grid.ravel() for grid in np.meshgrid(np.linspace(0, radius_m, 6)[1:], angle))
     a, largest = (r * np.cos(angle), r * np.sin(angle)), 0.0

@@ -161,8 +161,16 @@ class LensFile(FrozenModel):
     transmission: float = Field(default=1.0, gt=0, le=1)
     """Fraction of the light that the lens transmits."""
     wave_nm: float | None = Field(default=None, ge=200, le=3000)
-    """Wavelength whose rays are traced, nm; by default the primary wavelength of the lens."""
+    """Wavelength whose rays are traced, nm; may be left out: then the primary wavelength of the lens."""
+    aberrations: None = None
+    """A real lens brings its own."""
     _lens: FittedLens | None = PrivateAttr(default=None)
+
+    @field_validator("aberrations", mode="before")
+    @classmethod
+    def _brings_its_own(cls, given: Any) -> None:
+        if given is not None:
+            raise ValueError("no aberrations beside file: a real lens brings its own")
 
     @field_validator("file")
     @classmethod

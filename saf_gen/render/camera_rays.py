@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.optics import FittedRays
+from saf_gen.optics import FittedRays, Wavefront
 from saf_gen.render.diffraction import find_waves, place_bends
 from saf_gen.render.host_splat import NEVER, TracedPaths
 from saf_gen.render.ray_sampling import place_samples, ray_coverage
@@ -108,7 +108,7 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
             v = opaque(drive.image_distance(middle))
             moved, bent = drive.wavefront.turn((a.x, a.y), (x, y), image_distance_m=v)
             start, slope_x, slope_y = a + mi.Vector2f(*moved), slope_x + bent[0], slope_y + bent[1]
-        elif drive.wavefront is not None:
+        elif isinstance(drive.wavefront, Wavefront):
             turned = drive.wavefront.slope((a.x, a.y), (x, y), number=opaque)
             slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
         origin = mi.Point3f(start.x + slope_x * ahead, start.y + slope_y * ahead, farthest) * units

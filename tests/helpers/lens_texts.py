@@ -63,7 +63,7 @@ def optiland_data(rows=SINGLET):
     ]
     return {
         "version": 1.0, "name": "Singlet", "aperture": {"type": "EPD", "value": 12.0},
-        "fields": {"fields": [{"x": 0.0, "y": 0.0}, {"x": 0.0, "y": 5.0}], "field_definition": {"field_type": "AngleField"}},
+        "fields": {"fields": [{"x": 0.0, "y": 0.0}, {"x": 0.0, "y": 5.0}], "field_type": "angle"},
         "wavelengths": {"wavelengths": waves}, "surface_group": {"surfaces": surfaces},
     }  # fmt: skip
 

@@ -312,7 +312,7 @@ FAULTS = {
         ),
     ),
     "a real lens with its pupils in one place": Fault(
-        "The rays of a lens read from a file start at the point of a perfect entrance pupil, not where the lens has them.",
+        "The rays of a lens read from a file start at the point of a perfect entrance pupil.",
         (Change("render.camera_rays", "a + mi.Vector2f(*moved), slope_x + bent[0]", "a, slope_x + bent[0]"),),
         (
             "render/test_fitted_lenses.py::test_rays_leave_the_lens_as_they_do_when_traced_through_its_surfaces",

@@ -1,6 +1,5 @@
 """Rendered pictures of a lens read from a file, against rays traced through its surfaces one by one."""
 
-import math
 from dataclasses import replace
 
 import numpy as np

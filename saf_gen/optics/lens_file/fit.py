@@ -185,9 +185,8 @@ def fit_lens(lens: Prescription, reach: Reach, *, degree: int = 9) -> LensFit:
     low, high = reach.waves_nm
     waves = np.unique(np.round(1 / np.sqrt(np.linspace(1 / high**2, 1 / low**2, WAVES)), 9))
     colours = min(COLOUR_ORDER, waves.size - 1) + 1
-    fit = LensFit(
-        pupils, reach, lens.primary_nm, order, *(np.zeros((colours, 2 * len(monomials(order)))) for _ in "12")
-    )
+    nothing = np.zeros((colours, 2 * len(monomials(order))))
+    fit = LensFit(pupils, reach, lens.primary_nm, order, nothing, nothing)
     f, m = pupils.focal_length_mm, pupils.magnification
     a, x = sample_rays(reach, RAYS, stream="fitted")
     distances, scale = image_distances(pupils, reach), largest_slope(pupils, reach)

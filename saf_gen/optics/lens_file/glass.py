@@ -126,7 +126,7 @@ def find_glass(name: str, more: Mapping[str, Glass], *, where: str) -> Glass:
         near = closest(key, [*more, *catalogue(), *PLASTICS])
         raise BadInput(
             f"{where} is of the unknown glass {name!r}",
-            allowed=f"one of {len(catalogue()) + len(PLASTICS)} glasses of Schott and Ohara and plastics, or INDEX/ABBE",
+            allowed=f"one of {len(catalogue()) + len(PLASTICS)} glasses of Schott and Ohara or plastics, or INDEX/ABBE",
             nearest=near,
             hint=f"state it, --glass {name}=INDEX/ABBE, or give its maker's catalogue, --catalogue FILE.agf",
         ) from None
@@ -139,7 +139,7 @@ def read_agf(text: str, *, where: str) -> dict[str, Glass]:
     Glasses whose formula is another than Schott's (1), Sellmeier's with three (2) or four terms (6) are left out.
     """
     found: dict[str, Glass] = {}
-    name, formula, numbers = "", 0, ()
+    name, formula, numbers = "", 0, tuple[float, ...]()
     for line in text.splitlines():
         words = line.split()
         try:

@@ -70,7 +70,7 @@ class Prescription:
     stop : int
         Number of the surface at whose vertex the stop is.
     aperture : tuple of str and float
-        How large the stop is: ``entrance`` (diameter of the entrance pupil, mm), ``f_number``, or ``stop`` (radius, mm).
+        How large the stop is: ``entrance`` (diameter of the entrance pupil, mm), ``f_number`` or ``stop`` (radius, mm).
     field : tuple of str and float
         How far the picture reaches: ``angle`` (degrees from the axis, in front of the lens) or ``image`` (mm).
     waves_nm : tuple of float

@@ -86,7 +86,7 @@ def _trace(
     for n, (surface, place) in enumerate(zip(surfaces, places, strict=True)):
         step = (place - z) / way[2]
         x, y = x + step * way[0], y + step * way[1]
-        step = _meet(surface, np.stack([x, y]), way)
+        step = _meet(surface, np.stack([x, y]), way=way)
         x, y, local = x + step * way[0], y + step * way[1], step * way[2]
         z = place + local
         squared = x * x + y * y
@@ -97,7 +97,7 @@ def _trace(
     return Rays(np.stack([x + step * way[0], y + step * way[1]]), way[:2] / way[2]), heights
 
 
-def _meet(surface: Surface, place: np.ndarray, way: np.ndarray) -> np.ndarray:
+def _meet(surface: Surface, place: np.ndarray, *, way: np.ndarray) -> np.ndarray:
     """Return how far rays go from the plane of the vertex to the surface, mm; nan if they miss it."""
     c, k = surface.curvature, surface.conic
     x, y = place

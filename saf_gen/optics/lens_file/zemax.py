@@ -1,7 +1,7 @@
 """Reader of Zemax lens files (.zmx), of lenses of rotation in sequence; what it does not know it refuses or tells.
 
-A file is a list of lines, each a word and its values, that belong to the system or to the surface that the last ``SURF``
-began. Surface 0 is the object, the last one the image.
+A file is a list of lines, each a word and its values, that belong to the system or to the surface that the last
+``SURF`` began. Surface 0 is the object, the last one the image.
 """
 
 import math
@@ -62,7 +62,7 @@ def read_zemax(text: str, *, where: str, glasses: Mapping[str, Glass], name: str
         )
     if cut := [n for n, found in middle if set(found) & set(CUTS)]:
         notes.append(f"apertures of surfaces {', '.join(map(str, cut))} are not used: the stop alone bounds the light")
-    if int(_number(lines, lines.system.get("MNUM", ["1"]), 0)) > 1:
+    if int(_number(lines, lines.system.get("MNUM", ["1"]))) > 1:
         notes.append("the file has several configurations: read is the one that it shows")
     object_mm = _thickness(lines, 0)
     if math.isfinite(object_mm):
@@ -75,7 +75,7 @@ def read_zemax(text: str, *, where: str, glasses: Mapping[str, Glass], name: str
         name=" ".join(lines.system.get("NAME", [])) or name,
         surfaces=tuple(surfaces),
         stop=stops[0],
-        aperture=_aperture(lines, mm, stop_mm),
+        aperture=_aperture(lines, mm, stop_mm=stop_mm),
         field=_field(lines, mm),
         waves_nm=waves,
         primary_nm=primary,
@@ -94,7 +94,7 @@ def _split(text: str, where: str) -> _Lines:
             lines.surfaces.append({})
             lines.parameters.append({})
         elif word in ("WAVM", "WAVL"):
-            numbers = [_number(lines, values, n) for n in range(len(values))]
+            numbers = [_number(lines, values, at=n) for n in range(len(values))]
             if word == "WAVM" and len(numbers) > 1:
                 lines.waves[int(numbers[0])] = numbers[1]
             elif word == "WAVL":
@@ -104,15 +104,15 @@ def _split(text: str, where: str) -> _Lines:
             if lines.surfaces and word in ("TYPE", "CURV", "DISZ", "GLAS", "CONI", "STOP", "DIAM"):
                 lines.surfaces[-1][word] = values
         elif word == "PARM" and len(values) > 1:
-            lines.parameters[-1][int(_number(lines, values, 0))] = _number(lines, values, 1)
+            lines.parameters[-1][int(_number(lines, values))] = _number(lines, values, at=1)
         else:
             lines.surfaces[-1][word] = values
     return lines
 
 
-def _number(lines: _Lines, values: list[str], n: int) -> float:
+def _number(lines: _Lines, values: list[str], *, at: int = 0) -> float:
     try:
-        number = math.inf if values[n].upper() == "INFINITY" else float(values[n])
+        number = math.inf if values[at].upper() == "INFINITY" else float(values[at])
     except (ValueError, IndexError):
         raise BadInput(
             f"{lines.where} is damaged: {' '.join(values)[:40]!r} where a number is due", allowed="a lens file (.zmx)"
@@ -123,7 +123,7 @@ def _number(lines: _Lines, values: list[str], n: int) -> float:
 
 
 def _thickness(lines: _Lines, n: int) -> float:
-    return _number(lines, lines.surfaces[n].get("DISZ", ["0"]), 0)
+    return _number(lines, lines.surfaces[n].get("DISZ", ["0"]))
 
 
 def _surface(lines: _Lines, n: int, *, mm: float, glasses: Mapping[str, Glass]) -> Surface:
@@ -146,12 +146,12 @@ def _surface(lines: _Lines, n: int, *, mm: float, glasses: Mapping[str, Glass]) 
     coefficients = [parameters.get(k, 0.0) * mm ** (1 - 2 * k) for k in range(1, POWERS + 1)]
     while coefficients and not coefficients[-1]:
         coefficients.pop()
-    diameter = _number(lines, found["DIAM"], 0) * mm if "DIAM" in found else math.inf
+    diameter = _number(lines, found["DIAM"]) * mm if "DIAM" in found else math.inf
     return Surface(
-        curvature=_number(lines, found.get("CURV", ["0"]), 0) / mm,
+        curvature=_number(lines, found.get("CURV", ["0"])) / mm,
         thickness_mm=_thickness(lines, n) * mm,
         glass=_glass(lines, found, at=at, glasses=glasses),
-        conic=_number(lines, found.get("CONI", ["0"]), 0),
+        conic=_number(lines, found.get("CONI", ["0"])),
         powers=tuple(coefficients),
         semi_diameter_mm=diameter if diameter else math.inf,
     )
@@ -163,7 +163,7 @@ def _glass(lines: _Lines, found: dict[str, list[str]], *, at: str, glasses: Mapp
         return AIR
     if values[0].upper() != BLANK_GLASS:
         return find_glass(values[0], glasses, where=at)
-    return model_glass(_number(lines, values, 3), _number(lines, values, 4))
+    return model_glass(_number(lines, values, at=3), _number(lines, values, at=4))
 
 
 def _waves(lines: _Lines) -> tuple[tuple[float, ...], float]:
@@ -177,29 +177,29 @@ def _waves(lines: _Lines) -> tuple[tuple[float, ...], float]:
         used.pop()
     if not used:
         raise BadInput(f"{lines.where} has no wavelengths", allowed="WAVM or WAVL", hint="is the file complete?")
-    primary = int(_number(lines, lines.system.get("PWAV", ["1"]), 0))
+    primary = int(_number(lines, lines.system.get("PWAV", ["1"])))
     if primary not in numbers:
         raise BadInput(f"{lines.where}: the primary wavelength is number {primary}", allowed=f"1 to {len(used)}")
     return tuple(sorted({round(1e3 * wave, 6) for wave in used})), 1e3 * numbers[primary]
 
 
-def _aperture(lines: _Lines, mm: float, stop_mm: float) -> tuple[str, float]:
+def _aperture(lines: _Lines, mm: float, *, stop_mm: float) -> tuple[str, float]:
     system = lines.system
     if "ENPD" in system:
-        return "entrance", _number(lines, system["ENPD"], 0) * mm
+        return "entrance", _number(lines, system["ENPD"]) * mm
     if "FNUM" in system:
-        return "f_number", _number(lines, system["FNUM"], 0)
+        return "f_number", _number(lines, system["FNUM"])
     if "FLOA" in system and math.isfinite(stop_mm):
         return "stop", stop_mm
     return "f_number", 0.0  # the file does not say
 
 
 def _field(lines: _Lines, mm: float) -> tuple[str, float]:
-    kind = int(_number(lines, lines.system.get("FTYP", ["0"]), 0))
+    kind = int(_number(lines, lines.system.get("FTYP", ["0"])))
     heights = []
     for axis in "XY":
         values = lines.system.get(f"{axis}FLN") or lines.system.get(f"{axis}FLD") or []
-        heights.append([abs(_number(lines, values, n)) for n in range(len(values))])
+        heights.append([abs(_number(lines, values, at=n)) for n in range(len(values))])
     count = max(map(len, heights), default=0)
     x, y = ([*values, *[0.0] * (count - len(values))] for values in heights)
     largest = max(map(math.hypot, x, y), default=0.0)
