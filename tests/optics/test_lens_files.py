@@ -243,7 +243,7 @@ BAD = {
     "radius that is no number": (zemax_text().replace("CURV 0.02", "CURV nan"), "NaN"),
     "radius of words": (zemax_text().replace("CURV 0.02", "CURV flat"), "damaged | flat"),
     "infinite curvature": (zemax_text().replace("CURV 0.02", "CURV INFINITY"), "surface 1 | finite radius"),
-    "unknown glass": (zemax_text().replace("___BLANK 1 0 1.5168 64.17", "N-BK77 0 0"), "N-BK77 | mean 'N-BK7' | --glass"),
+    "unknown glass": (zemax_text().replace("___BLANK 1 0 1.5168 64.17", "N-BK77 0 0"), "N-BK77 | 'N-BK7' | --glass"),
     "glass of index 0.9": (zemax_text().replace("1.5168 64.17", "0.9 64.17"), "index is 0.9"),
     "Abbe number 0": (zemax_text().replace("1.5168 64.17", "1.5168 0"), "Abbe number is 0"),
     "mirror": (zemax_text(extra={2: ["  GLAS MIRROR 0 0"]}), "surface 2 is a mirror"),
