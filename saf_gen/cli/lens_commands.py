@@ -47,15 +47,15 @@ def fit_lens_command(
     from saf_gen.optics.lens_file.fitted_file import MARK, fitted_lens, fitted_text
     from saf_gen.optics.lens_file.reading import read_glasses, read_prescription
 
+    lens = read_prescription(
+        file, glasses=read_glasses(glass or (), catalogue or ()), f_number=f_number, height_mm=height_mm
+    )
     target = to or Path(f"{file.stem}.yaml")
     if not is_preset_file(target):
         raise BadInput(f"--out is {target}", allowed="a file name that ends in .yaml")
     check_apart(file, target)
     check_writable(target.parent)
     check_ours(target, MARK)
-    lens = read_prescription(
-        file, glasses=read_glasses(glass or (), catalogue or ()), f_number=f_number, height_mm=height_mm
-    )
     reach = find_reach(
         lens, f_number=f_number, height_mm=height_mm, nearest_m=nearest_m, waves_nm=_two_numbers(waves_nm)
     )

@@ -407,7 +407,7 @@ def card(**changes):
 
 CARDS = {
     "wider than fitted": ({"f_number": 1.4}, "1.4 | f/1.8"),
-    "nearer than fitted": ({"focus_range_m": [2.0, 0.4]}, "0.4 m | 0.5"),
+    "nearer than fitted": ({"focus_range_m": [2.0, 0.3]}, "0.3 m | 0.4 m or more"),
     "light that was not fitted": ({"wave_nm": 850.0}, "850 nm | 430 to 700 nm"),
     "no travel": ({"focus_range_m": [1.0, 1.0]}, "does not move"),
     "unknown lens": ({"file": "double_gaus"}, "double_gaus | did you mean 'double_gauss'"),
