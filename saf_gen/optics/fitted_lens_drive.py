@@ -7,7 +7,9 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.distortion import Distortion
 from saf_gen.optics.fitted_rays import FittedRays, SeenWavefront
+from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
 
@@ -34,6 +36,12 @@ class FittedLensDrive(Drive):
         Fraction of the light that the lens transmits.
     wavefront : FittedRays or Wavefront, optional
         How its rays differ from those near the axis.
+    ring : Ring, optional
+        Ring in front of the lens that takes light away from the edge of the picture.
+    distortion : Distortion, optional
+        Further distortion of the lens.
+    veiling_glare : float, default 0
+        Share of the light in the frame that the lens spreads evenly over it.
 
     Raises
     ------
@@ -50,6 +58,9 @@ class FittedLensDrive(Drive):
     pupil_magnification: float
     transmission: float = 1.0
     wavefront: Wavefront | FittedRays | SeenWavefront | None = None
+    ring: Ring | None = None
+    distortion: Distortion | None = None
+    veiling_glare: float = 0.0
 
     def __post_init__(self) -> None:
         nearest = self.focal_length_m / self.pupil_magnification

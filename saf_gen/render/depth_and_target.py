@@ -12,7 +12,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics import FittedRays
-from saf_gen.render.pinhole_sight import PinholeSight, apparent_distance, camera_rays
+from saf_gen.render.pinhole_sight import PinholeSight, apparent_distance, lines_of_sight
 from saf_gen.render.render_setup import RenderSetup, SensorGrid, camera_dict, film_dict, render_with_camera
 
 RAY_OFFSET_PX = 1 / 256  # distance of a second and a third ray from the pixel's centre, on either side
@@ -184,15 +184,12 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
     """Trace the ray through each pixel's centre to what it shows: float64 and bool (row, col)."""
     # One sample that is not jittered is the ray through the pixel's centre.
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
-    integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
-    planes = render_with_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(np.float64)
-    lines = seen_lines(setup, position)
-    if lines is not None:  # the pixel whose centre is nearest to the line, where the lens bends it
-        at = (
-            np.clip(np.rint(line - 0.5).astype(int), 0, n - 1) for line, n in zip(lines, planes.shape[:2], strict=True)
-        )
-        planes = planes[tuple(at)]
-    point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
+    if setup.drive.distortion is None and not isinstance(setup.drive.wavefront, FittedRays):
+        integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
+        planes = render_with_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(np.float64)
+        point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
+    else:
+        point, shape = _meet_surfaces(setup, loaded, position=position)
     to_camera = np.linalg.inv(np.array(setup.to_world_at(float(setup.drive.shift(position))).matrix, dtype=np.float64))
 
     def axial_of(points: np.ndarray) -> np.ndarray:
@@ -205,8 +202,8 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
     rows, columns = np.nonzero(shape > 0 if sight.has_instances else np.isin(shape, followed))
     if not rows.size:
         return _Traced(axial, target)
-    down, across = (rows + 0.5, columns + 0.5) if lines is None else (line[rows, columns] for line in lines)
-    origin, direction = camera_rays(loaded, x=across / shape.shape[1], y=down / shape.shape[0])
+    at = {"x": (columns + 0.5) / shape.shape[1], "y": (rows + 0.5) / shape.shape[0]}
+    origin, direction = lines_of_sight(setup, loaded, **at, position=position)
     ends = sight.follow(origin, direction)
 
     def distances(points: np.ndarray, passed: np.ndarray) -> np.ndarray:
@@ -228,27 +225,20 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
     return _Traced(axial, target, residual)
 
 
-def seen_lines(setup: RenderSetup, position: float) -> np.ndarray | None:
-    """Return where a camera without distortion shows what the centre of the lens shows at each pixel.
+def _meet_surfaces(setup: RenderSetup, camera: Any, *, position: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the point that each pixel of a lens with distortion sees, (row, col, 3), and its shape_index, 0 for none.
 
-    A lens read from a file bends the rays through its centre, and they start beside it: their place is that of objects
-    in focus.
-
-    Returns
-    -------
-    ndarray of float64, shape (2, row, col), or None
-        Rows and columns, pixels from the corner of the picture; None for a lens that bends none of these rays.
+    No camera of Mitsuba has these rays.
     """
-    drive, grid = setup.drive, setup.grid
-    if not isinstance(drive.wavefront, FittedRays):
-        return None
-    down, across = ((np.arange(n) + 0.5 - n / 2) * grid.pitch_m for n in (grid.rows, grid.columns))
-    x = np.broadcast_arrays(across, down[:, None])
-    v, u = float(drive.image_distance(position)), float(drive.object_distance(position))
-    centre = np.zeros((grid.rows, grid.columns))
-    slope = drive.wavefront.seen_from(u, v).slope((centre, centre), (x[0], x[1]))
-    columns, rows = ((at - v * s) / grid.pitch_m for at, s in zip(x, slope, strict=True))
-    return np.stack([rows + grid.rows / 2, columns + grid.columns / 2])
+    size = setup.grid.rows, setup.grid.columns
+    rows, columns = (part.ravel() for part in np.indices(size))
+    at = {"x": (columns + 0.5) / size[1], "y": (rows + 0.5) / size[0]}
+    origin, direction = lines_of_sight(setup, camera, **at, position=position)
+    begin, ahead = (mi.Vector3f(*(mi.Float(v.astype(np.float32)) for v in part.T)) for part in (origin, direction))
+    hit = setup.mitsuba_scene.ray_intersect(mi.Ray3f(mi.Point3f(begin), ahead))
+    point = np.array(hit.p, dtype=np.float64).reshape(3, -1).T
+    shape = np.where(np.array(hit.is_valid()), np.array(dr.reinterpret_array(mi.UInt32, hit.shape)), 0)
+    return point.reshape(*size, 3), shape.astype(np.int64).reshape(size)
 
 
 def _shape_index(shape: Any, number: int) -> int:
