@@ -30,6 +30,7 @@ IMPORTERS = {
         "stream.pictures",
         "calibration.fit_files",
         "authoring.contact_sheet",
+        "authoring.lens_sheet",
         "leaderboard.figures",
     ],
     "PIL": [

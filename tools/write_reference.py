@@ -146,7 +146,7 @@ def drive_keys() -> str:
     common = set.intersection(*(set(kind.model_fields) for kind in kinds))
     for kind in kinds:
         said = field_docs(kind)
-        rows.append([f"`{kind.drive_class.kind}`", "", "", said["drive"]])
+        rows.append([f"`{get_args(kind.model_fields['drive'].annotation)[0]}`", "", "", said["drive"]])
         own = [(name, field) for name, field in kind.model_fields.items() if name not in common]
         rows += [["", f"`lens.{name}`", _allowed(field.annotation, field), said[name]] for name, field in own]
     return table("drive", "key, must be given", "value", "meaning", rows=rows)

@@ -26,6 +26,7 @@ from saf_gen.cli import (
     dataset_commands,
     evaluate_commands,
     leaderboard_commands,
+    lens_commands,
     machine_commands,
     method_commands,
     recipe_commands,
@@ -69,6 +70,10 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "check": scene_commands.check_scenes_command,
             "preview": scene_commands.preview_command,
         },
+    ),
+    "lens": (
+        "Fit real lenses for scene cards, and show what they do.",
+        {"fit": lens_commands.fit_lens_command, "show": lens_commands.show_lens_command},
     ),
     "dataset": (
         "Make a dataset from existing streams, or from shards in separate folders.",
@@ -120,7 +125,9 @@ STOP_MESSAGES = {
         ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf"),
         "finished work is kept: run the same command again to continue",
     ),
-    **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "cut", "view", "sensors"), NOTHING_WRITTEN),
+    **dict.fromkeys(
+        ("leaderboard", "score", "import", "encode", "export", "cut", "view", "sensors", "lens"), NOTHING_WRITTEN
+    ),
 }
 """The message for a stopped command, by command or group; commands that write no files have none."""
 

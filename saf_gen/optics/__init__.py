@@ -9,6 +9,8 @@ from typing import Any
 from saf_gen.optics._drive import Drive
 from saf_gen.optics.best_focus import FocusCriterion
 from saf_gen.optics.distortion import Distortion
+from saf_gen.optics.fitted_lens_drive import FittedLensDrive
+from saf_gen.optics.fitted_rays import FittedRays
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
@@ -19,6 +21,8 @@ __all__ = [
     "DRIVES",
     "Distortion",
     "Drive",
+    "FittedLensDrive",
+    "FittedRays",
     "FocalLengthDrive",
     "FocusCriterion",
     "ImageDistanceDrive",
@@ -28,7 +32,9 @@ __all__ = [
     "drive_from_dict",
 ]
 
-DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in (ImageDistanceDrive, FocalLengthDrive, Stage)}
+DRIVES: dict[str, type[Drive]] = {
+    drive.kind: drive for drive in (ImageDistanceDrive, FocalLengthDrive, Stage, FittedLensDrive)
+}
 """The class of each kind of drive."""
 
 
@@ -44,7 +50,7 @@ def drive_from_dict(data: Mapping[str, Any]) -> Drive:
     """
     numbers = {key: tuple(v) if isinstance(v, list) else v for key, v in data.items() if key != "kind"}
     if wavefront := data.get("wavefront"):
-        numbers["wavefront"] = Wavefront(**wavefront)
+        numbers["wavefront"] = FittedRays.from_dict(wavefront) if "starts" in wavefront else Wavefront(**wavefront)
     if distortion := data.get("distortion"):
         numbers["distortion"] = Distortion(**distortion)
     if ring := data.get("ring"):

@@ -18,6 +18,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics.distortion import Distortion
+from saf_gen.optics.fitted_rays import FittedRays, SeenWavefront
 from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
@@ -35,7 +36,7 @@ class Drive(ABC):
     """f-number of the lens focused at infinity."""
     transmission: float
     """Fraction of the light that the lens transmits."""
-    wavefront: Wavefront | None
+    wavefront: Wavefront | FittedRays | SeenWavefront | None
     """Aberrations of the lens; None for a perfect thin lens."""
     ring: Ring | None
     """Ring in front of the lens that takes light away from the edge of the picture; None for an open one."""

@@ -10,20 +10,24 @@ aberration at f/2 and pixels of 20 µm, by more where waves matter.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.optics._drive import Drive
+from saf_gen.optics._drive import Drive, Positions
 from saf_gen.optics.distortion import Distortion
+from saf_gen.optics.fitted_rays import FittedRays, SeenWavefront
 from saf_gen.optics.texture_contrast import REACH, STEP, ContrastCurve, Imaging, contrast_curve
 from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
 HEIGHTS = 8  # curves from the middle of the sensor to the height at which aberrations are stated
+KNOTS = 5  # between which the best positions of a lens read from a file are interpolated
 MAX_STAGE_RESIDUAL_PX = 0.1
+MAX_RESIDUAL_PX = 0.2
+"""Largest distance between fitted rays and those of the lens that a camera may see."""
 MAX_WAVES_SMALL_NA = 0.25
 """Largest wavefront, in wavelengths, where waves blur a point over half a pixel or more: paths bent at the aperture
 have the transfer of waves within 0.05 there, and the gradient of a larger wavefront would add 0.1 and more."""
@@ -59,6 +63,8 @@ class FocusCriterion:
         """
         if self.drive.wavefront is None:
             return self.drive.least_blur(depth[target])
+        if self._fitted:
+            return self._at(depth[target]).true_focus(depth, target)
         seen = self._collect(depth, target)
         return self._best(lambda position: -self._contrast(seen, position), seen=seen)
 
@@ -66,6 +72,8 @@ class FocusCriterion:
         """Return the position of the least mean squared blur over a target; see :meth:`true_focus`."""
         if self.drive.wavefront is None:
             return self.drive.least_blur(depth[target])
+        if self._fitted:
+            return self._at(depth[target]).least_blur(depth, target)
         seen = self._collect(depth, target)
         return self._best(lambda position: self._mean_squared_blur(seen, position), seen=seen)
 
@@ -86,6 +94,8 @@ class FocusCriterion:
         """
         if self.drive.wavefront is None:
             return self.drive.best_position(depth)
+        if self._fitted:
+            return self._best_positions_of_fitted(depth)
         height = image_heights(depth.shape, self.pitch_m)
         peaks = [curve.peak for curve in self._curves(float(height.max()))]
         place = height / self._wavefront.height_m * HEIGHTS
@@ -98,7 +108,7 @@ class FocusCriterion:
         wavefront of another part of the lens counts, if a ring in front of the lens leaves parts of the picture
         without light, or if distortion folds the picture.
         """
-        wavefront, drive = self.drive.wavefront, self.drive
+        drive, wavefront = self.drive, self.drive.wavefront
         corner = float(np.hypot(rows, columns)) / 2 * self.pitch_m
         if drive.ring is not None:
             self._check_ring(drive.ring, corner)
@@ -106,6 +116,9 @@ class FocusCriterion:
             self._check_distortion(drive.distortion, corner)
         if wavefront is None:
             return
+        if isinstance(wavefront, FittedRays):
+            self._check_fitted(wavefront, corner)
+            wavefront = self._at(drive.object_distance(0.5))._wavefront
         largest = wavefront.largest_path(drive.aperture_radius_m, corner)
         if (most := self.largest_path_m) is not None and largest > most * (1 + 1e-9):
             raise BadInput(
@@ -191,7 +204,7 @@ class FocusCriterion:
         """Return by how many pixels a ray may be off because a stage moves it over the lens; 0 for other drives."""
         wavefront, drive = self.drive.wavefront, self.drive
         ends = drive.shift(np.array([0.0, 1.0]))
-        if wavefront is None or ends[0] == ends[1]:
+        if not isinstance(wavefront, Wavefront) or ends[0] == ends[1]:
             return 0.0
         v, u = float(drive.image_distance(0.5)), float(drive.object_distance(0.5))
         radius = drive.aperture_radius_m
@@ -202,11 +215,48 @@ class FocusCriterion:
         change = np.subtract(wavefront.slope(edge, corner), wavefront.slope(nearer, corner))
         return float(np.hypot(*change).max()) * v / self.pitch_m
 
+    # Of a lens read from a file, whose aberrations depend on the distance of the object.
+
+    @property
+    def _fitted(self) -> bool:
+        return isinstance(self.drive.wavefront, FittedRays)
+
+    def _at(self, depths: Positions) -> "FocusCriterion":
+        """Return the criterion for a lens with the aberrations of objects at the median of these depths (m)."""
+        depth = float(np.median(depths))
+        v = float(self.drive.image_distance(np.clip(self.drive.best_position(depth), -1, 2)))
+        return replace(self, drive=replace(self.drive, wavefront=self.drive.wavefront.seen_from(depth, v)))  # type: ignore[union-attr,type-var]
+
+    def _best_positions_of_fitted(self, depth: np.ndarray) -> np.ndarray:
+        """Return the best position of each pixel, between those of depths that are in focus over the travel."""
+        inverse = 1 / np.asarray(depth, dtype=np.float64)
+        known = 1 / self.drive.object_distance(np.linspace(0, 1, KNOTS))
+        found = np.stack([self._at(1 / one).best_position(depth) for one in known])
+        order = np.argsort(known)
+        place = np.interp(inverse, known[order], np.arange(KNOTS))
+        below = np.minimum(place.astype(int), KNOTS - 2)
+        pick = [np.take_along_axis(found[order], (below + n)[None], axis=0)[0] for n in (0, 1)]
+        return pick[0] + (place - below) * (pick[1] - pick[0])
+
+    def _check_fitted(self, rays: FittedRays, corner: float) -> None:
+        if corner > rays.height_m * (1 + 1e-9):
+            raise BadInput(
+                f"the corner of the sensor is {corner * 1e3:.3g} mm from its middle",
+                allowed=f"at most {rays.height_m * 1e3:.3g} mm, for which the lens is fitted",
+                hint="take a smaller sensor, or fit the lens again with --height-mm",
+            )
+        if rays.residual_m > MAX_RESIDUAL_PX * self.pitch_m:
+            raise BadInput(
+                f"the fitted lens is up to {rays.residual_m / self.pitch_m:.2g} pixels from the rays of its file",
+                allowed=f"at most {MAX_RESIDUAL_PX:g} pixels",
+                hint="fit it with a higher --degree, a higher --f-number or a lower --height-mm",
+            )
+
     # Of a lens with aberrations.
 
     @property
-    def _wavefront(self) -> Wavefront:
-        assert self.drive.wavefront is not None  # callers have made sure
+    def _wavefront(self) -> Wavefront | SeenWavefront:
+        assert isinstance(self.drive.wavefront, Wavefront | SeenWavefront)  # callers have made sure
         return self.drive.wavefront
 
     def _curves(self, largest_height_m: float) -> list[ContrastCurve]:

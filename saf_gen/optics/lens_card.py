@@ -2,15 +2,18 @@
 
 from abc import abstractmethod
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, PrivateAttr, Tag, field_validator, model_validator
 
 from saf_gen.core.config.document import FrozenModel
 from saf_gen.optics._drive import Drive
 from saf_gen.optics.distortion import Distortion
+from saf_gen.optics.fitted_lens_drive import FittedLensDrive
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
+from saf_gen.optics.lens_file.fitted_file import FittedLens, check_reach, read_lens
 from saf_gen.optics.microscope_stage import Stage
 from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
@@ -173,8 +176,85 @@ class StageLens(_Lens):
         return f"{self.focal_length_mm:g} mm f/{self.f_number:g}, {self.magnification:g}×, stage"
 
 
+class LensFile(FrozenModel):
+    """A real lens, fitted by ``saf-gen lens fit``, that moves as a whole; it brings its own aberrations."""
+
+    drive_class: ClassVar[type[Drive]] = FittedLensDrive
+
+    drive: Literal["image_distance"] = "image_distance"
+    """The lens moves relative to the sensor; gaps and power of a fitted lens cannot change."""
+    file: str
+    """Name of a lens that comes with saf_gen, or of a file of a fitted lens (.yaml) in the scene's folder."""
+    f_number: float = Field(gt=0.5, le=64)
+    """f-number of the lens focused at infinity; the file says the smallest."""
+    focus_range_m: tuple[float, float]
+    """Object distances in focus at position 0 and at position 1, from the entrance pupil, m."""
+    transmission: float = Field(default=1.0, gt=0, le=1)
+    """Fraction of the light that the lens transmits."""
+    wave_nm: float | None = Field(default=None, ge=200, le=3000)
+    """Wavelength whose rays are traced, nm; may be left out: then the primary wavelength of the lens."""
+    veiling_glare: float = Field(default=0.0, ge=0, le=0.5)
+    """Share of the light in the frame that the lens spreads evenly over it."""
+    aberrations: None = None
+    """A real lens brings its own."""
+    vignetting: None = None
+    """The pupil of a real lens is the same all over the picture."""
+    _lens: FittedLens | None = PrivateAttr(default=None)
+
+    @field_validator("aberrations", "vignetting", mode="before")
+    @classmethod
+    def _brings_its_own(cls, given: Any) -> None:
+        if given is not None:
+            raise ValueError("neither aberrations nor vignetting beside file: a real lens brings its own")
+
+    @field_validator("file")
+    @classmethod
+    def _has_no_folder(cls, file: str) -> str:
+        if Path(file).name != file:
+            raise ValueError("the name of a lens, or of a file in the scene's folder")
+        return file
+
+    def read_from(self, folder: Path) -> "LensFile":
+        """Return this card with its lens read; a file counts from ``folder``. Raises BadInput if it cannot be."""
+        found = self.model_copy()
+        found._lens = read_lens(self.file, folder=folder)
+        return found
+
+    @property
+    def lens(self) -> FittedLens:
+        """The fitted lens."""
+        return self._lens or read_lens(self.file)
+
+    @property
+    def summary(self) -> str:
+        """Short description of the lens, for lists."""
+        return f"{self.lens.focal_length_mm:.3g} mm f/{self.f_number:g}, {self.lens.name}"
+
+    def build_drive(self, f_number: float | None = None) -> Drive:
+        """Return the drive of the lens, as :meth:`ImageDistanceLens.build_drive` does.
+
+        Raises BadInput if aperture, travel or wavelength are not among those for which the lens is fitted.
+        """
+        lens, used = self.lens, f_number or self.f_number
+        check_reach(lens, f_number=used, focus_range_m=self.focus_range_m)
+        return FittedLensDrive(
+            focal_length_m=lens.focal_length_mm / 1e3,
+            f_number=used,
+            focus_range_m=self.focus_range_m,
+            pupil_magnification=lens.pupil_magnification,
+            transmission=self.transmission,
+            wavefront=lens.rays_at(self.wave_nm),
+            veiling_glare=self.veiling_glare,
+        )
+
+
 def drive(card: Any) -> str:
-    """Return the kind of drive of a card's ``lens``, parsed or not; pydantic names this function in its messages."""
+    """Return the kind of drive of a card's ``lens``, parsed or not, or "lens file" if it names one.
+
+    Pydantic names this function in its messages.
+    """
+    if isinstance(card, LensFile) or (isinstance(card, dict) and "file" in card):
+        return "lens file"
     kind = card.get("drive", "image_distance") if isinstance(card, dict) else getattr(card, "drive", "")
     return str(kind)
 
@@ -182,6 +262,7 @@ def drive(card: Any) -> str:
 LensCard = Annotated[
     Annotated[ImageDistanceLens, Tag("image_distance")]
     | Annotated[FocalLengthLens, Tag("focal_length")]
-    | Annotated[StageLens, Tag("stage")],
+    | Annotated[StageLens, Tag("stage")]
+    | Annotated[LensFile, Tag("lens file")],
     Discriminator(drive),
 ]

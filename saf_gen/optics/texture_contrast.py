@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from saf_gen.optics.fitted_rays import SeenWavefront
 from saf_gen.optics.wavefront import Wavefront
 
 MIN_CYCLES = 1 / 64  # per pixel
@@ -98,7 +99,7 @@ class ContrastCurve:
 
 
 @lru_cache(maxsize=256)
-def contrast_curve(wavefront: Wavefront, imaging: Imaging, *, height_m: float) -> ContrastCurve:
+def contrast_curve(wavefront: Wavefront | SeenWavefront, imaging: Imaging, *, height_m: float) -> ContrastCurve:
     """Return the contrast over every defocus that the wavefront may balance, and what is near them.
 
     Parameters
@@ -121,7 +122,7 @@ def contrast_curve(wavefront: Wavefront, imaging: Imaging, *, height_m: float) -
 
 
 def squared_contrast(
-    defocus: np.ndarray, wavefront: Wavefront, *, imaging: Imaging, height_m: float = 0.0
+    defocus: np.ndarray, wavefront: Wavefront | SeenWavefront, *, imaging: Imaging, height_m: float = 0.0
 ) -> np.ndarray:
     """Return the squared contrast of the stated texture, divided by that of a perfect lens in focus without waves.
 

@@ -6,8 +6,9 @@ that is wide enough for every position (:func:`saf_gen.render.ray_sampling.ray_c
 spread. If the lens moves through the rays, a path counts only at the positions at which it is inside the aperture. The
 paths that fall into a pixel are thus an even sample of pixel and aperture at every position, and their mean is
 unbiased. Waves bend a path at the lens, which moves its line across the sensor (:mod:`saf_gen.render.diffraction`).
-Aberrations turn it in front of the lens, which moves nothing behind it (:mod:`saf_gen.optics.wavefront`). A path that
-does not pass a ring in front of the lens counts, and brings no light (:mod:`saf_gen.optics.vignetting`).
+Aberrations turn it in front of the lens, which moves nothing behind it (:mod:`saf_gen.optics.wavefront`); a lens read
+from a file also moves where it starts (:mod:`saf_gen.optics.fitted_rays`). A path that does not pass a ring in front of
+the lens counts, and brings no light (:mod:`saf_gen.optics.vignetting`).
 """
 
 import math
@@ -18,6 +19,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from saf_gen.optics import FittedRays, Wavefront
 from saf_gen.render.diffraction import find_waves, place_bends
 from saf_gen.render.host_splat import NEVER, TracedPaths
 from saf_gen.render.ray_sampling import place_samples, ray_coverage
@@ -107,14 +109,19 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
         a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
         # Slope in object space. The equivalent (a - x)/v - a/f would lose digits if u is much larger than f.
         slope_x, slope_y = -(x * inverse_v + a.x * inverse_u), -(y * inverse_v + a.y * inverse_u)
-        if drive.wavefront is not None:
+        start = a
+        if isinstance(drive.wavefront, FittedRays):
+            v = opaque(drive.image_distance(middle))
+            moved, bent = drive.wavefront.turn((a.x, a.y), (x, y), image_distance_m=v)
+            start, slope_x, slope_y = a + mi.Vector2f(*moved), slope_x + bent[0], slope_y + bent[1]
+        elif isinstance(drive.wavefront, Wavefront):
             turned = drive.wavefront.slope((a.x, a.y), (x, y), number=opaque)
             slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
         if drive.distortion is not None:
             through_centre = -(x * chief_x + a.x * chief_a), -(y * chief_x + a.y * chief_a)
             turned = drive.distortion.turn(through_centre, number=opaque)
             slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
-        origin = mi.Point3f(a.x + slope_x * ahead, a.y + slope_y * ahead, farthest) * units
+        origin = mi.Point3f(start.x + slope_x * ahead, start.y + slope_y * ahead, farthest) * units
         ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))
         done, first = (begin + count) / rows, begin * columns * samples
         passes = None if drive.ring is None else drive.ring.passes((a.x, a.y), (slope_x, slope_y), number=opaque)

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.optics import FittedRays
 from saf_gen.render.pinhole_sight import PinholeSight, apparent_distance, lines_of_sight
 from saf_gen.render.render_setup import RenderSetup, SensorGrid, camera_dict, film_dict, render_with_camera
 
@@ -183,7 +184,7 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
     """Trace the ray through each pixel's centre to what it shows: float64 and bool (row, col)."""
     # One sample that is not jittered is the ray through the pixel's centre.
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
-    if setup.drive.distortion is None:
+    if setup.drive.distortion is None and not isinstance(setup.drive.wavefront, FittedRays):
         integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
         planes = render_with_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(np.float64)
         point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)

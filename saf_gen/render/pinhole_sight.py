@@ -22,6 +22,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from saf_gen.optics import FittedRays
 from saf_gen.render.line_of_sight import BENDING, OPAQUE, SCATTERING, STRAIGHT
 from saf_gen.render.render_setup import RenderSetup
 
@@ -378,21 +379,31 @@ def lines_of_sight(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return origins and directions of the rays through the centre of the lens that meet points of the picture.
 
-    They are those of the pinhole ``camera`` at this focus position, turned by the distortion of the lens. ``x`` and
-    ``y`` are 0 to 1; the result is float64 (ray, 3).
+    They are those of the pinhole ``camera`` at this focus position, turned by the distortion of the lens, or those of a
+    real lens. ``x`` and ``y`` are 0 to 1; the result is float64 (ray, 3).
     """
     origin, direction = camera_rays(camera, x=x, y=y)
-    distortion = setup.drive.distortion
-    if distortion is None:
+    drive = setup.drive
+    if drive.distortion is None and not isinstance(drive.wavefront, FittedRays):
         return origin, direction
     matrix = np.array(setup.to_world_at(float(setup.drive.shift(position))).matrix, dtype=np.float64)
     turn, lens = matrix[:3, :3], matrix[:3, 3]
     back = np.linalg.inv(turn).T
     local = direction @ back
     slope = local[:, :2] / local[:, 2:]
-    added = distortion.turn((slope[:, 0], slope[:, 1]))
+    added, start = np.zeros((2, len(slope))), np.zeros((2, len(slope)))
+    if drive.distortion is not None:
+        added += drive.distortion.turn((slope[:, 0], slope[:, 1]))
+    if isinstance(drive.wavefront, FittedRays):
+        v = float(drive.image_distance(position))
+        moved, turned = drive.wavefront.turn((start[0], start[1]), tuple(-v * slope.T), image_distance_m=v)
+        added, start = added + turned, start + moved
     ahead = np.column_stack([slope[:, 0] + added[0], slope[:, 1] + added[1], np.ones(len(slope))])
-    begin = lens + (ahead * ((origin - lens) @ back)[:, 2:]) @ turn.T
+    begin = (
+        lens
+        + np.column_stack([*start / setup.unit_m, np.zeros(len(slope))]) @ turn.T
+        + (ahead * ((origin - lens) @ back)[:, 2:]) @ turn.T
+    )
     ahead = ahead @ turn.T
     return begin, ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
 

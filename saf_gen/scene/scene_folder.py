@@ -21,7 +21,8 @@ from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
 from saf_gen.optics import Drive
-from saf_gen.optics.lens_card import LensCard
+from saf_gen.optics.lens_card import LensCard, LensFile
+from saf_gen.optics.lens_file.fitted_file import shipped_text
 from saf_gen.plugins.lights import check_groups
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
@@ -247,6 +248,8 @@ def _read(folder: Path) -> Scene:
         )
     if len(geometry) > 1:
         raise BadInput(f"{folder} has scene.py and scene.xml", hint="keep one of the two")
+    if isinstance(card.lens, LensFile):
+        card = card.model_copy(update={"lens": card.lens.read_from(folder)})
     check_groups(card.lights, document)
     for key, value in card.params.items():
         check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
@@ -276,6 +279,8 @@ def _digest(folder: Path, card: SceneCard) -> str:
     values = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
     contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}
     contents |= {f"{name}.py": library_module(module).read_bytes() for name, module in card.library.items()}
+    if isinstance(card.lens, LensFile) and (text := shipped_text(card.lens.file)):
+        contents[f"lens/{card.lens.file}.yaml"] = text.encode()
     # Only a script can read files outside its folder; files of an XML scene must be inside it.
     return folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())
 

@@ -312,6 +312,23 @@ FAULTS = {
             "render/test_focus_of_aberrated_pictures.py::test_the_dispersion_of_pictures_peaks_where_the_pupil_says",
         ),
     ),
+    "a real lens with its pupils in one place": Fault(
+        "The rays of a lens read from a file start at the point of a perfect entrance pupil.",
+        (Change("render.camera_rays", "a + mi.Vector2f(*moved), slope_x + bent[0]", "a, slope_x + bent[0]"),),
+        (
+            "render/test_fitted_lenses.py::test_rays_leave_the_lens_as_they_do_when_traced_through_its_surfaces",
+            "render/test_fitted_lenses.py::test_an_edge_is_the_sum_of_traced_rays",
+        ),
+    ),
+    "a real lens with one pupil for both": Fault(
+        "The slope behind a lens read from a file is taken at the point of the entrance pupil, not of the exit pupil.",
+        (Change("optics.fitted_rays", "on * (1 / self.pupil_magnification)", "on"),),
+        (
+            "optics/test_lens_files.py::test_rays_of_the_card_land_on_their_pixel_when_traced_through_the_surfaces",
+            "optics/test_lens_files.py::test_the_fit_of_the_double_gauss_is_within_a_twentieth_of_a_pixel",
+            "optics/test_lens_files.py::test_the_least_blur_is_that_of_the_traced_spot",
+        ),
+    ),
     "moving truth from all depths": Fault(
         "The truth of a moving scene is the best compromise over all pixels, not over those of the target.",
         (

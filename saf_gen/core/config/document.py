@@ -183,7 +183,8 @@ def _describe_first_error(error: ValidationError, model: Any, *, document: Docum
         return BadInput(f"the key {name!r} is missing", where=where, allowed=_meaning(model, first["loc"]), hint=hint)
     if first["type"] == "union_tag_invalid":
         key, value = first["ctx"]["discriminator"].strip("'()"), first["ctx"]["tag"]
-        choices = [kind.strip(" '") for kind in first["ctx"]["expected_tags"].split(",")]
+        tags = [kind.strip(" '") for kind in first["ctx"]["expected_tags"].split(",")]
+        choices = [tag for tag in tags if " " not in tag]  # one with a blank is chosen by another key
         name, where, allowed = f"{name}.{key}", document.locate(*keys, key), ", ".join(choices)
     elif first["type"] == "literal_error":
         expected = _expectation(first).replace(" or ", ", ")

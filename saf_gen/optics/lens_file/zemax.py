@@ -1,0 +1,208 @@
+"""Reader of Zemax lens files (.zmx), of lenses of rotation in sequence; what it does not know it refuses or tells.
+
+A file is a list of lines, each a word and its values, that belong to the system or to the surface that the last
+``SURF`` began. Surface 0 is the object, the last one the image.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from saf_gen.errors import BadInput
+from saf_gen.optics.lens_file.glass import AIR, Glass, find_glass, model_glass
+from saf_gen.optics.lens_file.prescription import Prescription, Surface
+
+UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0, "M": 1000.0}
+BLANK_GLASS = "___BLANK"
+SHAPES = ("STANDARD", "EVENASPH")
+POWERS = 8
+CUTS = ("CLAP", "FLAP", "OBSC", "SQAP", "SQOB", "ELAP", "ELOB", "UDAD", "SPID")
+
+
+@dataclass
+class _Lines:
+    """What the lines of a file say, with the place of each for messages."""
+
+    where: str
+    system: dict[str, list[str]] = field(default_factory=dict)
+    waves: dict[int, float] = field(default_factory=dict)
+    surfaces: list[dict[str, list[str]]] = field(default_factory=list)
+    parameters: list[dict[int, float]] = field(default_factory=list)
+
+
+def read_zemax(text: str, *, where: str, glasses: Mapping[str, Glass], name: str) -> Prescription:
+    """Return the lens in the text of a .zmx file.
+
+    Raises
+    ------
+    BadInput
+        If it is damaged, or has what is no lens of rotation in sequence: mirrors, tilts, other surfaces than spheres,
+        conics and even aspheres, a glass of unknown name.
+    """
+    lines = _split(text, where)
+    mode = lines.system.get("MODE", ["SEQ"])[0]
+    if mode != "SEQ":
+        raise BadInput(f"{where} is of mode {mode}", allowed="a sequential lens (MODE SEQ)")
+    unit = lines.system.get("UNIT", ["MM"])[0].upper()
+    if unit not in UNITS_MM:
+        raise BadInput(f"{where} is in units of {unit}", allowed=", ".join(UNITS_MM))
+    if len(lines.surfaces) < 3:
+        raise BadInput(
+            f"{where} has {len(lines.surfaces)} surfaces",
+            allowed="an object, at least one surface and an image",
+            hint="is the file complete?",
+        )
+    mm, notes = UNITS_MM[unit], []
+    middle = list(enumerate(lines.surfaces))[1:-1]
+    surfaces = [_surface(lines, n, mm=mm, glasses=glasses) for n, _ in middle]
+    stops = [n - 1 for n, found in middle if "STOP" in found]
+    if len(stops) != 1:
+        raise BadInput(
+            f"{where}: {len(stops)} surfaces are the stop", allowed="one surface with STOP between object and image"
+        )
+    if cut := [n for n, found in middle if set(found) & set(CUTS)]:
+        notes.append(f"apertures of surfaces {', '.join(map(str, cut))} are not used: the stop alone bounds the light")
+    if int(_number(lines, lines.system.get("MNUM", ["1"]))) > 1:
+        notes.append("the file has several configurations: read is the one that it shows")
+    object_mm = _thickness(lines, 0)
+    if math.isfinite(object_mm):
+        notes.append(
+            f"the file's object is {object_mm * mm:g} mm in front of the lens: a card states its own distances"
+        )
+    waves, primary = _waves(lines)
+    stop_mm = surfaces[stops[0]].semi_diameter_mm
+    return Prescription(
+        name=" ".join(lines.system.get("NAME", [])) or name,
+        surfaces=tuple(surfaces),
+        stop=stops[0],
+        aperture=_aperture(lines, mm, stop_mm=stop_mm),
+        field=_field(lines, mm),
+        waves_nm=waves,
+        primary_nm=primary,
+        notes=tuple(notes),
+    )
+
+
+def _split(text: str, where: str) -> _Lines:
+    lines = _Lines(where)
+    for line in text.splitlines():
+        words = line.split()
+        if not words:
+            continue
+        word, values = words[0].upper(), words[1:]
+        if word == "SURF":
+            lines.surfaces.append({})
+            lines.parameters.append({})
+        elif word in ("WAVM", "WAVL"):
+            numbers = [_number(lines, values, at=n) for n in range(len(values))]
+            if word == "WAVM" and len(numbers) > 1:
+                lines.waves[int(numbers[0])] = numbers[1]
+            elif word == "WAVL":
+                lines.waves |= dict(enumerate(numbers, start=1))
+        elif not line[:1].isspace() or not lines.surfaces:  # of the system, also after the surfaces
+            lines.system.setdefault(word, values)
+            if lines.surfaces and word in ("TYPE", "CURV", "DISZ", "GLAS", "CONI", "STOP", "DIAM"):
+                lines.surfaces[-1][word] = values
+        elif word == "PARM" and len(values) > 1:
+            lines.parameters[-1][int(_number(lines, values))] = _number(lines, values, at=1)
+        else:
+            lines.surfaces[-1][word] = values
+    return lines
+
+
+def _number(lines: _Lines, values: list[str], *, at: int = 0) -> float:
+    try:
+        number = math.inf if values[at].upper() == "INFINITY" else float(values[at])
+    except (ValueError, IndexError):
+        raise BadInput(
+            f"{lines.where} is damaged: {' '.join(values)[:40]!r} where a number is due", allowed="a lens file (.zmx)"
+        ) from None
+    if math.isnan(number):
+        raise BadInput(f"{lines.where}: a number is NaN", allowed="finite numbers, or INFINITY for a distance")
+    return number
+
+
+def _thickness(lines: _Lines, n: int) -> float:
+    return _number(lines, lines.surfaces[n].get("DISZ", ["0"]))
+
+
+def _surface(lines: _Lines, n: int, *, mm: float, glasses: Mapping[str, Glass]) -> Surface:
+    found, at = lines.surfaces[n], f"{lines.where}: surface {n}"
+    shape = (found.get("TYPE") or ["STANDARD"])[0].upper()
+    glass = (found.get("GLAS") or [""])[0]
+    if shape == "COORDBRK":
+        raise BadInput(f"{at} is a coordinate break", allowed="a lens whose surfaces share one axis")
+    if glass.upper() == "MIRROR":
+        raise BadInput(f"{at} is a mirror", allowed="surfaces that refract")
+    if shape not in SHAPES:
+        raise BadInput(f"{at} is of type {shape}", allowed="STANDARD (spheres and conics) or EVENASPH")
+    if "CURV" not in found and n > 0:
+        raise BadInput(f"{at} has no CURV", allowed="a curvature for each surface", hint="is the file complete?")
+    parameters = lines.parameters[n] if shape == "EVENASPH" else {}
+    if beyond := [k for k, value in parameters.items() if value and not 1 <= k <= POWERS]:
+        raise BadInput(
+            f"{at} has the coefficient {beyond[0]}", allowed=f"coefficients 1 to {POWERS} of an even asphere"
+        )
+    coefficients = [parameters.get(k, 0.0) * mm ** (1 - 2 * k) for k in range(1, POWERS + 1)]
+    while coefficients and not coefficients[-1]:
+        coefficients.pop()
+    diameter = _number(lines, found["DIAM"]) * mm if "DIAM" in found else math.inf
+    return Surface(
+        curvature=_number(lines, found.get("CURV", ["0"])) / mm,
+        thickness_mm=_thickness(lines, n) * mm,
+        glass=_glass(lines, found, at=at, glasses=glasses),
+        conic=_number(lines, found.get("CONI", ["0"])),
+        powers=tuple(coefficients),
+        semi_diameter_mm=diameter if diameter else math.inf,
+    )
+
+
+def _glass(lines: _Lines, found: dict[str, list[str]], *, at: str, glasses: Mapping[str, Glass]) -> Glass:
+    values = found.get("GLAS")
+    if not values:
+        return AIR
+    if values[0].upper() != BLANK_GLASS:
+        return find_glass(values[0], glasses, where=at)
+    return model_glass(_number(lines, values, at=3), _number(lines, values, at=4))
+
+
+def _waves(lines: _Lines) -> tuple[tuple[float, ...], float]:
+    numbers = lines.waves
+    # Files of newer versions list 24 wavelengths, of which unused ones repeat 0.55 at the end.
+    count = max(numbers, default=0)
+    while count > 1 and numbers.get(count) == 0.55 and numbers.get(count - 1) == 0.55:
+        count -= 1
+    used = [numbers[k] for k in range(1, count + 1) if k in numbers]
+    if len(used) > 1 and count > 3 and used[-1] == 0.55:
+        used.pop()
+    if not used:
+        raise BadInput(f"{lines.where} has no wavelengths", allowed="WAVM or WAVL", hint="is the file complete?")
+    primary = int(_number(lines, lines.system.get("PWAV", ["1"])))
+    if primary not in numbers:
+        raise BadInput(f"{lines.where}: the primary wavelength is number {primary}", allowed=f"1 to {len(used)}")
+    return tuple(sorted({round(1e3 * wave, 6) for wave in used})), 1e3 * numbers[primary]
+
+
+def _aperture(lines: _Lines, mm: float, *, stop_mm: float) -> tuple[str, float]:
+    system = lines.system
+    if "ENPD" in system:
+        return "entrance", _number(lines, system["ENPD"]) * mm
+    if "FNUM" in system:
+        return "f_number", _number(lines, system["FNUM"])
+    if "FLOA" in system and math.isfinite(stop_mm):
+        return "stop", stop_mm
+    return "f_number", 0.0  # the file does not say
+
+
+def _field(lines: _Lines, mm: float) -> tuple[str, float]:
+    kind = int(_number(lines, lines.system.get("FTYP", ["0"])))
+    heights = []
+    for axis in "XY":
+        values = lines.system.get(f"{axis}FLN") or lines.system.get(f"{axis}FLD") or []
+        heights.append([abs(_number(lines, values, at=n)) for n in range(len(values))])
+    count = max(map(len, heights), default=0)
+    x, y = ([*values, *[0.0] * (count - len(values))] for values in heights)
+    largest = max(map(math.hypot, x, y), default=0.0)
+    if kind == 1 or not largest:
+        return "angle", 0.0  # the file does not say: heights of objects mean nothing without their distance
+    return ("angle", largest) if kind == 0 else ("image", largest * mm)

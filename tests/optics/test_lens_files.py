@@ -1,0 +1,524 @@
+"""Lens files: what is read, rays through surfaces against closed forms, and polynomials against rays."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lens_texts import SINGLET, as_json, deeplens_data, optiland_data, zemax_text
+from pydantic import TypeAdapter
+from refusals import assert_says, refusal
+
+from saf_gen.optics import FittedLensDrive, FocusCriterion, ImageDistanceDrive, drive_from_dict
+from saf_gen.optics.lens_card import LensCard
+from saf_gen.optics.lens_file.fit import find_reach, fit_lens, residuals_um
+from saf_gen.optics.lens_file.fitted_file import SHIPPED, fitted_lens, fitted_text, read_lens, shipped_lenses
+from saf_gen.optics.lens_file.glass import AIR, catalogue, model_glass
+from saf_gen.optics.lens_file.prescription import Prescription, Surface
+from saf_gen.optics.lens_file.pupils import find_pupils
+from saf_gen.optics.lens_file.reading import read_glasses, read_prescription
+from saf_gen.optics.lens_file.trace import Rays, trace_back, trace_forward
+
+D_NM, PITCH_M = 587.5618, 20e-6
+
+
+def lens_of(*surfaces, stop=0, aperture=("entrance", 10.0)):
+    return Prescription("made", surfaces, stop, aperture, ("angle", 5.0), (D_NM,), D_NM)
+
+
+def glass(index):
+    return model_glass(index, 60.0)
+
+
+def parallel(heights):
+    heights = np.atleast_1d(np.asarray(heights, dtype=np.float64))
+    return Rays(np.stack([heights, np.zeros_like(heights)]), np.zeros((2, heights.size)))
+
+
+def crossing(rays):
+    return -rays.place[0] / rays.slope[0]
+
+
+# --- the tracer, against closed forms ---
+
+
+@pytest.mark.parametrize(("r1", "r2", "thickness"), [(50, -80, 6), (30, np.inf, 4), (-200, -40, 3), (25, 60, 8)])
+def test_a_singlet_has_the_focal_length_of_the_lensmaker(r1, r2, thickness):
+    """1/f = (n - 1)·(1/r1 - 1/r2 + (n - 1)·d/(n·r1·r2)), and its back focus f·(1 - (n - 1)·d/(n·r1))."""
+    n = 1.6
+    lens = lens_of(Surface(1 / r1, thickness, glass(n)), Surface(1 / r2, 0.0))
+    f = 1 / ((n - 1) * (1 / r1 - 1 / r2 + (n - 1) * thickness / (n * r1 * r2)))
+    assert find_pupils(lens, D_NM).focal_length_mm == pytest.approx(f, rel=1e-9)
+    rays, _ = trace_forward(lens, parallel(1e-4), wavelength_nm=D_NM)
+    assert crossing(rays)[0] == pytest.approx(f * (1 - (n - 1) * thickness / (n * r1)), rel=1e-8)
+
+
+def test_a_plano_convex_lens_has_seidels_spherical_aberration():
+    """Its rays at height y cross the axis S_I/(2·u²) before the paraxial focus, S_I = -Σ A²·h·Δ(u/n) (Welford, ch. 8).
+
+    At y = f/50 terms of the fifth order are below 0.5 %.
+    """
+    n, r, thickness, y = 1.5, 50.0, 5.0, 2.0
+    lens = lens_of(Surface(1 / r, thickness, glass(n)), Surface(0.0, 0.0))
+    u1 = -y * (n - 1) / (n * r)
+    h2 = y + thickness * u1
+    u2 = n * u1
+    first = (y / r) ** 2 * y * (u1 / n - 0)  # A = n·i = y/r
+    second = (n * u1) ** 2 * h2 * (u2 - u1 / n)
+    seidel = -(first + second)
+    rays, _ = trace_forward(lens, parallel([1e-4, y]), wavelength_nm=D_NM)
+    near, edge = crossing(rays)
+    assert edge - near == pytest.approx(-seidel / (2 * u2**2), rel=5e-3)
+
+
+def test_a_sphere_is_free_of_spherical_aberration_at_its_aplanatic_points():
+    """Rays towards the point n·r behind the centre of a ball meet at r/n behind it, at every height up to 0.9·r."""
+    n, r = 1.5, 10.0
+    lens = lens_of(Surface(1 / r, 0.0, glass(n)))
+    aim = r + n * r
+    heights = np.linspace(0.5, 9.0, 18)
+    sag = r - np.sqrt(r**2 - heights**2)
+    slope = -heights / (aim - sag)
+    start = Rays(np.stack([heights - sag * slope, 0 * heights]), np.stack([slope, 0 * slope]))
+    rays, met = trace_forward(lens, start, wavelength_nm=D_NM)
+    assert met[0] == pytest.approx(heights, rel=1e-12)
+    assert crossing(rays) == pytest.approx(r + r / n, rel=1e-12)
+
+
+def test_an_ellipsoid_of_conic_minus_one_over_n_squared_focuses_parallel_light():
+    """Parallel rays that enter glass through it meet in one point, f = n·r/(n - 1) behind the vertex (Descartes)."""
+    n, r = 1.6, 20.0
+    lens = lens_of(Surface(1 / r, 0.0, glass(n), conic=-1 / n**2))
+    rays, _ = trace_forward(lens, parallel(np.linspace(0.5, 15, 9)), wavelength_nm=D_NM)
+    assert crossing(rays) == pytest.approx(n * r / (n - 1), rel=1e-12)
+
+
+def test_powers_of_r_are_those_of_the_conic_that_they_expand():
+    """A sphere as a plane with a1 to a8 of its series bends rays alike, within the ninth term."""
+    r, series = 40.0, []
+    term = 1 / (2 * r)
+    for k in range(1, 9):
+        series.append(term)
+        term *= (2 * k - 1) / (2 * k + 2) / r**2
+    sphere, even = (lens_of(one, Surface(0.0, 0.0)) for one in (
+        Surface(1 / r, 5.0, glass(1.6)), Surface(0.0, 5.0, glass(1.6), powers=tuple(series)))
+    )  # fmt: skip
+    assert find_pupils(even, D_NM).focal_length_mm == pytest.approx(
+        find_pupils(sphere, D_NM).focal_length_mm, rel=1e-12
+    )
+    found, expected = (
+        trace_forward(one, parallel(np.linspace(1, 8, 8)), wavelength_nm=D_NM)[0] for one in (even, sphere)
+    )
+    assert found.slope == pytest.approx(expected.slope, abs=1e-8)
+
+
+def test_rays_go_back_the_way_they_came():
+    """Forward and then back with the axis turned round, through the double Gauss: within 1e-9 mm."""
+    lens = read_prescription(SHIPPED / "double_gauss.zmx")
+    rng = np.random.default_rng(5)
+    start = Rays(rng.uniform(-8, 8, (2, 50)), rng.uniform(-0.1, 0.1, (2, 50)))
+    there, _ = trace_forward(lens, start, wavelength_nm=550.0)
+    back, _ = trace_back(lens, Rays(there.place, -there.slope), wavelength_nm=550.0)
+    assert back.place == pytest.approx(start.place, abs=1e-9)
+    assert back.slope == pytest.approx(-start.slope, abs=1e-11)
+
+
+def test_glasses_have_the_indices_of_their_data_sheets():
+    """n_d and Abbe's number of Schott's and Ohara's sheets, to their five and two digits."""
+    for name, index, abbe in (("N-BK7", 1.5168, 64.17), ("N-SF11", 1.78472, 25.68), ("S-LAH66", 1.7725, 49.6)):
+        found = catalogue()[name]
+        n_d, n_f, n_c = map(found.index, (0.5875618, 0.4861327, 0.6562725))
+        assert n_d == pytest.approx(index, abs=6e-6)
+        assert (n_d - 1) / (n_f - n_c) == pytest.approx(abbe, abs=6e-3)
+    model = model_glass(1.7, 40.0)
+    n_d, n_f, n_c = map(model.index, (0.5875618, 0.4861327, 0.6562725))
+    assert (n_d, (n_d - 1) / (n_f - n_c)) == (pytest.approx(1.7, abs=1e-12), pytest.approx(40.0, rel=1e-9))
+
+
+# --- reading ---
+
+
+WRITERS = {
+    "zmx": zemax_text,
+    "optiland": lambda: as_json(optiland_data()),
+    "deeplens": lambda: as_json(deeplens_data()),
+}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_every_format_gives_the_surfaces_that_were_written(kind, tmp_path):
+    (tmp_path / "lens").write_text(WRITERS[kind]())
+    lens = read_prescription(tmp_path / "lens")
+    assert (lens.name, lens.stop, lens.waves_nm) == ("Singlet", 2, (486.1327, 587.5618, 656.2725))
+    for surface, (radius, thickness, medium) in zip(lens.surfaces, SINGLET, strict=True):
+        assert surface.curvature == pytest.approx(0 if radius == "stop" else 1 / radius, rel=1e-12)
+        assert surface.thickness_mm == pytest.approx(thickness)
+        assert surface.glass == (model_glass(*medium, name=surface.glass.name) if medium else AIR)
+    pupils = find_pupils(lens, D_NM)
+    expected = 5.0 / abs(pupils.stop_scale) if kind == "deeplens" else 6.0
+    assert pupils.entrance_radius_mm(lens.aperture) == pytest.approx(expected)
+    assert lens.field == (("image", 5.0) if kind == "deeplens" else ("angle", 5.0))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-8-sig", "latin-1"])
+def test_a_zmx_file_is_read_in_every_encoding_that_zemax_writes(encoding, tmp_path):
+    text = zemax_text(system=["NOTE 0 Übung"])
+    (tmp_path / "a.zmx").write_bytes(text.encode(encoding))
+    assert read_prescription(tmp_path / "a.zmx").surfaces[0].curvature == 0.02
+
+
+def test_lengths_in_inches_are_millimetres_and_coefficients_follow(tmp_path):
+    inch = 25.4
+    rows = tuple((r if r == "stop" else r / inch, d / inch, g) for r, d, g in SINGLET)
+    even = {1: ["  TYPE EVENASPH", f"  PARM 2 {1e-6 * inch**3!r}"]}
+    text = zemax_text(rows, extra=even).replace("UNIT MM", "UNIT IN").replace("ENPD 12", f"ENPD {12 / inch!r}")
+    (tmp_path / "in.zmx").write_text(text)
+    (tmp_path / "mm.zmx").write_text(zemax_text(extra={1: ["  TYPE EVENASPH", "  PARM 2 1e-06"]}))
+    found, expected = (read_prescription(tmp_path / name) for name in ("in.zmx", "mm.zmx"))
+    for one, other in zip(found.surfaces, expected.surfaces, strict=True):
+        assert (one.curvature, one.thickness_mm) == pytest.approx((other.curvature, other.thickness_mm))
+        assert one.powers == pytest.approx(other.powers)
+    assert found.aperture[1] == pytest.approx(12)
+
+
+def test_coefficients_of_deeplens_count_by_the_power_in_their_names(tmp_path):
+    """Lists of coefficients begin at r² in some versions and at r⁴ in others; the names say which."""
+    data = deeplens_data()
+    data["surfaces"][0] |= {"type": "Aspheric", "k": -0.5, "ai": [1e-5, 1e-7], "ai4": 1e-5, "ai6": 1e-7}
+    (tmp_path / "a.json").write_text(as_json(data))
+    assert read_prescription(tmp_path / "a.json").surfaces[0].powers == (0.0, 1e-5, 1e-7)
+
+
+def test_what_a_file_says_and_nothing_uses_is_told(tmp_path):
+    text = zemax_text(extra={1: ["  CLAP 0 5 0"]}, system=["MNUM 3 1"]).replace("DISZ INFINITY", "DISZ 700")
+    (tmp_path / "a.zmx").write_text(text)
+    notes = " | ".join(read_prescription(tmp_path / "a.zmx").notes)
+    for words in ("apertures of surfaces 1", "several configurations", "object is 700 mm"):
+        assert words in notes
+
+
+def test_a_glass_may_be_stated_or_come_from_a_catalogue(tmp_path):
+    text = zemax_text().replace("___BLANK 1 0 1.5168 64.17", "HARD7 0 0 1.5 40")
+    (tmp_path / "a.zmx").write_text(text)
+    assert_says(refusal(read_prescription, tmp_path / "a.zmx"), "HARD7 | --glass HARD7=INDEX/ABBE | --catalogue")
+    (tmp_path / "maker.agf").write_text(
+        "CC made up\nNM HARD7 2 0 1.5 64 0 0 0\n"
+        "CD 1.03961212 0.00600069867 0.231792344 0.0200179144 1.01046945 103.560653\nLD 0.3 2.5\n"
+    )
+    for more in (read_glasses(["HARD7=1.5168/64.17"], ()), read_glasses((), [tmp_path / "maker.agf"])):
+        lens = read_prescription(tmp_path / "a.zmx", glasses=more)
+        assert lens.surfaces[0].glass.index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
+
+
+def broken(change):
+    """The text of a DeepLens or optiland file after a change of its data."""
+
+    def text(kind):
+        data = {"d": deeplens_data, "o": optiland_data}[kind]()
+        change(data)
+        return as_json(data)
+
+    return text
+
+
+def put(*path, value):
+    def change(data):
+        for key in path[:-1]:
+            data = data[key]
+        data[path[-1]] = value
+
+    return broken(change)
+
+
+SURFACE_O = ("surface_group", "surfaces", 1)
+BAD = {
+    "empty": ("", "is no lens file | .zmx"),
+    "words": ("once upon a time\n", "is no lens file"),
+    "zeros": ("\0" * 200, "is no lens file"),
+    "cut in the system": (zemax_text()[:60], "is no lens file"),
+    "cut in a surface": (zemax_text().split("SURF 2")[0] + "SURF 2\n", "STOP"),
+    "cut after two surfaces": (zemax_text().split("SURF 2")[0], "2 surfaces | complete"),
+    "cut in a number": (zemax_text().replace("DISZ 2.0", "DISZ"), "damaged | number"),
+    "no curvature": (zemax_text().replace("  CURV 0.02\n", ""), "surface 1 | no CURV"),
+    "radius that is no number": (zemax_text().replace("CURV 0.02", "CURV nan"), "NaN"),
+    "radius of words": (zemax_text().replace("CURV 0.02", "CURV flat"), "damaged | flat"),
+    "infinite curvature": (zemax_text().replace("CURV 0.02", "CURV INFINITY"), "surface 1 | finite radius"),
+    "unknown glass": (zemax_text().replace("___BLANK 1 0 1.5168 64.17", "N-BK77 0 0"), "N-BK77 | 'N-BK7' | --glass"),
+    "glass of index 0.9": (zemax_text().replace("1.5168 64.17", "0.9 64.17"), "index is 0.9"),
+    "Abbe number 0": (zemax_text().replace("1.5168 64.17", "1.5168 0"), "Abbe number is 0"),
+    "mirror": (zemax_text(extra={2: ["  GLAS MIRROR 0 0"]}), "surface 2 is a mirror"),
+    "coordinate break": (zemax_text(extra={2: ["  TYPE COORDBRK"]}), "surface 2 is a coordinate break"),
+    "toroid": (zemax_text(extra={2: ["  TYPE TOROIDAL"]}), "surface 2 is of type TOROIDAL | EVENASPH"),
+    "high power": (zemax_text(extra={2: ["  TYPE EVENASPH", "  PARM 9 1e-20"]}), "coefficient 9"),
+    "glass of no thickness": (zemax_text().replace("DISZ 6.0", "DISZ 0"), "surface 1 | 0 mm thick"),
+    "negative glass": (zemax_text().replace("DISZ 6.0", "DISZ -6"), "surface 1 | -6 mm thick"),
+    "infinite gap": (zemax_text().replace("DISZ 2.0", "DISZ INFINITY"), "surface 2 | thickness of inf"),
+    "negative aperture": (zemax_text().replace("ENPD 12", "ENPD -12"), "entrance pupil (mm) is -12"),
+    "no aperture": (zemax_text(drop=("ENPD",)), "--f-number"),
+    "negative semi-diameter": (zemax_text(extra={1: ["  DIAM -4"]}), "semi-diameter of -4"),
+    "no field": (zemax_text(drop=("YFLN",)), "--height-mm"),
+    "field of object heights": (zemax_text().replace("FTYP 0", "FTYP 1"), "--height-mm"),
+    "field of 89 degrees": (zemax_text().replace("YFLN 0 5", "YFLN 0 89"), "89°"),
+    "no stop": (zemax_text().replace("  STOP\n", ""), "0 surfaces are the stop"),
+    "two stops": (zemax_text(extra={1: ["  STOP"]}), "2 surfaces are the stop"),
+    "no light": (zemax_text(drop=("WAVM",)), "no wavelengths"),
+    "primary light 7": (zemax_text().replace("PWAV 2", "PWAV 7"), "number 7"),
+    "light of 50 µm": (zemax_text().replace("0.6562725", "50"), "50000"),
+    "not sequential": (zemax_text().replace("MODE SEQ", "MODE NSC"), "mode NSC"),
+    "unit of furlongs": (zemax_text().replace("UNIT MM", "UNIT FURLONG"), "FURLONG"),
+    "no glass": (zemax_text(((50.0, 6.0, None), ("stop", 60.0, None))), "has no glass"),
+    "ends in glass": (zemax_text(((50.0, 6.0, (1.5, 60)), ("stop", 60.0, (1.5, 60)))), "lens in air"),
+    "JSON of something else": ('{"a": 1}', "JSON without surfaces"),
+    "JSON cut": (as_json(deeplens_data())[:300], "damaged"),
+    "JSON of deep brackets": ('{"surfaces": ' + "[" * 100_000, "damaged"),
+    "surfaces are a number": ('{"surfaces": 3}', "laid out"),
+    "surfaces are numbers": ('{"surfaces": [1, 2, 3]}', "no type"),
+    "surface group is a list": ('{"surface_group": [1]}', "surface_group"),
+    "DeepLens without radius": (broken(lambda data: [data["surfaces"][0].pop(k) for k in ("c", "roc")])("d"), "no c"),
+    "DeepLens NaN": (put("surfaces", 0, "roc", value=float("nan"))("d"), "roc is nan"),
+    "DeepLens curvature against radius": (put("surfaces", 0, "c", value=0.5)("d"), "c = 1/roc"),
+    "DeepLens phase plate": (put("surfaces", 0, "type", value="Diffractive_GEO")("d"), "Diffractive_GEO"),
+    "DeepLens unnamed powers": (
+        broken(lambda data: data["surfaces"][0].update({"type": "Aspheric", "k": 0.0, "ai": [1e-5]}))("d"), "ai2, ai4"
+    ),
+    "DeepLens odd power": (
+        broken(lambda data: data["surfaces"][0].update({"type": "Aspheric", "k": 0.0, "ai3": 1e-5}))("d"), "ai3"
+    ),
+    "DeepLens unknown glass": (put("surfaces", 0, "mat2", value="unobtainium")("d"), "unobtainium"),
+    "DeepLens negative radius of the edge": (put("surfaces", 0, "r", value=-3)("d"), "semi-diameter of -3"),
+    "optiland mirror": (put(*SURFACE_O, "interaction_model", value={"is_reflective": True})("o"), "1 is a mirror"),
+    "optiland tilt": (put(*SURFACE_O, "geometry", "cs", "rx", value=0.1)("o"), "surface 1 is shifted or tilted"),
+    "optiland Zernike": (put(*SURFACE_O, "geometry", "type", value="ZernikePolynomialGeometry")("o"), "Zernike"),
+    "optiland radius 0": (put(*SURFACE_O, "geometry", "radius", value=0.0)("o"), "radius of 0"),
+    "optiland material": (put(*SURFACE_O, "material_post", "type", value="Mirror")("o"), "material is a Mirror"),
+    "optiland aperture by object": (put("aperture", "type", value="objectNA")("o"), "--f-number"),
+    "optiland text for a number": (put("aperture", "value", value="wide")("o"), "aperture.value is wide"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_a_file_that_is_no_lens_is_refused_in_one_line(what, tmp_path):
+    text, fragments = BAD[what]
+    (tmp_path / "lens.zmx").write_text(text)
+    assert_says(refusal(read_prescription, tmp_path / "lens.zmx"), fragments)
+
+
+def test_a_file_of_200_mb_is_refused_unread(tmp_path):
+    with (tmp_path / "a.zmx").open("wb") as file:
+        file.truncate(200_000_000)
+    assert_says(refusal(read_prescription, tmp_path / "a.zmx"), "200,000,000 bytes | at most")
+    assert_says(refusal(read_prescription, tmp_path / "none.zmx"), "cannot be read")
+    assert_says(refusal(read_prescription, tmp_path), "is a folder")
+
+
+# --- the fit ---
+
+
+@pytest.fixture(scope="module")
+def double_gauss():
+    return read_prescription(SHIPPED / "double_gauss.zmx")
+
+
+def test_the_fit_of_the_double_gauss_is_within_a_twentieth_of_a_pixel(double_gauss):
+    """Over pupil, field, four wavelengths and five positions: 0.05 pixels rms and 0.2 at worst, of 20 µm."""
+    off = residuals_um(read_lens("double_gauss").fit, double_gauss)
+    assert np.sqrt((off**2).mean()) < 0.05 * 20
+    assert off.max() < 0.2 * 20
+
+
+@pytest.mark.parametrize("position", [0.0, 0.25, 0.5, 0.75, 1.0])
+def test_rays_of_the_card_land_on_their_pixel_when_traced_through_the_surfaces(double_gauss, position):
+    """Rays that the drive sends into the scene, traced back from there surface by surface, meet sensor and pupil.
+
+    400 random rays (seed 2) at the card's wavelength: within 0.05 pixels of 20 µm rms on the sensor, 0.2 at worst, and
+    within 5 µm in the exit pupil.
+    """
+    card = {"file": "double_gauss", "f_number": 2.0, "focus_range_m": [2.0, 0.6], "wave_nm": 550.0}
+    drive = TypeAdapter(LensCard).validate_python(card).build_drive()
+    pupils = read_lens("double_gauss").fit.pupils
+    rng = np.random.default_rng(2)
+    radius, m = drive.aperture_radius_m, drive.pupil_magnification
+    r, angle = np.sqrt(rng.random(400)), 2 * np.pi * rng.random(400)
+    a = radius * r * np.stack([np.cos(angle), np.sin(angle)])
+    x = 8e-3 * rng.uniform(-1, 1, (2, 400))
+    v, u = float(drive.image_distance(position)), float(drive.object_distance(position))
+    moved, turned = drive.wavefront.turn(tuple(a), tuple(x), image_distance_m=v)
+    start, slope = a + np.stack(moved), -(x / v + a / u) + np.stack(turned)
+    rays = Rays(1e3 * start, -slope).at(-pupils.entrance_mm)
+    behind, _ = trace_forward(double_gauss, rays, wavelength_nm=550.0)
+    at_pupil = behind.at(pupils.exit_mm)
+    assert 1e-3 * at_pupil.place == pytest.approx(m * a, abs=5e-6)
+    off = np.hypot(*(1e-3 * at_pupil.at(1e3 * m * v).place - x)) / PITCH_M
+    assert np.sqrt((off**2).mean()) < 0.05
+    assert off.max() < 0.2
+
+
+def test_a_lens_without_aberrations_is_fitted_as_the_thin_lens():
+    """A weak thin lens with its stop in it, at f/500: a drive of magnification 1 and slopes within 1e-7."""
+    lens = lens_of(Surface(1 / 100, 1e-6, glass(1.5)), Surface(-1 / 100, 0.0), aperture=("entrance", 0.2))
+    fit = fit_lens(lens, find_reach(lens, height_mm=0.1), degree=3)
+    rays = fit.at(D_NM)
+    assert fit.pupils.magnification == pytest.approx(1, abs=1e-6)
+    _, turned = rays.turn((np.array([1e-4]), np.zeros(1)), (np.zeros(1), np.array([1e-4])), image_distance_m=0.105)
+    assert np.abs(turned).max() < 1e-7
+
+
+def test_rays_that_do_not_pass_are_told_before_anything_is_fitted(double_gauss):
+    error = refusal(fit_lens, double_gauss, find_reach(double_gauss, f_number=0.9))
+    assert_says(error, "do not pass | --f-number | --height-mm")
+
+
+REACH = {
+    "f_number": (0.0, -2.0, float("nan")),
+    "height_mm": (0.0, -1.0, float("inf")),
+    "nearest_m": (0.0, 0.1, float("nan")),
+}
+
+
+@pytest.mark.parametrize(("key", "value"), [(key, value) for key, values in REACH.items() for value in values])
+def test_a_reach_that_no_lens_has_is_refused(double_gauss, key, value):
+    assert_says(refusal(find_reach, double_gauss, **{key: value}), f"--{key.replace('_', '-')}")
+
+
+def test_light_outside_the_range_of_a_glass_is_refused(tmp_path):
+    (tmp_path / "a.zmx").write_text(zemax_text().replace("___BLANK 1 0 1.5168 64.17", "N-SF11 0 0"))
+    lens = read_prescription(tmp_path / "a.zmx")
+    assert_says(refusal(fit_lens, lens, find_reach(lens, waves_nm=(300.0, 600.0))), "N-SF11 | 300 nm")
+
+
+def test_a_file_of_a_fit_says_the_same_after_writing_and_reading(tmp_path):
+    (tmp_path / "a.zmx").write_text(zemax_text().replace("NAME Singlet", 'NAME A "quoted" \\ lens: ä'))
+    lens = read_prescription(tmp_path / "a.zmx")
+    fit = fit_lens(lens, find_reach(lens), degree=5)
+    (tmp_path / "a.yaml").write_text(fitted_text(fitted_lens(lens, fit, source="a.zmx")), encoding="utf-8")
+    found = read_lens("a.yaml", folder=tmp_path)
+    assert found.name == 'A "quoted" \\ lens: ä'
+    assert found.fit.starts == pytest.approx(fit.starts, rel=1e-9, abs=1e-12)
+    assert found.fit.at(500.0).slopes == pytest.approx(fit.at(500.0).slopes, rel=1e-8, abs=1e-12)
+
+
+# --- the card and the drive ---
+
+
+def card(**changes):
+    data = {"file": "double_gauss", "f_number": 2.0, "focus_range_m": [2.0, 0.6]}
+    return TypeAdapter(LensCard).validate_python({**data, **changes})
+
+
+CARDS = {
+    "wider than fitted": ({"f_number": 1.4}, "1.4 | f/1.8"),
+    "nearer than fitted": ({"focus_range_m": [2.0, 0.3]}, "0.3 m | 0.4 m or more"),
+    "light that was not fitted": ({"wave_nm": 850.0}, "850 nm | 430 to 700 nm"),
+    "no travel": ({"focus_range_m": [1.0, 1.0]}, "does not move"),
+    "unknown lens": ({"file": "double_gaus"}, "double_gaus | did you mean 'double_gauss'"),
+}
+
+
+@pytest.mark.parametrize("what", CARDS)
+def test_a_card_that_asks_for_more_than_was_fitted_is_refused(what):
+    changes, fragments = CARDS[what]
+    error = refusal(lambda: card(**changes).build_drive())
+    assert_says(error, fragments.replace("f/1.8", "1.85"))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"drive": "focal_length"}, {"drive": "stage"}, {"aberrations": {"spherical": 1.0}}, {"focal_length_mm": 50.0},
+     {"file": "../double_gauss.yaml"}, {"file": "/tmp/a.yaml"}],
+)  # fmt: skip
+def test_a_fitted_lens_takes_no_drive_that_changes_it_and_no_other_aberrations(changes):
+    with pytest.raises(ValueError, match=r"image_distance|brings its own|not permitted|folder"):
+        card(**changes)
+
+
+def test_a_drive_of_a_fitted_lens_survives_json():
+    drive = card(wave_nm=600.0).build_drive()
+    assert drive_from_dict(json.loads(json.dumps(drive.as_dict()))) == drive
+
+
+def test_with_both_pupils_together_the_drive_is_that_of_a_thin_lens():
+    thin = ImageDistanceDrive(0.05, 2.0, (0.55, 0.45))
+    fitted = FittedLensDrive(0.05, 2.0, (0.55, 0.45), 1.0)
+    p, depths = np.linspace(-0.2, 1.2, 8), np.array([0.4, 0.5, 0.6])
+    for name in ("image_distance", "object_distance", "ray_transfer"):
+        assert getattr(fitted, name)(p) == pytest.approx(getattr(thin, name)(p), rel=1e-12)
+    assert fitted.best_position(depths) == pytest.approx(thin.best_position(depths), rel=1e-9)
+    assert fitted.least_blur(depths) == pytest.approx(thin.least_blur(depths), rel=1e-9)
+    assert fitted.depth_of_focus(0.5, PITCH_M) == pytest.approx(thin.depth_of_focus(0.5, PITCH_M), rel=1e-9)
+
+
+@pytest.mark.parametrize("magnification", [0.7, 1.0, 1.4])
+def test_a_sharp_point_stays_a_point_and_the_blur_is_the_closed_form(magnification):
+    drive = FittedLensDrive(0.05, 2.0, (0.55, 0.45), magnification)
+    position = float(drive.best_position(0.5))
+    assert drive.blur_diameter(position, 0.5) == pytest.approx(0, abs=1e-12)
+    low, high = drive.depth_of_focus(position, PITCH_M)
+    assert drive.blur_diameter(np.array([low, high]), 0.5) == pytest.approx([PITCH_M] * 2, rel=0.02)
+    assert drive.least_blur(np.full(4, 0.5)) == pytest.approx(position)
+
+
+@pytest.mark.parametrize("height_m", [0.0, 4e-3])
+def test_the_least_blur_is_that_of_the_traced_spot(double_gauss, height_m):
+    """The position of the least rms spot of rays traced through the surfaces: within 0.05 half depths of focus."""
+    drive = card(wave_nm=587.5618).build_drive()
+    shape, depth_m = (1, 401), 1.0
+    target = np.zeros(shape, bool)
+    target[0, 200 + round(height_m / PITCH_M)] = True
+    criterion = FocusCriterion(drive, PITCH_M)
+    found = criterion.least_blur(np.full(shape, depth_m), target)
+    low, high = drive.depth_of_focus(found, PITCH_M)
+    pupils = read_lens("double_gauss").fit.pupils
+    n = np.arange(600) + 0.5
+    a = drive.aperture_radius_m * np.sqrt(n / 600) * np.stack([np.cos(2.4 * n), np.sin(2.4 * n)])
+    spots, tried = [], found + (high - low) / 2 * np.linspace(-2, 2, 41)
+    for position in tried:
+        v = float(drive.image_distance(position))
+        m = drive.pupil_magnification
+        behind = Rays(1e3 * m * a, (a - np.array([[height_m], [0]]) / m) / v).at(pupils.exit_mm)
+        rays, _ = trace_back(double_gauss, behind, wavelength_nm=587.5618)
+        spots.append(rays.at(1e3 * depth_m - pupils.entrance_mm).place.var(axis=1).sum() * v**2)
+    k = int(np.argmin(spots))
+    parabola = np.polynomial.Polynomial.fit(tried[k - 6 : k + 7], spots[k - 6 : k + 7], 2)
+    assert abs(parabola.deriv().roots()[0] - found) < 0.05 * (high - low) / 2
+
+
+def test_a_sensor_beyond_the_fit_is_refused():
+    drive = card().build_drive()
+    assert_says(refusal(FocusCriterion(drive, PITCH_M).check, 1000, 1000), "14.1 mm | at most 12 mm | --height-mm")
+    FocusCriterion(drive, PITCH_M, 550e-9).check(250, 400)
+    assert_says(refusal(FocusCriterion(drive, 2e-6).check, 250, 400), "pixels | --degree")
+
+
+@pytest.mark.parametrize("name", shipped_lenses())
+def test_a_shipped_lens_is_what_its_prescription_gives(name):
+    """Made again from the file beside it, with the command that it states: the same numbers to 1e-6."""
+    lens = read_lens(name)
+    words = lens.made_with.split()
+    stated = dict(zip(words[4::2], words[5::2], strict=True))
+    made = read_prescription(SHIPPED / lens.source, height_mm=float(stated["--height-mm"]))
+    assert find_pupils(made, lens.primary_nm).focal_length_mm == pytest.approx(lens.focal_length_mm, rel=1e-8)
+    reach = replace(lens.fit.reach, waves_nm=(D_NM, D_NM))
+    again = fit_lens(made, reach, degree=lens.degree)
+    a, x = np.array([[5e-3, -3e-3], [2e-3, 9e-3]]), np.array([[4e-3, -7e-3], [1e-3, 2e-3]])
+    found, expected = (
+        np.array(one.at(D_NM).turn(tuple(a), tuple(x), image_distance_m=0.053)) for one in (lens.fit, again)
+    )
+    assert found == pytest.approx(expected, abs=2e-6)
+
+
+def test_optiland_traces_the_same_rays(tmp_path):
+    """Its reader and tracer against ours, where it is installed: the double Gauss of its samples, within 1e-6 mm."""
+    objectives = pytest.importorskip("optiland.samples.objectives")
+    fileio = pytest.importorskip("optiland.fileio")
+    optic = objectives.DoubleGauss()
+    fileio.save_optiland_file(optic, str(tmp_path / "a.json"))
+    lens = read_prescription(tmp_path / "a.json")
+    assert find_pupils(lens, 587.6).focal_length_mm == pytest.approx(float(optic.paraxial.f2()), rel=1e-6)
+    heights = np.linspace(-1, 1, 7)
+    traced = optic.trace_generic(0.0, 1.0, 0 * heights, heights, 0.5876)
+    pupils = find_pupils(lens, 587.6)
+    radius = pupils.entrance_radius_mm(lens.aperture)
+    slope = np.tan(np.radians(14.0))
+    start = Rays(np.stack([0 * heights, radius * heights]), np.stack([0 * heights, 0 * heights + slope]))
+    rays, _ = trace_forward(lens, start.at(-pupils.entrance_mm), wavelength_nm=587.6)
+    assert rays.at(61.487536).place[1] == pytest.approx(np.asarray(traced.y).ravel(), abs=1e-5)
