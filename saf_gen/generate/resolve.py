@@ -281,7 +281,7 @@ class ResolvedSequence:
 
     def fingerprint(self, stack_digest: str) -> str:
         """Return the SHA-256 of all that determines the spikes; a file with another fingerprint is made again."""
-        stack, sensor = self.time_stack, asdict(self.sensor)
+        stack, sensor = self.time_stack, self.sensor.as_dict()
         del sensor["name"], sensor["sources"]  # texts do not change the spikes
         decisive = {
             "model": MODEL,

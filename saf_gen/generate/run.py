@@ -5,7 +5,7 @@ import platform
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from string import Template
@@ -253,7 +253,7 @@ def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
     return {
         "recipe": yaml.safe_dump(resolved.recipe.model_dump(mode="json"), sort_keys=False),
         "recipe_fingerprint": recipe_fingerprint(resolved.recipe),
-        "sensor": yaml.safe_dump(asdict(resolved.sensor), sort_keys=False),
+        "sensor": yaml.safe_dump(resolved.sensor.as_dict(), sort_keys=False),
         "versions": json.dumps(versions, indent=1),
         **({BENCHMARK_KEY: resolved.benchmark} if resolved.benchmark else {}),
     }

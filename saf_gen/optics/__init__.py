@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.axial_colour import AxialColour
 from saf_gen.optics.best_focus import FocusCriterion
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
@@ -15,6 +16,7 @@ from saf_gen.optics.wavefront import Wavefront
 
 __all__ = [
     "DRIVES",
+    "AxialColour",
     "Drive",
     "FocalLengthDrive",
     "FocusCriterion",

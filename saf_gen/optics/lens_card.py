@@ -8,6 +8,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from saf_gen.core.config.document import FrozenModel
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.axial_colour import AxialColour
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
@@ -61,6 +62,8 @@ class _Lens(FrozenModel):
     """Fraction of the light that the lens transmits."""
     aberrations: Aberrations | None = None
     """Aberrations of the lens at the f-number of the card; by default none."""
+    axial_colour: AxialColour | None = None
+    """How the focus changes with the wavelength of lamps that state their spectrum; by default not at all."""
 
     @property
     @abstractmethod
@@ -72,7 +75,7 @@ class _Lens(FrozenModel):
 
         ``f_number``, if given, replaces that of the card. Raises BadInput if the travel is impossible.
         """
-        numbers = self.model_dump(exclude={"drive", "aberrations"}) | ({"f_number": f_number} if f_number else {})
+        numbers = self.model_dump(exclude={"drive", "aberrations", "axial_colour"}) | ({"f_number": f_number} if f_number else {})
         fields = {}
         for key, value in numbers.items():  # a card gives lengths of the lens in millimetres, all others in metres
             if key.endswith("_mm"):
