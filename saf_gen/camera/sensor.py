@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-
 from pydantic import ConfigDict, PlainValidator
 from pydantic.dataclasses import dataclass
 

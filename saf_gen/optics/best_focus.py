@@ -113,7 +113,7 @@ class FocusCriterion:
             raise BadInput(
                 f"the aberrations add up to {largest / self.wavelength_m:.3g} waves",
                 allowed=f"at most {MAX_WAVES_SMALL_NA:g} waves, because waves spread a point over "
-                f"{self._spread_by_waves_m / self.pitch_m:.2g} pixels here, half or more",
+                f"{self.spread_by_waves_m / self.pitch_m:.2g} pixels here, half or more",
                 hint="lower aberrations in scene.yaml, or open the aperture",
             )
         if (moved := self.stage_residual_px(corner)) > MAX_STAGE_RESIDUAL_PX:
@@ -126,10 +126,11 @@ class FocusCriterion:
     @property
     def largest_path_m(self) -> float | None:
         """Largest wavefront (m) that rays can show; None if waves spread a point over less than half a pixel."""
-        return MAX_WAVES_SMALL_NA * self.wavelength_m if self._spread_by_waves_m >= self.pitch_m / 2 else None
+        return MAX_WAVES_SMALL_NA * self.wavelength_m if self.spread_by_waves_m >= self.pitch_m / 2 else None
 
     @property
-    def _spread_by_waves_m(self) -> float:
+    def spread_by_waves_m(self) -> float:
+        """Width over which waves spread a point in focus, metres; 0 in geometric optics."""
         return self.wavelength_m * self.imaging.image_distance_m / self.imaging.radius_m
 
     @property
@@ -185,7 +186,9 @@ class FocusCriterion:
                     where = np.rint((1 / depths[near] - inverse[0]) / (inverse[1] - inverse[0])).astype(np.int64)
                     with np.errstate(divide="ignore"):  # the sky
                         distinct = 1 / inverse
-                found.append(_Seen(distinct, np.bincount(where, share[near], minlength=distinct.size) / depths.size, curve))
+                found.append(
+                    _Seen(distinct, np.bincount(where, share[near], minlength=distinct.size) / depths.size, curve)
+                )
         return found
 
     def _contrast(self, seen: "list[_Seen]", position: float) -> float:

@@ -75,7 +75,9 @@ class _Lens(FrozenModel):
 
         ``f_number``, if given, replaces that of the card. Raises BadInput if the travel is impossible.
         """
-        numbers = self.model_dump(exclude={"drive", "aberrations", "axial_colour"}) | ({"f_number": f_number} if f_number else {})
+        numbers = self.model_dump(exclude={"drive", "aberrations", "axial_colour"}) | (
+            {"f_number": f_number} if f_number else {}
+        )
         fields = {}
         for key, value in numbers.items():  # a card gives lengths of the lens in millimetres, all others in metres
             if key.endswith("_mm"):

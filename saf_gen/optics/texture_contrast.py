@@ -24,7 +24,6 @@ doi:10.1098/rspa.1955.0158.
 """
 
 from dataclasses import dataclass
-from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 

@@ -69,7 +69,7 @@ class RenderSetup:
 def positions_to_render(positions: int, window: tuple[int, int] | None) -> np.ndarray:
     """Return the focus positions to render, as fractions of the travel, float64 (focus,).
 
-    They are evenly spaced: ``positions`` over the full travel, of which ``window`` holds the first and last index, which
+    They are evenly spaced: ``positions`` over the full travel, of which ``window`` holds the first and last index. Both
     may be beyond the ends.
     """
     first, last = window or (0, positions - 1)

@@ -269,7 +269,9 @@ def focus_positions(positions: int, first: int, count: int) -> np.ndarray:
     """
     inside = np.linspace(0, 1, positions)
     index = np.arange(first, first + count)
-    return np.where((index < 0) | (index >= positions), index / (positions - 1), inside[np.clip(index, 0, positions - 1)])
+    return np.where(
+        (index < 0) | (index >= positions), index / (positions - 1), inside[np.clip(index, 0, positions - 1)]
+    )
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from saf_gen.plugins.lights._schedule import (
     list_lamps,
     read_schedule,
     split_schedule,
+    states_spectrum,
 )
 
 __all__ = [
@@ -31,4 +32,5 @@ __all__ = [
     "list_lamps",
     "read_schedule",
     "split_schedule",
+    "states_spectrum",
 ]

@@ -278,6 +278,15 @@ def list_lamps(schedule: Mapping[str, Schedule], groups: Sequence[str]) -> list[
     return lamps
 
 
+def states_spectrum(schedule: Schedule | Mapping[str, Any]) -> bool:
+    """Return whether any part of a schedule, as a recipe holds it, states a spectrum."""
+    if isinstance(schedule, list):
+        return any(map(states_spectrum, schedule))
+    if "kind" in schedule:
+        return schedule.get("spectrum") is not None
+    return any(states_spectrum(one) for one in schedule.values() if isinstance(one, dict | list))
+
+
 def get_light(
     name: str,
     /,
