@@ -197,15 +197,18 @@ def _transfer(
     steps = np.arange(low, high + 1, dtype=np.float32)[:, None]
     shifts, weights = np.array(light.shifts), np.array(light.weights)
     balanced = contrast_curve(wavefront, imaging, height_m=height_m).balanced if wavefront is not None else 0.0
-    found = np.empty((len(steps), FREQUENCIES * DIRECTIONS), np.complex64)
-    for n, (fx, fy) in enumerate(_waves(imaging.pitch_m)):
+    waves = _waves(imaging.pitch_m)
+    if wavefront is None:
+        waves = waves[:FREQUENCIES]  # a perfect lens is the same in all directions
+    found = np.empty((len(steps), len(waves)), np.complex64)
+    for n, (fx, fy) in enumerate(waves):
         by_defocus, by_waves = _phases(fx, fy, wavefront=wavefront, imaging=imaging, height_m=height_m)
         knots = np.linspace(by_defocus.min(), by_defocus.max(), COLOUR_KNOTS)
         colour = np.exp(-1j * np.outer(knots, shifts)) @ weights
         each = np.interp(by_defocus, knots, colour.real) + 1j * np.interp(by_defocus, knots, colour.imag)
         each = (each * np.exp(1j * (by_waves + balanced * by_defocus))).astype(np.complex64)
         found[:, n] = np.exp(1j * steps * (step * by_defocus).astype(np.float32)) @ each
-    return found / LENS_POINTS
+    return np.tile(found, FREQUENCIES * DIRECTIONS // len(waves)) / LENS_POINTS
 
 
 def _phases(
