@@ -264,8 +264,8 @@ class Sensor:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields as plain data; curves over the wavelength only if they are not the default."""
-        values = asdict(self)  # type: ignore[call-overload]
-        defaults = {field.name: field.default for field in fields(self) if field.name in CURVES}  # type: ignore[arg-type]
+        values = asdict(self)
+        defaults = {field.name: field.default for field in fields(self) if field.name in CURVES}
         return {key: value for key, value in values.items() if key not in CURVES or value != defaults[key]}
 
     def spectral_response(self) -> np.ndarray:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
     WithJsonSchema,
@@ -234,6 +235,12 @@ class SplitSettings(FrozenModel):
         return self
 
 
+def _check_schedule(value: Any) -> Any:
+    if not isinstance(value, dict | list):
+        raise ValueError(f"a light schedule in braces, such as {{kind: {value or 'constant'}}}, or a list of them")
+    return value
+
+
 class Recipe(FrozenModel):
     """A complete dataset; ``scene_params`` replaces parameters, or their ranges, on the cards of scenes."""
 
@@ -244,7 +251,7 @@ class Recipe(FrozenModel):
     camera: CameraSettings
     focus: FocusSettings
     render: RenderSettings
-    lights: dict[str, dict[str, Any] | list[dict[str, Any]]] = Field(min_length=1)
+    lights: dict[str, Annotated[dict[str, Any] | list[Any], BeforeValidator(_check_schedule)]] = Field(min_length=1)
     """Light schedules by name, each ``{kind: …}`` for all light groups, or one for each light group by its name; a list
     of schedules adds up."""
     splits: dict[str, SplitSettings] = Field(min_length=1)

@@ -23,7 +23,7 @@ from saf_gen.errors import BadInput, closest, located, unknown
 from saf_gen.generate.recipe import Recipe, find_recipe, read_recipe
 from saf_gen.optics import AxialColour
 from saf_gen.optics.axial_colour import stack_margin
-from saf_gen.plugins.lights import draw_schedule, group_gains, list_lamps, states_spectrum
+from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps, states_spectrum
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.colour import Colour
@@ -74,7 +74,7 @@ class PlannedSequence:
     seed : int
         Seed of the random streams of this recording alone.
     schedule : dict
-        Light schedule, ``{kind: ..., ...}``, by light group; '' means all groups.
+        Light schedule, ``{kind: ..., ...}`` or a list of them, by light group; '' means all groups.
     motion : dict
         Lens motion, ``{kind: ..., ...}``.
     mean_rate : float or None
@@ -92,7 +92,7 @@ class PlannedSequence:
     light: str
     repeat: int
     seed: int
-    schedule: dict[str, dict[str, Any]]
+    schedule: dict[str, Schedule]
     motion: dict[str, Any]
     mean_rate: float | None
     axial_colour: dict[str, Any] | None = None

@@ -48,12 +48,12 @@ class Blends(NamedTuple):
     ----------
     blends : tuple of tuple
         The mixes that occur.
-    index : ndarray of int, shape (T,)
+    number : ndarray of int, shape (T,)
         Number of the mix in each readout.
     """
 
     blends: tuple[Blend, ...]
-    index: np.ndarray
+    number: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

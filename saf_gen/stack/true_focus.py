@@ -84,7 +84,7 @@ def find_true_focus(
     met = frame if np.isfinite(frame) else float(np.argmin(np.where(in_sight, np.abs(off), np.inf)))
     nearest = seen_frames[int(np.argmin(np.abs(np.asarray(seen_frames) - met - 0.5)))]
     best = float(np.interp(met, np.arange(position.size), track))
-    blend = usual if blends is None else blends.blends[blends.index[int(np.clip(round(met), 0, position.size - 1))]]
+    blend = usual if blends is None else blends.blends[blends.number[int(np.clip(round(met), 0, position.size - 1))]]
     truth = _truth_at(plane_source, time_stack.slice_frames.index(nearest), position=best, frame=frame, blend=blend)
     return replace(truth, track=track.astype(np.float32)), frame if np.isfinite(frame) else nearest - 0.5
 
@@ -93,12 +93,12 @@ def _truth_of_changing_light(plane_source: PlaneSource, position: np.ndarray, *,
     """Return the truth of a still scene under lamps whose mix changes; see :func:`find_true_focus`."""
     spec, (depth, target) = plane_source.time_stack.specs[0], plane_source.load_geometry(0)
     best = np.array([_in_focus(spec, blend).true_focus(depth, target) for blend in blends.blends])
-    track = best[blends.index]
+    track = best[blends.number]
     off = position - track
     frame = _first(focus_crossings(off, 0.0))
     met = int(np.rint(frame)) if np.isfinite(frame) else int(np.abs(off).argmin())
     at = int(np.clip(met, 0, position.size - 1))
-    blend = blends.blends[blends.index[at]]
+    blend = blends.blends[blends.number[at]]
     truth = _truth_at(plane_source, 0, position=float(track[at]), frame=frame, blend=blend)
     return replace(truth, track=track.astype(np.float32)), frame
 
@@ -110,7 +110,7 @@ def _in_focus(spec: StackSpec, blend: Blend) -> FocusCriterion:
 
 def _usual(blends: Blends | None) -> Blend:
     """Return the mix of light that is there in most readouts; empty for light of one wavelength."""
-    return () if blends is None else blends.blends[int(np.bincount(blends.index).argmax())]
+    return () if blends is None else blends.blends[int(np.bincount(blends.number).argmax())]
 
 
 def _offsets(spec: StackSpec, blends: Blends, *, position: float) -> np.ndarray:
@@ -122,7 +122,7 @@ def _offsets(spec: StackSpec, blends: Blends, *, position: float) -> np.ndarray:
     flat = np.ones((1, 1), dtype=bool)
     usual = _in_focus(spec, _usual(blends)).true_focus(depth, flat)
     moved = [_in_focus(spec, blend).true_focus(depth, flat) - usual for blend in blends.blends]
-    return np.array(moved)[blends.index]
+    return np.array(moved)[blends.number]
 
 
 def _in_sight(time_stack: TimeResolvedStack, seen: np.ndarray, *, frames: int) -> np.ndarray:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import yaml
-from capture_dataset import make_dataset, write_moving_plane
+from capture_dataset import RECIPE, make_dataset
 from refusals import refusal
 from small_dataset import SMALL_RECIPE
 from written_scenes import needs_llvm
@@ -16,6 +16,7 @@ from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import recipe_fingerprint, resolve_recipe
 from saf_gen.stack.capture import Capture
 
+needs_plane = pytest.mark.usefixtures("test_scenes")
 CROSSING = "[{kind: ramp, from: 1, to: 0, spectrum: tungsten}, {kind: ramp, from: 0, to: 1, spectrum: led}]"
 LIGHTS = f"""\
 lights:
@@ -45,9 +46,8 @@ def test_lamps_of_three_kinds_share_one_stack_and_have_their_own_truth(tmp_path,
 
     A recording captured again from the file alone has the same spikes, so the file says all about its lamps.
     """
-    from capture_dataset import RECIPE
-
-    folder = make_dataset(tmp_path, monkeypatch, coloured(RECIPE))
+    text = RECIPE.replace("samples: 16", "samples: 4").replace("frames: 800", "frames: 400")
+    folder = make_dataset(tmp_path, monkeypatch, coloured(text))
     assert len(list((folder / "stacks").glob("plane-*"))) < 30  # one at rest, the others are slices
     truths = {}
     for path in sorted(folder.glob("test/*.h5")):
@@ -56,7 +56,8 @@ def test_lamps_of_three_kinds_share_one_stack_and_have_their_own_truth(tmp_path,
             capture = Capture.from_stream(stream, folder / "stacks")
             whole = (slice(0, stream.shape[1]), slice(0, stream.shape[2]))
             frames = CapturedFrames(capture, capture.open_charge_source(), region=whole)
-            frames.extend(stream.focus_position[:160]) if hasattr(frames, "extend") else None
+            frames.encode_until(400, np.asarray(stream.focus_position, np.float64))
+            assert np.array_equal(frames.window(0, 400), stream.counts(0, 400))
             names, gain = stream.light_names, stream.gain
             if "change" in path.stem:
                 assert names == ("lamp 1 (tungsten)", "lamp 2 (led)", "room 1 (tungsten)", "room 2 (led)")
@@ -74,6 +75,7 @@ def test_lamps_of_three_kinds_share_one_stack_and_have_their_own_truth(tmp_path,
     assert extra[0] == pytest.approx(still["change"].track[0] - still["led"].position, abs=0.02)
 
 
+@needs_plane
 def test_a_recipe_without_spectra_keeps_its_text_and_its_stacks(tmp_path):
     path = write(tmp_path, SMALL_RECIPE)
     recipe = read_recipe(path)
@@ -93,6 +95,7 @@ def test_a_recipe_without_spectra_keeps_its_text_and_its_stacks(tmp_path):
 COLOURED_LENS = "positions: 9, axial_colour: {achromat: 2000}"
 
 
+@needs_plane
 def test_lamp_sensor_and_filter_leave_the_stack_as_it_is(tmp_path):
     """Its key hangs on the lens's colour alone, and only through the positions beyond the travel."""
     one = resolve_recipe(write(tmp_path, coloured()))
@@ -111,6 +114,7 @@ def test_lamp_sensor_and_filter_leave_the_stack_as_it_is(tmp_path):
         )
 
 
+@needs_plane
 def test_a_range_of_lamps_is_drawn_for_each_sequence(tmp_path):
     lights = "lights:\n  any: {kind: constant, spectrum: {choice: [led, tungsten, {blackbody: 3200}]}}\n"
     text = coloured(lights=lights, use="any").replace("lights: [any]}", "lights: [any], repeats: 12}")
@@ -118,6 +122,7 @@ def test_a_range_of_lamps_is_drawn_for_each_sequence(tmp_path):
     assert found == {'"led"', '"tungsten"', '{"blackbody": 3200}'}
 
 
+@needs_plane
 def test_a_table_of_a_lamp_is_part_of_the_recipe(tmp_path):
     (tmp_path / "lamp.csv").write_text("wavelength_nm,power\n450,1\n650,2\n")
     text = coloured(lights="lights:\n  mine: {kind: constant, spectrum: {file: lamp.csv}}\n", use="mine")
@@ -130,6 +135,7 @@ def light(text):
     return {"lights": f"lights:\n  one: {text}\n", "use": "one"}
 
 
+@needs_plane
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -139,8 +145,9 @@ def light(text):
         (light("{kind: constant, spectrum: {file: ../lamp.csv}}"), "outside the folder"),
         (light("{kind: constant, spektrum: led}"), "did you mean 'spectrum'"),
         (light("[]"), "a list of schedules is []"),
-        (light("[{kind: constant}, led]"), "one.1"),
-        (light("[[{kind: constant}]]"), "one.0"),
+        (light("[{kind: constant}, led]"), "a list of schedules is"),
+        (light("[[{kind: constant}]]"), "a list of schedules is"),
+        (light("constant"), "{kind: constant}"),
         (light("{lamp: []}"), "a list of schedules is []"),
         (light("{lamp: [{spectrum: led}]}"), "a list of schedules is"),
         (light("[{kind: constnat}]"), "did you mean 'constant'"),
@@ -148,7 +155,7 @@ def light(text):
         ({"focus": "axial_colour: {achromat: 10}"}, "achromat"),
         ({"focus": "axial_colour: {singlet: bk7}"}, "did you mean 'n-bk7'"),
         ({"focus": "axial_colour: achromat"}, "axial_colour"),
-        ({"focus": "axial_colour: {singlet: n-sf11}"}, "scale of pictures"),
+        ({"focus": "axial_colour: {singlet: n-sf11}"}, "travels beyond the ends"),
     ],
 )
 def test_what_is_wrong_in_lamps_and_lenses_is_said_in_one_line(tmp_path, options, said):
@@ -157,9 +164,8 @@ def test_what_is_wrong_in_lamps_and_lenses_is_said_in_one_line(tmp_path, options
     assert "lamps.yaml" in str(error)
 
 
+@needs_plane
 def test_a_filter_without_any_spectrum_is_refused(tmp_path):
     text = SMALL_RECIPE.replace("exposure:", "filter: ir_cut, exposure:")
     assert "no light has a spectrum" in str(refusal(resolve_recipe, write(tmp_path, text)))
-    assert "did you mean 'ir_cut'" in str(
-        refusal(resolve_recipe, write(tmp_path, text.replace("ir_cut", "ir-cut")))
-    ) or "ir_cut" in str(refusal(resolve_recipe, write(tmp_path, text.replace("ir_cut", "ir-cut"))))
+    assert "ir_cut" in str(refusal(resolve_recipe, write(tmp_path, text.replace("ir_cut", "ir-cut"))))

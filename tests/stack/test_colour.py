@@ -138,9 +138,7 @@ def truth_of(schedule, stack, *, gain=None):
 def test_the_truth_follows_the_mix_of_the_lamps():
     """Crossing lamps begin and end with the truth of each alone, and are met where the lens passes the moving truth."""
     stack = wide_stack()
-    tungsten, led = (
-        truth_of({"": {"kind": "constant", "spectrum": lamp}}, stack)[0] for lamp in ("tungsten", "led")
-    )
+    tungsten, led = (truth_of({"": {"kind": "constant", "spectrum": lamp}}, stack)[0] for lamp in ("tungsten", "led"))
     assert tungsten.track is None
     assert tungsten.least_blur is not None
     crossing, blends = truth_of({"": CROSSING}, stack)
