@@ -16,13 +16,13 @@ Schott AG, "Optical glass data sheets" (2017), for the coefficients of Sellmeier
 R. Kingslake, R. B. Johnson, "Lens Design Fundamentals" (2010), chapter 5, doi:10.1016/C2009-0-22069-1.
 """
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from saf_gen.core.config.document import FrozenModel
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive, Positions
 
 D_NM, F_NM, C_NM = 587.5618, 486.1327, 656.2725
@@ -50,8 +50,8 @@ class AxialColour(FrozenModel):
     achromat: float | None = Field(default=None, ge=200, le=1e6)
     """Focal length divided by the secondary spectrum, the distance between the foci of green and of blue or red light:
     2000 for a usual achromat of two glasses."""
-    singlet: str | None = None
-    """Glass of a single lens: n-bk7, f2, n-sf11 or n-fk51a."""
+    singlet: Literal["n-bk7", "f2", "n-sf11", "n-fk51a"] | None = None
+    """Glass of a single lens."""
     measured: tuple[Shift, ...] | None = Field(default=None, min_length=2, max_length=1000)
     """Pairs of a wavelength (nm, rising) and the relative change of the focal length, such as [[450, 0.0004], [550, 0],
     [850, 0.002]]."""
@@ -60,8 +60,6 @@ class AxialColour(FrozenModel):
     def _states_one(self) -> "AxialColour":
         if sum(value is not None for value in (self.achromat, self.singlet, self.measured)) != 1:
             raise ValueError("one of achromat: 2000, singlet: GLASS, measured: [[NM, SHIFT], …]")
-        if self.singlet is not None and self.singlet not in GLASSES:
-            raise ValueError(str(unknown("glass", self.singlet, allowed=GLASSES)))
         if self.measured is not None and not (np.diff([nm for nm, _ in self.measured]) > 0).all():
             raise ValueError("wavelengths that rise")
         return self

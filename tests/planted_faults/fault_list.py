@@ -311,6 +311,21 @@ FAULTS = {
             "render/test_aberrated_pictures.py::test_astigmatism_parts_the_foci_of_edges_across_and_along[0--10.0]",
         ),
     ),
+    "axial colour of the other sign": Fault(
+        "Light whose focus is nearer is drawn as if its focus were farther.",
+        (
+            Change(
+                "optics.axial_colour",
+                "defocus=-np.asarray(shift, dtype=np.float64)",
+                "defocus=np.asarray(shift, dtype=np.float64)",
+            ),
+        ),
+        (
+            "optics/test_axial_colour.py::test_the_rays_of_other_light_are_those_of_another_position[focal_length]",
+            "render/test_coloured_pictures.py::"
+            "test_the_focus_under_tungsten_and_led_is_that_of_pictures_of_each_wavelength[image_distance]",
+        ),
+    ),
     "moving truth from all depths": Fault(
         "The truth of a moving scene is the best compromise over all pixels, not over those of the target.",
         (
