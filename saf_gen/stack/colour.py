@@ -34,7 +34,7 @@ from saf_gen.stack.focal_stack import StackSpec
 WEIGHT_GRID = 2.0**-22
 """Weights are rounded to multiples of this step, so that spikes are the same on machines whose exponentials differ in
 the last digit."""
-SHARES = 256
+SHARES = 128
 """Lamps' shares of the light on the target are rounded to this part of 1, to find the true focus of each mix once."""
 NM_PER_PART = 7  # of the light of which the true focus is found
 MAX_SCALE_PX = 1.0

@@ -15,6 +15,8 @@ from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
 
+FEW_DEPTHS = 256
+
 
 def find_true_focus(
     plane_source: PlaneSource, position: np.ndarray, *, blends: Blends | None = None
@@ -92,7 +94,8 @@ def find_true_focus(
 def _truth_of_changing_light(plane_source: PlaneSource, position: np.ndarray, *, blends: Blends) -> tuple[Truth, float]:
     """Return the truth of a still scene under lamps whose mix changes; see :func:`find_true_focus`."""
     spec, (depth, target) = plane_source.time_stack.specs[0], plane_source.load_geometry(0)
-    best = np.array([_in_focus(spec, blend).true_focus(depth, target) for blend in blends.blends])
+    few, seen = _few_depths(spec, depth, target)
+    best = np.array([_in_focus(spec, blend).true_focus(few, seen) for blend in blends.blends])
     track = best[blends.number]
     off = position - track
     frame = _first(focus_crossings(off, 0.0))
@@ -101,6 +104,18 @@ def _truth_of_changing_light(plane_source: PlaneSource, position: np.ndarray, *,
     blend = blends.blends[blends.number[at]]
     truth = _truth_at(plane_source, 0, position=float(track[at]), frame=frame, blend=blend)
     return replace(truth, track=track.astype(np.float32)), frame
+
+
+def _few_depths(spec: StackSpec, depth: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return depths and mask of few pixels with the distribution of a target's depths, for many mixes of light.
+
+    Where the focus also depends on the place in the picture, these are all pixels.
+    """
+    varies = spec.drive.wavefront is not None and spec.drive.wavefront.varies_over_field
+    if varies or np.count_nonzero(target) <= FEW_DEPTHS:
+        return depth, target
+    few = np.quantile(depth[target], (np.arange(FEW_DEPTHS) + 0.5) / FEW_DEPTHS, method="nearest")
+    return few[None], np.ones((1, FEW_DEPTHS), dtype=bool)
 
 
 def _in_focus(spec: StackSpec, blend: Blend) -> FocusCriterion:

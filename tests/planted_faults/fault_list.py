@@ -326,6 +326,15 @@ FAULTS = {
             "test_the_focus_under_tungsten_and_led_is_that_of_pictures_of_each_wavelength[image_distance]",
         ),
     ),
+    "truth of colour of the other sign": Fault(
+        "The truth of blended light is on the other side of that of one wavelength.",
+        (Change("optics.texture_contrast", "np.exp(-1j * np.outer(", "np.exp(1j * np.outer("),),
+        (
+            "optics/test_axial_colour.py::test_the_focus_of_blended_light_is_that_of_an_own_integral"
+            "[light0-focal_length]",
+            "stack/test_colour.py::test_the_truth_is_where_mixed_pictures_are_sharpest",
+        ),
+    ),
     "moving truth from all depths": Fault(
         "The truth of a moving scene is the best compromise over all pixels, not over those of the target.",
         (

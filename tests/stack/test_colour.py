@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import refusal
+from scipy.special import j1
 from small_dataset import DRIVE, SPEC
 
 from saf_gen.camera import get_sensor
@@ -16,7 +17,7 @@ from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import SHARES, Colour
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource
-from saf_gen.stack.true_focus import find_true_focus
+from saf_gen.stack.true_focus import _few_depths, find_true_focus
 
 SENSOR = get_sensor("ideal", rows=16, columns=24, pitch_m=60e-6)
 LENS = {"achromat": 500.0}
@@ -144,7 +145,7 @@ def test_the_truth_follows_the_mix_of_the_lamps():
     crossing, blends = truth_of({"": CROSSING}, stack)
     assert crossing.track[[0, -1]] == pytest.approx([tungsten.position, led.position], abs=2 / SHARES)
     assert abs(tungsten.position - led.position) > 0.1
-    assert len(blends.blends) > 100
+    assert len(blends.blends) > SHARES / 2
     assert (np.diff(crossing.track) * np.sign(led.position - tungsten.position) > -1e-3).all()
     at = round(crossing.frame)
     assert crossing.position == pytest.approx(SWEEP[at], abs=0.01)
@@ -194,3 +195,49 @@ def test_waves_that_one_wavelength_cannot_show_are_refused():
     assert "waves of" in str(refusal(lit_by("tungsten", lens=None).check, spec))
     lit_by("tungsten", lens=None).check(replace(spec, wavelength_m=0.0))
     lit_by("sodium", lens=None).check(spec)
+
+
+@pytest.mark.parametrize("lamp", ["tungsten", "led"])
+def test_the_truth_is_where_mixed_pictures_are_sharpest(lamp):
+    """Gratings blurred by a disc, drawn here, mixed by the product, and the truth of the product.
+
+    Their frequencies are spread as the power of the truth's texture; within 0.1 half depths of focus.
+    """
+    fine = replace(SPEC, drive=VARIFOCAL, positions=65, pitch_m=20e-6)
+    margin = stack_margin(AxialColour(**LENS), VARIFOCAL, positions=65, reference_nm=555.0)
+    spec = replace(fine, margin=margin)
+    defocus = VARIFOCAL.defocus(spec.focus, 0.5)
+    radius, v = VARIFOCAL.aperture_radius_m, float(VARIFOCAL.image_distance(0.5))
+    column = np.arange(24)
+    contrast = np.zeros(65)
+    for cycles in np.geomspace(1 / 64, 0.5, 40):
+        x = 2 * np.pi * v * radius * cycles / 20e-6 * np.abs(defocus) + 1e-12
+        transfer = 2 * j1(x) / x * np.sinc(cycles)
+        one = 1 + 0.5 * transfer[:, None] * np.cos(2 * np.pi * cycles * column)
+        light = np.broadcast_to(one[None, :, None, :], (2, defocus.size, 16, 24)).astype(np.float32)
+        found = mixed(lit_by(lamp), FocalStack(spec, light, np.ones((16, 24)), np.ones((16, 24), bool), "llvm"))[
+            0, :, 0
+        ]
+        basis = np.stack([np.cos(2 * np.pi * cycles * column), np.ones(24)])
+        wave, mean = np.linalg.lstsq(basis.T, found.T, rcond=None)[0]
+        contrast += (wave / mean) ** 2
+    blend = lit_by(lamp).blends(spec, gain=np.ones((1, 2)), charge=np.ones(2)).blends[0]
+    depth = np.full((1, 1), 0.5)
+    truth = replace(spec.in_focus, blend=blend).true_focus(depth, depth > 0)
+    k = int(contrast.argmax())
+    low, at, high = contrast[k - 1 : k + 2]
+    peak = (k + (low - high) / (2 * (low - 2 * at + high))) / 64
+    half = abs(float(VARIFOCAL.depth_of_focus(0.5, 20e-6)[0]) - 0.5)
+    assert (truth - peak) / half == pytest.approx(0, abs=0.1)
+    assert abs(truth - spec.in_focus.true_focus(depth, depth > 0)) / half > 0.3
+
+
+def test_few_depths_of_a_relief_have_the_focus_of_all():
+    """Within a hundredth of half a depth of focus."""
+    depth = 0.5 + 0.02 * np.random.default_rng(2).random((80, 100)) ** 2
+    target = depth < 0.515
+    few, seen = _few_depths(SPEC, depth, target)
+    assert few.size < target.sum() / 10
+    half = DRIVE.depth_of_focus(0.5, SPEC.pitch_m)[1] - 0.5
+    apart = SPEC.in_focus.true_focus(few, seen) - SPEC.in_focus.true_focus(depth, target)
+    assert apart / half == pytest.approx(0, abs=0.01)
