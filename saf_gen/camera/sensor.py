@@ -279,7 +279,9 @@ class Sensor:
         BadInput
             If the sensor does not see light of ``wavelength_m``, or would count more than one electron per photon.
         """
-        return _spectral_response(self.spectral_qe, self.filter, self.wavelength_m, self.quantum_efficiency)
+        return _spectral_response(
+            self.spectral_qe, self.filter, wavelength_m=self.wavelength_m, quantum_efficiency=self.quantum_efficiency
+        )
 
     @property
     def post_spike_loss(self) -> float:
@@ -316,7 +318,7 @@ class Sensor:
 
 @lru_cache(maxsize=64)
 def _spectral_response(
-    spectral_qe: SpectralCurve, transmission: SpectralCurve, wavelength_m: float, quantum_efficiency: float
+    spectral_qe: SpectralCurve, transmission: SpectralCurve, *, wavelength_m: float, quantum_efficiency: float
 ) -> np.ndarray:
     nm = wavelength_m * 1e9
     shape = shipped_curve("silicon", "efficiency") if isinstance(spectral_qe, str) else _interpolated(spectral_qe)

@@ -139,7 +139,7 @@ class Recorder:
         gain = group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
         colour = Colour.find(sequence.schedule, spec.groups, sensor=self.sensor, axial_colour=sequence.axial_colour)
         charge_source = ChargeSource(plane_source, self.sensor, colour=colour)
-        blends = None if colour is None else _find_blends(colour, charge_source, plane_source, gain=gain)
+        blends = None if colour is None else _find_blends(colour, charge_source, plane_source=plane_source, gain=gain)
         truth, moment = find_true_focus(plane_source, position, blends=blends)
         self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)
         of_groups = gain if colour is None else colour.group_gains(gain)
@@ -187,7 +187,7 @@ class Recorder:
         charge_source.scale = exposure_scale(at_best, target, sensor=self.sensor, mean_rate=mean_rate)
 
 
-def _find_blends(colour: Colour, charge_source: ChargeSource, plane_source: PlaneSource, *, gain: np.ndarray) -> Blends:
+def _find_blends(colour: Colour, charge_source: ChargeSource, *, plane_source: PlaneSource, gain: np.ndarray) -> Blends:
     """Return the mixes of light on the target, which counts as lit as it is in the first picture that sees it."""
     time_stack = plane_source.time_stack
     charge = np.ones(len(colour.lamps))

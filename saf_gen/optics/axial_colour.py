@@ -111,7 +111,7 @@ def _abbe(glass: str) -> float:
     return float((d - 1) / (f - c))
 
 
-def shifted_positions(drive: Drive, position: Positions, shift: Positions) -> np.ndarray:
+def shifted_positions(drive: Drive, position: Positions, *, shift: Positions) -> np.ndarray:
     """Return the position at which reference light draws what a lens whose power is larger by ``shift`` (1/m) draws.
 
     The arguments broadcast; the result may be outside 0 to 1.
@@ -125,7 +125,7 @@ def stack_margin(colour: AxialColour, drive: Drive, *, positions: int, reference
     Raises BadInput if they are too many, or the lens cannot be there.
     """
     shift = colour.shifts(drive, BAND_NM, reference_nm=reference_nm)
-    ends = shifted_positions(drive, np.array([0.0, 1.0])[:, None], shift)
+    ends = shifted_positions(drive, np.array([0.0, 1.0])[:, None], shift=shift)
     beyond = max(-float(ends.min()), float(ends.max()) - 1) if np.isfinite(ends).all() else np.inf
     if not beyond <= MAX_MARGIN:
         raise BadInput(

@@ -160,7 +160,7 @@ def contrast_curve(
     reach = (REACH + spread) * imaging.resolved_defocus
     low, high = int(np.floor((min(shifts) - reach) / step)), int(np.ceil((max(shifts) + reach) / step))
     lamps = [
-        (share, _transfer(light, low, high, wavefront=wavefront, imaging=imaging, height_m=height_m))
+        (share, _transfer(light, (low, high), wavefront=wavefront, imaging=imaging, height_m=height_m))
         for share, light in blend
         if share > 0
     ]
@@ -186,28 +186,28 @@ def _texture(pitch_m: float) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _transfer(
-    light: Light, low: int, high: int, *, wavefront: Wavefront | None, imaging: Imaging, height_m: float
+    light: Light, steps: tuple[int, int], *, wavefront: Wavefront | None, imaging: Imaging, height_m: float
 ) -> np.ndarray:
     """Return the transfer of a lamp's light, complex64 (defocus, frequency).
 
-    The defocus is that which the wavefront balances, plus ``low`` to ``high`` steps. An exponent of the defocus times
+    The defocus is that which the wavefront balances, plus the first to the last of ``steps``. An exponent of the defocus times
     a point of the lens is common to all wavelengths, so that colour is one factor for each point.
     """
     step = STEP * imaging.resolved_defocus
-    steps = np.arange(low, high + 1, dtype=np.float32)[:, None]
+    number = np.arange(steps[0], steps[1] + 1, dtype=np.float32)[:, None]
     shifts, weights = np.array(light.shifts), np.array(light.weights)
     balanced = contrast_curve(wavefront, imaging, height_m=height_m).balanced if wavefront is not None else 0.0
     waves = _waves(imaging.pitch_m)
     if wavefront is None:
         waves = waves[:FREQUENCIES]  # a perfect lens is the same in all directions
-    found = np.empty((len(steps), len(waves)), np.complex64)
+    found = np.empty((len(number), len(waves)), np.complex64)
     for n, (fx, fy) in enumerate(waves):
         by_defocus, by_waves = _phases(fx, fy, wavefront=wavefront, imaging=imaging, height_m=height_m)
         knots = np.linspace(by_defocus.min(), by_defocus.max(), COLOUR_KNOTS)
         colour = np.exp(-1j * np.outer(knots, shifts)) @ weights
         each = np.interp(by_defocus, knots, colour.real) + 1j * np.interp(by_defocus, knots, colour.imag)
         each = (each * np.exp(1j * (by_waves + balanced * by_defocus))).astype(np.complex64)
-        found[:, n] = np.exp(1j * steps * (step * by_defocus).astype(np.float32)) @ each
+        found[:, n] = np.exp(1j * number * (step * by_defocus).astype(np.float32)) @ each
     return np.tile(found, FREQUENCIES * DIRECTIONS // len(waves)) / LENS_POINTS
 
 

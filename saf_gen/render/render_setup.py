@@ -73,7 +73,7 @@ def positions_to_render(positions: int, window: tuple[int, int] | None) -> np.nd
     may be beyond the ends.
     """
     first, last = window or (0, positions - 1)
-    return focus_positions(positions, first, last - first + 1)
+    return focus_positions(positions, first, count=last - first + 1)
 
 
 def film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, Any]:

@@ -163,7 +163,7 @@ class Colour:
         seen = weights > 0
         steps = spec.positions - 1
         position = shifted_positions(
-            spec.drive, (np.arange(drawn.start, drawn.stop) / steps)[:, None], self.power_shifts(lamp, spec)[seen]
+            spec.drive, (np.arange(drawn.start, drawn.stop) / steps)[:, None], shift=self.power_shifts(lamp, spec)[seen]
         )
         knot = np.clip(position * steps - rendered.start, 0, len(rendered) - 1)
         near = np.rint(knot)
@@ -260,7 +260,7 @@ class Colour:
             if not lamp.spectrum:
                 continue
             weights = self.weights[n] / self.weights[n].sum()
-            position = shifted_positions(spec.drive, middle, self.power_shifts(n, spec))
+            position = shifted_positions(spec.drive, middle, shift=self.power_shifts(n, spec))
             distance = float(spec.drive.object_distance(middle))
             moved = spec.drive.shift(position) - spec.drive.shift(middle)
             scale = spec.drive.image_distance(position) / spec.drive.image_distance(middle) * distance

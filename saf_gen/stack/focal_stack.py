@@ -231,7 +231,7 @@ class StackSpec:
     @property
     def focus(self) -> np.ndarray:
         """Rendered positions, as fractions of the travel, float64 (focus,)."""
-        return focus_positions(self.positions, self.first_index, self.rendered_count)
+        return focus_positions(self.positions, self.first_index, count=self.rendered_count)
 
     @property
     def indices(self) -> tuple[int, int] | None:
@@ -262,7 +262,7 @@ class StackSpec:
         return replace(self, window=(-before, self.positions - 1 + after))
 
 
-def focus_positions(positions: int, first: int, count: int) -> np.ndarray:
+def focus_positions(positions: int, first: int, *, count: int) -> np.ndarray:
     """Return ``count`` focus positions from the index ``first`` on, as fractions of the travel, float64 (focus,).
 
     They are evenly spaced: ``positions`` over the travel, and more beyond its ends.

@@ -94,7 +94,7 @@ def find_true_focus(
 def _truth_of_changing_light(plane_source: PlaneSource, position: np.ndarray, *, blends: Blends) -> tuple[Truth, float]:
     """Return the truth of a still scene under lamps whose mix changes; see :func:`find_true_focus`."""
     spec, (depth, target) = plane_source.time_stack.specs[0], plane_source.load_geometry(0)
-    few, seen = _few_depths(spec, depth, target)
+    few, seen = _few_depths(spec, depth, target=target)
     best = np.array([_in_focus(spec, blend).true_focus(few, seen) for blend in blends.blends])
     track = best[blends.number]
     off = position - track
@@ -106,7 +106,7 @@ def _truth_of_changing_light(plane_source: PlaneSource, position: np.ndarray, *,
     return replace(truth, track=track.astype(np.float32)), frame
 
 
-def _few_depths(spec: StackSpec, depth: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _few_depths(spec: StackSpec, depth: np.ndarray, *, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return depths and mask of few pixels with the distribution of a target's depths, for many mixes of light.
 
     Where the focus also depends on the place in the picture, these are all pixels.

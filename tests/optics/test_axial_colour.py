@@ -53,7 +53,7 @@ def test_the_rays_of_other_light_are_those_of_another_position(drive):
     v, u = float(drive.image_distance(position)), float(drive.object_distance(position))
     a, s = np.array([-0.01, 0.003, 0.01]), np.array([0.0, 0.01, -0.02])
     on_sensor = -v * (s + a * (1 / u + shift))
-    other = float(shifted_positions(drive, position, shift))
+    other = float(shifted_positions(drive, position, shift=shift))
     assert other != pytest.approx(position, abs=1e-3)
     v2, u2 = float(drive.image_distance(other)), float(drive.object_distance(other))
     moved = float(drive.shift(other) - drive.shift(position))
@@ -128,7 +128,7 @@ def test_the_margin_holds_every_shift_and_no_more(drive):
     lens = AxialColour(achromat=1000)
     before, after = stack_margin(lens, drive, positions=65, reference_nm=555.0)
     shifts = lens.shifts(drive, np.arange(380.0, 1101.0), reference_nm=555.0)
-    ends = shifted_positions(drive, np.array([0.0, 1.0])[:, None], shifts) * 64
+    ends = shifted_positions(drive, np.array([0.0, 1.0])[:, None], shift=shifts) * 64
     assert -before - 1e-6 <= ends.min() < -before + 1 or before == 0
     assert 64 + after - 1 < ends.max() <= 64 + after + 1e-6 or after == 0
     assert before + after > 0

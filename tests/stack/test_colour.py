@@ -93,7 +93,7 @@ def test_a_lamp_sees_each_position_where_its_light_focuses(drive):
     weights = power_per_light("tungsten") * SENSOR.spectral_response()
     shifts = AxialColour(**LENS).relative_power(NM, reference_nm=555.0) / (2 * drive.aperture_radius_m * drive.f_number)
     for k, position in enumerate(np.linspace(0, 1, SPEC.positions)):
-        other = shifted_positions(drive, position, shifts)
+        other = shifted_positions(drive, position, shift=shifts)
         own = float(weights @ np.interp(other, knots, knots**2 + 1))
         assert found[k] == pytest.approx(own, rel=1e-5)
 
@@ -236,7 +236,7 @@ def test_few_depths_of_a_relief_have_the_focus_of_all():
     """Within a hundredth of half a depth of focus."""
     depth = 0.5 + 0.02 * np.random.default_rng(2).random((80, 100)) ** 2
     target = depth < 0.515
-    few, seen = _few_depths(SPEC, depth, target)
+    few, seen = _few_depths(SPEC, depth, target=target)
     assert few.size < target.sum() / 10
     half = DRIVE.depth_of_focus(0.5, SPEC.pitch_m)[1] - 0.5
     apart = SPEC.in_focus.true_focus(few, seen) - SPEC.in_focus.true_focus(depth, target)

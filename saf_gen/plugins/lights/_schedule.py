@@ -39,8 +39,8 @@ COMMON_KEYS = {
     "offset": "Gain, 0 or more (0): constant light of the same group, which is added to the schedule.",
     "unit": "ratio or lux (ratio): with lux, the gains and the offset are illuminances of the target in lux.",
     "lux_at_gain_1": "Lux, above 0 (from the scene card): with unit lux, the illuminance of the target at gain 1.",
-    "spectrum": "led, tungsten, sodium, or one in braces (one wavelength, that of the sensor): the spectrum of the light; "
-    "{blackbody: KELVINS}, {daylight: KELVINS}, or {file: TABLE.csv} with the columns wavelength_nm, power.",
+    "spectrum": "led, tungsten, sodium, or one in braces (one wavelength, that of the sensor): the spectrum of the "
+    "light; {blackbody: KELVINS}, {daylight: KELVINS}, or {file: TABLE.csv} with the columns wavelength_nm, power.",
 }
 """Keys that every kind of light schedule takes in addition to the fields of its class, with their meaning."""
 
