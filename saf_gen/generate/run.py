@@ -286,7 +286,7 @@ def _write_previews(plan: Plan) -> None:
         sheet = plan.folder / "preview" / f"{spec.key}.png"
         store = StackStore(plan.folder / "stacks", spec)
         if not (stack.is_moving or sheet.exists() or store.missing_pieces()):
-            write_preview(store.load(), plan.resolved.sensor, path=sheet)
+            write_preview(store.load().without_margin(), plan.resolved.sensor, path=sheet)
 
 
 def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:

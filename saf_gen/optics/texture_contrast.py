@@ -190,8 +190,8 @@ def _transfer(
 ) -> np.ndarray:
     """Return the transfer of a lamp's light, complex64 (defocus, frequency).
 
-    The defocus is that which the wavefront balances, plus the first to the last of ``steps``. An exponent of the defocus times
-    a point of the lens is common to all wavelengths, so that colour is one factor for each point.
+    The defocus is that which the wavefront balances, plus the first to the last of ``steps``. What it adds to the phase
+    at a point of the lens is common to all wavelengths, so that colour is one factor for each point.
     """
     step = STEP * imaging.resolved_defocus
     number = np.arange(steps[0], steps[1] + 1, dtype=np.float32)[:, None]

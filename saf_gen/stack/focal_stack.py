@@ -301,6 +301,19 @@ class FocalStack:
     backend: str
     digest: str = ""
 
+    def without_margin(self) -> "FocalStack":
+        """Return the stack without the positions beyond the travel, for pictures of it."""
+        spec = self.spec
+        if spec.margin == (0, 0):
+            return self
+        first = spec.drawn.start - spec.first_index
+        window = None if spec.window is None else (spec.drawn.start, spec.drawn.stop - 1)
+        return replace(
+            self,
+            spec=replace(spec, margin=(0, 0), window=window),
+            radiance=self.radiance[:, first : first + len(spec.drawn)],
+        )
+
 
 class StackStore:
     """The folder of one stack, written piece by piece.

@@ -116,11 +116,9 @@ def test_two_lamps_are_the_sum_of_each_alone():
 def test_a_wide_stack_gives_the_charge_of_the_travel():
     """In light of one wavelength too: the margin is left out at every position."""
     stack = wide_stack()
-    before, after = stack.spec.margin
-    narrow = FocalStack(
-        replace(stack.spec, margin=(0, 0)), stack.radiance[:, before : stack.spec.rendered_count - after],
-        stack.depth, stack.target, "llvm",
-    )  # fmt: skip
+    narrow = stack.without_margin()
+    assert narrow.spec == replace(stack.spec, margin=(0, 0))
+    assert narrow.radiance.shape[1] == len(narrow.spec.focus) == SPEC.positions
     for position in (0.0, 0.37, 1.0):
         found, own = (
             ChargeSource(PlaneSource.from_stack(one), SENSOR).charge_image(0, position) for one in (stack, narrow)
