@@ -121,20 +121,14 @@ class Colour:
     def weights(self) -> tuple[np.ndarray, ...]:
         """Electrons per light and nanometre of each lamp, relative to reference light; float64 (wavelength,) each.
 
-        Light without a spectrum is at the reference wavelength, behind the same filter, as one weight at the nanometre
-        nearest to it.
+        Light without a spectrum is reference light, one weight at the nanometre nearest to it; no filter dims it, in
+        mixes as alone.
         """
-        response = self.sensor.spectral_response()
-        found = []
-        for lamp in self.lamps:
-            if lamp.spectrum:
-                found.append(power_per_light(lamp.spectrum) * response)
-                continue
-            single = np.zeros_like(NM)
-            nearest = int(np.abs(NM - self.reference_nm).argmin())
-            single[nearest] = 1.0 if self.sensor.filter == "none" else response[nearest]
-            found.append(single)
-        return tuple(found)
+        single = (np.arange(NM.size) == np.abs(NM - self.reference_nm).argmin()).astype(np.float64)
+        return tuple(
+            power_per_light(lamp.spectrum) * self.sensor.spectral_response() if lamp.spectrum else single
+            for lamp in self.lamps
+        )
 
     def power_shifts(self, lamp: int, spec: StackSpec) -> np.ndarray:
         """Return by how much stronger the lens is for each wavelength than for reference light, 1/m (wavelength,)."""

@@ -58,7 +58,8 @@ def test_groups_without_a_spectrum_are_not_mixed():
 
 def test_light_of_the_reference_wavelength_is_the_picture_itself():
     stack = wide_stack()
-    several = find({"lamp": [{"kind": "constant"}, {"kind": "constant", "spectrum": "led"}]})
+    lamps = [{"kind": "constant"}, {"kind": "constant", "spectrum": "led"}]
+    several = find({"lamp": lamps}, sensor=replace(SENSOR, filter="ir_cut"))
     assert several.names == ("lamp 1", "lamp 2 (led)", "room")
     found = mixed(several, stack)
     inside = stack.radiance[:, stack.spec.margin[0] : stack.spec.rendered_count - stack.spec.margin[1]]
