@@ -288,7 +288,7 @@ FAULTS = {
         (
             Change(
                 "stack.true_focus",
-                "best = time_stack.specs[0].in_focus.true_focus(depth, target)",
+                "best = _in_focus(time_stack.specs[0], blend).true_focus(depth, target)",
                 "best = time_stack.specs[0].drive.least_blur(depth[depth.shape[0] // 2, depth.shape[1] // 2])",
             ),
         ),
@@ -340,8 +340,8 @@ FAULTS = {
         (
             Change(
                 "stack.true_focus",
-                "best_positions.append(spec.in_focus.true_focus(depth, target))",
-                "best_positions.append(spec.in_focus.true_focus(depth, np.ones_like(target)))",
+                "best_positions.append(_in_focus(spec, usual).true_focus(depth, target))",
+                "best_positions.append(_in_focus(spec, usual).true_focus(depth, np.ones_like(target)))",
             ),
         ),
         (
