@@ -124,11 +124,14 @@ class FocusSettings(FrozenModel):
     """Aberrations of every lens: none, or those of a typical lens; by default those of its card."""
     axial_colour: AxialColour | None = None
     """Axial colour of every lens, for lights that state their ``spectrum``; by default that of its card."""
+    actuator: str | None = None
+    """Actuator that the motion commands, by its name, or as the path of an actuator file (``.yaml``) relative to the
+    recipe's folder; by default the lens moves exactly as its motion says."""
 
     @model_serializer(mode="wrap")
     def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out keys that are not given: recipes keep the text and fingerprint from before these keys."""
-        later = ("aberrations", "axial_colour")
+        """Leave out later keys if they are not given: recipes keep the text and fingerprint from before these keys."""
+        later = ("aberrations", "axial_colour", "actuator")
         values = {key: value for key, value in serialize(self).items() if key not in later or value is not None}
         if self.axial_colour is not None:
             values["axial_colour"] = self.axial_colour.model_dump(mode="json", exclude_none=True)

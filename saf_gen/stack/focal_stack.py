@@ -89,7 +89,7 @@ class StackSpec:
         moment of the stack. If empty, only paths of this moment are used.
     layers : int, default LAYERS_VERSION
         Version of the sums in layers; it counts only if there are any: for at most LAYERED_POSITIONS, the filtered
-        estimator, and a lens without aberrations.
+        estimator, and a lens without aberrations and vignetting.
     margin : tuple of int, default (0, 0)
         Positions beyond either end of the travel, evenly spaced like the others, from which a lens with axial colour
         draws in light of other wavelengths (:mod:`saf_gen.stack.colour`).
@@ -190,7 +190,8 @@ class StackSpec:
         """
         values = {**{field.name: getattr(self, field.name) for field in fields(self)}, "drive": self.drive.as_dict()}
         few = self.rendered_count <= LAYERED_POSITIONS
-        if self.layers == 1 or not few or self.estimator != "filtered" or self.drive.wavefront is not None:
+        perfect = self.drive.fills_its_aperture_perfectly
+        if self.layers == 1 or not few or self.estimator != "filtered" or not perfect:
             del values["layers"]
         if self.margin == (0, 0):
             del values["margin"]
