@@ -93,6 +93,8 @@ def _written(value: Any) -> str:
 def _allowed(hint: Any, field: FieldInfo) -> str:
     """Return the allowed values of a type in words, with the bounds of a field."""
     inner = [one for one in get_args(hint) if one is not NoneType]
+    if hint == dict[str, Any] | list[Any]:
+        return "keys and values, or a list of them"
     if get_origin(hint) is Annotated:
         return _allowed(inner[0], FieldInfo.from_annotation(hint))
     if get_origin(hint) in (Union, UnionType):
@@ -103,6 +105,8 @@ def _allowed(hint: Any, field: FieldInfo) -> str:
     if get_origin(hint) is tuple:
         if Ellipsis in inner:
             least = f", at least {bound}" if (bound := _bound(field, "min_length")) else ""
+            if get_origin(inner[0]) is tuple:
+                return f"list of pairs{least}"
             return f"list of {_allowed(inner[0], FieldInfo())}{least}"
         return f"{len(inner)} numbers"
     if get_origin(hint) is dict:

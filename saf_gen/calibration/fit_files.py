@@ -4,7 +4,7 @@ import io
 import json
 import re
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from html import escape
 from math import floor, isfinite, log10
 from pathlib import Path
@@ -309,7 +309,7 @@ def _format_fitted_sensor(fit: SensorFit) -> str:
         f"# that are only marked as assumed; these are copied from {fit.base}.",
         *(f"# - {note}" for note in fit.notes),
     ]
-    for key, value in asdict(fit.sensor).items():
+    for key, value in fit.sensor.as_dict().items():
         estimate = fit.estimates.get(key)
         if key == "noise":
             inner = ", ".join(f"{name}: {str(on).lower()}" for name, on in value.items())

@@ -1,8 +1,12 @@
 """Spike-camera sensors: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
 
+from dataclasses import asdict, fields
+from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import ConfigDict, PlainValidator
 from pydantic.dataclasses import dataclass
 
@@ -10,6 +14,7 @@ from saf_gen.core.config.document import validate_document
 from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields, checked
 from saf_gen.core.config.ranges import is_number
 from saf_gen.core.config.yaml_document import parse_yaml
+from saf_gen.core.spectrum import NM, shipped_curve
 from saf_gen.errors import BadInput
 
 
@@ -72,6 +77,34 @@ LegendreFractions = Annotated[
     ),
     "fractions of the profile's variance in Legendre polynomials of degree 1, 2, …; the rest is white",
 ]
+
+
+CURVES = {"spectral_qe": ("silicon",), "filter": ("none", "ir_cut")}
+"""Shipped curves over the wavelength, by the field of a sensor that may name them."""
+
+
+SpectralCurve = str | tuple[tuple[float, float], ...]
+"""A curve over the wavelength: the name of a shipped one, or pairs of a wavelength (nm) and a fraction."""
+
+
+def _curve(names: tuple[str, ...]) -> PlainValidator:
+    """Return a pydantic validator of a :data:`SpectralCurve` that may have one of these names."""
+
+    def fits(value: Any) -> bool:
+        if isinstance(value, str):
+            return value in names
+        if not isinstance(value, list | tuple) or not 2 <= len(value) <= 1000:
+            return False
+        if not all(isinstance(row, list | tuple) and len(row) == 2 and all(map(is_number, row)) for row in value):
+            return False
+        rises = all(a[0] < b[0] for a, b in pairwise(value))
+        return rises and 100 <= value[0][0] <= 3000 and all(0 <= fraction <= 1 for _, fraction in value)
+
+    def convert(value: Any) -> Any:
+        return value if isinstance(value, str) else tuple((float(nm), float(fraction)) for nm, fraction in value)
+
+    table = "[[400, 0.1], [500, 0.8], …], pairs of a rising wavelength in nm and a fraction"
+    return PlainValidator(checked(fits, f"{', '.join(names)}, or {table}", convert=convert))
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -157,6 +190,13 @@ class Sensor:
         Temperature at which ``dark_rate`` holds, °C.
     temperature_c : float, default 25
         Temperature of the sensor, °C.
+    spectral_qe : str or tuple, default 'silicon'
+        Shape of the quantum efficiency over the wavelength, for lamps that state their spectrum: ``silicon`` (assumed:
+        5 µm of it), or pairs of a wavelength (nm) and a fraction. It is scaled to ``quantum_efficiency`` at
+        ``wavelength_m``.
+    filter : str or tuple, default 'none'
+        Filter in front of the sensor, for the same lamps: ``none``, ``ir_cut`` (650 nm), or pairs of a wavelength (nm)
+        and a transmission.
     """
 
     name: Text
@@ -202,6 +242,8 @@ class Sensor:
     dark_doubling_k: Annotated[float, between(1, 100, unit="kelvins")] = 8.0
     dark_temperature_c: Celsius = 25.0
     temperature_c: Celsius = 25.0
+    spectral_qe: Annotated[SpectralCurve, _curve(CURVES["spectral_qe"])] = "silicon"
+    filter: Annotated[SpectralCurve, _curve(CURVES["filter"])] = "none"
 
     def __post_init__(self) -> None:
         if self.noise.shot and self.threshold_e < 25:
@@ -219,6 +261,27 @@ class Sensor:
                 hint=f"dark_rate is {self.dark_rate:g} at {self.dark_temperature_c:g} °C and doubles every "
                 f"{self.dark_doubling_k:g} kelvins",
             )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields as plain data; curves over the wavelength only if they are not the default."""
+        values = asdict(self)
+        defaults = {field.name: field.default for field in fields(self) if field.name in CURVES}
+        return {key: value for key, value in values.items() if key not in CURVES or value != defaults[key]}
+
+    def spectral_response(self) -> np.ndarray:
+        """Return the electrons per joule and nanometre of light, relative to light of ``wavelength_m`` unfiltered.
+
+        It is QE(λ)·T(λ)·λ, divided by QE·λ at ``wavelength_m``, float64 (wavelength,) over
+        :data:`saf_gen.core.spectrum.NM`.
+
+        Raises
+        ------
+        BadInput
+            If the sensor does not see light of ``wavelength_m``, or would count more than one electron per photon.
+        """
+        return _spectral_response(
+            self.spectral_qe, self.filter, wavelength_m=self.wavelength_m, quantum_efficiency=self.quantum_efficiency
+        )
 
     @property
     def post_spike_loss(self) -> float:
@@ -251,6 +314,34 @@ class Sensor:
         Raises BadInput if a switch is unknown.
         """
         return change_fields(self, {"noise": switches}, where=f"sensor {self.name}")
+
+
+@lru_cache(maxsize=64)
+def _spectral_response(
+    spectral_qe: SpectralCurve, transmission: SpectralCurve, *, wavelength_m: float, quantum_efficiency: float
+) -> np.ndarray:
+    nm = wavelength_m * 1e9
+    shape = shipped_curve("silicon", "efficiency") if isinstance(spectral_qe, str) else _interpolated(spectral_qe)
+    at_nominal = float(np.interp(nm, NM, shape, left=0.0, right=0.0))
+    if not at_nominal > 0:
+        raise BadInput(f"spectral_qe is 0 at wavelength_m, {nm:g} nm", allowed="above 0 there")
+    if (largest := quantum_efficiency * float(shape.max()) / at_nominal) > 1 + 1e-9:
+        raise BadInput(
+            f"with quantum_efficiency {quantum_efficiency:g} at {nm:g} nm, spectral_qe reaches {largest:.3g}",
+            allowed="at most 1 electron per photon at any wavelength",
+        )
+    passed = np.ones_like(NM)
+    if not isinstance(transmission, str):
+        passed = _interpolated(transmission)
+    elif transmission != "none":
+        passed = shipped_curve(transmission, "transmission")
+    return np.asarray(shape / at_nominal * passed * NM / nm)
+
+
+def _interpolated(table: tuple[tuple[float, float], ...]) -> np.ndarray:
+    """Return a table over NM, zero outside it."""
+    nm, values = np.array(table).T
+    return np.interp(NM, nm, values, left=0.0, right=0.0)
 
 
 PRESETS = Presets("sensor", Sensor, folder=Path(__file__).parent / "sensors")

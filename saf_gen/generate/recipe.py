@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
     WithJsonSchema,
@@ -22,8 +23,10 @@ from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_sche
 from saf_gen.core.config.ranges import check_parameter, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
+from saf_gen.core.spectrum import FORMS, NAMES
 from saf_gen.errors import BadInput, unknown
 from saf_gen.generate.sealing import SealedSeed, open_seed
+from saf_gen.optics import AxialColour
 from saf_gen.plugins.lights import COMMON_KEYS, UNITS, read_schedule
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
@@ -96,6 +99,13 @@ class CameraSettings(FrozenModel):
     """Whether a pixel keeps or loses the charge above the threshold at a spike; by default as the sensor has it."""
     saturation: Literal["subtract", "dead_readout"] | None = None
     """Law of saturation, for light that is too bright; by default as the sensor has it."""
+    filter: Literal["none", "ir_cut"] | None = None
+    """Filter in front of the sensor, for lights that state their ``spectrum``; by default as the sensor has it."""
+
+    @model_serializer(mode="wrap")
+    def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out ``filter`` if it is not given: recipes keep the text and fingerprint from before this key."""
+        return {key: value for key, value in serialize(self).items() if key != "filter" or value is not None}
 
 
 class FocusSettings(FrozenModel):
@@ -112,6 +122,8 @@ class FocusSettings(FrozenModel):
     """Lens motion, ``{kind: …}``; may be a choice among several."""
     aberrations: Literal["none", "mild", "strong"] | None = None
     """Aberrations of every lens: none, or those of a typical lens; by default those of its card."""
+    axial_colour: AxialColour | None = None
+    """Axial colour of every lens, for lights that state their ``spectrum``; by default that of its card."""
     actuator: str | None = None
     """Actuator that the motion commands, by its name, or as the path of an actuator file (``.yaml``) relative to the
     recipe's folder; by default the lens moves exactly as its motion says."""
@@ -119,8 +131,11 @@ class FocusSettings(FrozenModel):
     @model_serializer(mode="wrap")
     def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out later keys if they are not given: recipes keep the text and fingerprint from before these keys."""
-        later = ("aberrations", "actuator")
-        return {key: value for key, value in serialize(self).items() if key not in later or value is not None}
+        later = ("aberrations", "axial_colour", "actuator")
+        values = {key: value for key, value in serialize(self).items() if key not in later or value is not None}
+        if self.axial_colour is not None:
+            values["axial_colour"] = self.axial_colour.model_dump(mode="json", exclude_none=True)
+        return values
 
     @field_validator("motion", mode="before")
     @classmethod
@@ -223,6 +238,12 @@ class SplitSettings(FrozenModel):
         return self
 
 
+def _check_schedule(value: Any) -> Any:
+    if not isinstance(value, dict | list):
+        raise ValueError(f"a light schedule in braces, such as {{kind: {value or 'constant'}}}, or a list of them")
+    return value
+
+
 class Recipe(FrozenModel):
     """A complete dataset; ``scene_params`` replaces parameters, or their ranges, on the cards of scenes."""
 
@@ -233,8 +254,9 @@ class Recipe(FrozenModel):
     camera: CameraSettings
     focus: FocusSettings
     render: RenderSettings
-    lights: dict[str, dict[str, Any]] = Field(min_length=1)
-    """Light schedules by name, each ``{kind: …}`` for all light groups, or one for each light group by its name."""
+    lights: dict[str, Annotated[dict[str, Any] | list[Any], BeforeValidator(_check_schedule)]] = Field(min_length=1)
+    """Light schedules by name, each ``{kind: …}`` for all light groups, or one for each light group by its name; a list
+    of schedules adds up."""
     splits: dict[str, SplitSettings] = Field(min_length=1)
     """Sequences of each split, by the name of the split."""
     scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
@@ -298,6 +320,26 @@ COMMON: dict[str, Schema] = {
     "offset": {"type": "number", "minimum": 0},
     "unit": {"enum": list(UNITS)},
     "lux_at_gain_1": {"type": "number", "exclusiveMinimum": 0},
+    "spectrum": {
+        "anyOf": [
+            {"enum": list(NAMES)},
+            *(
+                {
+                    "type": "object",
+                    "properties": {form: {"type": "number", "minimum": low, "maximum": high}},
+                    "required": [form],
+                    "additionalProperties": False,
+                }
+                for form, (low, high) in FORMS.items()
+            ),
+            {
+                "type": "object",
+                "properties": {"file": {"type": "string"}},
+                "required": ["file"],
+                "additionalProperties": False,
+            },
+        ]
+    },
 }
 """Schemas of the keys that every light schedule accepts."""
 
@@ -307,13 +349,14 @@ def recipe_schema() -> Schema:
     schema = model_schema(Recipe, "saf_gen recipe")
     common = {key: {"anyOf": [COMMON[key], OPEN], "description": text} for key, text in COMMON_KEYS.items()}
     light = define_schema(schema, "lights", common=common)
+    several = {"type": "array", "minItems": 1, "items": light, "description": "Schedules whose lights add up."}
     by_group = {
         "type": "object",
         "description": "A schedule for each light group by its name; a group that is not named stays at gain 1.",
         "not": {"anyOf": [{"required": [key]} for key in ("kind", "choice")]},
-        "additionalProperties": light,
+        "additionalProperties": {"anyOf": [light, several]},
     }
-    schema["properties"]["lights"]["additionalProperties"] = {"anyOf": [light, by_group]}
+    schema["properties"]["lights"]["additionalProperties"] = {"anyOf": [light, several, by_group]}
     schema["properties"]["scene_params"]["additionalProperties"] = {"type": "object", "additionalProperties": PARAMETER}
     focus, exposure = schema["$defs"]["FocusSettings"]["properties"], schema["$defs"]["ExposureSettings"]["properties"]
     focus["motion"] = {**define_schema(schema, "motions"), "description": focus["motion"]["description"]}

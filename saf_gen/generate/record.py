@@ -15,6 +15,7 @@ from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import PlannedSequence
 from saf_gen.plugins.lights import group_gains
 from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.colour import Blends, Colour
 from saf_gen.stack.time_resolved import PlaneSource, grain_along
 from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
 from saf_gen.stream.metadata import Metadata, Truth
@@ -134,18 +135,21 @@ class Recorder:
         time_stack, hz = plane_source.time_stack, self.sensor.readout_hz
         spec = time_stack.specs[0]
         position, log = sequence.lens_course(self.frames, readout_hz=hz)
-        charge_source = ChargeSource(plane_source, self.sensor)
-        truth, moment = find_true_focus(plane_source, position)
-        self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)
         gain = group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
-        grain = grain_along(plane_source, truth, position=position, gain=gain)
+        colour = Colour.find(sequence.schedule, spec.groups, sensor=self.sensor, axial_colour=sequence.axial_colour)
+        charge_source = ChargeSource(plane_source, self.sensor, colour=colour)
+        blends = None if colour is None else _find_blends(colour, charge_source, plane_source=plane_source, gain=gain)
+        truth, moment = find_true_focus(plane_source, position, blends=blends)
+        self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)
+        of_groups = gain if colour is None else colour.group_gains(gain)
+        grain = grain_along(plane_source, truth, position=position, gain=of_groups)
         in_travel = np.clip(log, 0.0, 1.0)  # a reading may be a little outside
         metadata = Metadata(
             focus_position=log.astype(np.float32),
             image_distance=spec.drive.image_distance(in_travel).astype(np.float32),
             object_distance=spec.drive.object_distance(in_travel).astype(np.float32),
             gain=gain,
-            light_names=spec.groups,
+            light_names=spec.groups if colour is None else colour.names,
             truth=replace(
                 truth,
                 sharpness=noise_free_sharpness(charge_source, truth, position=position),
@@ -183,5 +187,18 @@ class Recorder:
         target = np.asarray(truth.target)
         device = draw_fixed_pattern(self.sensor, target.shape, seed=self.device_seed)
         sensitivity = device.response * (self.sensor.threshold_e / device.threshold)
-        at_best = sensitivity * charge_source.charge_image(moment, truth.position).sum(axis=0)
+        at_best = sensitivity * charge_source.nominal_image(moment, truth.position)
         charge_source.scale = exposure_scale(at_best, target, sensor=self.sensor, mean_rate=mean_rate)
+
+
+def _find_blends(colour: Colour, charge_source: ChargeSource, *, plane_source: PlaneSource, gain: np.ndarray) -> Blends:
+    """Return the mixes of light on the target, which counts as lit as it is in the first picture that sees it."""
+    time_stack = plane_source.time_stack
+    charge = np.ones(len(colour.lamps))
+    for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
+        _, target = plane_source.load_geometry(j)
+        if target.any():
+            middle = float(np.mean(spec.focus))
+            charge = charge_source.charge_image(begin - 0.5, middle)[:, target].mean(axis=1, dtype=np.float64)
+            break
+    return colour.blends(time_stack.specs[0], gain=gain, charge=charge)

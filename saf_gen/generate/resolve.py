@@ -24,10 +24,14 @@ from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_ex
 from saf_gen.errors import BadInput, closest, located, unknown
 from saf_gen.generate.lens_course import lens_course
 from saf_gen.generate.recipe import Recipe, find_recipe, read_recipe
+from saf_gen.optics import AxialColour
 from saf_gen.optics.actuators import Actuator, get_actuator
-from saf_gen.plugins.lights import draw_schedule, group_gains
+from saf_gen.optics.axial_colour import stack_margin
+from saf_gen.optics.lens_card import LensFile
+from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps, states_spectrum
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
+from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
@@ -44,11 +48,14 @@ class SceneFamily:
         Whether anything in the scene moves.
     illuminance_lux : mapping of str to float
         Illuminance of the target at gain 1, by light group.
+    axial_colour : mapping or None
+        Axial colour of the lens, as the card states it.
     """
 
     params: Mapping[str, Any] = field(default_factory=dict)
     moves: bool = False
     illuminance_lux: Mapping[str, float] = field(default_factory=dict)
+    axial_colour: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -72,11 +79,13 @@ class PlannedSequence:
     seed : int
         Seed of the random streams of this recording alone.
     schedule : dict
-        Light schedule, ``{kind: ..., ...}``, by light group; '' means all groups.
+        Light schedule, ``{kind: ..., ...}`` or a list of them, by light group; '' means all groups.
     motion : dict
         Lens motion, ``{kind: ..., ...}``.
     mean_rate : float or None
         Spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
+    axial_colour : dict or None
+        Axial colour of the lens, if any light has a spectrum.
     actuator : Actuator or None
         What is told the lens motion; None if the lens moves as its motion says.
     actuator_seed : int
@@ -92,18 +101,22 @@ class PlannedSequence:
     light: str
     repeat: int
     seed: int
-    schedule: dict[str, dict[str, Any]]
+    schedule: dict[str, Schedule]
     motion: dict[str, Any]
     mean_rate: float | None
+    axial_colour: dict[str, Any] | None = None
     actuator: Actuator | None = None
     actuator_seed: int = 0
 
     def as_dict(self) -> dict[str, Any]:
         """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant".
 
-        The actuator is there with its seed and without its texts, if there is one.
+        ``axial_colour`` is left out if it is None. The actuator is there with its seed and without its texts, if there
+        is one.
         """
         data = {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
+        if self.axial_colour is None:
+            del data["axial_colour"]
         seed, actuator = data.pop("actuator_seed"), data.pop("actuator")
         if actuator is not None:
             del actuator["name"], actuator["sources"]  # texts do not move the lens
@@ -196,6 +209,8 @@ def _draw_sequence(
     # All lights have the same lens motion, so that they can be compared and share the stacks of a moving scene.
     under_any_light = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
     member = repeat % recipe.splits[split].variants
+    schedule = draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux)
+    coloured = any(lamp.spectrum for lamp in list_lamps(schedule, tuple(schedule)))
     return PlannedSequence(
         id=name,
         split=split,
@@ -206,9 +221,10 @@ def _draw_sequence(
         light=light,
         repeat=repeat,
         seed=seeds.derive_seed(*stream, "camera"),
-        schedule=draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux),
+        schedule=schedule,
         motion=components.draw_component("motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)),
         mean_rate=draw_range(recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")),
+        axial_colour=dict(family.axial_colour) if coloured and family.axial_colour else None,
         actuator=actuator,
         actuator_seed=0 if actuator is None else seeds.derive_seed(*under_any_light, "actuator"),
     )
@@ -316,7 +332,7 @@ class ResolvedSequence:
 
     def fingerprint(self, stack_digest: str) -> str:
         """Return the SHA-256 of all that determines the spikes; a file with another fingerprint is made again."""
-        stack, sensor = self.time_stack, asdict(self.sensor)
+        stack, sensor = self.time_stack, self.sensor.as_dict()
         del sensor["name"], sensor["sources"]  # texts do not change the spikes
         decisive = {
             "model": MODEL,
@@ -426,7 +442,12 @@ def resolve_recipe(
     if split is not None and split not in recipe.splits:
         raise unknown("split", split, allowed=recipe.splits, where=where)
     families = {
-        name: SceneFamily(scene.card.params, scene.card.slices_per_s is not None, scene.card.illuminance_lux)
+        name: SceneFamily(
+            scene.card.params,
+            scene.card.slices_per_s is not None,
+            scene.card.illuminance_lux,
+            colour.model_dump(mode="json", exclude_none=True) if (colour := _axial_colour(recipe, scene)) else None,
+        )
         for name, scene in scenes.items()
     }
     with located(where):
@@ -441,9 +462,33 @@ def resolve_recipe(
             lens_positions(s.motion, frames, readout_hz=hz)
     with located(where):
         resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
+        _check_colour(resolved, recipe)
     wanted = tuple(sequence for sequence in resolved if split in (None, sequence.planned.split))
     found = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part)
     return replace(found, benchmark=_benchmark(found))
+
+
+def _check_colour(sequences: Iterable[ResolvedSequence], recipe: Recipe) -> None:
+    """Raise BadInput if a filter has nothing to filter, or pictures of one wavelength cannot show a lamp's light."""
+    coloured = False
+    checked = set[str]()
+    for s in sequences:
+        spec, planned = s.time_stack.specs[0], s.planned
+        key = json.dumps([spec.key, planned.schedule], sort_keys=True)
+        if key in checked:
+            continue
+        checked.add(key)
+        colour = Colour.find(planned.schedule, spec.groups, sensor=s.sensor, axial_colour=planned.axial_colour)
+        if colour is not None:
+            coloured |= any(lamp.spectrum for lamp in colour.lamps)
+            with located("", prefix=f"light {planned.light!r} on {planned.scene}: "):
+                colour.check(spec)
+    if recipe.camera.filter not in (None, "none") and not coloured:
+        raise BadInput(
+            f"camera.filter is {recipe.camera.filter}, but no light has a spectrum",
+            allowed="a filter if at least one light states its spectrum",
+            hint="give a light a spectrum, such as {kind: constant, spectrum: led}, or remove the filter",
+        )
 
 
 def _distinct(sequences: list[PlannedSequence], key: Callable[[PlannedSequence], Any]) -> list[PlannedSequence]:
@@ -485,12 +530,16 @@ def _resolve_stacks(
             estimator=recipe.render.estimator,
             time_s=card.still_s if card.slices_per_s is not None else 0.0,
         )
+        spec = replace(spec, margin=_find_margin(spec, recipe, scene=scene, sensor=sensor))
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
     position = sequence.lens_course(frames, readout_hz=hz)[0]
     starts = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
-    windows = slice_windows(position, starts, positions=spec.positions)
+    before, after = spec.margin
+    windows = [
+        (first - before, last + after) for first, last in slice_windows(position, starts, positions=spec.positions)
+    ]
     times = [start / hz for start in starts]
     filtered = recipe.render.estimator == "filtered"
     moments = slice_moments(times) if filtered else [()] * len(times)
@@ -507,11 +556,36 @@ def _resolve_stacks(
     return stack, stack.truncated_to(full_travel_frames).with_full_travel() if full_travel_frames else None
 
 
+def _axial_colour(recipe: Recipe, scene: Scene) -> AxialColour | None:
+    """Return the axial colour of a scene's lens: that of the recipe if it states one, else that of the card."""
+    lens = scene.card.lens
+    if not isinstance(lens, LensFile):
+        return recipe.focus.axial_colour or lens.axial_colour
+    if recipe.focus.axial_colour is not None or any(map(states_spectrum, recipe.lights.values())):
+        raise BadInput(
+            f"the lens of scene {scene.id!r} is read from a file, and draws one wavelength",
+            allowed="lights without a spectrum, and no axial_colour",
+            hint="or leave the scene out",
+        )
+    return None
+
+
+def _find_margin(spec: StackSpec, recipe: Recipe, *, scene: Scene, sensor: Sensor) -> tuple[int, int]:
+    """Return how many positions beyond the travel the stacks of a scene need.
+
+    They are the same under every light of the recipe, with a spectrum or without, so that all share their stacks.
+    """
+    colour = _axial_colour(recipe, scene)
+    if colour is None or not any(map(states_spectrum, recipe.lights.values())):
+        return (0, 0)
+    return stack_margin(colour, spec.drive, positions=spec.positions, reference_nm=sensor.wavelength_m * 1e9)
+
+
 def _read_sensor(recipe: Recipe, folder: Path) -> Sensor:
     """Return the recipe's sensor, given by name or by the path of a file relative to the recipe's folder."""
     camera = recipe.camera
     named = folder / camera.sensor if is_preset_file(camera.sensor) else camera.sensor
-    changes = {"reset": camera.reset, "saturation": camera.saturation}
+    changes = {"reset": camera.reset, "saturation": camera.saturation, "filter": camera.filter}
     changes = {key: value for key, value in changes.items() if value is not None}
     return get_sensor(named, **changes, noise=camera.noise.model_dump(exclude_none=True))
 

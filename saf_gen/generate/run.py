@@ -258,7 +258,7 @@ def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
     return {
         "recipe": yaml.safe_dump(resolved.recipe.model_dump(mode="json"), sort_keys=False),
         "recipe_fingerprint": recipe_fingerprint(resolved.recipe),
-        "sensor": yaml.safe_dump(asdict(resolved.sensor), sort_keys=False),
+        "sensor": yaml.safe_dump(resolved.sensor.as_dict(), sort_keys=False),
         **({} if actuator is None else {"actuator": yaml.safe_dump(asdict(actuator), sort_keys=False)}),
         "versions": json.dumps(versions, indent=1),
         **({BENCHMARK_KEY: resolved.benchmark} if resolved.benchmark else {}),
@@ -292,7 +292,7 @@ def _write_previews(plan: Plan) -> None:
         sheet = plan.folder / "preview" / f"{spec.key}.png"
         store = StackStore(plan.folder / "stacks", spec)
         if not (stack.is_moving or sheet.exists() or store.missing_pieces()):
-            write_preview(store.load(), plan.resolved.sensor, path=sheet)
+            write_preview(store.load().without_margin(), plan.resolved.sensor, path=sheet)
 
 
 def _claim_folder(resolved: ResolvedRecipe, folder: Path) -> None:

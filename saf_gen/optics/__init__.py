@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.axial_colour import AxialColour
 from saf_gen.optics.best_focus import FocusCriterion
 from saf_gen.optics.distortion import Distortion
 from saf_gen.optics.fitted_lens_drive import FittedLensDrive
@@ -19,6 +20,7 @@ from saf_gen.optics.wavefront import Wavefront
 
 __all__ = [
     "DRIVES",
+    "AxialColour",
     "Distortion",
     "Drive",
     "FittedLensDrive",

@@ -2,7 +2,8 @@
 
 For a perfect thin lens it is the position of the least blur, the mean of c² over the target's pixels, in closed form.
 
-A lens with aberrations has no such point: its rays meet nowhere. What an observer would call sharp is the position at
+A lens with aberrations has no such point: its rays meet nowhere. Nor has light of many wavelengths through a lens with
+axial colour. What an observer would call sharp is the position at
 which a texture has the most contrast, averaged over the target's pixels. The texture is stated
 (:mod:`saf_gen.optics.texture_contrast`). The position of the least mean squared blur is known beside it
 (:meth:`FocusCriterion.least_blur`), because the two differ: by 0.02 half depths of focus for each wave of spherical
@@ -19,10 +20,11 @@ from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive, Positions
 from saf_gen.optics.distortion import Distortion
 from saf_gen.optics.fitted_rays import FittedRays, SeenWavefront
-from saf_gen.optics.texture_contrast import REACH, STEP, ContrastCurve, Imaging, contrast_curve
+from saf_gen.optics.texture_contrast import REACH, STEP, Blend, ContrastCurve, Imaging, contrast_curve
 from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
+DEPTHS = 256  # of a target in blended light; more are put together
 HEIGHTS = 8  # curves from the middle of the sensor to the height at which aberrations are stated
 KNOTS = 5  # between which the best positions of a lens read from a file are interpolated
 MAX_STAGE_RESIDUAL_PX = 0.1
@@ -45,11 +47,19 @@ class FocusCriterion:
         Pitch of the pixels, metres.
     wavelength_m : float, default 0.0
         Wavelength of the light, metres; 0 for geometric optics.
+    blend : tuple, default ()
+        Light of several wavelengths, whose focus differs (:mod:`saf_gen.optics.texture_contrast`).
     """
 
     drive: Drive
     pitch_m: float
     wavelength_m: float = 0.0
+    blend: Blend = ()
+
+    @property
+    def is_perfect(self) -> bool:
+        """Whether all light of a point meets in a point: without aberrations, and in light of one focus."""
+        return self.drive.wavefront is None and not any(shift for _, light in self.blend for shift in light.shifts)
 
     def true_focus(self, depth: np.ndarray, target: np.ndarray) -> float:
         """Return the position at which a target is sharpest; it may be outside 0 to 1.
@@ -61,7 +71,7 @@ class FocusCriterion:
         target : ndarray of bool, shape (row, col)
             Pixels of the target, at least one.
         """
-        if self.drive.wavefront is None:
+        if self.is_perfect:
             return self.drive.least_blur(depth[target])
         if self._fitted:
             return self._at(depth[target]).true_focus(depth, target)
@@ -70,7 +80,7 @@ class FocusCriterion:
 
     def least_blur(self, depth: np.ndarray, target: np.ndarray) -> float:
         """Return the position of the least mean squared blur over a target; see :meth:`true_focus`."""
-        if self.drive.wavefront is None:
+        if self.is_perfect:
             return self.drive.least_blur(depth[target])
         if self._fitted:
             return self._at(depth[target]).least_blur(depth, target)
@@ -92,13 +102,13 @@ class FocusCriterion:
         depth : ndarray, shape (row, col)
             Depths of the pixels of the sensor, metres.
         """
-        if self.drive.wavefront is None:
+        if self.is_perfect:
             return self.drive.best_position(depth)
         if self._fitted:
             return self._best_positions_of_fitted(depth)
         height = image_heights(depth.shape, self.pitch_m)
         peaks = [curve.peak for curve in self._curves(float(height.max()))]
-        place = height / self._wavefront.height_m * HEIGHTS
+        place = height / self._curve_height_m * HEIGHTS
         return self.drive.best_position(depth, defocus=np.interp(place, np.arange(len(peaks)), peaks))
 
     def check(self, rows: int, columns: int) -> None:
@@ -118,13 +128,14 @@ class FocusCriterion:
             return
         if isinstance(wavefront, FittedRays):
             self._check_fitted(wavefront, corner)
-            wavefront = self._at(drive.object_distance(0.5))._wavefront
+            wavefront = self._at(drive.object_distance(0.5)).drive.wavefront
+            assert isinstance(wavefront, SeenWavefront)
         largest = wavefront.largest_path(drive.aperture_radius_m, corner)
         if (most := self.largest_path_m) is not None and largest > most * (1 + 1e-9):
             raise BadInput(
                 f"the aberrations add up to {largest / self.wavelength_m:.3g} waves",
                 allowed=f"at most {MAX_WAVES_SMALL_NA:g} waves, because waves spread a point over "
-                f"{self._spread_by_waves_m / self.pitch_m:.2g} pixels here, half or more",
+                f"{self.spread_by_waves_m / self.pitch_m:.2g} pixels here, half or more",
                 hint="lower aberrations in scene.yaml, or open the aperture",
             )
         if (moved := self.stage_residual_px(corner)) > MAX_STAGE_RESIDUAL_PX:
@@ -153,9 +164,9 @@ class FocusCriterion:
             raise BadInput("vignetting is not built for a stage", hint="leave vignetting out of scene.yaml")
         if drive.wavefront is not None:
             raise BadInput("vignetting and aberrations are not built together", hint="leave one out of scene.yaml")
-        if self._spread_by_waves_m >= self.pitch_m / 2:
+        if self.spread_by_waves_m >= self.pitch_m / 2:
             raise BadInput(
-                f"waves spread a point over {self._spread_by_waves_m / self.pitch_m:.2g} pixels, and are not built for "
+                f"waves spread a point over {self.spread_by_waves_m / self.pitch_m:.2g} pixels, and are not built for "
                 "the edge of a ring",
                 allowed="vignetting where they spread it over less than half a pixel",
                 hint="open the aperture, or leave vignetting out of scene.yaml",
@@ -188,10 +199,11 @@ class FocusCriterion:
     @property
     def largest_path_m(self) -> float | None:
         """Largest wavefront (m) that rays can show; None if waves spread a point over less than half a pixel."""
-        return MAX_WAVES_SMALL_NA * self.wavelength_m if self._spread_by_waves_m >= self.pitch_m / 2 else None
+        return MAX_WAVES_SMALL_NA * self.wavelength_m if self.spread_by_waves_m >= self.pitch_m / 2 else None
 
     @property
-    def _spread_by_waves_m(self) -> float:
+    def spread_by_waves_m(self) -> float:
+        """Width over which waves spread a point in focus, metres; 0 in geometric optics."""
         return self.wavelength_m * self.imaging.image_distance_m / self.imaging.radius_m
 
     @property
@@ -252,33 +264,42 @@ class FocusCriterion:
                 hint="fit it with a higher --degree, a higher --f-number or a lower --height-mm",
             )
 
-    # Of a lens with aberrations.
+    # Of a lens with aberrations, or of light with several foci.
 
     @property
-    def _wavefront(self) -> Wavefront | SeenWavefront:
-        assert isinstance(self.drive.wavefront, Wavefront | SeenWavefront)  # callers have made sure
-        return self.drive.wavefront
+    def _curve_height_m(self) -> float:
+        """Distance from the middle of the sensor of the last of HEIGHTS curves, metres."""
+        return 1.0 if self.drive.wavefront is None else self.drive.wavefront.height_m
 
     def _curves(self, largest_height_m: float) -> list[ContrastCurve]:
         """Return the contrast at heights up to one that is not below the largest."""
         count = 1
-        if self._wavefront.varies_over_field:
-            count = int(np.ceil(largest_height_m / self._wavefront.height_m * HEIGHTS)) + 1
-        heights = np.arange(count) * self._wavefront.height_m / HEIGHTS
-        return [contrast_curve(self._wavefront, self.imaging, height_m=float(height)) for height in heights]
+        wavefront = self.drive.wavefront
+        assert not isinstance(wavefront, FittedRays)  # callers take the lens as it is seen from a depth
+        if wavefront is not None and wavefront.varies_over_field:
+            count = int(np.ceil(largest_height_m / wavefront.height_m * HEIGHTS)) + 1
+        heights = np.arange(count) * self._curve_height_m / HEIGHTS
+        return [contrast_curve(wavefront, self.imaging, height_m=float(h), blend=self.blend) for h in heights]
 
     def _collect(self, depth: np.ndarray, target: np.ndarray) -> "list[_Seen]":
         depths = depth[target].astype(np.float64)
         height = image_heights(depth.shape, self.pitch_m)[target]
         curves = self._curves(float(height.max()))
-        place = height / self._wavefront.height_m * HEIGHTS if len(curves) > 1 else np.zeros_like(height)
+        place = height / self._curve_height_m * HEIGHTS if len(curves) > 1 else np.zeros_like(height)
         found = []
         for n, curve in enumerate(curves):
             share = np.clip(1 - np.abs(place - n), 0, None)  # of the two curves next to a height
             near = share > 0
             if near.any():
                 distinct, where = np.unique(depths[near], return_inverse=True)
-                found.append(_Seen(distinct, np.bincount(where, share[near]) / depths.size, curve))
+                if self.blend and distinct.size > DEPTHS:  # a recording has one true focus for each mix of its lamps
+                    inverse = np.linspace(1 / distinct[0], 1 / distinct[-1], DEPTHS)
+                    where = np.rint((1 / depths[near] - inverse[0]) / (inverse[1] - inverse[0])).astype(np.int64)
+                    with np.errstate(divide="ignore"):  # the sky
+                        distinct = 1 / inverse
+                found.append(
+                    _Seen(distinct, np.bincount(where, share[near], minlength=distinct.size) / depths.size, curve)
+                )
         return found
 
     def _contrast(self, seen: "list[_Seen]", position: float) -> float:

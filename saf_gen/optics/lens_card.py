@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, PrivateAttr, Tag, field_validator, mo
 
 from saf_gen.core.config.document import FrozenModel
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.axial_colour import AxialColour
 from saf_gen.optics.distortion import Distortion
 from saf_gen.optics.fitted_lens_drive import FittedLensDrive
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
@@ -86,6 +87,8 @@ class _Lens(FrozenModel):
     """Fraction of the light that the lens transmits."""
     aberrations: Aberrations | None = None
     """Aberrations of the lens at the f-number of the card; by default none."""
+    axial_colour: AxialColour | None = None
+    """How the focus changes with the wavelength of lamps that state their spectrum; by default not at all."""
     vignetting: Vignetting | None = None
     """Ring in front of the lens that takes light from the edge of the picture; by default none."""
     veiling_glare: float = Field(default=0.0, ge=0, le=0.5)
@@ -101,7 +104,7 @@ class _Lens(FrozenModel):
 
         ``f_number``, if given, replaces that of the card. Raises BadInput if the travel is impossible.
         """
-        numbers = self.model_dump(exclude={"drive", "aberrations", "vignetting"})
+        numbers = self.model_dump(exclude={"drive", "aberrations", "axial_colour", "vignetting"})
         numbers |= {"f_number": f_number} if f_number else {}
         fields = {}
         for key, value in numbers.items():  # a card gives lengths of the lens in millimetres, all others in metres

@@ -12,6 +12,9 @@ where S is the transfer of a square pixel and T that of the lens: of its waves i
 otherwise of its rays, T(f) = mean of exp(2πi·f·Δ(a)) with Δ = v·∇W. W is the wavefront plus that of defocus,
 a²/2·(1/u_o - 1/u).
 
+Light of many wavelengths adds up, so its transfer is the mean of theirs, T(f) = Σ w·T_λ(f) with the weights w of what
+the sensor collects. A lens with axial colour has the defocus 1/u_o - 1/u - δ(λ) (:mod:`saf_gen.optics.axial_colour`).
+
 References
 ----------
 D. J. Field, "Relations between the statistics of natural images and the response properties of cortical cells", J. Opt.
@@ -32,6 +35,7 @@ from saf_gen.optics.wavefront import Wavefront
 MIN_CYCLES = 1 / 64  # per pixel
 FREQUENCIES, DIRECTIONS = 12, 6
 LENS_POINTS = 512
+COLOUR_KNOTS = 1025
 STEP = 0.25  # between the defoci of a curve, in half depths of focus
 REACH = 5.0  # half depths of focus beyond the aberrations that a curve covers
 
@@ -59,6 +63,30 @@ class Imaging(NamedTuple):
         """Defocus (1/m) that blurs a point over the width that the camera resolves: half a depth of focus."""
         width = np.hypot(self.pitch_m, self.wavelength_m * self.image_distance_m / self.radius_m)
         return float(width) / (2 * self.radius_m * self.image_distance_m)
+
+
+class Light(NamedTuple):
+    """The light of one lamp through a lens with axial colour, as a sensor collects it.
+
+    Attributes
+    ----------
+    shifts : tuple of float
+        Power δ of the lens for each part of the light, less that at the wavelength of the stack, 1/m.
+    weights : tuple of float
+        Fraction of the electrons that each part gives; together 1.
+    """
+
+    shifts: tuple[float, ...]
+    weights: tuple[float, ...]
+
+    @property
+    def mean_shift(self) -> float:
+        """Mean of δ, 1/m."""
+        return float(np.dot(self.shifts, self.weights))
+
+
+Blend = tuple[tuple[float, Light], ...]
+"""Fractions of the electrons that lamps give, together 1, and the light of each; empty for light of one wavelength."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,30 +127,122 @@ class ContrastCurve:
 
 
 @lru_cache(maxsize=256)
-def contrast_curve(wavefront: Wavefront | SeenWavefront, imaging: Imaging, *, height_m: float) -> ContrastCurve:
+def contrast_curve(
+    wavefront: Wavefront | SeenWavefront | None, imaging: Imaging, *, height_m: float, blend: Blend = ()
+) -> ContrastCurve:
     """Return the contrast over every defocus that the wavefront may balance, and what is near them.
 
     Parameters
     ----------
-    wavefront : Wavefront
-        Aberrations of the lens.
+    wavefront : Wavefront or None
+        Aberrations of the lens; None for a perfect lens.
     imaging : Imaging
         What else light passes.
     height_m : float
         Distance from the middle of the sensor, metres.
+    blend : tuple, default ()
+        The light; by default of the wavelength of the stack alone.
     """
-    radius, a = imaging.radius_m, lens_points(imaging.radius_m)
-    slope = wavefront.slope(a, (height_m, 0.0))
-    balanced = -2 * float(np.mean(a[0] * slope[0] + a[1] * slope[1])) / radius**2
-    # No part of the lens focuses farther from the least blur than this.
-    spread = 4 * wavefront.largest_path(radius, height_m) / radius**2 / imaging.resolved_defocus
-    count = int(np.ceil((REACH + spread) / STEP))
-    defocus = balanced + np.arange(-count, count + 1) * STEP * imaging.resolved_defocus
-    return ContrastCurve(defocus, squared_contrast(defocus, wavefront, imaging=imaging, height_m=height_m), balanced)
+    radius, balanced, spread = imaging.radius_m, 0.0, 0.0
+    if wavefront is not None:
+        a = lens_points(radius)
+        slope = wavefront.slope(a, (height_m, 0.0))
+        balanced = -2 * float(np.mean(a[0] * slope[0] + a[1] * slope[1])) / radius**2
+        # No part of the lens focuses farther from the least blur than this.
+        spread = 4 * wavefront.largest_path(radius, height_m) / radius**2 / imaging.resolved_defocus
+    step = STEP * imaging.resolved_defocus
+    if not blend:
+        count = int(np.ceil((REACH + spread) / STEP))
+        defocus = balanced + np.arange(-count, count + 1) * step
+        squared = squared_contrast(defocus, wavefront, imaging=imaging, height_m=height_m)
+        return ContrastCurve(defocus, squared, balanced)
+    # Light adds up, so transfers do: each lamp's is found once, on one grid for every share of the lamps.
+    shifts = [shift for _, light in blend for shift in light.shifts]
+    reach = (REACH + spread) * imaging.resolved_defocus
+    low, high = int(np.floor((min(shifts) - reach) / step)), int(np.ceil((max(shifts) + reach) / step))
+    lamps = [
+        (share, _transfer(light, (low, high), wavefront=wavefront, imaging=imaging, height_m=height_m))
+        for share, light in blend
+        if share > 0
+    ]
+    total = sum(share * found for share, found in lamps)
+    squared = (np.abs(total) ** 2) @ _texture(imaging.pitch_m)
+    mean_shift = sum(share * light.mean_shift for share, light in blend)
+    return ContrastCurve(balanced + np.arange(low, high + 1) * step, squared, balanced + mean_shift)
+
+
+def _waves(pitch_m: float) -> list[tuple[float, float]]:
+    """Return the spatial frequencies (1/m) of the texture along x and y."""
+    edges = np.geomspace(MIN_CYCLES, 0.5, FREQUENCIES + 1)
+    cycles = np.sqrt(edges[1:] * edges[:-1]) / pitch_m
+    angles = (np.arange(DIRECTIONS) + 0.5) * np.pi / DIRECTIONS
+    return [(f * np.cos(angle), f * np.sin(angle)) for angle in angles for f in cycles]
+
+
+def _texture(pitch_m: float) -> np.ndarray:
+    """Return the share of each frequency in the squared contrast that the pixels leave, float64 (frequency,)."""
+    pixel = np.array([np.sinc(fx * pitch_m) * np.sinc(fy * pitch_m) for fx, fy in _waves(pitch_m)]) ** 2
+    return np.asarray(pixel / pixel.sum())
+
+
+@lru_cache(maxsize=64)
+def _transfer(
+    light: Light,
+    steps: tuple[int, int],
+    *,
+    wavefront: Wavefront | SeenWavefront | None,
+    imaging: Imaging,
+    height_m: float,
+) -> np.ndarray:
+    """Return the transfer of a lamp's light, complex64 (defocus, frequency).
+
+    The defocus is that which the wavefront balances, plus the first to the last of ``steps``. What it adds to the phase
+    at a point of the lens is common to all wavelengths, so that colour is one factor for each point.
+    """
+    step = STEP * imaging.resolved_defocus
+    number = np.arange(steps[0], steps[1] + 1, dtype=np.float32)[:, None]
+    shifts, weights = np.array(light.shifts), np.array(light.weights)
+    balanced = contrast_curve(wavefront, imaging, height_m=height_m).balanced if wavefront is not None else 0.0
+    waves = _waves(imaging.pitch_m)
+    if wavefront is None:
+        waves = waves[:FREQUENCIES]  # a perfect lens is the same in all directions
+    found = np.empty((len(number), len(waves)), np.complex64)
+    for n, (fx, fy) in enumerate(waves):
+        by_defocus, by_waves = _phases(fx, fy, wavefront=wavefront, imaging=imaging, height_m=height_m)
+        knots = np.linspace(by_defocus.min(), by_defocus.max(), COLOUR_KNOTS)
+        colour = np.exp(-1j * np.outer(knots, shifts)) @ weights
+        each = np.interp(by_defocus, knots, colour.real) + 1j * np.interp(by_defocus, knots, colour.imag)
+        each = (each * np.exp(1j * (by_waves + balanced * by_defocus))).astype(np.complex64)
+        found[:, n] = np.exp(1j * number * (step * by_defocus).astype(np.float32)) @ each
+    return np.tile(found, FREQUENCIES * DIRECTIONS // len(waves)) / LENS_POINTS
+
+
+def _phases(
+    fx: float, fy: float, *, wavefront: Wavefront | SeenWavefront | None, imaging: Imaging, height_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return, for points of the lens that pass a frequency (1/m), its phase for a defocus of 1/m and by the wavefront.
+
+    Both are float64 (point,).
+    """
+    radius, v, _, wavelength = imaging
+    a, point = lens_points(radius), (height_m, 0.0)
+    by_defocus = 2 * np.pi * v * (a[0] * fx + a[1] * fy)
+    if not wavelength:
+        if wavefront is None:
+            return by_defocus, np.zeros_like(by_defocus)
+        slope = wavefront.slope(a, point)
+        return by_defocus, 2 * np.pi * v * (slope[0] * fx + slope[1] * fy)
+    sx, sy = wavelength * v * fx / 2, wavelength * v * fy / 2
+    ahead, behind = (a[0] + sx, a[1] + sy), (a[0] - sx, a[1] - sy)
+    both = np.maximum(np.hypot(*ahead), np.hypot(*behind)) <= radius
+    if wavefront is None:
+        return by_defocus[both], np.zeros(int(both.sum()))
+    path = wavefront.path(ahead, point) - wavefront.path(behind, point)
+    return by_defocus[both], 2 * np.pi / wavelength * path[both]
 
 
 def squared_contrast(
-    defocus: np.ndarray, wavefront: Wavefront | SeenWavefront, *, imaging: Imaging, height_m: float = 0.0
+    defocus: np.ndarray, wavefront: Wavefront | SeenWavefront | None, *, imaging: Imaging, height_m: float = 0.0
 ) -> np.ndarray:
     """Return the squared contrast of the stated texture, divided by that of a perfect lens in focus without waves.
 
@@ -138,29 +258,15 @@ def squared_contrast(
     ndarray of float64, shape (defocus,)
         Without unit, from 0 to about 1.
     """
-    radius, v, pitch, wavelength = imaging
-    edges = np.geomspace(MIN_CYCLES, 0.5, FREQUENCIES + 1)
-    cycles = np.sqrt(edges[1:] * edges[:-1]) / pitch
-    a, point = lens_points(radius), (height_m, 0.0)
-    slope = wavefront.slope(a, point)
+    pitch = imaging.pitch_m
     amount = np.asarray(defocus, np.float32)[:, None]
     total, full = np.zeros(len(defocus)), 0.0
-    for direction in (np.arange(DIRECTIONS) + 0.5) * np.pi / DIRECTIONS:
-        for f in cycles:
-            fx, fy = f * np.cos(direction), f * np.sin(direction)
-            pixel = float(np.sinc(fx * pitch) * np.sinc(fy * pitch)) ** 2
-            full += pixel
-            by_defocus = 2 * np.pi * v * (a[0] * fx + a[1] * fy)
-            if not wavelength:
-                by_waves = 2 * np.pi * v * (slope[0] * fx + slope[1] * fy)
-            else:
-                sx, sy = wavelength * v * fx / 2, wavelength * v * fy / 2
-                ahead, behind = (a[0] + sx, a[1] + sy), (a[0] - sx, a[1] - sy)
-                both = np.maximum(np.hypot(*ahead), np.hypot(*behind)) <= radius
-                path = wavefront.path(ahead, point) - wavefront.path(behind, point)
-                by_defocus, by_waves = by_defocus[both], 2 * np.pi / wavelength * path[both]
-            phase = amount * by_defocus.astype(np.float32) + by_waves.astype(np.float32)
-            total += pixel * (np.cos(phase).sum(axis=1) ** 2 + np.sin(phase).sum(axis=1) ** 2)
+    for fx, fy in _waves(pitch):
+        pixel = float(np.sinc(fx * pitch) * np.sinc(fy * pitch)) ** 2
+        full += pixel
+        by_defocus, by_waves = _phases(fx, fy, wavefront=wavefront, imaging=imaging, height_m=height_m)
+        phase = amount * by_defocus.astype(np.float32) + by_waves.astype(np.float32)
+        total += pixel * (np.cos(phase).sum(axis=1) ** 2 + np.sin(phase).sum(axis=1) ** 2)
     return total.astype(np.float64) / (full * LENS_POINTS**2)
 
 

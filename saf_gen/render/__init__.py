@@ -70,6 +70,12 @@ def render_missing(
             allowed="llvm, cuda",
             hint="or set render: {diffraction: false}",
         )
+    if backend_name == "scalar" and any(spec.margin != (0, 0) for spec in specs):
+        raise BadInput(
+            "variant scalar cannot render the positions beyond the travel that axial colour needs",
+            allowed="llvm, cuda",
+            hint="or leave axial_colour out of scene.yaml",
+        )
     rendered = [spec for spec in specs if wanted is None or spec in wanted]
     todo = [(spec, name) for spec in rendered for name in StackStore(root, spec).missing_pieces()]
     if not todo:
@@ -85,6 +91,7 @@ def render_missing(
         drive=base.drive,
         threads=threads,
         kept=len(base.groups),
+        travel=(float(base.focus[0]), float(base.focus[-1])),
     )
 
     def show(time_s: float) -> dict[str, RenderSetup]:
@@ -132,7 +139,7 @@ def render_missing(
             shading,
             positions=spec.positions,
             samples=spec.samples,
-            window=spec.window,
+            window=spec.indices,
             seed=seeds.derive_seed("stack", base.key, "pictures"),
             progress=report_light,
         )

@@ -149,7 +149,7 @@ def _make_offset_camera(setup: RenderSetup, position: float, *, offset_px: float
 def _check_lens_travel(setup: RenderSetup) -> None:
     """Trace rays along the travel, and raise BadInput if the aperture would run into a surface."""
     drive, radius = setup.drive, setup.drive.aperture_radius_m
-    start, end = sorted(float(z) for z in drive.shift(np.array([0.0, 1.0])))
+    start, end = sorted(float(z) for z in drive.shift(np.array(setup.travel)))
     if start == end:
         return
     # Mitsuba's default near clip, 0.01 units, would hide a specimen.
@@ -159,7 +159,7 @@ def _check_lens_travel(setup: RenderSetup) -> None:
         "near_clip": 1e-4 * radius / setup.unit_m,
         "film": film_dict(SensorGrid(APERTURE_RAYS, APERTURE_RAYS, 1.0)),
     }
-    at = 0.0 if float(drive.shift(0.0)) == start else 1.0
+    at = setup.travel[0] if float(drive.shift(setup.travel[0])) == start else setup.travel[1]
     sight = PinholeSight(setup.mitsuba_scene, ())
     nearest = float(_first_surfaces(setup, sensor, sight=sight, position=at).axial.min()) + start
     if nearest <= end:

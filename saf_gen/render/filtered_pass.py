@@ -41,7 +41,6 @@ from saf_gen.stack.focal_stack import LAYERED_POSITIONS
 PRIMARY_RAYS = 6  # camera rays per light path
 RAYS_INTO_LIGHT = 3  # the number in layers, if most rays end straight in light: only texture is left to chance
 UNSHARED_PATHS = 2  # light paths per requested sample, if most rays must be traced on
-FULL_TRAVEL = np.array([0.0, 1.0])
 
 
 def gather_shading(
@@ -225,8 +224,10 @@ def _trace_complete_paths(
     setups: Mapping[str, RenderSetup], finder: SurfaceFinder, *, samples: int, seed: int
 ) -> Iterator[TracedBand]:
     """Continue the same camera rays under every light group, with different random numbers for each group."""
-    for rays in cast_rays(next(iter(setups.values())), FULL_TRAVEL, samples=samples, seed=seed):
-        sight = finder.find(rays, FULL_TRAVEL, seed=seeds.derive_seed(seed, "lines of sight"))
+    first = next(iter(setups.values()))
+    travel = np.array(first.travel)
+    for rays in cast_rays(first, travel, samples=samples, seed=seed):
+        sight = finder.find(rays, travel, seed=seeds.derive_seed(seed, "lines of sight"))
         shared = np.flatnonzero(sight.hits.shape).astype(np.uint32)
         radiance = [
             _trace_on(setup, sight, chosen=shared, seed=seeds.derive_seed(seed, name, rays.begin))

@@ -10,7 +10,7 @@ import numpy as np
 
 from saf_gen.core.region import Region
 from saf_gen.optics import Drive, FocusCriterion
-from saf_gen.stack.focal_stack import PixelGrid
+from saf_gen.stack.focal_stack import PixelGrid, focus_positions
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,8 @@ class RenderSetup:
         Wavelength (m) of the light at the aperture; 0 leaves out diffraction.
     moved_m : mapping of str to ndarray of float64, shape (3,)
         Displacement (m, world axes) of each shape from its position at the moment that the card shows.
+    travel : tuple of float, default (0.0, 1.0)
+        First and last position of the lens in any picture: beyond the travel if lens and lamps have colour.
     """
 
     mitsuba_scene: Any
@@ -52,6 +54,7 @@ class RenderSetup:
     unit_m: float = 1.0
     wavelength_m: float = 0.0
     moved_m: Mapping[str, np.ndarray] = field(default_factory=dict)
+    travel: tuple[float, float] = (0.0, 1.0)
 
     @property
     def in_focus(self) -> FocusCriterion:
@@ -66,10 +69,11 @@ class RenderSetup:
 def positions_to_render(positions: int, window: tuple[int, int] | None) -> np.ndarray:
     """Return the focus positions to render, as fractions of the travel, float64 (focus,).
 
-    They are evenly spaced: ``positions`` over the full travel, of which ``window`` holds the first and last index.
+    They are evenly spaced: ``positions`` over the full travel, of which ``window`` holds the first and last index. Both
+    may be beyond the ends.
     """
     first, last = window or (0, positions - 1)
-    return np.linspace(0, 1, positions)[first : last + 1]
+    return focus_positions(positions, first, count=last - first + 1)
 
 
 def film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, Any]:

@@ -45,6 +45,8 @@ class SceneRenderer:
         Number of threads; by default as many as the cores that this process may use.
     kept : int, default 4
         Number of loaded scenes (a moment under some lights) that are kept.
+    travel : tuple of float, default (0.0, 1.0)
+        First and last position of the lens in any picture.
 
     Attributes
     ----------
@@ -72,8 +74,9 @@ class SceneRenderer:
         drive: Drive | None = None,
         threads: int | None = None,
         kept: int = MAX_SCENES,
+        travel: tuple[float, float] = (0.0, 1.0),
     ) -> None:
-        self.scene, self.grid, self.max_depth, self._drive = scene, grid, max_depth, drive
+        self.scene, self.grid, self.max_depth, self._drive, self._travel = scene, grid, max_depth, drive, travel
         self.backend_name = backend.choose_backend(backend_name)
         lens = drive or scene.build_drive()
         if self.is_slow and not (lens.fills_its_aperture_perfectly and lens.distortion is None):
@@ -127,7 +130,10 @@ class SceneRenderer:
         to_world, unit_m = mitsuba_scene.camera_to_world(self.scene), self.scene.card.unit_m
         drive = self._drive if self._drive and f_number is None else self.scene.build_drive(f_number)
         moved = mitsuba_scene.moved_shapes(self.motions, time_s=self._moment(time_s), still_s=self.scene.card.still_s)
-        return RenderSetup(loaded, integrator, to_world, drive, grid or self.grid, unit_m, self.wavelength_m, moved)
+        grid = grid or self.grid
+        return RenderSetup(
+            loaded, integrator, to_world, drive, grid, unit_m, self.wavelength_m, moved, travel=self._travel
+        )
 
     def show(self, groups: Sequence[str], *, time_s: float) -> dict[str, RenderSetup]:
         """Return the scene at a moment (s) under each of these light groups, and release those of other moments.

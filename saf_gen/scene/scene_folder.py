@@ -277,6 +277,7 @@ def _digest(folder: Path, card: SceneCard) -> str:
     cause a new render. A library module counts as if it were the file in the folder that the script imports.
     """
     values = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
+    values["lens"].pop("axial_colour", None)  # pictures of other wavelengths are mixed from those of one
     contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}
     contents |= {f"{name}.py": library_module(module).read_bytes() for name, module in card.library.items()}
     if isinstance(card.lens, LensFile) and (text := shipped_text(card.lens.file)):

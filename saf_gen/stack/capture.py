@@ -14,6 +14,7 @@ from saf_gen.camera import LANES, Encoder, Sensor, parse_sensor
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
 from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
@@ -47,6 +48,8 @@ class Capture:
         focus positions.
     slices : str
         Digest of the time slices; '' if the recording was made from them.
+    colour : Colour or None
+        Lamps of the recording and the axial colour of its lens; None for light of one wavelength.
     """
 
     plane_source: PlaneSource
@@ -58,6 +61,7 @@ class Capture:
     truth: Truth
     frames: int
     slices: str = ""
+    colour: Colour | None = None
 
     @classmethod
     def from_stream(cls, stream: SpikeStream, stacks: Path) -> "Capture":
@@ -80,7 +84,8 @@ class Capture:
         try:
             keys = provenance["stack"].split("\n")
             exposure = load_plain_json(provenance["exposure"])
-            seed = int(load_plain_json(provenance["sequence"])["seed"])
+            sequence = load_plain_json(provenance["sequence"])
+            seed = int(sequence["seed"])
             sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor")
             scale, device_seed = float(exposure["scale"]), int(exposure["device_seed"])
             gain = np.asarray(stream.metadata.gain, dtype=np.float32)  # TypeError if there is no gain
@@ -95,6 +100,8 @@ class Capture:
         moving = len(specs) > 1
         slice_frames = tuple(round(s.time_s * stream.readout_hz) for s in specs) if moving else (0,)
         time_stack = TimeResolvedStack(slice_frames, specs)
+        axial_colour, groups = sequence.get("axial_colour"), specs[0].groups
+        colour = Colour.find(sequence.get("schedule", {}), groups, sensor=sensor, axial_colour=axial_colour)
         plane_source, frames, slices = PlaneSource.from_folder(time_stack, stacks), len(gain), ""
         if plane_source.digest != provenance["stack_digest"]:
             raise BadInput(
@@ -111,7 +118,7 @@ class Capture:
                 raise _lacking_slices_error(provenance.get("recipe", ""), where)
             plane_source = PlaneSource.from_folder(full_travel.truncated_to(frames), stacks)
             slices = plane_source.digest
-        return cls(plane_source, sensor, gain, scale, seed, device_seed, stream.truth, frames, slices)
+        return cls(plane_source, sensor, gain, scale, seed, device_seed, stream.truth, frames, slices, colour)
 
     @property
     def row_alignment(self) -> int:
@@ -120,7 +127,9 @@ class Capture:
 
     def open_charge_source(self, rows: slice | None = None) -> ChargeSource:
         """Return the source of the charge collected in these rows (all by default); many runs may share it."""
-        charge_source = ChargeSource(self.plane_source, self.sensor, rows=rows, cache_bytes=CACHE_BYTES)
+        charge_source = ChargeSource(
+            self.plane_source, self.sensor, rows=rows, cache_bytes=CACHE_BYTES, colour=self.colour
+        )
         charge_source.scale = self.exposure
         return charge_source
 

@@ -7,6 +7,7 @@ visits are read, and by default those of at most three stacks are held in memory
 import numpy as np
 
 from saf_gen.camera import Sensor, charge_of_images, knot_weights
+from saf_gen.stack.colour import Colour
 from saf_gen.stack.time_resolved import FrameRun, PlaneSource
 
 
@@ -23,6 +24,9 @@ class ChargeSource:
         Rows of the sensor; by default all.
     cache_bytes : int, default 0
         Memory in which planes of a moving scene are kept for the next run.
+    colour : Colour, optional
+        Lamps of the recording, which then take the place of the light groups; by default each group is a lamp in light
+        of one wavelength.
 
     Attributes
     ----------
@@ -31,10 +35,16 @@ class ChargeSource:
     """
 
     def __init__(
-        self, plane_source: PlaneSource, sensor: Sensor, *, rows: slice | None = None, cache_bytes: int = 0
+        self,
+        plane_source: PlaneSource,
+        sensor: Sensor,
+        *,
+        rows: slice | None = None,
+        cache_bytes: int = 0,
+        colour: Colour | None = None,
     ) -> None:
         self.time_stack, self.sensor, self.scale = plane_source.time_stack, sensor, 1.0
-        self._plane_source, self._rows, self._cache_bytes = plane_source, rows, cache_bytes
+        self._plane_source, self._rows, self._cache_bytes, self._colour = plane_source, rows, cache_bytes, colour
         # Plain dictionaries, because an lru_cache on a method would keep self and the stacks until garbage collection.
         self._static: dict[bool, np.ndarray] = {}  # charge of the full stack, summed over lights or not
         self._cache: dict[tuple[int, int], np.ndarray] = {}  # (stack, position): charge (light, row, col)
@@ -49,6 +59,16 @@ class ChargeSource:
         if weight > 0:
             before = before + np.float32(weight) * (self._charge_at(j + 1, position) - before)
         return before * np.float32(self.scale)
+
+    def nominal_image(self, frame: float, position: float) -> np.ndarray:
+        """Return the charge of all light groups together at gain 1, float32 (row, col).
+
+        A group with several lamps counts as their mean.
+        """
+        charge = self.charge_image(frame, position)
+        if self._colour is not None:
+            charge = charge * self._colour.shares[:, None, None]
+        return np.asarray(charge.sum(axis=0))
 
     def encoder_inputs(self, run: FrameRun, *, position: np.ndarray, gain: np.ndarray) -> dict[str, np.ndarray]:
         """Return the arguments of :meth:`saf_gen.camera.Encoder.encode` for a run of frames.
@@ -70,7 +90,7 @@ class ChargeSource:
         gain = (gain[:, :1] if summed else gain)[run.begin : run.end] * self.scale
         if not self.time_stack.is_moving:
             stack = self._static_charge(summed=summed)
-            return {"stack": stack, "index": index - spec.first_index, "fraction": fraction, "gain": gain}
+            return {"stack": stack, "index": index - spec.drawn.start, "fraction": fraction, "gain": gain}
         first, stop = int(index.min()), int((index + (fraction > 0)).max()) + 1
         neighbours = run.slice_index, run.slice_index + 1
         stack = np.concatenate([self._charge(j, range(first, stop), summed=summed) for j in neighbours])
@@ -89,8 +109,8 @@ class ChargeSource:
     def _charge_at(self, j: int, position: float) -> np.ndarray:
         """Return the charge of stack j at one focus position, (light, row, col), without the exposure."""
         spec = self.time_stack.specs[j]
-        last = spec.first_index + spec.rendered_count - 1
-        knot = float(np.clip(position * (spec.positions - 1), spec.first_index, last))
+        last = spec.drawn.stop - 1
+        knot = float(np.clip(position * (spec.positions - 1), spec.drawn.start, last))
         k = min(int(knot), last - 1)
         charge = self._charge(j, range(k, k + 2))
         return charge[:, 0] + np.float32(knot - k) * (charge[:, 1] - charge[:, 0])
@@ -103,15 +123,13 @@ class ChargeSource:
         if self.time_stack.is_moving:
             charge = np.stack(self._cached_planes(j, positions), axis=1)
             return charge.sum(axis=0, keepdims=True) if summed else charge
-        begin = self.time_stack.specs[0].first_index
+        begin = self.time_stack.specs[0].drawn.start
         return self._static_charge(summed=summed)[:, positions.start - begin : positions.stop - begin]
 
     def _static_charge(self, *, summed: bool) -> np.ndarray:
         """Return the charge of a static scene at all rendered positions."""
         if False not in self._static:
-            spec = self.time_stack.specs[0]
-            rendered = range(spec.first_index, spec.first_index + spec.rendered_count)
-            self._static[False] = self._load_charge(0, rendered)
+            self._static[False] = self._load_charge(0, self.time_stack.specs[0].drawn)
         if summed not in self._static:
             self._static[True] = self._static[False].sum(axis=0, keepdims=True)
         return self._static[summed]
@@ -134,6 +152,12 @@ class ChargeSource:
         """Read planes of stack j and return their charge."""
         spec = self.time_stack.specs[j]
         first, stop = positions.start - spec.first_index, positions.stop - spec.first_index
-        radiance = self._plane_source.load_planes(j, first, stop)
+        if self._colour is None:
+            radiance = self._plane_source.load_planes(j, first, stop)
+        else:
+            before, after = spec.margin
+            wide = range(positions.start - before, positions.stop + after)
+            radiance = self._plane_source.load_planes(j, wide.start - spec.first_index, wide.stop - spec.first_index)
+            radiance = self._colour.mix(radiance, spec, drawn=positions, rendered=wide)
         charge = charge_of_images(radiance, self.sensor, lens=spec.drive, position=spec.focus[first:stop])
         return charge if self._rows is None else charge[:, :, self._rows].copy()

@@ -90,6 +90,9 @@ class StackSpec:
     layers : int, default LAYERS_VERSION
         Version of the sums in layers; it counts only if there are any: for at most LAYERED_POSITIONS, the filtered
         estimator, and a lens without aberrations and vignetting.
+    margin : tuple of int, default (0, 0)
+        Positions beyond either end of the travel, evenly spaced like the others, from which a lens with axial colour
+        draws in light of other wavelengths (:mod:`saf_gen.stack.colour`).
     """
 
     scene: str
@@ -109,6 +112,7 @@ class StackSpec:
     estimator: str = "filtered"
     moments_s: tuple[float, ...] = ()
     layers: int = LAYERS_VERSION
+    margin: tuple[int, int] = (0, 0)
 
     @classmethod
     def from_scene(
@@ -180,12 +184,17 @@ class StackSpec:
         return f"{self.scene}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the spec as plain data, including the kind of the drive, and ``layers`` if it counts and is not 1."""
+        """Return the spec as plain data, including the kind of the drive.
+
+        ``layers`` is there if it counts and is not 1, and ``margin`` if there is one.
+        """
         values = {**{field.name: getattr(self, field.name) for field in fields(self)}, "drive": self.drive.as_dict()}
         few = self.rendered_count <= LAYERED_POSITIONS
         perfect = self.drive.fills_its_aperture_perfectly
         if self.layers == 1 or not few or self.estimator != "filtered" or not perfect:
             del values["layers"]
+        if self.margin == (0, 0):
+            del values["margin"]
         return values
 
     @classmethod
@@ -198,7 +207,7 @@ class StackSpec:
             fields = load_plain_json(path)["spec"]
             window = fields.pop("window")
             fields |= {"drive": drive_from_dict(fields["drive"]), "groups": tuple(fields["groups"])}
-            fields["moments_s"] = tuple(fields["moments_s"])
+            fields |= {name: tuple(fields[name]) for name in ("moments_s", "margin") if name in fields}
             spec = cls(**fields, window=None if window is None else tuple(window))
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             raise BadInput(
@@ -206,7 +215,8 @@ class StackSpec:
                 hint="keep stacks/ next to the streams, or run saf-gen generate again",
             ) from error
         sizes = (spec.rows, spec.columns, spec.positions)
-        if not all(type(size) is int and 0 < size <= MAX_SIDE for size in sizes):
+        wide = spec.rendered_count - spec.positions
+        if not all(type(size) is int and 0 < size <= MAX_SIDE for size in sizes) or not wide <= MAX_SIDE:
             raise BadInput(f"{path} states {sizes}", allowed=f"rows, columns and positions from 1 to {MAX_SIDE}")
         if "layers" not in fields and spec.key != key:
             spec = replace(spec, layers=1)
@@ -222,17 +232,47 @@ class StackSpec:
     @property
     def focus(self) -> np.ndarray:
         """Rendered positions, as fractions of the travel, float64 (focus,)."""
-        return np.linspace(0, 1, self.positions)[self.first_index : self.first_index + self.rendered_count]
+        return focus_positions(self.positions, self.first_index, count=self.rendered_count)
+
+    @property
+    def indices(self) -> tuple[int, int] | None:
+        """Index of the first and the last rendered position; None if they are those of the travel."""
+        if self.window is None and self.margin == (0, 0):
+            return None
+        return self.first_index, self.first_index + self.rendered_count - 1
+
+    @property
+    def drawn(self) -> range:
+        """Indices of the positions at which the lens can draw in light of any wavelength: all but the margin."""
+        before, after = self.margin
+        return range(self.first_index + before, self.first_index + self.rendered_count - after)
 
     @property
     def first_index(self) -> int:
         """Index of the first rendered position among all positions."""
-        return self.window[0] if self.window else 0
+        return self.window[0] if self.window else -self.margin[0]
 
     @property
     def rendered_count(self) -> int:
         """Number of rendered positions."""
-        return self.window[1] - self.window[0] + 1 if self.window else self.positions
+        return self.window[1] - self.window[0] + 1 if self.window else self.positions + sum(self.margin)
+
+    def over_travel(self) -> "StackSpec":
+        """Return the spec of a time slice over the full travel and its margin."""
+        before, after = self.margin
+        return replace(self, window=(-before, self.positions - 1 + after))
+
+
+def focus_positions(positions: int, first: int, *, count: int) -> np.ndarray:
+    """Return ``count`` focus positions from the index ``first`` on, as fractions of the travel, float64 (focus,).
+
+    They are evenly spaced: ``positions`` over the travel, and more beyond its ends.
+    """
+    inside = np.linspace(0, 1, positions)
+    index = np.arange(first, first + count)
+    return np.where(
+        (index < 0) | (index >= positions), index / (positions - 1), inside[np.clip(index, 0, positions - 1)]
+    )
 
 
 @dataclass(frozen=True)
@@ -261,6 +301,19 @@ class FocalStack:
     target: np.ndarray
     backend: str
     digest: str = ""
+
+    def without_margin(self) -> "FocalStack":
+        """Return the stack without the positions beyond the travel, for pictures of it."""
+        spec = self.spec
+        if spec.margin == (0, 0):
+            return self
+        first = spec.drawn.start - spec.first_index
+        window = None if spec.window is None else (spec.drawn.start, spec.drawn.stop - 1)
+        return replace(
+            self,
+            spec=replace(spec, margin=(0, 0), window=window),
+            radiance=self.radiance[:, first : first + len(spec.drawn)],
+        )
 
 
 class StackStore:

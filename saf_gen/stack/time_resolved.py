@@ -56,12 +56,11 @@ class TimeResolvedStack:
     @property
     def holds_full_travel(self) -> bool:
         """Whether every stack holds all focus positions, as the closed loop needs."""
-        return all(spec.rendered_count == spec.positions for spec in self.specs)
+        return all(len(spec.drawn) == spec.positions for spec in self.specs)
 
     def with_full_travel(self) -> "TimeResolvedStack":
         """Return the stacks of the same moments at all focus positions."""
-        specs = tuple(replace(spec, window=(0, spec.positions - 1)) for spec in self.specs)
-        return TimeResolvedStack(self.slice_frames, specs)
+        return TimeResolvedStack(self.slice_frames, tuple(spec.over_travel() for spec in self.specs))
 
     def without_diffraction(self) -> "TimeResolvedStack":
         """Return the stacks of the same moments without diffraction."""

@@ -6,13 +6,21 @@ import numpy as np
 
 from saf_gen.core.region import bounding_box
 from saf_gen.errors import BadInput
+from saf_gen.optics import FittedRays, FocusCriterion
 from saf_gen.optics.focus_crossings import focus_crossings
+from saf_gen.optics.texture_contrast import Blend
 from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.colour import Blends
+from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
 
+FEW_DEPTHS = 256
 
-def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> tuple[Truth, float]:
+
+def find_true_focus(
+    plane_source: PlaneSource, position: np.ndarray, *, blends: Blends | None = None
+) -> tuple[Truth, float]:
     """Return the true focus for a lens at these positions, without the sharpness, and the frame of its target mask.
 
     In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered moments that
@@ -20,12 +28,17 @@ def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> tuple[Tr
     lens first meets the focus of a visible target, or comes nearest to it; the mask is that of the rendered moment
     nearest to it that sees the target.
 
+    So it may in a still scene if the mix of its lamps changes and the lens has axial colour: ``track`` then follows the
+    focus of the mix in each readout. In a moving scene the two add up.
+
     Parameters
     ----------
     plane_source : PlaneSource
         Focal stacks of the recording.
     position : ndarray, shape (T,)
         Position of the lens in each readout, 0 to 1.
+    blends : Blends, optional
+        The mixes of light on the target; by default light of one wavelength.
 
     Returns
     -------
@@ -44,22 +57,28 @@ def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> tuple[Tr
     time_stack = plane_source.time_stack
     if not time_stack.is_moving:
         depth, target = plane_source.load_geometry(0)
-        best = time_stack.specs[0].in_focus.true_focus(depth, target)
+        if blends is not None and len(blends.blends) > 1:
+            return _truth_of_changing_light(plane_source, position, blends=blends)
+        blend = blends.blends[0] if blends else ()
+        best = _in_focus(time_stack.specs[0], blend).true_focus(depth, target)
         frame = _first(focus_crossings(position, best))
-        return _truth_at(plane_source, 0, position=best, frame=frame), frame
+        return _truth_at(plane_source, 0, position=best, frame=frame, blend=blend), frame
+    usual = _usual(blends)
     seen_frames, best_positions, seen = [], [], []
     for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
         depth, target = plane_source.load_geometry(j)
         seen.append(bool(target.any()))
         if seen[-1]:
             seen_frames.append(begin)
-            best_positions.append(spec.in_focus.true_focus(depth, target))
+            best_positions.append(_in_focus(spec, usual).true_focus(depth, target))
     if not seen_frames:
         raise BadInput(
             f"the target of {time_stack.specs[0].scene} is never seen in {position.size} frames",
             hint="check its motion, the camera and the target in scene.yaml",
         )
     track = np.interp(np.arange(position.size) + 0.5, seen_frames, best_positions)
+    if blends is not None:
+        track = track + _offsets(time_stack.specs[0], blends, position=float(np.median(best_positions)))
     in_sight = _in_sight(time_stack, np.array(seen), frames=position.size)
     off = position - track
     crossings = focus_crossings(off, 0.0)
@@ -67,8 +86,59 @@ def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> tuple[Tr
     met = frame if np.isfinite(frame) else float(np.argmin(np.where(in_sight, np.abs(off), np.inf)))
     nearest = seen_frames[int(np.argmin(np.abs(np.asarray(seen_frames) - met - 0.5)))]
     best = float(np.interp(met, np.arange(position.size), track))
-    truth = _truth_at(plane_source, time_stack.slice_frames.index(nearest), position=best, frame=frame)
+    blend = usual if blends is None else blends.blends[blends.number[int(np.clip(round(met), 0, position.size - 1))]]
+    truth = _truth_at(plane_source, time_stack.slice_frames.index(nearest), position=best, frame=frame, blend=blend)
     return replace(truth, track=track.astype(np.float32)), frame if np.isfinite(frame) else nearest - 0.5
+
+
+def _truth_of_changing_light(plane_source: PlaneSource, position: np.ndarray, *, blends: Blends) -> tuple[Truth, float]:
+    """Return the truth of a still scene under lamps whose mix changes; see :func:`find_true_focus`."""
+    spec, (depth, target) = plane_source.time_stack.specs[0], plane_source.load_geometry(0)
+    few, seen = _few_depths(spec, depth, target=target)
+    best = np.array([_in_focus(spec, blend).true_focus(few, seen) for blend in blends.blends])
+    track = best[blends.number]
+    off = position - track
+    frame = _first(focus_crossings(off, 0.0))
+    met = int(np.rint(frame)) if np.isfinite(frame) else int(np.abs(off).argmin())
+    at = int(np.clip(met, 0, position.size - 1))
+    blend = blends.blends[blends.number[at]]
+    truth = _truth_at(plane_source, 0, position=float(track[at]), frame=frame, blend=blend)
+    return replace(truth, track=track.astype(np.float32)), frame
+
+
+def _few_depths(spec: StackSpec, depth: np.ndarray, *, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return depths and mask of few pixels with the distribution of a target's depths, for many mixes of light.
+
+    Where the focus also depends on the place in the picture, these are all pixels.
+    """
+    wavefront = spec.drive.wavefront
+    varies = wavefront is not None and (isinstance(wavefront, FittedRays) or wavefront.varies_over_field)
+    if varies or np.count_nonzero(target) <= FEW_DEPTHS:
+        return depth, target
+    few = np.quantile(depth[target], (np.arange(FEW_DEPTHS) + 0.5) / FEW_DEPTHS, method="nearest")
+    return few[None], np.ones((1, FEW_DEPTHS), dtype=bool)
+
+
+def _in_focus(spec: StackSpec, blend: Blend) -> FocusCriterion:
+    """Return what counts as in focus in front of a stack, in a mix of light."""
+    return replace(spec.in_focus, blend=blend)
+
+
+def _usual(blends: Blends | None) -> Blend:
+    """Return the mix of light that is there in most readouts; empty for light of one wavelength."""
+    return () if blends is None else blends.blends[int(np.bincount(blends.number).argmax())]
+
+
+def _offsets(spec: StackSpec, blends: Blends, *, position: float) -> np.ndarray:
+    """Return by how much the mix of light moves the focus from that of the usual mix in each readout, float64 (T,).
+
+    It is found for a flat target in focus at ``position``.
+    """
+    depth = np.full((1, 1), float(spec.drive.focus_depth(position)))
+    flat = np.ones((1, 1), dtype=bool)
+    usual = _in_focus(spec, _usual(blends)).true_focus(depth, flat)
+    moved = [_in_focus(spec, blend).true_focus(depth, flat) - usual for blend in blends.blends]
+    return np.array(moved)[blends.number]
 
 
 def _in_sight(time_stack: TimeResolvedStack, seen: np.ndarray, *, frames: int) -> np.ndarray:
@@ -86,18 +156,18 @@ def _first(crossings: np.ndarray) -> float:
     return float(crossings[0]) if crossings.size else float("nan")
 
 
-def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: float) -> Truth:
-    """Return the truth at the moment of stack j."""
-    spec = plane_source.time_stack.specs[j]
+def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: float, blend: Blend = ()) -> Truth:
+    """Return the truth at the moment of stack j, in a mix of light."""
+    in_focus = _in_focus(plane_source.time_stack.specs[j], blend)
     depth, target = plane_source.load_geometry(j)
     return Truth(
         position=position,
-        depth_of_focus=spec.in_focus.depth_of_focus(depth, target),
+        depth_of_focus=in_focus.depth_of_focus(depth, target),
         frame=frame,
         depth=depth,
         target=target,
-        best_position=spec.in_focus.best_position(depth).astype(np.float32),
-        least_blur=None if spec.drive.wavefront is None else spec.in_focus.least_blur(depth, target),
+        best_position=in_focus.best_position(depth).astype(np.float32),
+        least_blur=None if in_focus.is_perfect else in_focus.least_blur(depth, target),
     )
 
 
@@ -132,6 +202,6 @@ def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position:
             near = abs(reached - knot) <= stride
             crossings = focus_crossings(position, reached) if near else crossings[:0]
         if crossings.size:
-            image = charge_source.charge_image(float(crossings[0]), float(knot)).sum(axis=0)[rows, columns]
+            image = charge_source.nominal_image(float(crossings[0]), float(knot))[rows, columns]
             sharpness[k] = image.var(dtype=np.float64) / image.mean(dtype=np.float64) ** 2
     return sharpness

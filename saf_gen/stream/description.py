@@ -50,7 +50,7 @@ def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict
         if truth.track is not None:
             facts["true focus"] += f"; it moves from {truth.track[0]:.5f} to {truth.track[-1]:.5f}"
     if truth.least_blur is not None:
-        facts["least blur"] = f"{truth.least_blur:.5f} of the travel: the lens has aberrations"
+        facts["least blur"] = f"{truth.least_blur:.5f} of the travel: the lens has aberrations or colour"
     if all(map(math.isfinite, truth.depth_of_focus)):
         near, far = truth.depth_of_focus
         facts["depth of focus"] = f"{near:.5f} to {far:.5f} of the travel{_describe_time_in_focus(stream)}"

@@ -50,10 +50,11 @@ class Truth:
         Variance of the box around the target, divided by its squared mean, without noise, at K evenly spaced positions;
         in a moving scene, each at the time when the lens first reaches the position.
     track : ndarray of float32, shape (T,), optional
-        ``position`` in each frame of a moving scene; the fields before ``sharpness`` then hold at ``frame``.
+        ``position`` in each frame of a moving scene, or under lamps of several colours whose mix changes; the fields
+        before ``sharpness`` then hold at ``frame``.
     least_blur : float, optional
-        Position of the least mean squared blur, for a lens with aberrations; ``position`` is then that of the largest
-        contrast.
+        Position of the least mean squared blur, for a lens with aberrations or axial colour; ``position`` is then that
+        of the largest contrast.
     lens : ndarray of float32, shape (T,), optional
         Position of the lens in the middle of each readout, if it is not where its drive was told to be, or its sensor
         read it: ``Metadata.focus_position`` is then that log.

@@ -4,10 +4,11 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import yaml
 from refusals import refusal
 from small_dataset import SMALL_RECIPE
 
-from saf_gen.camera import electrons_per_irradiance, encode, get_sensor, sensor_names
+from saf_gen.camera import electrons_per_irradiance, encode, get_sensor, parse_sensor, sensor_names
 from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 
@@ -142,3 +143,43 @@ def test_a_recipe_with_a_missing_sensor_is_refused_in_one_line(recipe, old, new,
         resolve_recipe(recipe)
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"filter": "bg39"}, "none, ir_cut, or [[400, 0.1]"),
+        ({"filter": True}, "none, ir_cut, or"),
+        ({"filter": [[400, 1.0]]}, "none, ir_cut, or"),
+        ({"filter": [[400, 1.0], [390, 1.0]]}, "rising wavelength"),
+        ({"filter": [[400, 1.0], [500, 1.1]]}, "a fraction"),
+        ({"filter": [[0.4, 1.0], [0.5, 1.0]]}, "wavelength in nm"),
+        ({"filter": [[400, 1.0], [500, "1"]]}, "a fraction"),
+        ({"filter": [[400, 1.0], 500]}, "pairs"),
+        ({"spectral_qe": "ir_cut"}, "silicon, or"),
+        ({"spectral_qe": {"400": 0.1}}, "silicon, or"),
+        ({"spectral_qe": None}, "silicon, or"),
+    ],
+)
+def test_a_curve_that_is_none_is_refused_in_one_line(changes, said):
+    assert said in str(refusal(get_sensor, "vidar_400x250", **changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"spectral_qe": [[400, 0.0], [600, 0.0]]}, "0 at wavelength_m"),
+        ({"spectral_qe": [[600, 0.1], [700, 0.9]]}, "0 at wavelength_m"),
+        ({"spectral_qe": [[400, 0.1], [555, 0.1], [800, 0.9]], "quantum_efficiency": 0.5}, "at most 1 electron"),
+    ],
+)
+def test_a_curve_that_fits_no_quantum_efficiency_is_refused_where_it_is_used(changes, said):
+    assert said in str(refusal(get_sensor("vidar_400x250", **changes).spectral_response))
+
+
+def test_curves_are_part_of_a_sensor_s_text_only_if_it_states_them():
+    plain, filtered = get_sensor("vidar_400x250"), get_sensor("vidar_400x250", filter=[[400, 0], [500, 1]])
+    assert not {"filter", "spectral_qe"} & set(plain.as_dict())
+    assert parse_sensor(yaml.safe_dump(filtered.as_dict(), sort_keys=False), "here") == filtered
+    assert plain.spectral_response()[555 - 380] == pytest.approx(1)
+    assert filtered.spectral_response()[450 - 380] == pytest.approx(plain.spectral_response()[450 - 380] / 2)

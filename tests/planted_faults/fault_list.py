@@ -288,7 +288,7 @@ FAULTS = {
         (
             Change(
                 "stack.true_focus",
-                "best = time_stack.specs[0].in_focus.true_focus(depth, target)",
+                "best = _in_focus(time_stack.specs[0], blend).true_focus(depth, target)",
                 "best = time_stack.specs[0].drive.least_blur(depth[depth.shape[0] // 2, depth.shape[1] // 2])",
             ),
         ),
@@ -329,13 +329,37 @@ FAULTS = {
             "optics/test_lens_files.py::test_the_least_blur_is_that_of_the_traced_spot",
         ),
     ),
+    "axial colour of the other sign": Fault(
+        "Light whose focus is nearer is drawn as if its focus were farther.",
+        (
+            Change(
+                "optics.axial_colour",
+                "defocus=-np.asarray(shift, dtype=np.float64)",
+                "defocus=np.asarray(shift, dtype=np.float64)",
+            ),
+        ),
+        (
+            "optics/test_axial_colour.py::test_the_rays_of_other_light_are_those_of_another_position[focal_length]",
+            "render/test_coloured_pictures.py::"
+            "test_the_focus_under_tungsten_and_led_is_that_of_pictures_of_each_wavelength[image_distance]",
+        ),
+    ),
+    "truth of colour of the other sign": Fault(
+        "The truth of blended light is on the other side of that of one wavelength.",
+        (Change("optics.texture_contrast", "np.exp(-1j * np.outer(", "np.exp(1j * np.outer("),),
+        (
+            "optics/test_axial_colour.py::test_the_focus_of_blended_light_is_that_of_an_own_integral"
+            "[light0-focal_length]",
+            "stack/test_colour.py::test_the_truth_is_where_mixed_pictures_are_sharpest",
+        ),
+    ),
     "moving truth from all depths": Fault(
         "The truth of a moving scene is the best compromise over all pixels, not over those of the target.",
         (
             Change(
                 "stack.true_focus",
-                "best_positions.append(spec.in_focus.true_focus(depth, target))",
-                "best_positions.append(spec.in_focus.true_focus(depth, np.ones_like(target)))",
+                "best_positions.append(_in_focus(spec, usual).true_focus(depth, target))",
+                "best_positions.append(_in_focus(spec, usual).true_focus(depth, np.ones_like(target)))",
             ),
         ),
         (

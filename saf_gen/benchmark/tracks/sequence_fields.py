@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -264,7 +264,7 @@ def _name(text: str) -> str | None:
 
 def _digest(sensor: Sensor) -> str:
     """Return the digest of a sensor's numbers, without its name and sources."""
-    numbers = asdict(sensor)
+    numbers = sensor.as_dict()
     del numbers["name"], numbers["sources"]
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 

@@ -6,6 +6,12 @@ schedule keeps gain 1::
     {kind: flicker, depth: 0.3, offset: 0.5}
     {lamp: {kind: flash, at_s: 0.1, peak: 20}, ...}
 
+Instead of one schedule there may be a list of several, whose lights add up. Each may state its ``spectrum``
+(:mod:`saf_gen.core.spectrum`): two that cross are a lamp that changes from tungsten to LED. A list is the smallest
+grammar for it, because everything that a lamp does over time is a schedule already::
+
+    [{kind: ramp, from: 1, to: 0, spectrum: tungsten}, {kind: ramp, from: 0, to: 1, spectrum: led}]
+
 Every kind takes the keys of its class and those in ``COMMON_KEYS``. ``offset`` is constant light added to the schedule,
 such as daylight in a room with a flickering lamp. With ``unit: lux``, all gains of the schedule and the offset are
 illuminances of the target in lux. They are divided by ``lux_at_gain_1``, the illuminance of the target at gain 1, which
@@ -16,14 +22,16 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from saf_gen.core.config import components, registry
 from saf_gen.core.config.components import Component
-from saf_gen.core.config.document import Document
+from saf_gen.core.config.document import Document, Key
 from saf_gen.core.config.ranges import RANGE_FORMS, is_range
+from saf_gen.core.csv_table import read_text_in
+from saf_gen.core.spectrum import check_spectrum, describe
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Light
 
@@ -31,10 +39,14 @@ COMMON_KEYS = {
     "offset": "Gain, 0 or more (0): constant light of the same group, which is added to the schedule.",
     "unit": "ratio or lux (ratio): with lux, the gains and the offset are illuminances of the target in lux.",
     "lux_at_gain_1": "Lux, above 0 (from the scene card): with unit lux, the illuminance of the target at gain 1.",
+    "spectrum": "led, tungsten, sodium, or one in braces (one wavelength, that of the sensor): the spectrum of the "
+    "light; {blackbody: KELVINS}, {daylight: KELVINS}, or {file: TABLE.csv} with the columns wavelength_nm, power.",
 }
 """Keys that every kind of light schedule takes in addition to the fields of its class, with their meaning."""
 
 UNITS = ("ratio", "lux")
+Schedule = Component | list[Component]
+"""The schedule of a light group: one component, or several whose lights add up."""
 GROUP = re.compile(r"[a-z0-9][a-z0-9_-]*")
 
 RESERVED_GROUP_NAMES = frozenset({"geometry", "kind", *RANGE_FORMS})
@@ -88,12 +100,14 @@ def check_groups(lights: Mapping[str, Sequence[str]], document: Document) -> Non
             raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.locate("lights"))
 
 
-def read_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[str, ...]) -> dict[str, Any]:
+def read_schedule(
+    schedule: dict[str, Any] | list[Any], document: Document, *, keys: tuple[str, ...]
+) -> dict[str, Any] | list[Component]:
     """Check the light schedule at ``keys`` of a recipe, and return it with the text of the files that it names.
 
     Parameters
     ----------
-    schedule : dict
+    schedule : dict or list
         The schedule as written in the recipe, for all light groups or by light group.
     document : Document
         The recipe, to locate errors and files.
@@ -102,7 +116,7 @@ def read_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[s
 
     Returns
     -------
-    dict
+    dict or list
         The schedule, in the form in which it was given.
 
     Raises
@@ -112,14 +126,34 @@ def read_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[s
     """
     by_group = split_schedule(schedule, where=document.locate(*keys))
     if "" in by_group:
-        return _read(schedule, document, keys=keys)
-    return {group: _read(component, document, keys=(*keys, group)) for group, component in by_group.items()}
+        return _read_all(by_group[""], document, keys=keys)
+    return {group: _read_all(one, document, keys=(*keys, group)) for group, one in by_group.items()}
 
 
-def _read(component: Component, document: Document, *, keys: tuple[str, ...]) -> Component:
+def _read_all(schedule: Schedule, document: Document, *, keys: tuple[Key, ...]) -> Schedule:
+    if isinstance(schedule, list):
+        return [_read(component, document, keys=(*keys, n)) for n, component in enumerate(schedule)]
+    return _read(schedule, document, keys=keys)
+
+
+def _read(component: Component, document: Document, *, keys: tuple[Key, ...]) -> Component:
+    if isinstance(component, dict) and "spectrum" in component:
+        where = document.locate(*keys, "spectrum")
+        component = {**component, "spectrum": _with_table(component["spectrum"], document, where=where)}
     return components.read_component(
         "lights", component, document=document, keys=keys, common=COMMON_KEYS, build=_build_without_scene
     )
+
+
+def _with_table(spectrum: Any, document: Document, *, where: str) -> Any:
+    """Return a spectrum, or each of a choice, with the text of the table that it names."""
+    if not isinstance(spectrum, dict):
+        return spectrum
+    if isinstance(spectrum.get("choice"), list):
+        return {"choice": [_with_table(one, document, where=where) for one in spectrum["choice"]]}
+    if isinstance(path := spectrum.get("file"), str):
+        return {**spectrum, "file": {"path": path, "text": read_text_in(str(document.path.parent), path, where=where)}}
+    return spectrum
 
 
 def _build_without_scene(kind: str, /, **options: Any) -> Light:
@@ -129,14 +163,18 @@ def _build_without_scene(kind: str, /, **options: Any) -> Light:
     return get_light(kind, **options)
 
 
-def split_schedule(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
-    """Return a light schedule as {light group: component}; the key '' means all groups at once.
+def split_schedule(schedule: dict[str, Any] | list[Any], *, where: str = "") -> dict[str, Schedule]:
+    """Return a light schedule as {light group: component or list of them}; the key '' means all groups at once.
 
     Raises BadInput, located at ``where``, if a light group has no kind.
     """
-    if "kind" in schedule or is_range(schedule):
+    if isinstance(schedule, list) or "kind" in schedule or is_range(schedule):
+        _check_list(schedule, where=where)
         return {"": schedule}
     for group, component in schedule.items():
+        if isinstance(component, list):
+            _check_list(component, where=where)
+            continue
         if not isinstance(component, dict) or not ("kind" in component or is_range(component)):
             raise BadInput(
                 f"light group {group!r} has no kind",
@@ -147,14 +185,26 @@ def split_schedule(schedule: dict[str, Any], *, where: str = "") -> dict[str, Co
     return schedule
 
 
+def _check_list(schedule: dict[str, Any] | list[Any], *, where: str) -> None:
+    """Raise BadInput unless each entry of a list of schedules has a kind."""
+    if isinstance(schedule, list) and not (
+        schedule and all(isinstance(one, dict) and ("kind" in one or is_range(one)) for one in schedule)
+    ):
+        raise BadInput(
+            f"a list of schedules is {schedule!r}",
+            where=where,
+            allowed="[{kind: ..., ...}, {kind: ..., ...}], whose lights add up",
+        )
+
+
 def draw_schedule(
-    schedule: dict[str, Any], name: tuple[str | int, ...], *, illuminance_lux: Mapping[str, float]
-) -> dict[str, Component]:
+    schedule: dict[str, Any] | list[Any], name: tuple[str | int, ...], *, illuminance_lux: Mapping[str, float]
+) -> dict[str, Schedule]:
     """Return the light schedule of one recording by light group, with all open numbers drawn.
 
     Parameters
     ----------
-    schedule : dict
+    schedule : dict or list
         The schedule as :func:`read_schedule` returns it.
     name : tuple of str or int
         Name of the random streams of the recording.
@@ -164,19 +214,88 @@ def draw_schedule(
     Returns
     -------
     dict
-        Component of each light group; the key '' means all groups at once.
+        Component of each light group, or a list of them; the key '' means all groups at once.
     """
-    drawn = {}
-    for group, component in split_schedule(schedule).items():
-        drawn[group] = one = components.draw_component("lights", component, name=name, purpose=("lights", group))
+    drawn: dict[str, Schedule] = {}
+    for group, scheduled in split_schedule(schedule).items():
         lux = illuminance_lux.get(group) if group else sum(illuminance_lux.values())
-        if lux and one.get("unit") == "lux":
-            one.setdefault("lux_at_gain_1", lux)
+
+        def draw(component: Component, *number: str, group: str = group, lux: float | None = lux) -> Component:
+            one = components.draw_component("lights", component, name=name, purpose=("lights", group, *number))
+            if lux and one.get("unit") == "lux":
+                one.setdefault("lux_at_gain_1", lux)
+            return one
+
+        if isinstance(scheduled, list):
+            drawn[group] = [draw(component, str(n)) for n, component in enumerate(scheduled)]
+        else:
+            drawn[group] = draw(scheduled)
     return drawn
 
 
+class Lamp(NamedTuple):
+    """One light of a recording: a light group under one of its schedules.
+
+    Attributes
+    ----------
+    group : str
+        Name of the light group.
+    component : dict or None
+        Its schedule; None for a group that stays at gain 1.
+    name : str
+        Name of the group, and the spectrum if it has several schedules.
+    """
+
+    group: str
+    component: Component | None
+    name: str
+
+    @property
+    def spectrum(self) -> Any:
+        """The spectrum of the lamp as its schedule states it, or None."""
+        return None if self.component is None else self.component.get("spectrum")
+
+
+def list_lamps(schedule: Mapping[str, Schedule], groups: Sequence[str]) -> list[Lamp]:
+    """Return the lights of a recording in order, one for each light group, or as many as a group has schedules.
+
+    Parameters
+    ----------
+    schedule : mapping
+        Schedules by light group, as :func:`draw_schedule` returns them.
+    groups : sequence of str
+        Light groups of the scene.
+    """
+    lamps = []
+    for group in groups:
+        scheduled = schedule.get("", schedule.get(group))
+        if not isinstance(scheduled, list):
+            lamps.append(Lamp(group, scheduled, group))
+            continue
+        for n, component in enumerate(scheduled):
+            spectrum = component.get("spectrum")
+            lamps.append(Lamp(group, component, f"{group} {n + 1}" + (f" ({describe(spectrum)})" if spectrum else "")))
+    return lamps
+
+
+def states_spectrum(schedule: Schedule | Mapping[str, Any]) -> bool:
+    """Return whether any part of a schedule, as a recipe holds it, states a spectrum."""
+    if isinstance(schedule, list):
+        return any(map(states_spectrum, schedule))
+    if "kind" in schedule:
+        return schedule.get("spectrum") is not None
+    return any(states_spectrum(one) for one in schedule.values() if isinstance(one, dict | list))
+
+
 def get_light(
-    name: str, /, *, offset: float = 0.0, unit: str = "ratio", lux_at_gain_1: float | None = None, **options: Any
+    name: str,
+    /,
+    *,
+    offset: float = 0.0,
+    unit: str = "ratio",
+    lux_at_gain_1: float | None = None,
+    spectrum: Any = None,
+    **options: Any,
 ) -> Light:
     """Return a light schedule by its name.
 
@@ -191,6 +310,9 @@ def get_light(
         Unit of the schedule: gains, or illuminances of the target, which are divided by ``lux_at_gain_1``.
     lux_at_gain_1 : float, optional
         Illuminance of the target at gain 1 in lux, above 0; required if ``unit`` is "lux".
+    spectrum : str or mapping, optional
+        Spectrum of the light (:mod:`saf_gen.core.spectrum`). It is checked, and changes no gain: a gain is an
+        illuminance.
     **options
         Fields of the schedule's class.
 
@@ -209,6 +331,8 @@ def get_light(
         if key not in known:
             raise unknown(f"key of light schedule {name!r}:", key, allowed=(*known, *COMMON_KEYS))
     light: Light = registry.build_plugin("lights", name, **options)
+    if spectrum is not None:
+        check_spectrum(spectrum)
     if not (isinstance(offset, int | float) and 0 <= offset < inf):
         raise BadInput(f"offset is {offset!r}", allowed="0 or more, added to the gain")
     if unit not in UNITS:
@@ -274,16 +398,16 @@ def gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.nda
 
 
 def group_gains(
-    schedule: Mapping[str, Mapping[str, Any]], groups: Sequence[str], *, frames: int, readout_hz: float
+    schedule: Mapping[str, Schedule], groups: Sequence[str], *, frames: int, readout_hz: float
 ) -> np.ndarray:
-    """Return the mean gain of each readout for each light group.
+    """Return the mean gain of each readout for each light group, or each lamp of :func:`list_lamps`.
 
     Parameters
     ----------
     schedule : mapping of str to mapping
         Components by light group, as :func:`draw_schedule` returns them. A group that is missing has gain 1.
     groups : sequence of str
-        Light groups of the scene, L in number.
+        Light groups of the scene.
     frames : int
         Number of readouts.
     readout_hz : float
@@ -292,7 +416,7 @@ def group_gains(
     Returns
     -------
     ndarray of float32, shape (frames, L)
-        Gains, 0 or more.
+        Gains, 0 or more, of L lamps: one for each group, or as many as it has schedules.
 
     Raises
     ------
@@ -303,9 +427,9 @@ def group_gains(
     for name in schedule:
         if name and name not in groups:
             raise BadInput(f"the scene has no light group {name!r}", allowed=", ".join(groups))
-    gains = np.ones((frames, len(groups)), dtype=np.float32)
-    for g, group in enumerate(groups):
-        component = schedule.get("", schedule.get(group))
+    lamps = list_lamps(schedule, groups)
+    gains = np.ones((frames, len(lamps)), dtype=np.float32)
+    for g, (_, component, _) in enumerate(lamps):
         if component is not None:
             light = get_light(component["kind"], **{k: v for k, v in component.items() if k != "kind"})
             with np.errstate(over="ignore", invalid="ignore"):  # an overflow raises BadInput below
