@@ -26,6 +26,7 @@ from saf_gen.plugins.lights import check_groups
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
 from saf_gen.scene.library import library_module
+from saf_gen.scene.section_card import SectionCard, check_section
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
@@ -87,6 +88,9 @@ class SceneCard(FrozenModel):
     lights: dict[str, tuple[str, ...]] = Field(min_length=1)
     """Emitters that are switched together, by light group. The name of a group consists of lower-case letters, digits,
     ``-``, ``_``."""
+    section: SectionCard | None = None
+    """Makes the scene a thin section, lit from below, whose pictures are computed by waves; ``lights`` then groups its
+    condensers."""
     illuminance_lux: dict[str, float] = Field(default_factory=dict)
     """Mean illuminance of the target by each light group alone at gain 1, lux, above 0; given for all groups or for
     none. Light schedules in lux need it."""
@@ -248,6 +252,7 @@ def _read(folder: Path) -> Scene:
     if len(geometry) > 1:
         raise BadInput(f"{folder} has scene.py and scene.xml", hint="keep one of the two")
     check_groups(card.lights, document)
+    check_section(card, document, has_script=geometry == [SCRIPT_FILE])
     for key, value in card.params.items():
         check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
     for name, module in card.library.items():

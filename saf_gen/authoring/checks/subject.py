@@ -7,8 +7,8 @@ import numpy as np
 
 from saf_gen.camera import Sensor, charge_of_images
 from saf_gen.optics import Drive, FocusCriterion
+from saf_gen.render import Renderer, make_renderer
 from saf_gen.render.depth_and_target import DepthAndTarget
-from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack
 
@@ -31,9 +31,9 @@ class SceneUnderTest:
     backend: str = "auto"
 
     @cached_property
-    def renderer(self) -> SceneRenderer:
+    def renderer(self) -> Renderer:
         """Renderer of the scene."""
-        return SceneRenderer(self.scene, self.sensor, backend_name=self.backend, wavelength_m=self.sensor.wavelength_m)
+        return make_renderer(self.scene, self.sensor, backend_name=self.backend, wavelength_m=self.sensor.wavelength_m)
 
     @property
     def drive(self) -> Drive:
