@@ -18,7 +18,7 @@ All of this is paraxial, as the rays of this package are: the numerical aperture
 from about 2 on, the picture is that of incoherent light. A clear section has the intensity 1 up to S = 1 and 1/S²
 beyond it.
 
-**Source points** lie on seven rings at the nodes of Gauss and Legendre in the squared radius, in pairs s and -s, so a
+**Source points** lie on seven rings within the aperture, at the nodes of Gauss and Legendre in the squared radius, in pairs s and -s, so a
 weak phase section has no contrast in focus. These 228 points give the transfer of weak sections within 0.02 of the
 integral over the condenser, 0.01 rms. Far from focus the condenser averages away what is fine, and so does the sum up
 to MAX_SWING radians of defocus from its middle to its edge; what is finer, of which 0.02 or less is left, is left out.
@@ -44,7 +44,7 @@ from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
 
 FADE = 8.0  # resolved widths λ·y/R
-RINGS = 7
+RINGS = 7  # within the aperture
 POINTS = 7.0  # on the outermost ring, times the number of rings
 MAX_SWING = 20.0
 BATCH = 8  # source points at once
@@ -53,13 +53,13 @@ MAX_SIDE = 1 << 14
 
 
 @cache
-def source_points() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def source_points(rings: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points x, y that fill a disc of radius 1 evenly, and their weights, whose sum is 1: float64 (point,)."""
-    nodes, weights = np.polynomial.legendre.leggauss(RINGS)
+    nodes, weights = np.polynomial.legendre.leggauss(rings)
     found = []
     for k, (square, weight) in enumerate(zip((nodes + 1) / 2, weights / 2, strict=True)):
         radius = math.sqrt(square)
-        count = 2 * math.ceil(POINTS * RINGS * radius / 2)  # even: with each point its opposite
+        count = 2 * math.ceil(POINTS * rings * radius / 2)  # even: with each point its opposite
         angle = 2 * np.pi * (np.arange(count) + 0.618 * k) / count
         found.append((radius * np.cos(angle), radius * np.sin(angle), np.full(count, weight / count)))
     x, y, weight = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -202,7 +202,7 @@ class SectionImages:
             for size, period in zip(sizes, self._periods, strict=True)
         ]
         total = np.zeros(lengths, np.float32)
-        x, y, weight = source_points()
+        x, y, weight = source_points(math.ceil(RINGS * max(coherence, 1)))
         sources = list(zip(coherence * x, coherence * y, weight, strict=True))
         for first in range(0, len(sources), BATCH):
             blocks = [
