@@ -18,10 +18,11 @@ All of this is paraxial, as the rays of this package are: the numerical aperture
 from about 2 on, the picture is that of incoherent light. A clear section has the intensity 1 up to S = 1 and 1/S²
 beyond it.
 
-**Source points** lie on seven rings within the aperture, at the nodes of Gauss and Legendre in the squared radius, in pairs s and -s, so a
+**Source points** lie on seven rings at the nodes of Gauss and Legendre in the squared radius, in pairs s and -s, so a
 weak phase section has no contrast in focus. These 228 points give the transfer of weak sections within 0.02 of the
-integral over the condenser, 0.01 rms. Far from focus the condenser averages away what is fine, and so does the sum up
-to MAX_SWING radians of defocus from its middle to its edge; what is finer, of which 0.02 or less is left, is left out.
+integral over the condenser, 0.01 rms; beyond S = 1 there are more. Far from focus the condenser averages away what is
+fine, and so does the sum up to MAX_SWING radians of defocus from its middle to its edge; what is finer, of which 0.02
+or less is left, is left out.
 
 **Period.** Waves are summed over a period that is wider than the field by a guard band: how far defocus spreads a wave
 at the ends of the travel, and FADE resolved widths λ·y/R more, in which the section fades to clear. Beyond its array a
@@ -36,7 +37,7 @@ doi:10.1098/rspa.1953.0071.
 """
 
 import math
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -44,7 +45,7 @@ from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
 
 FADE = 8.0  # resolved widths λ·y/R
-RINGS = 7  # within the aperture
+RINGS = 7  # of the condenser within the aperture
 POINTS = 7.0  # on the outermost ring, times the number of rings
 MAX_SWING = 20.0
 BATCH = 8  # source points at once
@@ -52,18 +53,31 @@ MAX_SIDE = 1 << 14
 """Most texels along a side of the period."""
 
 
-@cache
-def source_points(rings: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points x, y that fill a disc of radius 1 evenly, and their weights, whose sum is 1: float64 (point,)."""
-    nodes, weights = np.polynomial.legendre.leggauss(rings)
+@lru_cache(maxsize=32)
+def source_points(coherence: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points of the condenser in units of the aperture's radius, and their weights: x, y, w, float64 (point,).
+
+    The sum of the weights is 1. Beyond the aperture there are rings of their own, so what passes is exactly 1/S².
+    """
+    inner = min(coherence, 1.0)
+    rings = [_rings(0.0, inner, count=RINGS)]
+    if coherence > 1:
+        rings.append(_rings(inner, coherence, count=math.ceil(RINGS * (coherence - 1)) + 1))
     found = []
-    for k, (square, weight) in enumerate(zip((nodes + 1) / 2, weights / 2, strict=True)):
-        radius = math.sqrt(square)
-        count = 2 * math.ceil(POINTS * rings * radius / 2)  # even: with each point its opposite
+    for k, (radius, area) in enumerate(np.concatenate(rings)):
+        count = 2 * math.ceil(POINTS * RINGS * radius / inner / 2)  # even: with each point its opposite
         angle = 2 * np.pi * (np.arange(count) + 0.618 * k) / count
-        found.append((radius * np.cos(angle), radius * np.sin(angle), np.full(count, weight / count)))
+        weight = np.full(count, area / (count * coherence**2))
+        found.append((radius * np.cos(angle), radius * np.sin(angle), weight))
     x, y, weight = (np.concatenate(part) for part in zip(*found, strict=True))
     return x, y, weight
+
+
+def _rings(inner: float, outer: float, *, count: int) -> np.ndarray:
+    """Return radii and areas (over π) of rings that fill an annulus, float64 (ring, 2)."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    half = (outer**2 - inner**2) / 2
+    return np.stack([np.sqrt(inner**2 + half * (nodes + 1)), half * weights], axis=1)
 
 
 def check_lens(drive: Drive) -> None:
@@ -202,8 +216,7 @@ class SectionImages:
             for size, period in zip(sizes, self._periods, strict=True)
         ]
         total = np.zeros(lengths, np.float32)
-        x, y, weight = source_points(math.ceil(RINGS * max(coherence, 1)))
-        sources = list(zip(coherence * x, coherence * y, weight, strict=True))
+        sources = list(zip(*source_points(coherence), strict=True))
         for first in range(0, len(sources), BATCH):
             blocks = [
                 self._passed(position, (y * radius, x * radius), weight=weight, sizes=sizes)
@@ -217,8 +230,6 @@ class SectionImages:
             squares = parts.sum(axis=0)
             total += squares[:, 0::2]
             total += squares[:, 1::2]
-        if coherence > 1:  # the areas of both discs say how much light passes a clear section
-            total *= 1 / coherence**2 / sum(weight for x, y, weight in sources if x * x + y * y <= 1)
         return total
 
     def _passed(self, position: float, source: tuple[float, float], *, weight: float, sizes: list[int]) -> np.ndarray:

@@ -137,7 +137,7 @@ def cell_texture(shape, seed):
 
 
 def contrast_over_focus(power, steps_um):
-    found = images(np.exp(power * cell_texture((330, 420), seed=5)), coherence=0.6, rows=60, columns=80, pitch_m=20e-6)
+    found = images(np.exp(power * cell_texture((260, 330), seed=5)), coherence=0.6, rows=30, columns=50, pitch_m=20e-6)
     pictures = [found.picture(at(z * 1e-6), coherence=0.6) for z in steps_um]
     return np.array([picture.std() / picture.mean() for picture in pictures])
 
@@ -213,7 +213,7 @@ def test_in_a_wide_cone_of_light_the_picture_is_that_of_incoherent_light():
 
 
 def test_a_pixel_does_not_depend_on_the_size_of_the_sensor_nor_on_what_is_beyond_the_guard_band():
-    """What is left, 0.3 % of the contrast and no more at the border, is the aperture's edge on another grid of waves."""
+    """What is left, 0.3 % of the contrast and no more at the border, is the aperture's edge on another grid."""
     amplitude = np.exp((0.6j - 0.2) * cell_texture((420, 480), seed=7))
     size = {"coherence": 0.6, "pitch_m": 20e-6}
     whole = images(amplitude, rows=50, columns=80, **size).picture(at(5e-6), coherence=0.6)
