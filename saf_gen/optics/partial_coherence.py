@@ -43,6 +43,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.texture_contrast import Imaging
 
 FADE = 8.0  # resolved widths λ·y/R
 RINGS = 7  # of the condenser within the aperture
@@ -88,6 +89,11 @@ def check_lens(drive: Drive) -> None:
             allowed="spherical aberration alone",
             hint="leave coma, astigmatism and field_curvature out of scene.yaml, and focus.aberrations out of a recipe",
         )
+
+
+def samples_per_pixel(imaging: Imaging) -> float:
+    """Return the number of points per pixel at which intensities are summed in focus, whatever the condenser."""
+    return (4 * imaging.radius_m * imaging.pitch_m / (imaging.wavelength_m * imaging.image_distance_m)) ** 2
 
 
 class SectionImages:

@@ -14,6 +14,7 @@ from saf_gen.stack.focal_stack import FocalStack
 
 POSITIONS, SAMPLES = 65, 16  # over the whole travel
 SLOW_POSITIONS, SLOW_SAMPLES = 17, 8
+SECTION_POSITIONS = 33  # a position of a thin section takes a second or two
 NEAR = 8  # positions on either side of the true focus, a quarter of the depth of focus apart
 NEAR_SAMPLES = 16
 
@@ -86,6 +87,8 @@ class SceneUnderTest:
     def stack(self) -> FocalStack:
         """Coarse focal stack over the whole travel, with all lights together."""
         positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if self.renderer.is_slow else (POSITIONS, SAMPLES)
+        if self.scene.card.section is not None:
+            positions = SECTION_POSITIONS
         return self.renderer.render_stack(
             self.depth_and_target, positions=positions, samples=samples, as_one_group=True
         )
