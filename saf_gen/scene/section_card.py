@@ -56,14 +56,13 @@ def check_section(card: "SceneCard", document: Document, *, has_script: bool) ->
                     allowed=section.condensers,
                     where=document.locate("lights", group),
                 )
-    listed = [name for names in card.lights.values() for name in names]
+    listed = {name for names in card.lights.values() for name in names}
     for name in section.condensers:
-        if listed.count(name) != 1:
+        if name not in listed:
             raise BadInput(
-                f"the condenser {name!r} belongs to {listed.count(name) or 'no'} light groups",
+                f"the condenser {name!r} belongs to no light group",
                 where=document.locate("section", "condensers", name),
-                allowed="one light group",
-                hint="list it once under lights",
+                hint="list it under lights",
             )
     if card.target != (TARGET,):
         raise BadInput(
