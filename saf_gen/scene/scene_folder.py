@@ -252,7 +252,9 @@ def _read(folder: Path) -> Scene:
     if len(geometry) > 1:
         raise BadInput(f"{folder} has scene.py and scene.xml", hint="keep one of the two")
     check_groups(card.lights, document)
-    check_section(card, document, has_script=geometry == [SCRIPT_FILE])
+    if card.section is not None:
+        has_script = geometry == [SCRIPT_FILE]
+        check_section(card.section, document, lights=card.lights, target=card.target, has_script=has_script)
     for key, value in card.params.items():
         check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
     for name, module in card.library.items():

@@ -4,15 +4,12 @@ Such a scene has one surface, the section, perpendicular to the optical axis thr
 through it by condensers. ``scene.py`` draws the section (:mod:`saf_gen.render.thin_section`).
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from pydantic import Field
 
 from saf_gen.core.config.document import Document, FrozenModel
 from saf_gen.errors import BadInput, unknown
-
-if TYPE_CHECKING:
-    from saf_gen.scene.scene_folder import SceneCard
 
 TARGET = "section"
 
@@ -36,18 +33,34 @@ class SectionCard(FrozenModel):
     """Condensers by name; each belongs to a light group. Their light adds up without interfering."""
 
 
-def check_section(card: "SceneCard", document: Document, *, has_script: bool) -> None:
-    """Raise BadInput if the other keys of a card do not fit a thin section."""
-    section = card.section
-    if section is None:
-        return
+def check_section(
+    section: SectionCard,
+    document: Document,
+    *,
+    lights: Mapping[str, Sequence[str]],
+    target: Sequence[str],
+    has_script: bool,
+) -> None:
+    """Raise BadInput if other keys of a card, or the scene's files, do not fit a thin section.
+
+    Parameters
+    ----------
+    section : SectionCard
+        The card's ``section``.
+    document : Document
+        The card.
+    lights, target
+        What the card says under these keys.
+    has_script : bool
+        Whether the scene has a ``scene.py``.
+    """
     if not has_script:
         raise BadInput(
             "a thin section needs scene.py, not scene.xml",
             where=document.locate("section"),
             hint="write build(params), which returns transmission, path_nm and texel_um",
         )
-    for group, names in card.lights.items():
+    for group, names in lights.items():
         for name in names:
             if name not in section.condensers:
                 raise unknown(
@@ -56,7 +69,7 @@ def check_section(card: "SceneCard", document: Document, *, has_script: bool) ->
                     allowed=section.condensers,
                     where=document.locate("lights", group),
                 )
-    listed = {name for names in card.lights.values() for name in names}
+    listed = {name for names in lights.values() for name in names}
     for name in section.condensers:
         if name not in listed:
             raise BadInput(
@@ -64,12 +77,12 @@ def check_section(card: "SceneCard", document: Document, *, has_script: bool) ->
                 where=document.locate("section", "condensers", name),
                 hint="list it under lights",
             )
-    if card.target != (TARGET,):
+    if list(target) != [TARGET]:
         raise BadInput(
-            f"target is {list(card.target)}", where=document.locate("target"), allowed=f"[{TARGET}], the only surface"
+            f"target is {list(target)}", where=document.locate("target"), allowed=f"[{TARGET}], the only surface"
         )
     for key in ("motion", "slices_per_s", "interpolation_error"):
-        if getattr(card, key):
+        if document.data.get(key):
             raise BadInput(
                 f"a thin section does not move, but the card has {key}",
                 where=document.locate(key),
