@@ -221,9 +221,10 @@ def actuator_table() -> str:
     rows = []
     for name in actuator_names():
         one = get_actuator(name)
-        numbers = (one.latency_s * 1000, one.resonance_hz, one.damping, one.backlash * 100)
+        numbers = (one.latency_s * 1000, one.resonance_hz, one.damping, one.backlash * 100, one.hysteresis * 100)
         rows.append([f"`{name}`", *(f"{number:g}" for number in numbers), one.reads])
-    return table("actuator", "latency, ms", "resonance, Hz", "damping", "backlash, %", "sensor reads", rows=rows)
+    heads = ("latency, ms", "resonance, Hz", "damping", "backlash, %", "hysteresis, %", "sensor reads")
+    return table("actuator", *heads, rows=rows)
 
 
 # --- leaderboard and records ----------------------------------------------------------------------------

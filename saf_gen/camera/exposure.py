@@ -4,7 +4,7 @@
 
 L is radiance, E irradiance, and Q charge. The mean rate of a sensor, in spikes per readout, is q/(threshold + loss·q)
 at the mean charge q, and at most 1 (16/17 with ``dead_readout``). ``loss`` is the fraction of its charge that the
-readout after a spike loses.
+readout after a spike loses. A lens with veiling glare spreads a share of the light in the frame evenly over it.
 """
 
 from math import frexp, ldexp, pi
@@ -28,6 +28,11 @@ class ExposingLens(Protocol):
     @property
     def transmission(self) -> float:
         """Fraction of the light that the lens transmits."""
+        ...
+
+    @property
+    def veiling_glare(self) -> float:
+        """Share of the light in the frame that is spread evenly over it."""
         ...
 
     def image_distance(self, position: np.ndarray) -> np.ndarray:
@@ -102,8 +107,8 @@ def charge_of_images(radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens
     Raises
     ------
     BadInput
-        If the shapes do not match, an image distance or the aperture radius is not positive, or the transmission is
-        not above 0 and at most 1.
+        If the shapes do not match, an image distance or the aperture radius is not positive, the transmission is not
+        above 0 and at most 1, or the veiling glare is not at least 0 and below 1.
     """
     radiance, image_distance = np.asarray(radiance), np.asarray(lens.image_distance(position), np.float64)
     aperture_radius_m, transmission = lens.aperture_radius_m, lens.transmission
@@ -118,6 +123,8 @@ def charge_of_images(radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens
         raise BadInput(f"the aperture radius is {aperture_radius_m:g} m", allowed="metres, above 0")
     if not 0 < transmission <= 1:
         raise BadInput(f"the transmission of the lens is {transmission:g}", allowed="above 0, at most 1")
+    if not 0 <= lens.veiling_glare < 1:
+        raise BadInput(f"the veiling glare of the lens is {lens.veiling_glare:g}", allowed="at least 0, below 1")
     electrons = electrons_per_irradiance(sensor)
     out = np.empty(radiance.shape, np.float32)
     for k, distance in enumerate(image_distance):  # one position at a time: the stack may be large
@@ -129,7 +136,17 @@ def charge_of_images(radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens
             transmission=transmission,
         )
         out[:, k] = radiance[:, k] * (factor[0] * electrons)
+        if lens.veiling_glare:
+            _veil(out[:, k], lens.veiling_glare)
     return out
+
+
+def _veil(charge: np.ndarray, share: float) -> None:
+    """Spread a share of the light of each picture evenly over it, in place: (light, row, col)."""
+    for picture in charge:
+        mean = _round_to_20_bits(float(picture.mean(dtype=np.float64)))
+        picture *= np.float32(1 - share)
+        picture += np.float32(share * mean)
 
 
 def firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
@@ -202,7 +219,12 @@ def exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sensor: Se
             low = middle
         else:
             high = middle
-    mantissa, exponent = frexp(high)
+    return _round_to_20_bits(high)
+
+
+def _round_to_20_bits(value: float) -> float:
+    """Return a number in which the order of a sum, which depends on the processor, does not show."""
+    mantissa, exponent = frexp(value)
     return ldexp(round(ldexp(mantissa, 20)), exponent - 20)
 
 

@@ -57,10 +57,11 @@ class OnnxNetwork:
 
         Raises
         ------
-        BadInput
-            If the network cannot be run, for example because inputs have wrong names or shapes.
+        RuntimeError
+            If the network cannot be run, for example because inputs have wrong names or shapes. A method that lets it
+            pass has broken, which is not the same as a refused input.
         """
-        with _errors_as_bad_input(f"{self.path} cannot be run"):
+        with _in_one_line(f"{self.path} cannot be run", RuntimeError):
             found = self._session.run(None, {name: np.asarray(value, np.float32) for name, value in inputs.items()})
         return [each.astype(np.float64).round(DECIMALS) if each.dtype.kind == "f" else each for each in found]
 
@@ -81,15 +82,15 @@ def _load(content: bytes, where: str) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
-    with _errors_as_bad_input(f"{where} is not a network that onnxruntime {onnxruntime.__version__} can read"):
+    with _in_one_line(f"{where} is not a network that onnxruntime {onnxruntime.__version__} can read", BadInput):
         return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
 
 @contextmanager
-def _errors_as_bad_input(problem: str) -> Iterator[None]:
-    """Turn exceptions of onnxruntime, which have no common base class, into a BadInput of one line."""
+def _in_one_line(problem: str, kind: type[Exception]) -> Iterator[None]:
+    """Turn exceptions of onnxruntime, which have no common base class, into one of a kind that is a single line."""
     try:
         yield
     except Exception as error:
         text = " ".join(str(error).split())
-        raise BadInput(f"{problem}: {text[:200]}", hint="export it again") from error
+        raise kind(f"{problem}: {text[:200]}; export it again") from error

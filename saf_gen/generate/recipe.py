@@ -112,11 +112,15 @@ class FocusSettings(FrozenModel):
     """Lens motion, ``{kind: …}``; may be a choice among several."""
     aberrations: Literal["none", "mild", "strong"] | None = None
     """Aberrations of every lens: none, or those of a typical lens; by default those of its card."""
+    actuator: str | None = None
+    """Actuator that the motion commands, by its name, or as the path of an actuator file (``.yaml``) relative to the
+    recipe's folder; by default the lens moves exactly as its motion says."""
 
     @model_serializer(mode="wrap")
     def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out ``aberrations`` if it is not given: recipes keep the text and fingerprint from before this key."""
-        return {key: value for key, value in serialize(self).items() if key != "aberrations" or value is not None}
+        """Leave out later keys if they are not given: recipes keep the text and fingerprint from before these keys."""
+        later = ("aberrations", "actuator")
+        return {key: value for key, value in serialize(self).items() if key not in later or value is not None}
 
     @field_validator("motion", mode="before")
     @classmethod

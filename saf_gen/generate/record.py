@@ -14,7 +14,6 @@ from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import PlannedSequence
 from saf_gen.plugins.lights import group_gains
-from saf_gen.plugins.motions import lens_positions
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import PlaneSource, grain_along
 from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
@@ -134,19 +133,24 @@ class Recorder:
         """
         time_stack, hz = plane_source.time_stack, self.sensor.readout_hz
         spec = time_stack.specs[0]
-        position = lens_positions(sequence.motion, self.frames, readout_hz=hz)
+        position, log = sequence.lens_course(self.frames, readout_hz=hz)
         charge_source = ChargeSource(plane_source, self.sensor)
         truth, moment = find_true_focus(plane_source, position)
         self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)
         gain = group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
         grain = grain_along(plane_source, truth, position=position, gain=gain)
+        in_travel = np.clip(log, 0.0, 1.0)  # a reading may be a little outside
         metadata = Metadata(
-            focus_position=position.astype(np.float32),
-            image_distance=spec.drive.image_distance(position).astype(np.float32),
-            object_distance=spec.drive.object_distance(position).astype(np.float32),
+            focus_position=log.astype(np.float32),
+            image_distance=spec.drive.image_distance(in_travel).astype(np.float32),
+            object_distance=spec.drive.object_distance(in_travel).astype(np.float32),
             gain=gain,
             light_names=spec.groups,
-            truth=replace(truth, sharpness=noise_free_sharpness(charge_source, truth, position=position)),
+            truth=replace(
+                truth,
+                sharpness=noise_free_sharpness(charge_source, truth, position=position),
+                lens=None if sequence.actuator is None else position.astype(np.float32),
+            ),
             provenance={
                 **self.provenance,
                 "fingerprint": fingerprint_generated_recording(fingerprint, truth, mean_rate=sequence.mean_rate),

@@ -13,6 +13,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core import seeds
 from saf_gen.core.config import components
@@ -20,7 +22,9 @@ from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
 from saf_gen.errors import BadInput, closest, located, unknown
+from saf_gen.generate.lens_course import lens_course
 from saf_gen.generate.recipe import Recipe, find_recipe, read_recipe
+from saf_gen.optics.actuators import Actuator, get_actuator
 from saf_gen.plugins.lights import draw_schedule, group_gains
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
@@ -73,6 +77,10 @@ class PlannedSequence:
         Lens motion, ``{kind: ..., ...}``.
     mean_rate : float or None
         Spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
+    actuator : Actuator or None
+        What is told the lens motion; None if the lens moves as its motion says.
+    actuator_seed : int
+        Seed of the actuator, 0 without one.
     """
 
     id: str
@@ -87,10 +95,24 @@ class PlannedSequence:
     schedule: dict[str, dict[str, Any]]
     motion: dict[str, Any]
     mean_rate: float | None
+    actuator: Actuator | None = None
+    actuator_seed: int = 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant"."""
-        return {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
+        """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant".
+
+        The actuator is there with its seed and without its texts, if there is one.
+        """
+        data = {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
+        seed, actuator = data.pop("actuator_seed"), data.pop("actuator")
+        if actuator is not None:
+            del actuator["name"], actuator["sources"]  # texts do not move the lens
+            data["actuator"] = {**actuator, "seed": seed}
+        return data
+
+    def lens_course(self, frames: int, *, readout_hz: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the lens is in the middle of each readout, and its log; see :func:`lens_course`."""
+        return lens_course(self.motion, frames, readout_hz=readout_hz, actuator=self.actuator, seed=self.actuator_seed)
 
     @property
     def file(self) -> str:
@@ -104,11 +126,13 @@ class PlannedSequence:
         return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
 
 
-def draw_sequences(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
+def draw_sequences(
+    recipe: Recipe, families: Mapping[str, SceneFamily] | None = None, *, actuator: Actuator | None = None
+) -> list[PlannedSequence]:
     """Return the sequences of a recipe, in the order of splits, scenes, static and dynamic, lights, repeats.
 
     ``families`` holds the scene families by scene; a scene that it lacks has no parameters, no motion and no
-    illuminance.
+    illuminance. ``actuator`` is the recipe's.
 
     Raises BadInput if the recipe sets a parameter that a scene does not have, or a value that its card does not allow,
     if a split asks for motion but nothing moves, or if two sequences would have the same id.
@@ -135,6 +159,7 @@ def draw_sequences(recipe: Recipe, families: Mapping[str, SceneFamily] | None = 
                         scene_motion=motion,
                         light=light,
                         repeat=repeat,
+                        actuator=actuator,
                     )
                 )
     _check_ids(sequences)
@@ -156,7 +181,15 @@ def _check_ids(sequences: list[PlannedSequence]) -> None:
 
 
 def _draw_sequence(
-    recipe: Recipe, split: str, *, scene: str, family: SceneFamily, scene_motion: str, light: str, repeat: int
+    recipe: Recipe,
+    split: str,
+    *,
+    scene: str,
+    family: SceneFamily,
+    scene_motion: str,
+    light: str,
+    repeat: int,
+    actuator: Actuator | None,
 ) -> PlannedSequence:
     name = "-".join([scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"])
     stream = (recipe.seed, split, name)
@@ -176,6 +209,8 @@ def _draw_sequence(
         schedule=draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux),
         motion=components.draw_component("motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)),
         mean_rate=draw_range(recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")),
+        actuator=actuator,
+        actuator_seed=0 if actuator is None else seeds.derive_seed(*under_any_light, "actuator"),
     )
 
 
@@ -378,6 +413,8 @@ def resolve_recipe(
     recipe_path = find_recipe(recipe_path)
     recipe, where = read_recipe(recipe_path), str(recipe_path)
     sensor = _read_sensor(recipe, Path(recipe_path).parent)
+    with located(where):
+        actuator = _read_actuator(recipe, Path(recipe_path).parent)
     scenes = {}
     for name in (name for settings in recipe.splits.values() for name in settings.scenes):
         with located(where):
@@ -390,7 +427,7 @@ def resolve_recipe(
         for name, scene in scenes.items()
     }
     with located(where):
-        planned = draw_sequences(recipe, families)
+        planned = draw_sequences(recipe, families, actuator=actuator)
     # This takes milliseconds, and finds errors before hours of rendering.
     frames, hz = recipe.camera.frames, sensor.readout_hz
     for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
@@ -420,7 +457,8 @@ def _resolve_sequences(
 ) -> Iterable[ResolvedSequence]:
     stacks: dict[str, tuple[Scene, TimeResolvedStack, TimeResolvedStack | None]] = {}  # shared by lights
     for sequence in planned:
-        key = json.dumps([sequence.scene, sequence.params, sequence.scene_motion, sequence.motion])
+        lens = [sequence.motion, sequence.actuator_seed]
+        key = json.dumps([sequence.scene, sequence.params, sequence.scene_motion, lens])
         if key not in stacks:
             scene = scenes[sequence.scene].with_params(sequence.params)
             stacks[key] = (scene, *_resolve_stacks(sequence, recipe, scene=scene, sensor=sensor))
@@ -448,7 +486,7 @@ def _resolve_stacks(
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
-    position = lens_positions(sequence.motion, frames, readout_hz=hz)
+    position = sequence.lens_course(frames, readout_hz=hz)[0]
     starts = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
     windows = slice_windows(position, starts, positions=spec.positions)
     times = [start / hz for start in starts]
@@ -474,6 +512,14 @@ def _read_sensor(recipe: Recipe, folder: Path) -> Sensor:
     changes = {"reset": camera.reset, "saturation": camera.saturation}
     changes = {key: value for key, value in changes.items() if value is not None}
     return get_sensor(named, **changes, noise=camera.noise.model_dump(exclude_none=True))
+
+
+def _read_actuator(recipe: Recipe, folder: Path) -> Actuator | None:
+    """Return the recipe's actuator, given by name or by the path of a file relative to the recipe's folder, if any."""
+    name = recipe.focus.actuator
+    if name is None:
+        return None
+    return get_actuator(folder / name if is_preset_file(name) else name)
 
 
 def _check_drive(recipe: Recipe, scene: Scene) -> None:

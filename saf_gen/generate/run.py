@@ -250,10 +250,12 @@ def _no_waves_error(backend_name: str, which: str) -> BadInput:
 def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
     versions = {"saf_gen": saf_gen.__version__, "python": platform.python_version()}
     versions |= {name: installed_version(name) for name in RESULT_PACKAGES}
+    actuator = resolved.all_sequences[0].planned.actuator
     return {
         "recipe": yaml.safe_dump(resolved.recipe.model_dump(mode="json"), sort_keys=False),
         "recipe_fingerprint": recipe_fingerprint(resolved.recipe),
         "sensor": yaml.safe_dump(asdict(resolved.sensor), sort_keys=False),
+        **({} if actuator is None else {"actuator": yaml.safe_dump(asdict(actuator), sort_keys=False)}),
         "versions": json.dumps(versions, indent=1),
         **({BENCHMARK_KEY: resolved.benchmark} if resolved.benchmark else {}),
     }
@@ -406,6 +408,12 @@ def _describe_value(value: Any) -> str:
     return value["path"] if isinstance(value, dict) else str(value)
 
 
+def _describe_actuator(name: str | None) -> str:
+    if name is None:
+        return ""
+    return f", told to the actuator {escape_markdown(name)}: /focus is its log, /truth/lens is where the lens was"
+
+
 def _describe_scene(card: SceneCard) -> str:
     licence = card.licence or "not stated"
     return f"- `{card.id}`: {escape_markdown(f'{card.title}. Licence {licence}.')}"
@@ -424,7 +432,7 @@ def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scen
         frames=recipe.camera.frames,
         positions=recipe.focus.positions,
         samples=recipe.render.samples,
-        motion=_describe_motion(recipe.focus.motion),
+        motion=_describe_motion(recipe.focus.motion) + _describe_actuator(recipe.focus.actuator),
         lights=escape_markdown(", ".join(recipe.lights)),
         fingerprint=manifest.recipe_fingerprint,
         scenes="\n".join(map(_describe_scene, cards)),

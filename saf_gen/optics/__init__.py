@@ -8,17 +8,21 @@ from typing import Any
 
 from saf_gen.optics._drive import Drive
 from saf_gen.optics.best_focus import FocusCriterion
+from saf_gen.optics.distortion import Distortion
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
+from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
 __all__ = [
     "DRIVES",
+    "Distortion",
     "Drive",
     "FocalLengthDrive",
     "FocusCriterion",
     "ImageDistanceDrive",
+    "Ring",
     "Stage",
     "Wavefront",
     "drive_from_dict",
@@ -41,4 +45,8 @@ def drive_from_dict(data: Mapping[str, Any]) -> Drive:
     numbers = {key: tuple(v) if isinstance(v, list) else v for key, v in data.items() if key != "kind"}
     if wavefront := data.get("wavefront"):
         numbers["wavefront"] = Wavefront(**wavefront)
+    if distortion := data.get("distortion"):
+        numbers["distortion"] = Distortion(**distortion)
+    if ring := data.get("ring"):
+        numbers["ring"] = Ring(**ring)
     return DRIVES[data["kind"]](**numbers)

@@ -17,6 +17,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.optics.distortion import Distortion
+from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
 Positions = np.ndarray | float
@@ -35,6 +37,12 @@ class Drive(ABC):
     """Fraction of the light that the lens transmits."""
     wavefront: Wavefront | None
     """Aberrations of the lens; None for a perfect thin lens."""
+    ring: Ring | None
+    """Ring in front of the lens that takes light away from the edge of the picture; None for an open one."""
+    distortion: Distortion | None
+    """Distortion of the lens; None for one that shows all points where a perfect lens does."""
+    veiling_glare: float
+    """Share of the light in the frame that the lens spreads evenly over it, 0 to 1."""
 
     @property
     @abstractmethod
@@ -181,9 +189,15 @@ class Drive(ABC):
         on_sensor = -v_p[..., None] * (slope + from_lens / u_p[..., None])
         return np.stack([on_sensor, from_lens], axis=-2)
 
+    @property
+    def fills_its_aperture_perfectly(self) -> bool:
+        """Whether rays fill the aperture evenly and meet in a point, so that paths of equal blur are alike."""
+        return self.wavefront is None and self.ring is None
+
     def as_dict(self) -> dict[str, Any]:
-        """Return the kind and the parameters of this drive as plain data."""
+        """Return the kind and the parameters of this drive as plain data, without what the lens does not have."""
         fields = asdict(self)  # type: ignore[call-overload]
-        if self.wavefront is None:
-            del fields["wavefront"]
+        for name in ("wavefront", "ring", "distortion", "veiling_glare"):
+            if not fields[name]:
+                del fields[name]
         return {"kind": self.kind, **fields}

@@ -17,7 +17,9 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.distortion import Distortion
 from saf_gen.optics.texture_contrast import REACH, STEP, ContrastCurve, Imaging, contrast_curve
+from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
 HEIGHTS = 8  # curves from the middle of the sensor to the height at which aberrations are stated
@@ -92,13 +94,18 @@ class FocusCriterion:
     def check(self, rows: int, columns: int) -> None:
         """Raise BadInput if the model of the lens does not hold in front of a sensor of this size.
 
-        It does not if waves matter more than rays bent at the aperture can show, or if a stage moves so far that the
-        wavefront of another part of the lens counts.
+        It does not if waves matter more than rays bent at the aperture can show, if a stage moves so far that the
+        wavefront of another part of the lens counts, if a ring in front of the lens leaves parts of the picture
+        without light, or if distortion folds the picture.
         """
         wavefront, drive = self.drive.wavefront, self.drive
+        corner = float(np.hypot(rows, columns)) / 2 * self.pitch_m
+        if drive.ring is not None:
+            self._check_ring(drive.ring, corner)
+        if drive.distortion is not None:
+            self._check_distortion(drive.distortion, corner)
         if wavefront is None:
             return
-        corner = float(np.hypot(rows, columns)) / 2 * self.pitch_m
         largest = wavefront.largest_path(drive.aperture_radius_m, corner)
         if (most := self.largest_path_m) is not None and largest > most * (1 + 1e-9):
             raise BadInput(
@@ -112,6 +119,57 @@ class FocusCriterion:
                 f"the aberrations change by up to {moved:.2g} pixels over the travel of the stage",
                 allowed=f"at most {MAX_STAGE_RESIDUAL_PX:g} pixels: they are taken from the middle of the travel",
                 hint="shorten travel_m, or lower aberrations in scene.yaml",
+            )
+
+    def _check_distortion(self, distortion: Distortion, corner_m: float) -> None:
+        """Raise BadInput if the distortion does not suit this lens; the picture's half diagonal is ``corner_m``."""
+        if self.drive.kind == "stage":
+            raise BadInput("distortion is not built for a stage", hint="leave distortion out of scene.yaml")
+        slope = corner_m / float(self.drive.image_distance(np.array([0.0, 1.0])).min())
+        if distortion.folds(slope):
+            most = 100 / 3 * (distortion.height_m / distortion.image_distance_m / slope) ** 2
+            raise BadInput(
+                f"distortion is {100 * distortion.share:g} percent, which folds the corner of the picture over itself",
+                allowed=f"below {most:.3g} percent at height_mm {distortion.height_m * 1e3:g}",
+            )
+
+    def _check_ring(self, ring: Ring, corner_m: float) -> None:
+        """Raise BadInput if the ring does not suit this lens; ``corner_m`` is the half diagonal of the picture."""
+        drive, ends = self.drive, np.array([0.0, 1.0])
+        if drive.kind == "stage":
+            raise BadInput("vignetting is not built for a stage", hint="leave vignetting out of scene.yaml")
+        if drive.wavefront is not None:
+            raise BadInput("vignetting and aberrations are not built together", hint="leave one out of scene.yaml")
+        if self._spread_by_waves_m >= self.pitch_m / 2:
+            raise BadInput(
+                f"waves spread a point over {self._spread_by_waves_m / self.pitch_m:.2g} pixels, and are not built for "
+                "the edge of a ring",
+                allowed="vignetting where they spread it over less than half a pixel",
+                hint="open the aperture, or leave vignetting out of scene.yaml",
+            )
+        nearest = float(drive.object_distance(ends).min())
+        if not ring.distance_m < nearest:
+            raise BadInput(
+                f"vignetting.distance_mm is {ring.distance_m * 1e3:g}",
+                allowed=f"nearer than what the lens focuses, {nearest * 1e3:g} mm",
+            )
+        left = min(
+            float(
+                ring.relative_illumination(
+                    corner_m,
+                    aperture_radius_m=drive.aperture_radius_m,
+                    image_distance_m=float(drive.image_distance(end)),
+                    object_distance_m=float(drive.object_distance(end)),
+                )
+            )
+            for end in ends
+        )
+        if not left > 0:
+            least = corner_m / float(drive.image_distance(ends).min()) * ring.distance_m - drive.aperture_radius_m
+            raise BadInput(
+                f"vignetting leaves no light in the corner of the picture: radius_mm is {ring.radius_m * 1e3:g}",
+                allowed=f"above about {max(least, 0) * 1e3:.3g} mm",
+                hint="widen the ring, or bring it nearer to the lens",
             )
 
     @property

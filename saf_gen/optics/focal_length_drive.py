@@ -7,6 +7,8 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.distortion import Distortion
+from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
 
@@ -29,6 +31,12 @@ class FocalLengthDrive(Drive):
         Fraction of the light that the lens transmits.
     wavefront : Wavefront, optional
         Aberrations of the lens.
+    ring : Ring, optional
+        Ring in front of the lens that vignettes.
+    distortion : Distortion, optional
+        Distortion of the lens.
+    veiling_glare : float, default 0
+        Share of the light in the frame that is spread evenly over it.
 
     Raises
     ------
@@ -44,6 +52,9 @@ class FocalLengthDrive(Drive):
     focus_range_m: tuple[float, float]
     transmission: float = 1.0
     wavefront: Wavefront | None = None
+    ring: Ring | None = None
+    distortion: Distortion | None = None
+    veiling_glare: float = 0.0
 
     def __post_init__(self) -> None:
         for distance in self.focus_range_m:

@@ -8,9 +8,11 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from saf_gen.core.config.document import FrozenModel
 from saf_gen.optics._drive import Drive
+from saf_gen.optics.distortion import Distortion
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
+from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
 FocalLengthMm = Annotated[float, Field(gt=0, le=2000)]
@@ -27,14 +29,19 @@ class Aberrations(FrozenModel):
     """Astigmatism W222 at the edge of the aperture and at ``height_mm``, waves."""
     field_curvature: float = Field(default=0.0, ge=-20, le=20)
     """Field curvature W220 at the edge of the aperture and at ``height_mm``, waves."""
+    distortion: float = Field(default=0.0, ge=-20, le=20)
+    """Percent by which a point at ``height_mm`` is displaced away from the middle (pincushion), or below 0 towards it
+    (barrel)."""
     wave_nm: float = Field(default=550.0, ge=200, le=2000)
     """Length of the waves in which the aberrations are given, nm."""
     height_mm: float | None = Field(default=None, gt=0, le=200)
-    """Distance from the middle of the sensor at which coma, astigmatism and field curvature are given, mm."""
+    """Distance from the middle of the sensor at which coma, astigmatism, field curvature and distortion are given,
+    mm."""
 
     @model_validator(mode="after")
     def _states_its_height(self) -> "Aberrations":
-        off_axis = [name for name in ("coma", "astigmatism", "field_curvature") if getattr(self, name)]
+        names = ("coma", "astigmatism", "field_curvature", "distortion")
+        off_axis = [name for name in names if getattr(self, name)]
         if off_axis and self.height_mm is None:
             raise ValueError(
                 f"{off_axis[0]} needs height_mm, the distance from the middle of the sensor where it holds"
@@ -49,6 +56,21 @@ class Aberrations(FrozenModel):
             return None
         return Wavefront(self.spherical * wave_m, *off_axis, radius_m, (self.height_mm or 1e3) / 1e3)
 
+    def displacement(self, image_distance_m: float) -> Distortion | None:
+        """Return the distortion of a lens at this distance (m) from the sensor halfway, or None if there is none."""
+        if not self.distortion:
+            return None
+        return Distortion(self.distortion / 100, (self.height_mm or 1e3) / 1e3, image_distance_m)
+
+
+class Vignetting(FrozenModel):
+    """A ring in front of the lens, through which rays from the edge of the picture pass only in part."""
+
+    radius_mm: float = Field(gt=0, le=1000)
+    """Radius of its opening, mm."""
+    distance_mm: float = Field(gt=0, le=1000)
+    """Distance from the lens towards the scene, mm."""
+
 
 class _Lens(FrozenModel):
     """The keys that all lenses share. The aperture radius does not change while the lens focuses."""
@@ -61,6 +83,10 @@ class _Lens(FrozenModel):
     """Fraction of the light that the lens transmits."""
     aberrations: Aberrations | None = None
     """Aberrations of the lens at the f-number of the card; by default none."""
+    vignetting: Vignetting | None = None
+    """Ring in front of the lens that takes light from the edge of the picture; by default none."""
+    veiling_glare: float = Field(default=0.0, ge=0, le=0.5)
+    """Share of the light in the frame that the lens spreads evenly over it."""
 
     @property
     @abstractmethod
@@ -72,18 +98,23 @@ class _Lens(FrozenModel):
 
         ``f_number``, if given, replaces that of the card. Raises BadInput if the travel is impossible.
         """
-        numbers = self.model_dump(exclude={"drive", "aberrations"}) | ({"f_number": f_number} if f_number else {})
+        numbers = self.model_dump(exclude={"drive", "aberrations", "vignetting"})
+        numbers |= {"f_number": f_number} if f_number else {}
         fields = {}
         for key, value in numbers.items():  # a card gives lengths of the lens in millimetres, all others in metres
             if key.endswith("_mm"):
                 key, value = f"{key.removesuffix('_mm')}_m", value / 1000
             fields[key] = value
         drive = self.drive_class(**fields)
+        if (ring := self.vignetting) is not None:
+            drive = replace(drive, ring=Ring(ring.radius_mm / 1e3, ring.distance_mm / 1e3))  # type: ignore[type-var]
         if self.aberrations is None:
             return drive
         # Stopped down, the lens keeps its waves and uses less of them.
         radius_m = drive.aperture_radius_m * drive.f_number / self.f_number
-        return replace(drive, wavefront=self.aberrations.wavefront(radius_m))  # type: ignore[type-var]
+        distortion = self.aberrations.displacement(float(drive.image_distance(0.5)))
+        wavefront = self.aberrations.wavefront(radius_m)
+        return replace(drive, wavefront=wavefront, distortion=distortion)  # type: ignore[type-var]
 
 
 class ImageDistanceLens(_Lens):

@@ -82,7 +82,12 @@ def _rings(inner: float, outer: float, *, count: int) -> np.ndarray:
 
 
 def check_lens(drive: Drive) -> None:
-    """Raise BadInput if a lens has aberrations that differ over the field, which no single pupil describes."""
+    """Raise BadInput if a lens differs over the field, which no single pupil describes."""
+    for name, found in {"vignetting": drive.ring, "distortion": drive.distortion}.items():
+        if found is not None:
+            raise BadInput(
+                f"a section is drawn by waves through one pupil, without {name}", hint=f"leave {name} out of scene.yaml"
+            )
     if drive.wavefront is not None and drive.wavefront.varies_over_field:
         raise BadInput(
             "a section is drawn by waves through one pupil, but the aberrations of the lens vary over the field",

@@ -22,7 +22,7 @@ BALANCE = 4 / 3  # defocus of the least blur divided by the spherical aberration
 
 
 def with_typical_aberrations(criterion: FocusCriterion, severity: str, *, rows: int, columns: int) -> Drive:
-    """Return the drive of a lens with typical aberrations in place of its own.
+    """Return the drive of a lens with typical aberrations in place of its own; distortion is among those that go.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def with_typical_aberrations(criterion: FocusCriterion, severity: str, *, rows: 
     rows, columns : int
         Size of the sensor, pixels.
     """
-    drive, amount = replace(criterion.drive, wavefront=None), HALF_DEPTHS[severity]  # type: ignore[type-var]
+    drive, amount = replace(criterion.drive, wavefront=None, distortion=None), HALF_DEPTHS[severity]  # type: ignore[type-var]
     if not amount:
         return drive
     radius = drive.aperture_radius_m

@@ -6,7 +6,8 @@ that is wide enough for every position (:func:`saf_gen.render.ray_sampling.ray_c
 spread. If the lens moves through the rays, a path counts only at the positions at which it is inside the aperture. The
 paths that fall into a pixel are thus an even sample of pixel and aperture at every position, and their mean is
 unbiased. Waves bend a path at the lens, which moves its line across the sensor (:mod:`saf_gen.render.diffraction`).
-Aberrations turn it in front of the lens, which moves nothing behind it (:mod:`saf_gen.optics.wavefront`).
+Aberrations turn it in front of the lens, which moves nothing behind it (:mod:`saf_gen.optics.wavefront`). A path that
+does not pass a ring in front of the lens counts, and brings no light (:mod:`saf_gen.optics.vignetting`).
 """
 
 import math
@@ -48,6 +49,8 @@ class CameraRays(NamedTuple):
         Slopes of the ray in object space.
     ray : RayDifferential3f
         Ray in world space.
+    passes : Bool or None
+        Whether the ray passes the ring in front of the lens; None if there is none.
     """
 
     done: float
@@ -62,6 +65,7 @@ class CameraRays(NamedTuple):
     slope_x: Any
     slope_y: Any
     ray: Any
+    passes: Any = None
 
 
 def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int) -> Iterator[CameraRays]:
@@ -85,6 +89,8 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
     farthest, radius = opaque(farthest), opaque(covered.radius_m)
     half_rows, half_columns = opaque(rows / 2), opaque(columns / 2)
     pitch = opaque(grid.pitch_m)
+    # Distortion turns a ray by where it meets the sensor halfway, which is the same for every window of positions.
+    chief_x, chief_a = map(opaque, drive.ray_transfer(0.5, middle)[0] / float(drive.image_distance(0.5)))
     samples_word, row_length = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, columns)
     transform = mi.Transform4f(setup.to_world)
     for begin in range(0, rows, rows_per_pass):
@@ -104,10 +110,15 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
         if drive.wavefront is not None:
             turned = drive.wavefront.slope((a.x, a.y), (x, y), number=opaque)
             slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
+        if drive.distortion is not None:
+            through_centre = -(x * chief_x + a.x * chief_a), -(y * chief_x + a.y * chief_a)
+            turned = drive.distortion.turn(through_centre, number=opaque)
+            slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
         origin = mi.Point3f(a.x + slope_x * ahead, a.y + slope_y * ahead, farthest) * units
         ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))
         done, first = (begin + count) / rows, begin * columns * samples
-        yield CameraRays(done, begin, first, samples, pixel, sample, x, y, a, slope_x, slope_y, ray)
+        passes = None if drive.ring is None else drive.ring.passes((a.x, a.y), (slope_x, slope_y), number=opaque)
+        yield CameraRays(done, begin, first, samples, pixel, sample, x, y, a, slope_x, slope_y, ray, passes)
 
 
 def land_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, seed: int) -> TracedPaths:

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.render.pinhole_sight import PinholeSight, apparent_distance, camera_rays
+from saf_gen.render.pinhole_sight import PinholeSight, apparent_distance, lines_of_sight
 from saf_gen.render.render_setup import RenderSetup, SensorGrid, camera_dict, film_dict, render_with_camera
 
 RAY_OFFSET_PX = 1 / 256  # distance of a second and a third ray from the pixel's centre, on either side
@@ -183,9 +183,12 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
     """Trace the ray through each pixel's centre to what it shows: float64 and bool (row, col)."""
     # One sample that is not jittered is the ray through the pixel's centre.
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
-    integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
-    planes = render_with_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(np.float64)
-    point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
+    if setup.drive.distortion is None:
+        integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
+        planes = render_with_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(np.float64)
+        point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
+    else:
+        point, shape = _meet_surfaces(setup, loaded, position=position)
     to_camera = np.linalg.inv(np.array(setup.to_world_at(float(setup.drive.shift(position))).matrix, dtype=np.float64))
 
     def axial_of(points: np.ndarray) -> np.ndarray:
@@ -198,7 +201,8 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
     rows, columns = np.nonzero(shape > 0 if sight.has_instances else np.isin(shape, followed))
     if not rows.size:
         return _Traced(axial, target)
-    origin, direction = camera_rays(loaded, x=(columns + 0.5) / shape.shape[1], y=(rows + 0.5) / shape.shape[0])
+    at = {"x": (columns + 0.5) / shape.shape[1], "y": (rows + 0.5) / shape.shape[0]}
+    origin, direction = lines_of_sight(setup, loaded, **at, position=position)
     ends = sight.follow(origin, direction)
 
     def distances(points: np.ndarray, passed: np.ndarray) -> np.ndarray:
@@ -218,6 +222,22 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
         residual = float(np.median(blur[sharp])) if sharp.any() else 0.0
     axial[rows, columns], target[rows, columns] = distance, on_target
     return _Traced(axial, target, residual)
+
+
+def _meet_surfaces(setup: RenderSetup, camera: Any, *, position: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the point that each pixel of a lens with distortion sees, (row, col, 3), and its shape_index, 0 for none.
+
+    No camera of Mitsuba has these rays.
+    """
+    size = setup.grid.rows, setup.grid.columns
+    rows, columns = (part.ravel() for part in np.indices(size))
+    at = {"x": (columns + 0.5) / size[1], "y": (rows + 0.5) / size[0]}
+    origin, direction = lines_of_sight(setup, camera, **at, position=position)
+    begin, ahead = (mi.Vector3f(*(mi.Float(v.astype(np.float32)) for v in part.T)) for part in (origin, direction))
+    hit = setup.mitsuba_scene.ray_intersect(mi.Ray3f(mi.Point3f(begin), ahead))
+    point = np.array(hit.p, dtype=np.float64).reshape(3, -1).T
+    shape = np.where(np.array(hit.is_valid()), np.array(dr.reinterpret_array(mi.UInt32, hit.shape)), 0)
+    return point.reshape(*size, 3), shape.astype(np.int64).reshape(size)
 
 
 def _shape_index(shape: Any, number: int) -> int:

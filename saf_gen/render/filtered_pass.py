@@ -137,8 +137,8 @@ def render_with_shading(
     finder = SurfaceFinder(first, emitting=emitting)
     rays_per_path = 1  # if little is shared, rays that are not traced on would contribute little
     if shading.unshared < 0.5:
-        blurred = focus.size <= LAYERED_POSITIONS and first.drive.wavefront is None  # layers average over blur
-        rays_per_path = RAYS_INTO_LIGHT if blurred and shading.in_light > 0.5 else PRIMARY_RAYS
+        layered = focus.size <= LAYERED_POSITIONS and first.drive.fills_its_aperture_perfectly
+        rays_per_path = RAYS_INTO_LIGHT if layered and shading.in_light > 0.5 else PRIMARY_RAYS
     samples *= rays_per_path if rays_per_path > 1 else UNSHARED_PATHS
 
     def bring_light(samples: int, seed: int) -> Iterator[LitRays]:
@@ -155,6 +155,8 @@ def render_with_shading(
                     values[n] *= sight.factor
                 for end in sight.lights:
                     values[n, end.rays] += lamp_radiance(setup, pick_rays(end.ray, end.rays)) * end.clearness
+            if rays.passes is not None:
+                values *= rays.passes.numpy()
             yield LitRays(rays, sight.distances, values, weight)
 
     bands = bring_light(samples, seed)
@@ -288,8 +290,8 @@ class _Sums:
         grid, drive = self._setup.grid, self._setup.drive
         shape = (focus.size, grid.rows, grid.columns)
         self._layers = None
-        # Layers sort paths by the blur of a perfect lens.
-        if drive.wavefront is None and LayeredSums.sums_in_layers(shape, len(setups)):
+        # Layers sort paths by the blur of a perfect lens, and average over it.
+        if drive.fills_its_aperture_perfectly and LayeredSums.sums_in_layers(shape, len(setups)):
             scale = np.array(
                 [one_pass.fixed_point_scale(self._setup, focus, samples=samples, max_radiance=m) for m in max_radiance]
             )

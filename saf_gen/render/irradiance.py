@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.pinhole_sight import PinholeSight, camera_rays
+from saf_gen.render.pinhole_sight import PinholeSight, lines_of_sight
 from saf_gen.render.render_setup import RenderSetup, camera_dict
 
 RUNS = 4  # independent estimates, whose scatter gives the standard error
@@ -47,8 +47,9 @@ def target_irradiance(
     sensor = mi.load_dict({"type": "perspective", **camera_dict(setup, position)})
     sampler = mi.load_dict({"type": "independent"})
     sight = PinholeSight(setup.mitsuba_scene, target_shapes)
-    if sight.may_follow:
-        ends = sight.follow(*camera_rays(sensor, x=x, y=y))
+    follow = sight.may_follow or setup.drive.distortion is not None
+    if follow:
+        ends = sight.follow(*lines_of_sight(setup, sensor, x=x, y=y, position=position))
         lines = ends.origin, ends.direction
     if vectors:
         sampler.seed(0, RUNS * x.size * samples)
@@ -56,7 +57,7 @@ def target_irradiance(
         def repeated(values: np.ndarray) -> np.ndarray:
             return np.tile(np.repeat(values, samples), RUNS)
 
-        if sight.may_follow:
+        if follow:
             begin, towards = (
                 mi.Vector3f(*(mi.Float(repeated(v).astype(np.float32)) for v in line.T)) for line in lines
             )
@@ -65,7 +66,7 @@ def target_irradiance(
             ray, _ = sensor.sample_ray(0, 0.5, mi.Point2f(repeated(x), repeated(y)), mi.Point2f(0.5))
         received = np.array(_sample_point(setup, ray, sampler=sampler), dtype=np.float64)
     else:
-        if sight.may_follow:
+        if follow:
             rays = [mi.Ray3f(mi.Point3f(o), mi.Vector3f(d)) for o, d in zip(*lines, strict=True)]
         else:
             places = zip(x, y, strict=True)

@@ -141,6 +141,8 @@ def trace_paths(
         sampler.seed(seeds.derive_seed(seed, rays.begin) & 0xFFFFFFFF, dr.width(rays.x))
         radiance, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, rays.ray)
         value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
+        if rays.passes is not None:
+            value = dr.select(rays.passes, value, 0)
         paths = land_on_sensor(rays, setup, focus=focus, seed=seed)._replace(radiance=value)
         dr.eval(*(array for array in paths if array is not None))
         yield rays.done, paths

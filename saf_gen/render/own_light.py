@@ -15,7 +15,7 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.line_of_sight import SCATTERING
-from saf_gen.render.pinhole_sight import INVISIBLE, PinholeSight, camera_rays
+from saf_gen.render.pinhole_sight import INVISIBLE, PinholeSight, lines_of_sight
 from saf_gen.render.render_setup import RenderSetup, camera_dict
 
 MIN_FRACTION = 0.01  # of the target's pixels
@@ -57,7 +57,8 @@ def _lit_pixels(setup: RenderSetup, target_shapes: tuple[str, ...], *, seen: Dep
     position = min(max(setup.in_focus.true_focus(seen.depth, seen.target), 0.0), 1.0)
     camera = mi.load_dict({"type": "perspective", **camera_dict(setup, position)})
     height, width = seen.target.shape
-    origin, direction = camera_rays(camera, x=(columns[chosen] + 0.5) / width, y=(rows[chosen] + 0.5) / height)
+    at = {"x": (columns[chosen] + 0.5) / width, "y": (rows[chosen] + 0.5) / height}
+    origin, direction = lines_of_sight(setup, camera, **at, position=position)
     ends = PinholeSight(setup.mitsuba_scene, target_shapes).follow(origin, direction)
     sampler = mi.load_dict({"type": "independent"})
     rays = [np.repeat(values, samples, axis=0) for values in (ends.origin, ends.direction)]

@@ -371,6 +371,30 @@ def camera_rays(camera: Any, *, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarra
     return origin.reshape(-1, 3), direction.reshape(-1, 3)
 
 
+def lines_of_sight(
+    setup: RenderSetup, camera: Any, *, x: np.ndarray, y: np.ndarray, position: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins and directions of the rays through the centre of the lens that meet points of the picture.
+
+    They are those of the pinhole ``camera`` at this focus position, turned by the distortion of the lens. ``x`` and
+    ``y`` are 0 to 1; the result is float64 (ray, 3).
+    """
+    origin, direction = camera_rays(camera, x=x, y=y)
+    distortion = setup.drive.distortion
+    if distortion is None:
+        return origin, direction
+    matrix = np.array(setup.to_world_at(float(setup.drive.shift(position))).matrix, dtype=np.float64)
+    turn, lens = matrix[:3, :3], matrix[:3, 3]
+    back = np.linalg.inv(turn).T
+    local = direction @ back
+    slope = local[:, :2] / local[:, 2:]
+    added = distortion.turn((slope[:, 0], slope[:, 1]))
+    ahead = np.column_stack([slope[:, 0] + added[0], slope[:, 1] + added[1], np.ones(len(slope))])
+    begin = lens + (ahead * ((origin - lens) @ back)[:, 2:]) @ turn.T
+    ahead = ahead @ turn.T
+    return begin, ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
+
+
 def apparent_distance(
     setup: RenderSetup, sight: PinholeSight, *, ends: Ends, slope: np.ndarray, position: float
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -75,11 +75,13 @@ class SceneRenderer:
     ) -> None:
         self.scene, self.grid, self.max_depth, self._drive = scene, grid, max_depth, drive
         self.backend_name = backend.choose_backend(backend_name)
-        if self.is_slow and (drive or scene.build_drive()).wavefront is not None:
+        lens = drive or scene.build_drive()
+        if self.is_slow and not (lens.fills_its_aperture_perfectly and lens.distortion is None):
+            what = "aberrations" if lens.wavefront or lens.distortion else "vignetting"
             raise BadInput(
-                "variant scalar cannot render the aberrations of a lens",
+                f"variant scalar cannot render the {what} of a lens",
                 allowed="llvm, cuda",
-                hint="or leave aberrations out of scene.yaml",
+                hint=f"or leave {what} out of scene.yaml",
             )
         self.wavelength_m = wavelength_m if backend.can_render_waves(self.backend_name) else 0.0
         backend.activate_backend(self.backend_name, threads=threads)

@@ -93,7 +93,7 @@ class StackSpec:
         moment of the stack. If empty, only paths of this moment are used.
     layers : int, default LAYERS_VERSION
         Version of the sums in layers; it counts only if there are any: for at most LAYERED_POSITIONS, the filtered
-        estimator, and a lens without aberrations.
+        estimator, and a lens without aberrations and vignetting.
     """
 
     scene: str
@@ -198,7 +198,8 @@ class StackSpec:
         """Return the spec as plain data, including the kind of the drive, and ``layers`` if it counts and is not 1."""
         values = {**{field.name: getattr(self, field.name) for field in fields(self)}, "drive": self.drive.as_dict()}
         few = self.rendered_count <= LAYERED_POSITIONS
-        if self.layers == 1 or not few or self.estimator != "filtered" or self.drive.wavefront is not None:
+        perfect = self.drive.fills_its_aperture_perfectly
+        if self.layers == 1 or not few or self.estimator != "filtered" or not perfect:
             del values["layers"]
         return values
 

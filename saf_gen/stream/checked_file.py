@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 
 from saf_gen.core.object_store import ObjectReader
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.metadata import ARRAY_DATASETS, MAX_PIXELS
 
@@ -48,8 +49,8 @@ def read_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
 def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     """Return ``/spikes``.
 
-    Raises BadInput if it is a link, is stored outside the file, or has the wrong type, other filters, too many pixels
-    or too large chunks.
+    Raises BadInput if it is a link, is stored outside the file, has the wrong type, other filters, too many pixels or
+    too large chunks, or was not written to its end.
     """
     spikes = _open_dataset(file, "spikes", where=where)
     if spikes.dtype != np.uint8 or spikes.ndim != 3 or 0 in spikes.shape:
@@ -62,6 +63,17 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
             f"/spikes has chunks of {math.prod(spikes.chunks):,} bytes",
             where=where,
             allowed=f"at most {MAX_CHUNK_BYTES:,}",
+        )
+    if spikes.chunks is None:
+        parts, written = 1, int(spikes.id.get_storage_size() > 0)
+    else:
+        parts = math.prod(-(-n // c) for n, c in zip(spikes.shape, spikes.chunks, strict=True))
+        written = spikes.id.get_num_chunks()
+    if written < parts:  # HDF5 would read zeros there
+        raise BadInput(
+            f"/spikes was not written to its end: {written:,} of {plural(parts, 'chunk')}",
+            where=where,
+            hint="write or copy the file again",
         )
     return spikes
 

@@ -78,7 +78,8 @@ def _cut_metadata(stream: SpikeStream, window: range, *, box: Region) -> Metadat
     }  # fmt: skip
     kept = {name: text for name, text in held.provenance.items() if name == "sensor"}
     whole = (rows.stop - rows.start, columns.stop - columns.start) == stream.shape[1:]
-    truth = _cut_truth(stream.truth, window, lens=in_time["focus_position"])
+    lens = None if held.lens_position is None else held.lens_position[span]
+    truth = _cut_truth(stream.truth, window, lens=lens)
     target, mask = _crop(truth.target, box), _crop(held.mask, box)
     if mask is not None and mask.all():
         raise BadInput("every pixel of the part is masked", where=str(stream.path), hint="choose other rows or columns")
@@ -106,6 +107,7 @@ def _crop(image: np.ndarray | None, box: Region) -> np.ndarray | None:
 def _cut_truth(truth: Truth, window: range, *, lens: np.ndarray | None) -> Truth:
     """Return the truth of some frames, with the frame at which the lens first passes it among them."""
     track = None if truth.track is None else truth.track[window.start : window.stop]
+    truth = truth if truth.lens is None else replace(truth, lens=lens)
     if not truth.known:
         return replace(truth, track=track)
     frame = truth.frame - window.start

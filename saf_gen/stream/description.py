@@ -39,6 +39,8 @@ def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict
             facts[f"light {name}"] = f"gain {gain.min():.3g} to {gain.max():.3g}"
     if isinstance(planned.get("motion"), dict):
         facts["lens motion"] = str(planned["motion"].get("kind", ""))
+    if stream.truth.lens is not None and stream.focus_position is not None:
+        facts["lens"] = _describe_lens(stream.truth.lens, stream.focus_position)
     facts["focus"] = _describe_range(stream.focus_position, "of the travel")
     facts["object in focus"] = _describe_range(stream.metadata.object_distance, "m")
     truth = stream.truth
@@ -115,7 +117,7 @@ def _describe_rates(stream: ReadableStream) -> dict[str, str]:
 
 def _describe_time_in_focus(stream: ReadableStream) -> str:
     """Return as text the fraction of frames in which the lens is within the depth of focus; '' if it is unknown."""
-    lens, truth = stream.focus_position, stream.truth
+    lens, truth = stream.metadata.lens_position, stream.truth
     if lens is None or not truth.known:
         return ""
     offset = lens.astype(np.float64) - (truth.position if truth.track is None else truth.track)
@@ -137,6 +139,12 @@ def _describe_range(values: np.ndarray | None, unit: str) -> str:
     return text if once else f"{text}, reversing within {low:.4g} to {high:.4g}"
 
 
+def _describe_lens(lens: np.ndarray, log: np.ndarray) -> str:
+    """Return as text where the lens was, and how far that is from its log."""
+    off = np.abs(lens.astype(np.float64) - log)
+    return f"{_describe_range(lens, 'of the travel')}, {off.mean():.4f} off its log, at most {off.max():.4f}"
+
+
 def _describe_grain(stream: ReadableStream) -> str:
     """Return as text the grain of the pictures from which a stream was recorded."""
     grain = grain_of_stream(stream.metadata.provenance)
@@ -147,7 +155,7 @@ def _describe_grain(stream: ReadableStream) -> str:
 
 
 def _describe_crossings(stream: ReadableStream) -> str:
-    first, lens, track = stream.truth.frame, stream.focus_position, stream.truth.track
+    first, lens, track = stream.truth.frame, stream.metadata.lens_position, stream.truth.track
     if not math.isfinite(first):
         return "never passed"
     truth = stream.truth.position if track is None else track

@@ -54,6 +54,9 @@ class Truth:
     least_blur : float, optional
         Position of the least mean squared blur, for a lens with aberrations; ``position`` is then that of the largest
         contrast.
+    lens : ndarray of float32, shape (T,), optional
+        Position of the lens in the middle of each readout, if it is not where its drive was told to be, or its sensor
+        read it: ``Metadata.focus_position`` is then that log.
     """
 
     position: float = math.nan
@@ -65,6 +68,7 @@ class Truth:
     sharpness: np.ndarray | None = None
     track: np.ndarray | None = None
     least_blur: float | None = None
+    lens: np.ndarray | None = None
 
     @property
     def known(self) -> bool:
@@ -95,9 +99,10 @@ class Metadata:
     Parameters
     ----------
     focus_position : ndarray of float32, shape (T,), optional
-        Position of the lens in the middle of each readout, as a fraction of the travel.
+        Log of the lens: its position in the middle of each readout, as a fraction of the travel, as the drive was told
+        or its sensor read it.
     image_distance, object_distance : ndarray of float32, shape (T,), optional
-        Distance from the lens to the sensor, and to the plane that is in focus, in metres.
+        Distance from the lens to the sensor, and to the plane that is in focus, in metres, by that log.
     gain : ndarray of float32, shape (T, G), optional
         Gain of each light group in each readout; 1 is the nominal light.
     light_names : tuple of str, default ()
@@ -123,6 +128,11 @@ class Metadata:
     truth: Truth = field(default_factory=Truth)
     provenance: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def lens_position(self) -> np.ndarray | None:
+        """Where the lens was, float32 (T,): ``truth.lens``, or its log where nothing else is known; else None."""
+        return self.focus_position if self.truth.lens is None else self.truth.lens
+
     def readout_of(self, frame: int) -> int:
         """Return the number of the camera's readout that a frame is, both counted from 0."""
         return int(frame) if self.readout is None else int(self.readout[frame])
@@ -145,9 +155,10 @@ ARRAY_DATASETS = {
     "sharpness": ("/truth/sharpness", "float64", "K"),
     "track": ("/truth/track", "float32", "T"),
     "least_blur": ("/truth/least_blur", "float64", ""),
+    "lens": ("/truth/lens", "float32", "T"),
 }
 _SCALARS = ("position", "depth_of_focus", "frame")
-_IN_EVERY_FRAME = ("focus_position", "track")
+_IN_EVERY_FRAME = ("focus_position", "track", "lens")
 """Fields that must be finite in every readout if they are given, because all answers are judged by them."""
 
 

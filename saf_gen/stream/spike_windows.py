@@ -180,7 +180,7 @@ class SpikeWindows:
 
     def _targets_at(self, stream: SpikeStream, moments: np.ndarray) -> np.ndarray:
         """Return the targets at these frames, float32: the truth, or the truth minus the position of the lens."""
-        track, position = stream.truth.track, stream.focus_position
+        track, position = stream.truth.track, stream.metadata.lens_position
         if not stream.truth.known:
             raise _missing_metadata_error(stream, "its true focus")
         truth = np.full(len(moments), stream.truth.position) if track is None else track[moments]

@@ -38,7 +38,7 @@ def log_blur(stream: SpikeStream, first: int, stop: int) -> np.float32:
     same in a small box.
     """
     near, far = stream.truth.depth_of_focus
-    away = stream.focus_position[(first + stop) // 2] - stream.truth.position
+    away = stream.metadata.lens_position[(first + stop) // 2] - stream.truth.position
     return np.float32(np.log1p(min(abs(away) / ((far - near) / 2), MAX_BLUR)))
 
 
@@ -165,7 +165,7 @@ def judge(dataset: Path, found: list[tuple[dict[str, Any], np.ndarray, np.ndarra
     for line, _, _ in found:
         with saf_gen.open_stream(dataset / split / f"{line['sequence']}.h5") as stream:
             near, far = stream.truth.depth_of_focus
-            errors.append((stream.focus_position[round(line["frame"])] - stream.truth.position) / (far - near))
+            errors.append((stream.metadata.lens_position[round(line["frame"])] - stream.truth.position) / (far - near))
     return np.array(errors)
 
 

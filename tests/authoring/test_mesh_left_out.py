@@ -246,6 +246,10 @@ REFUSED = [
     (on_json(bufferViews__1__byteLength=1 << 30), "ends after the"),
     (on_json(bufferViews__1__byteOffset=-4), "bufferViews.1.byteOffset is -4"),
     (on_json(accessors__0__count=1 << 40), "numbers; allowed: up to"),
+    (
+        on_json(accessors__0={"componentType": 5126, "count": 2_000_001, "type": "VEC3"}),
+        "accessor 0 has 6,000,003 numbers; allowed: up to 6,000,000",
+    ),
     (on_json(accessors__0__count=9), "the file is shorter than it says"),
     (on_json(accessors__0__componentType=5130), "accessors.0.componentType is 5130"),
     (on_json(accessors__0__type="VEC2"), "has the type VEC2; allowed: VEC3"),

@@ -341,6 +341,24 @@ def test_an_answer_is_the_position_of_the_lens_even_if_the_sensor_is_at_the_moto
         assert view.position_at(frame) == pytest.approx(truly, abs=0.01)
 
 
+def test_a_piezo_is_judged_by_where_it_stands_and_its_search_sees_what_it_was_told(capture):
+    """Sent down from the far end to the middle, it is half its hysteresis above the middle."""
+    told, seen = (0.2, 1.0, 0.7, 0.5), []
+
+    def search(view):
+        for to in told:
+            view.move(to)
+            view.score(view.now + 80, view.now + 120)
+            seen.append(view.position(view.now - 1))
+        return Answer(position=0.5)
+
+    done = run(capture, Commands(search), actuator=replace(IDEAL, hysteresis=0.13, reads="motor"))
+    verdict = judge_run(done, capture.truth, readout_hz=20_000)
+    assert seen == pytest.approx(told, abs=1e-9)
+    assert verdict["position"] == done.path[-1] == pytest.approx(0.565, abs=1e-3)
+    assert verdict["error"] == pytest.approx(0.565 - capture.truth.position, abs=1e-3)
+
+
 @pytest.mark.parametrize(("frames", "passed"), [(0, 0), (0.2, 8), (8, 8), (8.5, 16)])
 def test_a_wait_is_never_shorter_than_was_asked(capture, frames, passed):
     camera = start(capture)

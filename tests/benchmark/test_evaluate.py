@@ -101,8 +101,8 @@ def test_argmax_finds_the_planted_focus_within_a_block(stream_file):
         assert record.data == stream.content_sha256
 
 
-def moving(path, lens, *, dof=0.1):
-    """Write a stream whose contrast follows the lens, sharp at 0.4 of the travel, and its truth."""
+def moving(path, lens, *, dof=0.1, log=None):
+    """Write a stream whose contrast follows the lens, sharp at 0.4 of the travel, and its truth; maybe another log."""
     contrast = 0.05 + 0.9 * np.exp(-(((lens - 0.4) / 0.11) ** 2))
     board = np.where(np.add.outer(np.arange(48) // 4, np.arange(64) // 4) % 2, 1.0, -1.0)
     rate = 0.25 * (1 + contrast[:, None, None] * board)
@@ -111,7 +111,8 @@ def moving(path, lens, *, dof=0.1):
     crossings = focus_crossings(lens, 0.4)
     frame = crossings[0] if crossings.size else float("nan")
     truth = {"position": 0.4, "depth_of_focus": (0.4 - dof / 2, 0.4 + dof / 2), "frame": frame}
-    write_stream(path, frames, focus_position=lens, truth=truth)
+    truth |= {} if log is None else {"lens": lens}
+    write_stream(path, frames, focus_position=lens if log is None else log, truth=truth)
 
 
 MOVED = {
@@ -142,6 +143,17 @@ def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, i
         assert record.truth_frame == pytest.approx(nearest)
         assert record.error_frames == (None if nearest is None else pytest.approx(record.frame - nearest))
     assert records[-1].success_1dof is in_reach
+
+
+def test_an_answer_is_judged_by_where_the_lens_was_and_not_by_its_log(tmp_path):
+    """The log leads by 0.1, a depth of focus: all that depends on the lens is that of a stream without the log."""
+    lens = np.linspace(0, 0.9, 800, dtype=np.float32)
+    moving(tmp_path / "plain.h5", lens)
+    moving(tmp_path / "driven.h5", lens, log=lens + np.float32(0.1))
+    plain, driven = (one(tmp_path / f"{name}.h5", "sd+argmax:window=20") for name in ("plain", "driven"))
+    judged = ("position", "error", "error_dof", "error_frames", "truth_frame", "lens_travel", "focus_place", "frame")
+    assert [getattr(driven, key) for key in judged] == [getattr(plain, key) for key in judged]
+    assert abs(driven.error) < 0.05
 
 
 def test_a_stream_without_truth_or_without_a_lens_record_is_searched_with_null_errors(tmp_path):

@@ -65,7 +65,7 @@ def sweeps(tmp_path_factory):
     return list_streams(folder, {"id": "one", "scene": "one"}, {"id": "two", "scene": "two"})
 
 
-@pytest.fixture(scope="module", params=["here", pytest.param("one", marks=pytest.mark.slow), "two"])
+@pytest.fixture(scope="module", params=["here", pytest.param("one", marks=pytest.mark.long), "two"])
 def cluster(request, tmp_path_factory):
     """Where sequences are evaluated: in this process, or on Dask by one or two processes that a nanny started."""
     if request.param == "here":

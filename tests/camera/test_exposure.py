@@ -22,6 +22,7 @@ class Lens:
     distances: np.ndarray
     aperture_radius_m: float = R
     transmission: float = 1.0
+    veiling_glare: float = 0.0
 
     def image_distance(self, position):
         return self.distances
@@ -63,6 +64,33 @@ def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bel
         assert 0.05 < expected.min() < 0.97 * expected.max() < 0.97
         for part in (np.s_[:30, :40], np.s_[:30, 40:], np.s_[30:, :40], np.s_[30:, 40:]):
             assert rate[part].mean() == pytest.approx(expected[part].mean(), rel=0.005)
+
+
+def test_glare_is_a_share_of_the_frames_light_that_is_spread_evenly_and_none_of_it_is_lost():
+    """The dark half of the field gets the share times the mean; the sum of all charge stays."""
+    radiance = np.zeros((2, 2, 30, 40), np.float32)
+    radiance[0, :, :, 20:], radiance[1, :, :10] = 0.3, 0.1
+    distances = np.array([V, 1.3 * V])
+    plain, veiled = (
+        charge_of_images(radiance, IDEAL, lens=Lens(distances, veiling_glare=share), position=np.array([0, 1]))
+        for share in (0.0, 0.05)
+    )
+    mean = plain.mean(axis=(2, 3), dtype=np.float64)
+    assert veiled.mean(axis=(2, 3), dtype=np.float64) == pytest.approx(mean, rel=2e-6)
+    assert veiled[0, :, :, :20] == pytest.approx(np.broadcast_to(0.05 * mean[0, :, None, None], (2, 30, 20)), rel=2e-6)
+    assert veiled == pytest.approx(0.95 * plain + 0.05 * mean[:, :, None, None], rel=2e-6)
+
+
+def test_glare_is_seen_in_the_spikes_of_a_black_field():
+    """20,000 readouts of a sensor without noise: a black half fires at the share of the mean, to a spike."""
+    radiance = np.zeros((1, 1, 8, 16), np.float32)
+    radiance[..., 8:] = 0.4
+    lens = Lens(np.array([V]), veiling_glare=0.1)
+    charge = charge_of_images(radiance, IDEAL, lens=lens, position=np.array([0]))[0, 0]
+    spikes = encode(charge[None], IDEAL.with_noise(shot=False), frames=20_000, seed=1)
+    counts = np.bitwise_count(spikes).sum(axis=-1)
+    white = charge_of_images(radiance, IDEAL, lens=Lens(np.array([V])), position=np.array([0]))
+    assert np.abs(counts[:, :8] - 20_000 * 0.1 * white.mean() / IDEAL.threshold_e).max() <= 1
 
 
 @pytest.mark.parametrize(
@@ -138,6 +166,8 @@ def test_the_law_of_rates_is_capped():
         ({"distances": np.array([V, -1])}, "is -1 m"),
         ({"aperture_radius_m": 0.0}, "radius is 0 m"),
         ({"transmission": 1.2}, "is 1.2; allowed: above 0, at most 1"),
+        ({"veiling_glare": 1.0}, "is 1; allowed: at least 0, below 1"),
+        ({"veiling_glare": -0.1}, "is -0.1; allowed: at least 0, below 1"),
     ],
 )
 def test_lenses_that_cannot_be_are_refused(changes, message):

@@ -53,7 +53,7 @@ print(json.dumps(found))
 """
 
 
-@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.long)])
 def test_no_command_fails_on_a_closed_or_full_stream_but_in_one_line(every):
     """Each way for one command in five, or for all; one process forks for each, as starting anew takes far longer."""
     done = subprocess.run([sys.executable, "-c", PROGRAM, str(every)], capture_output=True, text=True, check=True)

@@ -78,6 +78,7 @@ SENSOR_MISTAKES = [
     ("name: vidar_400x250", "name: 7", ":2", "name is 7", "a text"),
     ("sources:\n", "sources: []\nother:\n", "", "unknown key 'other'", ""),
 ]
+DRIFT = "drift: {per_k: 0.003, ambient_k: 5, heating_k: 10, time_s: 60}"
 ACTUATOR_MISTAKES = [
     ("damping: 0.10 ", "dampening: 0.10 ", ":8", "unknown key 'dampening'", "damping"),
     ("latency_s: 1.0e-4", "latency_s: 5", ":17", "latency_s is 5", "0 to 1 seconds"),
@@ -85,6 +86,27 @@ ACTUATOR_MISTAKES = [
     ("backlash: 0.01 ", "backlash: 1 ", "", "backlash is 1", "0 to 0.2 of the travel"),
     ("place_rms: 0\n", "", "", "the key 'place_rms' is missing", ""),
     ("reads: motor ", "reads: motr ", ":14", "reads is 'motr'", "motor"),
+    *(
+        ("place_rms: 0\n", f"place_rms: 0\n{line}\n", ":13", problem, expected)
+        for line, problem, expected in [
+            ("hysteresis: 13", "hysteresis is 13", "0 to 0.3 of the travel"),
+            ("hysteresis: -0.1", "hysteresis is -0.1", "0 to 0.3 of the travel"),
+            ("hysteresis: '0.1'", "hysteresis is '0.1'", "without quotes"),
+            ("hysteresis: 13 %", "hysteresis is '13 %'", "0 to 0.3 of the travel"),
+            ("hysteresis: [0.1]", "hysteresis is [0.1]", "0 to 0.3 of the travel"),
+            ("hysteresis: true", "hysteresis is True", "0 to 0.3 of the travel"),
+            ("hysteresis: .nan", "hysteresis is nan", "0 to 0.3 of the travel"),
+            ("hysteresis:", "hysteresis is None", "0 to 0.3 of the travel"),
+            ("histeresis: 0.1", "unknown key 'histeresis'", "hysteresis"),
+            ("drift: 0.003", "drift is 0.003", "per_k, ambient_k, heating_k, time_s"),
+            ("drift: {per_k: 0.003}", "the key 'drift.ambient_k' is missing", ""),
+            (DRIFT.replace("0.003", "3"), "drift.per_k is 3", "-0.05 to 0.05 of the travel per kelvin"),
+            (DRIFT.replace("60", "0"), "drift.time_s is 0", "0.1 to 100000 seconds"),
+            (DRIFT.replace("10", "-10"), "drift.heating_k is -10", "0 to 100 kelvins"),
+            (DRIFT.replace("5,", "293,"), "drift.ambient_k is 293", "-60 to 60 kelvins"),
+            (DRIFT.replace("time_s", "tau_s"), "unknown key 'tau_s' in drift", "time_s"),
+        ]
+    ),
 ]
 
 

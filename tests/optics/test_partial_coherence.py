@@ -8,7 +8,7 @@ from pupils import seidel
 from refusals import assert_says, refusal
 from scipy.special import jv
 
-from saf_gen.optics import ImageDistanceDrive, Stage, Wavefront
+from saf_gen.optics import Distortion, ImageDistanceDrive, Ring, Stage, Wavefront
 from saf_gen.optics.partial_coherence import SectionImages
 
 WAVE_M, TEXEL_M = 550e-9, 0.22e-6
@@ -258,6 +258,8 @@ REFUSED = {
     "no room for the stage": ({"depth_m": 5e-6}, "runs the section into the lens | travel_m"),
     "too many texels": ({"columns": 20_000}, "texels | at most 16,384"),
     "waves that vary": ({"drive": replace(OBJECTIVE, wavefront=Wavefront(coma_m=1e-7))}, "spherical aberration alone"),
+    "vignetting": ({"drive": replace(OBJECTIVE, ring=Ring(0.01, 0.005))}, "without vignetting | scene.yaml"),
+    "distortion": ({"drive": replace(OBJECTIVE, distortion=Distortion(0.02, 0.004, 0.2))}, "without distortion"),
     "curved field": (
         {"drive": replace(OBJECTIVE, wavefront=Wavefront(1e-7, field_curvature_m=1e-7))},
         "vary over the field",

@@ -406,6 +406,88 @@ FAULTS = {
             "render/test_pinhole_sight.py::test_depth_is_that_of_the_first_visible_surface",
         ),
     ),
+    "ring behind the lens": Fault(
+        "Rays are followed to the ring as if it were as far behind the lens, without refraction.",
+        (
+            Change(
+                "optics.vignetting",
+                "a[0] + slope[0] * distance, a[1] + slope[1]",
+                "a[0] - slope[0] * distance, a[1] - slope[1]",
+            ),
+        ),
+        (
+            "render/test_vignetted_pictures.py::test_an_even_field_darkens_by_the_overlap_of_the_discs",
+            "render/test_vignetted_pictures.py::test_a_lamp_out_of_focus_is_a_cats_eye_of_the_overlap",
+        ),
+    ),
+    "barrel for pincushion": Fault(
+        "Rays of a lens with distortion are turned the other way, in the picture, its depth and its target.",
+        (Change("optics.distortion", "number(-self.per_slope_squared)", "number(self.per_slope_squared)"),),
+        (
+            "optics/test_distortion.py::test_the_turn_is_the_gradient_of_seidels_fifth_sum_whatever_the_point_of_the_aperture",
+            "render/test_distorted_pictures.py::test_stripes_are_where_the_closed_form_displaces_them",
+            "render/test_distorted_pictures.py::test_depth_and_target_are_where_the_distorted_picture_has_them",
+        ),
+    ),
+    "glare lost": Fault(
+        "The light that veiling glare takes from the picture is not spread over it, but lost.",
+        (Change("camera.exposure", "picture += np.float32(share * mean)", "picture += np.float32(0 * mean)"),),
+        (
+            "camera/test_exposure.py::test_glare_is_a_share_of_the_frames_light_that_is_spread_evenly_and_none_of_it_is_lost",
+            "camera/test_exposure.py::test_glare_is_seen_in_the_spikes_of_a_black_field",
+        ),
+    ),
+    "hysteresis without memory": Fault(
+        "At each command, a piezo forgets how it came to its position.",
+        (
+            Change(
+                "optics.actuators.actuated_lens",
+                "states = states_at(self._operators, begin)",
+                "states = operators_at_rest(position)",
+            ),
+        ),
+        (
+            "optics/test_hysteresis.py::test_the_area_of_a_loop_is_that_of_its_play_operators_and_grows_as_the_cube_of_the_stroke",
+            "optics/test_actuators.py::test_a_reference_by_brute_force_moves_alike",
+        ),
+    ),
+    "drift without surroundings": Fault(
+        "A liquid lens drifts by the heat of its current alone, however warm the room is.",
+        (
+            Change(
+                "optics.actuators.actuated_lens",
+                "(drift.ambient_k + drift.heating_k * warmth)",
+                "(drift.heating_k * warmth)",
+            ),
+        ),
+        (
+            "optics/test_hysteresis.py::test_a_lens_drifts_exponentially_to_the_offset_of_its_new_temperature",
+            "optics/test_hysteresis.py::test_a_sensor_at_the_motor_sees_neither_hysteresis_nor_drift",
+        ),
+    ),
+    "log of the truth": Fault(
+        "The lens log of a recording holds where the lens was, not what its drive was told.",
+        (Change("generate.record", "focus_position=log.astype", "focus_position=position.astype"),),
+        (
+            "generate/test_driven_lens.py::test_the_log_is_what_a_piezo_was_told_and_the_truth_where_it_was",
+            "generate/test_driven_lens.py::test_methods_see_the_log_alone",
+        ),
+    ),
+    "judged by the log": Fault(
+        "Answers on recordings are judged by the lens log, not by where the lens was.",
+        (
+            Change(
+                "stream.metadata",
+                "self.focus_position if self.truth.lens is None else",
+                "self.focus_position if True else",
+            ),
+        ),
+        (
+            "generate/test_driven_lens.py::test_the_log_is_what_a_piezo_was_told_and_the_truth_where_it_was",
+            "generate/test_driven_lens.py::test_a_part_keeps_its_part_of_the_truth",
+            "benchmark/test_evaluate.py::test_an_answer_is_judged_by_where_the_lens_was_and_not_by_its_log",
+        ),
+    ),
 }
 
 

@@ -30,6 +30,7 @@ from planted_sweeps import write_three_sweeps
 
 import saf_gen
 from saf_gen.cli import main, root_command
+from saf_gen.stream.time_blocks import BUDGET_BYTES
 
 SILENCE_S, LIMIT_S = 20.0, 240.0
 MAX_BYTES, WORK_BYTES, RATIO = 2 << 30, 512 << 20, 100
@@ -126,7 +127,8 @@ def _resident(process: int) -> int:
 def judge(hostile: Hostile, ended: Ended, *, size: int, before: dict[str, str], folder: Path) -> list[str]:
     """Return what is wrong with how a command ended; ``before`` are the digests of the files of its folder."""
     faults, lines = [], [line for line in ended.said.splitlines() if line.startswith("saf-gen:")]
-    allowed = min(MAX_BYTES, max(WORK_BYTES, RATIO * size))
+    kept = BUDGET_BYTES if hostile.kind.startswith("stream") else 0  # an open stream keeps what was read, to this size
+    allowed = min(MAX_BYTES, max(WORK_BYTES + kept, RATIO * size))
     if "Traceback" in ended.said or ended.code not in (0, 1, 2):
         faults.append(f"exit code {ended.code}: {ended.said[-300:]}")
     if "memory ran out" in ended.said or ended.bytes > allowed:

@@ -8,7 +8,7 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    ("count", "seed"), [pytest.param(13, 4, marks=pytest.mark.slow), pytest.param(200, 1, marks=pytest.mark.long)]
+    ("count", "seed"), [pytest.param(5, 4, marks=pytest.mark.slow), pytest.param(200, 1, marks=pytest.mark.long)]
 )
 def test_hostile_files_are_refused_or_read_right_and_cheaply(count, seed):
     """They are drawn in a process of their own, which forks: this one has run compiled code on several threads."""

@@ -246,6 +246,16 @@ def test_a_folder_of_saf_becomes_a_dataset_that_is_evaluated(tmp_path, call, raw
     assert call("evaluate", tmp_path / "mine", "--method", "sd+argmax")[0] == 0
 
 
+def test_a_sheet_lists_a_recording_once_with_one_set_of_numbers(tmp_path, raw):
+    (tmp_path / "a.dat").write_bytes(raw)
+    same, other_block = (2, "other", 20, 11, 4, "./a.dat"), (2, "other", 20, 11, 8, "a.dat")
+    write_xlsx(tmp_path / "config.xlsx", [HEADING, (1, "desk", 20, 11, 4, "a.dat"), same])
+    said = "lists a.dat twice, as 'desk-recorded-01' and 'other-recorded-02'"
+    assert_says(refusal(read_saf_config, tmp_path), said)
+    write_xlsx(tmp_path / "config.xlsx", [HEADING, (1, "desk", 20, 11, 4, "a.dat"), other_block])
+    assert len(read_saf_config(tmp_path)) == 2
+
+
 def test_a_sheet_with_gaps_keeps_its_columns(tmp_path):
     write_xlsx(tmp_path / "a.xlsx", [("a", "", "c"), (1, "", 2.5)])
     assert read_sheet(tmp_path / "a.xlsx") == [["a", "", "c"], ["1", "", "2.5"]]

@@ -7,6 +7,7 @@ import zlib
 import h5py
 import numpy as np
 import pytest
+from refusals import refusal
 
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
@@ -157,6 +158,7 @@ def test_text_whose_pieces_have_no_end_is_refused_before_hdf5_looks_for_it(untru
 def test_a_chunk_that_inflates_a_thousandfold_fills_no_memory(untrusted, chunks):
     with h5py.File(untrusted, "r+") as file:
         replace(file, "spikes", shape=(12, 10, 50), dtype="u1", chunks=chunks, compression="gzip")
+        file["spikes"][:] = 0
         file["spikes"].id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(1 << 27), 1))
     with open_stream(untrusted) as stream:
         tracemalloc.start()
@@ -165,6 +167,23 @@ def test_a_chunk_that_inflates_a_thousandfold_fills_no_memory(untrusted, chunks)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
     assert peak < 1 << 25  # the chunk has 0.5 MB deflated and 128 MB inflated
+
+
+@pytest.mark.parametrize(
+    ("chunks", "written", "said"),
+    [
+        ((6, 10, 25), 6, "2 of 4 chunks"),
+        ((12, 10, 50), 0, "0 of 1 chunk"),
+        ((5, 3, 7), 5, "32 of 96 chunks"),
+        (None, 0, "0 of 1 chunk"),
+    ],
+)
+def test_spikes_that_were_never_written_are_not_read_as_dark(untrusted, chunks, written, said):
+    with h5py.File(untrusted, "r+") as file:
+        replace(file, "spikes", shape=(12, 10, 50), dtype="u1", chunks=chunks)
+        if written:
+            file["spikes"][:written] = 0
+    assert refusal(open_stream, untrusted).problem == f"/spikes was not written to its end: {said}"
 
 
 SEED, FLIPS = 17, 200

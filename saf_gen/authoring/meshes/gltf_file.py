@@ -27,6 +27,8 @@ from saf_gen.errors import BadInput
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+MAX_ZEROS = 6_000_000
+"""Most numbers of an accessor without a buffer view: zeros, of which the file holds none."""
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 Index = Annotated[int, Field(ge=0)]
@@ -231,10 +233,11 @@ class GltfFile:
         if kinds and accessor.type not in kinds:
             raise self.refuse(f"accessor {index} has the type {accessor.type}", allowed=" or ".join(kinds))
         width, kind = WIDTHS[accessor.type], np.dtype(COMPONENTS[accessor.component_type])
-        if accessor.count * width > MAX_CORNERS:
+        most = MAX_CORNERS if accessor.buffer_view is not None else MAX_ZEROS
+        if accessor.count * width > most:
             raise self.refuse(
                 f"accessor {index} has {accessor.count * width:,} numbers",
-                allowed=f"up to {MAX_CORNERS:,}",
+                allowed=f"up to {most:,}",
                 hint="reduce the mesh",
             )
         if accessor.buffer_view is None:

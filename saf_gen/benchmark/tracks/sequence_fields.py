@@ -93,11 +93,11 @@ def describe_sequence(
         gain = None if gain is None else gain[:frames]
         mean_rate = mean_rate[: max(1, int((centres < frames).sum()))]
     if track == "recorded":
-        location, off_dof = judge_crossing(truth, stream.focus_position)
+        location, off_dof = judge_crossing(truth, stream.metadata.lens_position)
     else:
         location, off_dof = judge_location(truth)
     obstacle: Obstacle | None = blank
-    path = stream.focus_position if track == "recorded" else np.array([0.0, 1.0])  # where the lens can be
+    path = stream.metadata.lens_position if track == "recorded" else np.array([0.0, 1.0])  # where the lens can be
     if blank is None and path is not None and path.size and np.isfinite(path).all():
         if np.ptp(path) <= REST_DOF * (judged_dof(truth.depth_of_focus) or 0.0):
             obstacle = "lens at rest"
@@ -129,7 +129,7 @@ def judge_crossing(truth: Truth, focus_position: np.ndarray | None) -> tuple[flo
     truth : Truth
         Truth of the recording.
     focus_position : ndarray of float, shape (T,), or None
-        Lens position at each readout, as fractions of the travel.
+        Where the lens was at each readout, as fractions of the travel.
 
     Returns
     -------

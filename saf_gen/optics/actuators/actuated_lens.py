@@ -1,8 +1,7 @@
 """A lens moved by its actuator, with a state that is kept from call to call."""
 
-from bisect import bisect_left, bisect_right
 from functools import lru_cache
-from math import copysign, floor, hypot, inf, isfinite, pi, sqrt
+from math import floor, hypot, isfinite, pi
 from numbers import Real
 from typing import Any
 
@@ -13,87 +12,8 @@ from saf_gen.core.region import validate_window
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators.actuator import Actuator
-
-# Trajectories with piecewise constant acceleration, of the motor and of the lens seat that it moves with backlash.
-#
-# A piece is (begin, position, speed, acceleration), in seconds and travels. It lasts until the next piece begins; the
-# last piece does not end. The direction does not change within a piece. Only the four basic operations and square
-# roots
-# are used, which all machines round in the same way.
-
-
-TrajectoryPiece = tuple[float, float, float, float]
-Trajectory = list[TrajectoryPiece]
-
-
-def trajectory_at(trajectory: Trajectory, seconds: float) -> tuple[float, float]:
-    """Return position and speed at a time, which must not be before the first piece."""
-    begin, position, speed, acceleration = trajectory[bisect_right(trajectory, (seconds, inf)) - 1]
-    elapsed = seconds - begin
-    return position + elapsed * (speed + acceleration * elapsed / 2), speed + acceleration * elapsed
-
-
-def move_fastest(
-    target: float, begin: float, *, position: float, speed: float, max_speed: float, acceleration: float
-) -> Trajectory:
-    """Return the fastest trajectory from a position and speed at the time ``begin`` to rest at ``target``.
-
-    It consists of full acceleration, maximum speed if the distance is long enough, and full braking, which is the
-    time-optimal control of a double integrator.
-    """
-    stop = position + speed * abs(speed) / (2 * acceleration)  # position of rest if it brakes now
-    direction = 1.0 if target >= stop else -1.0
-    ahead = direction * speed
-    if ahead < 0:  # it must reverse first
-        reversed_at = begin - ahead / acceleration
-        limits = {"max_speed": max_speed, "acceleration": acceleration}
-        rest = move_fastest(target, reversed_at, position=stop, speed=0.0, **limits)
-        return [(begin, position, speed, direction * acceleration), *rest]
-    distance = direction * (target - position)
-    peak = sqrt(max(acceleration * distance + ahead * ahead / 2, 0.0))
-    top = max(min(peak, max_speed), ahead)
-    gain, brake = (top * top - ahead * ahead) / (2 * acceleration), top * top / (2 * acceleration)
-    trajectory, time = [], begin
-    if top > ahead:
-        trajectory.append((time, position, speed, direction * acceleration))
-        time += (top - ahead) / acceleration
-    if peak > top > 0 and distance > gain + brake:
-        trajectory.append((time, position + direction * gain, direction * top, 0.0))
-        time += (distance - gain - brake) / top
-    if top > 0:
-        trajectory.append((time, target - direction * brake, direction * top, -direction * acceleration))
-        time += top / acceleration
-    return [*trajectory, (time, target, 0.0, 0.0)]
-
-
-def apply_backlash(motor: Trajectory, seat: float, *, backlash: float) -> Trajectory:
-    """Return the trajectory of the lens seat, which starts at ``seat`` and which the motor moves with backlash.
-
-    The motor moves freely until it is half the backlash ahead of the seat; from there on it moves the seat along.
-    """
-    if backlash == 0:
-        return motor
-    half, trajectory = backlash / 2, []
-    for number, (begin, position, speed, acceleration) in enumerate(motor):
-        if number + 1 == len(motor):
-            trajectory.append((begin, seat, 0.0, 0.0))
-            break
-        end, position_at_end = motor[number + 1][:2]
-        direction = copysign(1.0, speed or acceleration)
-        gap = half - direction * (position - seat)
-        if gap > 0:
-            ahead, rate = direction * speed, direction * acceleration
-            reached = ahead * ahead + 2 * rate * gap
-            delay = 2 * gap / (ahead + sqrt(reached)) if reached > 0 else inf
-            trajectory.append((begin, seat, 0.0, 0.0))
-            if begin + delay >= end:
-                continue
-            trajectory.append((begin + delay, seat, speed + acceleration * delay, acceleration))
-        else:
-            trajectory.append((begin, position - direction * half, speed, acceleration))
-        seat = position_at_end - direction * half
-    return trajectory
-
+from saf_gen.optics.actuators.hysteresis import apply_hysteresis, drive_position, operators_at_rest, states_at
+from saf_gen.optics.actuators.trajectory import Trajectory, apply_backlash, move_fastest, pieces_until, trajectory_at
 
 # Motion of a lens on a spring behind its seat: a damped oscillator, solved exactly piece by piece.
 #
@@ -222,7 +142,32 @@ def integrate_oscillator(
     return j
 
 
+@compiled
+def relax(heat: Any, state: Any, share: Any, out: Any) -> Any:
+    """Compute q in the middle of readouts, which follows s by q′ = (s - q)/τ; by the trapezoid rule.
+
+    Parameters
+    ----------
+    heat : ndarray of float64, shape (frames,)
+        s in the middle of the readouts.
+    state : ndarray of float64, shape (2,)
+        q and s in the middle of the readout before; replaced by those of the last readout.
+    share : float
+        Length of a readout divided by τ.
+    out : ndarray of float64, shape (frames,)
+        Receives q.
+    """
+    q, before = state[0], state[1]
+    for k in range(out.shape[0]):
+        q = ((1 - share / 2) * q + share / 2 * (before + heat[k])) / (1 + share / 2)
+        before = heat[k]
+        out[k] = q
+    state[0], state[1] = q, before
+
+
 BLOCK = 4096
+COMMAND_FRAMES = 8
+"""Number of readouts from one command of a motion to the next, as in a sweep of the closed loop."""
 
 
 class ActuatedLens:
@@ -235,7 +180,8 @@ class ActuatedLens:
     actuator : Actuator
         The actuator.
     start : float
-        Position at which the lens rests first, as a fraction of the travel; the motor is in the middle of its backlash.
+        Position at which the motor rests first, in the middle of its backlash, as a fraction of the travel. The lens is
+        there too, but for hysteresis (the motor came from the middle of the travel) and drift (its heat is in balance).
     readout_hz : float
         Readouts of the camera per second.
     seed : int
@@ -260,7 +206,14 @@ class ActuatedLens:
         self._commands = 0
         begin = -0.5 / self.readout_hz
         self._motor: Trajectory = [(begin, float(start), 0.0, 0.0)]
+        self._operators: list[Trajectory] = []
         self._seat: Trajectory = self._motor[:]
+        if actuator.hysteresis:
+            states = operators_at_rest(float(start))
+            self._operators = [[(begin, state, 0.0, 0.0)] for state in states]
+            seat = drive_position(float(start), states, hysteresis=actuator.hysteresis)
+            self._seat = [(begin, seat, 0.0, 0.0)]
+        self._warmth = np.full(2, float(start) ** 2)  # of the lens and of its current, as fractions of those in the end
         self._oscillation = np.zeros(2)
         self._read = np.empty(BLOCK)
 
@@ -272,7 +225,7 @@ class ActuatedLens:
         BadInput
             If ``to`` is outside 0 to 1.
         """
-        self._positioning_error, self._motor, self._seat = self._plan(to)
+        self._positioning_error, self._motor, self._operators, self._seat = self._plan(to)
         self.target = float(to)
         self._commands += 1
 
@@ -290,12 +243,18 @@ class ActuatedLens:
         first, stop = self.frames, self.frames + frames
         if frames:
             omega = 2 * pi * self.actuator.resonance_hz
-            pieces = np.array(_until(self._seat, (stop - 0.5) / self.readout_hz))
+            pieces = np.array(pieces_until(self._seat, (stop - 0.5) / self.readout_hz))
             passed = integrate_oscillator(
                 pieces, self._oscillation, first, self.readout_hz, omega, float(self.actuator.damping), positions
             )
             del self._seat[:passed]
             motor = self._motor_positions(first, stop)
+            for operator in self._operators:
+                del operator[: len(pieces_until(operator, stop / self.readout_hz)) - 1]
+            if self.actuator.drift is not None:
+                warmth = np.empty(frames)
+                relax(motor * motor, self._warmth, 1 / (self.readout_hz * self.actuator.drift.time_s), warmth)
+                positions = self._drifted(positions, warmth)
             while stop > len(self._read):
                 self._read = np.concatenate([self._read, np.empty_like(self._read)])
             self._read[first:stop] = positions if self.actuator.reads == "lens" else motor
@@ -324,23 +283,27 @@ class ActuatedLens:
     def resting_position(self, to: float | None = None) -> float:
         """Return the position at which the lens will come to rest without further commands, or if sent to ``to`` now.
 
-        Backlash, steps and positioning errors are included.
+        Backlash, hysteresis, steps and positioning errors are included, and the drift at the present temperature; the
+        temperature may change for minutes.
 
         Raises
         ------
         BadInput
             If ``to`` is outside 0 to 1.
         """
-        seat = self._seat if to is None else self._plan(to)[2]
-        return seat[-1][1]
+        seat = self._seat if to is None else self._plan(to)[3]
+        return float(self._drifted(seat[-1][1], self._warmth[0]))
 
     def is_settled(self, within: float) -> bool:
-        """Return whether the lens will stay closer than ``within`` to its resting position without further commands."""
+        """Return whether the lens will stay closer than ``within`` to its resting position without further commands.
+
+        A change of temperature is left out, as in :meth:`resting_position`.
+        """
         # If only the piece at rest is left, the energy of the oscillation can only decrease.
         return len(self._seat) == 1 and hypot(*self._oscillation) <= within
 
-    def _plan(self, to: float) -> tuple[float, Trajectory, Trajectory]:
-        """Return the positioning error of the motor and the trajectories of motor and seat for a command to ``to``."""
+    def _plan(self, to: float) -> tuple[float, Trajectory, list[Trajectory], Trajectory]:
+        """Return the positioning error of the motor and the trajectories of motor, operators and seat for a command."""
         _check_position("to", to)
         actuator = self.actuator
         target, error = self._round_to_steps(to), self._positioning_error
@@ -354,8 +317,13 @@ class ActuatedLens:
         position, speed = trajectory_at(self._motor, begin)
         limits = {"max_speed": actuator.speed, "acceleration": actuator.acceleration}
         motor = move_fastest(aim, begin, position=position, speed=speed, **limits)
-        seat = apply_backlash(motor, trajectory_at(self._seat, begin)[0], backlash=actuator.backlash)
-        return error, _until(self._motor, begin) + motor, _until(self._seat, begin) + seat
+        driven, operators = motor, []
+        if actuator.hysteresis:
+            states = states_at(self._operators, begin)
+            driven, plays = apply_hysteresis(motor, states, hysteresis=actuator.hysteresis)
+            operators = [pieces_until(a, begin) + b for a, b in zip(self._operators, plays, strict=True)]
+        seat = apply_backlash(driven, trajectory_at(self._seat, begin)[0], backlash=actuator.backlash)
+        return error, pieces_until(self._motor, begin) + motor, operators, pieces_until(self._seat, begin) + seat
 
     def _round_to_steps(self, position: float) -> float:
         """Return the nearest position within the travel that is a multiple of the motor's step."""
@@ -365,18 +333,51 @@ class ActuatedLens:
         count = floor(position / step + 0.5)
         return count * step if count * step <= 1 else (count - 1) * step
 
+    def _drifted(self, position: Any, warmth: Any) -> Any:
+        """Return positions with the drift of a lens of this warmth, within the travel."""
+        drift = self.actuator.drift
+        if drift is None:
+            return position
+        return np.clip(position + drift.per_k * (drift.ambient_k + drift.heating_k * warmth), 0.0, 1.0)
+
     def _motor_positions(self, first: int, stop: int) -> np.ndarray:
         times = (np.arange(first, stop) + 0.5) / self.readout_hz
-        begins, positions, speeds, accelerations = np.array(_until(self._motor, stop / self.readout_hz)).T
+        begins, positions, speeds, accelerations = np.array(pieces_until(self._motor, stop / self.readout_hz)).T
         piece = np.searchsorted(begins, times, side="right") - 1
         elapsed = times - begins[piece]
         del self._motor[: piece[-1]]
         return positions[piece] + elapsed * (speeds[piece] + accelerations[piece] * elapsed / 2)
 
 
-def _until(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """Return the pieces of a trajectory that begin before a time."""
-    return trajectory[: bisect_left(trajectory, (seconds,))]
+def follow_commands(
+    actuator: Actuator, told: np.ndarray, *, readout_hz: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a lens was, and what its position sensor read, while its actuator was told to move.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        The actuator; the lens rests first where it is told to be in the first readout.
+    told : ndarray of float64, shape (frames,)
+        The position to be at in the middle of each readout, 0 to 1. A command is given every COMMAND_FRAMES readouts,
+        and is the position at the end of these.
+    readout_hz : float
+        Readouts per second.
+    seed : int
+        Seed of the actuator.
+
+    Returns
+    -------
+    positions, readings : ndarray of float64, shape (frames,)
+        Positions of the lens in the middle of the readouts, 0 to 1, and readings, which noise may put a little outside.
+    """
+    lens = ActuatedLens(actuator, start=float(told[0]), readout_hz=readout_hz, seed=seed)
+    positions = np.empty(len(told))
+    for first in range(0, len(told), COMMAND_FRAMES):
+        stop = min(first + COMMAND_FRAMES, len(told))
+        lens.command(float(told[stop - 1]))
+        positions[first:stop] = lens.run(stop - first)
+    return positions, lens.read_sensor(0, len(told))
 
 
 def _check_position(key: str, value: object) -> None:

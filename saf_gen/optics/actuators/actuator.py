@@ -13,14 +13,41 @@ from pydantic.dataclasses import dataclass
 from saf_gen.core.config.presets import Presets, Sources, Text, between
 
 
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class Drift:
+    """The drift of a lens by heat, towards an offset that depends on its temperature.
+
+    The lens is per_k·(ambient_k + heating_k·q) away from where its current would put it if it were as warm as when its
+    travel was measured. A current i, as a fraction of the largest, warms it by i²: q′ = (i² - q)/time_s, which is
+    Newton's law of cooling. First q is in balance with the current.
+
+    Parameters
+    ----------
+    per_k : float
+        Change of position per kelvin, as a fraction of the travel.
+    ambient_k : float
+        Kelvins by which the surroundings are warmer than they were when the travel was measured.
+    heating_k : float
+        Kelvins by which the largest current warms the lens in the end.
+    time_s : float
+        Seconds in which 63 % of a change of temperature are over.
+    """
+
+    per_k: Annotated[float, between(-0.05, 0.05, unit="of the travel per kelvin")]
+    ambient_k: Annotated[float, between(-60, 60, unit="kelvins")]
+    heating_k: Annotated[float, between(0, 100, unit="kelvins")]
+    time_s: Annotated[float, between(0.1, 1e5, unit="seconds")]
+
+
 # The ranges reject a latency in milliseconds or a fraction in percent, but allow an ideal lens.
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Actuator:
     """The mechanism between a command and the position of the lens, in fractions of the travel and seconds.
 
-    A command passes through these stages: latency, rounding to steps, positioning error, motion of the motor, backlash,
-    and oscillation of the lens. A stop at each end of the travel absorbs all speed. :func:`get_actuator` raises
-    BadInput for a value that is not allowed; the constructor and ``dataclasses.replace`` raise a ValueError.
+    A command passes through these stages: latency, rounding to steps, positioning error, motion of the motor,
+    hysteresis, backlash, oscillation of the lens, and drift. A stop at each end of the travel absorbs all speed.
+    :func:`get_actuator` raises BadInput for a value that is not allowed; the constructor and ``dataclasses.replace``
+    raise a ValueError.
 
     Parameters
     ----------
@@ -35,7 +62,8 @@ class Actuator:
     backlash : float
         Total play between motor and lens. The lens stays until half of the play is taken up in the direction of the
         move, and then trails the motor by that half. It therefore comes to rest half the play short of the position, on
-        the side from which it came.
+        the side from which it came. A coil against springs of the stiffness k that rub with the force F has this
+        hysteresis, 2F/k wide.
     step : float
         The commanded position is rounded to the nearest multiple of this step; 0 for no steps.
     place_rms : float
@@ -44,13 +72,18 @@ class Actuator:
         travel.
     reads : str
         Part that the position sensor reads: the ``lens``, or the ``motor``, as with counted steps or a commanded
-        current, which shows neither play nor ringing.
+        current or voltage, which shows neither play, hysteresis nor drift, and no ringing.
     position_noise_rms : float
         Rms of the white noise of the position sensor, independent at each readout of the camera.
     latency_s : float
         Delay from a command to its effect; until then the previous command remains in force.
     sources : tuple of str
         Sources of the numbers.
+    hysteresis : float, default 0
+        Width of the loop of position over command, in the middle of the travel, if the commands go from end to end, as
+        a fraction of the travel; :mod:`saf_gen.optics.actuators.hysteresis` is the model.
+    drift : Drift, optional
+        Drift by heat; by default none.
 
     References
     ----------
@@ -69,6 +102,8 @@ class Actuator:
     position_noise_rms: Annotated[float, between(0, 0.1, unit="of the travel")]
     latency_s: Annotated[float, between(0, 1, unit="seconds")]
     sources: Sources
+    hysteresis: Annotated[float, between(0, 0.3, unit="of the travel")] = 0.0
+    drift: Drift | None = None
 
     @property
     def label(self) -> str:
@@ -82,11 +117,16 @@ class Actuator:
         return f"{self.name} (own, {hashlib.sha256(self._numbers().encode()).hexdigest()[:12]})"
 
     def _numbers(self) -> str:
-        """Return everything that affects the motion as text, in which 1 equals 1.0 and 0 equals -0."""
+        """Return everything that affects the motion as text, in which 1 equals 1.0 and 0 equals -0.
+
+        Keys that came later are left out where they have no effect, so that older labels stay as they are.
+        """
+        held = {key: value for key, value in asdict(self).items() if key not in ("name", "sources", "drift")}
+        if not self.hysteresis:
+            del held["hysteresis"]
+        held |= {} if self.drift is None else {f"drift.{key}": value for key, value in asdict(self.drift).items()}
         return "\n".join(
-            f"{key} {value if isinstance(value, str) else repr(float(value) + 0.0)}"
-            for key, value in asdict(self).items()
-            if key not in ("name", "sources")
+            f"{key} {value if isinstance(value, str) else repr(float(value) + 0.0)}" for key, value in held.items()
         )
 
     def move_s(self, distance: float) -> float:

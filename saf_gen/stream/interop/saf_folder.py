@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
@@ -54,7 +53,7 @@ def read_saf_config(folder: str | Path) -> list[SafRecording]:
     from 1, like the frames that these programs print.
 
     Raises BadInput, naming the row, if a number in a row is invalid, or if its file is missing, too short or outside
-    both folders; and if the table has no rows or names a recording twice.
+    both folders; and if the table has no rows, names a recording twice, or lists a file twice with the same numbers.
     """
     root = Path(folder)
     if not (root / CONFIG).is_file():
@@ -69,13 +68,21 @@ def read_saf_config(folder: str | Path) -> list[SafRecording]:
         rows = rows[1:]  # the heading
     if not rows:
         raise BadInput("lists no recording", where=str(root / CONFIG), allowed=", ".join(COLUMNS))
-    found = [_read_recording(row, root=root, where=f"{root / CONFIG}:{number}") for number, row in rows]
-    for name, count in Counter(recording.name for recording in found).items():
-        if count > 1:
+    found: dict[tuple[Path, int, int, int | None], SafRecording] = {}
+    names = set()
+    for number, row in rows:
+        recording, where = _read_recording(row, root=root, where=f"{root / CONFIG}:{number}"), str(root / CONFIG)
+        what = (recording.file.resolve(), recording.frames, recording.focal_frame, recording.block)
+        if recording.name in names:
+            raise BadInput(f"lists {recording.name!r} twice", where=where, allowed="a different id for each recording")
+        if (before := found.setdefault(what, recording)) is not recording:
             raise BadInput(
-                f"lists {name!r} twice", where=str(root / CONFIG), allowed="a different id for each recording"
+                f"lists {name_as_text(recording.file.name)} twice, as {before.name!r} and {recording.name!r}",
+                where=where,
+                allowed="rows that differ in more than their id and name",
             )
-    return found
+        names.add(recording.name)
+    return list(found.values())
 
 
 def _is_whole_number(text: str) -> bool:

@@ -211,7 +211,7 @@ def draw_still(pictures: WindowPictures, timeline: Timeline, *, region: Region |
 
 
 def _caption(pictures: WindowPictures, centre: float) -> str:
-    lens = pictures.stream.focus_position
+    lens = pictures.stream.metadata.lens_position
     return f"frame {centre:,.0f}" + ("" if lens is None else f", lens {lens[round(centre)]:.2f}")
 
 

@@ -224,7 +224,7 @@ def read_timeline(
             seen = measure_input(source, wanted_form(scorer), first=a, stop=a + window)
             with named_user_code(name, "focus measure"):
                 scores[name].append(scorer(seen, **({"frames": window} if wants_frames(scorer) else {})))
-    truth, lens, gain = stream.truth, stream.focus_position, stream.gain
+    truth, lens, gain = stream.truth, stream.metadata.lens_position, stream.gain
     track = np.full(stream.shape[0], truth.position) if truth.track is None else truth.track
     lines = [] if gain is None else list(gain.T)
     names = stream.light_names or [f"light {n + 1}" for n in range(len(lines))]
@@ -255,7 +255,7 @@ def describe_moment(stream: ReadableStream, *, first: int, window: int) -> str:
     """Return one line about a window: frames, lens position, distance from focus in depths of focus, and start time."""
     stop = first + window
     parts = [f"frames {first:,}–{stop - 1:,}" if window > 1 else f"frame {first:,}"]
-    lens, truth = stream.focus_position, stream.truth
+    lens, truth = stream.metadata.lens_position, stream.truth
     if lens is not None:
         at = float(np.mean(lens[first:stop], dtype=np.float64))
         parts.append(f"lens {at:.3f}")
