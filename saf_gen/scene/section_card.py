@@ -49,8 +49,10 @@ def check_section(
         The card's ``section``.
     document : Document
         The card.
-    lights, target
-        What the card says under these keys.
+    lights : mapping of str to sequence of str
+        Condensers by light group, as on the card.
+    target : sequence of str
+        Target of the card.
     has_script : bool
         Whether the scene has a ``scene.py``.
     """

@@ -234,6 +234,7 @@ def test_a_recipe_with_a_section_is_made_once_and_verified(slide, tmp_path, smal
     code, said, _ = call("generate", recipe, "--out", made, "--variant", "scalar")
     assert code == 0
     assert "3 pieces of focal stacks rendered" in said
+    assert "without diffraction" not in said
     code, said, _ = call("generate", recipe, "--out", made)
     assert code == 0
     assert "0 pieces of focal stacks rendered" in said
