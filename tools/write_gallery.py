@@ -21,8 +21,8 @@ from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.files import atomic_file, write_text
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput
+from saf_gen.render import make_renderer
 from saf_gen.render.depth_and_target import DepthAndTarget
-from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene, SceneCard, find_scene, scene_names
 
 GAP = 4  # pixels between two images
@@ -73,7 +73,7 @@ class View:
 
     @classmethod
     def render(cls, scene: Scene, sensor: Sensor, *, backend: str) -> "View":
-        renderer = SceneRenderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
+        renderer = make_renderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
         seen = renderer.trace_geometry(allow_unseen_target=True)
         depths = seen.depth[seen.target]
         truth = scene.build_drive().least_blur(depths) if depths.size else float("nan")

@@ -27,7 +27,7 @@ from saf_gen.core.figure_style import BAND, COLOURS, COLUMN_STYLE, INK, SOFT, hi
 from saf_gen.core.files import atomic_file
 from saf_gen.core.region import bounding_box
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stack.focal_stack import FocalStack
+from saf_gen.stack.focal_stack import WAVES, FocalStack
 
 WIDTH, PIXELS = 7.16, 1600  # width in inches, two columns of a paper, and in pixels of a PNG
 # Inches: a title of one line, a caption of two, each further line, the gap between images; a plot's height, the axis
@@ -81,7 +81,8 @@ class _Cell:
 def write_preview(stack: FocalStack, sensor: Sensor, *, path: Path) -> None:
     """Write the contact sheet of a dataset's focal stack; ``path`` is as in :func:`draw_sheet`."""
     spec = stack.spec
-    title = f"{spec.scene}: {spec.positions} positions, {spec.samples} samples per pixel"
+    how = "by waves" if spec.estimator == WAVES else f"{spec.samples} samples per pixel"
+    title = f"{spec.scene}: {spec.positions} positions, {how}"
     draw_sheet(ContactSheet(title, stack, sensor), path)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from saf_gen.authoring.contact_sheet import ContactSheet, draw_sheet
 from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import is_range
+from saf_gen.render import Renderer, make_renderer
 from saf_gen.render.render_setup import SensorGrid
-from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.keyframes import motion_end_s
 from saf_gen.scene.scene_folder import Scene
 
@@ -30,28 +30,26 @@ def preview_scene(scene: Scene, sensor: Sensor, *, path: Path, backend: str = "a
 
 def make_sheet(scene: Scene, sensor: Sensor, *, backend: str) -> ContactSheet:
     """Render the content of the contact sheet of a scene, and return it."""
-    renderer = SceneRenderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
+    renderer = make_renderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_geometry(allow_unseen_target=True)
     positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if renderer.is_slow else (POSITIONS, SAMPLES)
     stack = renderer.render_stack(seen, positions=positions, samples=samples)
     sheet = ContactSheet(f"{scene.id}: {scene.card.title} ({scene.card.lens.summary})", stack, sensor)
     position = float(np.clip(np.nan_to_num(sheet.true_focus, nan=0.5), 0, 1))
     samples = SLOW_SAMPLES if renderer.is_slow else SHARP_SAMPLES
-    sharp = renderer.render_pinhole(position, samples=samples)
+    sharp = None if scene.card.section is not None else renderer.render_pinhole(position, samples=samples)
     samples = max(1, samples // SHRINK)
     small = list(render_images(renderer, position, samples=samples, count=SMALL_IMAGES))
     return replace(sheet, sharp=sharp, small_images=small)
 
 
-def render_images(
-    renderer: SceneRenderer, position: float, *, samples: int, count: int
-) -> Iterator[tuple[str, np.ndarray]]:
+def render_images(renderer: Renderer, position: float, *, samples: int, count: int) -> Iterator[tuple[str, np.ndarray]]:
     """Yield captions and small, sharp images of members of the family and of moments of a moving scene."""
     scene, grid = renderer.scene, renderer.grid
     grid = SensorGrid(grid.rows // SHRINK, grid.columns // SHRINK, grid.pitch_m * SHRINK)
     if any(is_range(value) for value in scene.card.params.values()):
         for n in range(count):
-            member = SceneRenderer(scene.draw_member("preview", n), grid, backend_name=renderer.backend_name)
+            member = make_renderer(scene.draw_member("preview", n), grid, backend_name=renderer.backend_name)
             yield f"member {n + 1}", member.render_pinhole(position, samples=samples)
     if renderer.motions:
         for time_s in np.linspace(0, motion_end_s(renderer.motions, recording_s=RECORDING_S), count):

@@ -19,7 +19,8 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.generate.record import has_recording
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
 from saf_gen.generate.shards import Share, deal_groups, join_by_stacks, share_out
-from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.optics.partial_coherence import samples_per_pixel
+from saf_gen.stack.focal_stack import WAVES, StackSpec, StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest
 
@@ -54,6 +55,9 @@ class MachineRates:
         Seconds to load a scene, which is done for each light group of each stack.
     plane_s_per_pixel : float
         Seconds to sum and store one pixel at one focus position.
+    waves_per_s : float
+        Samples of a thin section's picture at which the waves of a condenser are summed per second;
+        :func:`saf_gen.optics.partial_coherence.samples_per_pixel` says how many a pixel has.
     pixel_frames_per_s : float
         Pixels times frames that one worker encodes, stores and verifies per second.
     pixel_frames_per_core_s : float
@@ -70,6 +74,7 @@ class MachineRates:
     paths_per_s: float = 2.5e6
     load_s: float = 0.3
     plane_s_per_pixel: float = 8e-8
+    waves_per_s: float = 5e5
     pixel_frames_per_s: float = 0.7e9
     pixel_frames_per_core_s: float = 0.97e9
     job_s: float = 0.00024
@@ -83,6 +88,9 @@ class MachineRates:
     def render_seconds(self, spec: StackSpec) -> float:
         """Return the approximate time to render a stack, in seconds."""
         pixels = spec.rows * spec.columns
+        if spec.estimator == WAVES:
+            waves = pixels * samples_per_pixel(spec.in_focus.imaging)
+            return len(spec.groups) * spec.rendered_count * waves / self.waves_per_s
         sample = (FILTERED_TIME if spec.estimator == "filtered" else 1.0) / self.paths_per_s
         planes = spec.rendered_count * self.plane_s_per_pixel
         return len(spec.groups) * (self.load_s + pixels * (spec.samples * sample + planes))

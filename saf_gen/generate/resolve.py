@@ -559,11 +559,15 @@ def _resolve_stacks(
 def _axial_colour(recipe: Recipe, scene: Scene) -> AxialColour | None:
     """Return the axial colour of a scene's lens: that of the recipe if it states one, else that of the card."""
     lens = scene.card.lens
-    if not isinstance(lens, LensFile):
+    if scene.card.section is not None:
+        what = f"scene {scene.id!r} is a thin section"
+    elif isinstance(lens, LensFile):
+        what = f"the lens of scene {scene.id!r} is read from a file"
+    else:
         return recipe.focus.axial_colour or lens.axial_colour
     if recipe.focus.axial_colour is not None or any(map(states_spectrum, recipe.lights.values())):
         raise BadInput(
-            f"the lens of scene {scene.id!r} is read from a file, and draws one wavelength",
+            f"{what}, and is drawn at one wavelength",
             allowed="lights without a spectrum, and no axial_colour",
             hint="or leave the scene out",
         )

@@ -38,7 +38,7 @@ from saf_gen.generate.recipe import Recipe
 from saf_gen.generate.record import Recorder, has_generated_fingerprint
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, recipe_fingerprint
 from saf_gen.scene.scene_folder import SceneCard
-from saf_gen.stack.focal_stack import StackStore
+from saf_gen.stack.focal_stack import WAVES, StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import FORMAT as MANIFEST_FORMAT
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, write_manifest
@@ -168,7 +168,9 @@ def run_plan(
 
     @cache
     def choose_backend() -> tuple[str, bool]:
-        return choose_renderer(variant, cluster=machines, notify=tell)
+        name, renders_waves = choose_renderer(variant, cluster=machines, notify=tell)
+        by_waves = all(spec.estimator == WAVES for stack in plan.by_stack for spec in stack.specs)
+        return name, renders_waves or by_waves
 
     backend_name, renders_waves = choose_backend() if plan.to_render else (variant, True)
     diffraction = plan.resolved.recipe.render.diffraction

@@ -13,7 +13,8 @@ from math import fsum
 from typing import TypeVar
 
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
-from saf_gen.stack.focal_stack import StackSpec
+from saf_gen.optics.partial_coherence import samples_per_pixel
+from saf_gen.stack.focal_stack import WAVES, StackSpec
 from saf_gen.stack.second_render import count_slices_to_repeat, second_render
 from saf_gen.stack.time_resolved import TimeResolvedStack
 
@@ -21,6 +22,7 @@ from saf_gen.stack.time_resolved import TimeResolvedStack
 # the machine at hand: all shards must be run by one version of saf_gen.
 PATHS_PER_S = 2.5e6
 FILTERED_TIME = 3.1  # of a filtered sample, divided by that of a plain one
+WAVES_PER_S = 5e5  # samples of a thin section's picture at which the waves of a condenser are summed
 LOAD_S = 0.3  # for a scene under one light group
 PLANE_S_PER_PIXEL = 8e-8
 PIXEL_FRAMES_PER_S = 0.7e9
@@ -252,6 +254,9 @@ def _fill(
 
 def _render_seconds(spec: StackSpec) -> float:
     pixels = spec.rows * spec.columns
+    if spec.estimator == WAVES:
+        waves = pixels * samples_per_pixel(spec.in_focus.imaging)
+        return len(spec.groups) * spec.rendered_count * waves / WAVES_PER_S
     sample = (FILTERED_TIME if spec.estimator == "filtered" else 1.0) / PATHS_PER_S
     planes = spec.rendered_count * PLANE_S_PER_PIXEL
     return len(spec.groups) * (LOAD_S + pixels * (spec.samples * sample + planes))
@@ -266,5 +271,7 @@ def _start_seconds(spec: StackSpec) -> float:
 
 def _grain_seconds(stack: TimeResolvedStack) -> float:
     """Return the seconds of the second render of a stack, or of a few slices that do not follow each other."""
+    if stack.specs[-1].estimator == WAVES:
+        return 0.0  # nothing is random
     again = second_render(stack.specs[-1], slices=len(stack.specs))
     return count_slices_to_repeat(len(stack.specs)) * (_render_seconds(again) + _start_seconds(again))

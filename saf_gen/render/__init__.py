@@ -10,12 +10,23 @@ from saf_gen.render import _import_mitsuba, backend, depth_and_target, estimator
 from saf_gen.render.estimators import MomentShading
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.scene_renderer import SceneRenderer
+from saf_gen.render.section_renderer import SectionRenderer, render_missing_sections
 from saf_gen.scene.scene_folder import Scene
-from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.stack.focal_stack import PixelGrid, StackSpec, StackStore
 
 MOMENTS_IN_LIGHT = 5  # at which the target's own light is looked for, if it moves or is moved past
 
-__all__ = ["_import_mitsuba", "render_missing"]
+Renderer = SceneRenderer | SectionRenderer
+"""What renders a scene: by light paths, or a thin section by waves."""
+
+__all__ = ["Renderer", "_import_mitsuba", "make_renderer", "render_missing"]
+
+
+def make_renderer(scene: Scene, grid: PixelGrid, *, backend_name: str, wavelength_m: float = 0.0) -> Renderer:
+    """Return the renderer of a scene; see :class:`SceneRenderer` for the parameters and errors."""
+    if scene.card.section is not None:
+        return SectionRenderer(scene, grid)
+    return SceneRenderer(scene, grid, backend_name=backend_name, wavelength_m=wavelength_m)
 
 
 def render_missing(
@@ -41,7 +52,7 @@ def render_missing(
         Folder of the stacks.
     backend_name : str
         'cuda', 'llvm' or 'scalar'. The first two (JIT backends) trace every path once for all focus positions; scalar
-        renders position by position.
+        renders position by position. A thin section is drawn by waves with any of them.
     wanted : collection of StackSpec, optional
         Those among the stacks that are rendered; by default all. Each is the same as if all were rendered.
     geometry_first : bool, default False
@@ -64,6 +75,9 @@ def render_missing(
         If the scene cannot be built, the lens runs into it, the target of a single stack is out of sight or cannot be
         focused, or a spec asks for diffraction or aberrations that the backend cannot render.
     """
+    if scene.card.section is not None:
+        drawn = [spec for spec in specs if wanted is None or spec in wanted]
+        return render_missing_sections(scene, drawn, root=root, threads=threads, progress=progress)
     if not backend.can_render_waves(backend_name) and any(spec.wavelength_m for spec in specs):
         raise BadInput(
             f"variant {backend_name} cannot render diffraction",

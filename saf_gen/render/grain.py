@@ -18,9 +18,8 @@ import numpy as np
 
 from saf_gen.core.files import temporary_folder
 from saf_gen.core.region import bounding_box
-from saf_gen.render import render_missing
+from saf_gen.render import Renderer, render_missing
 from saf_gen.render.depth_and_target import DepthAndTarget
-from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.grain import Grain, estimate_grain, measure_pictures, read_grain, write_grain
@@ -64,6 +63,10 @@ def measure_by_repeat(
     todo = [s for s in chosen if (wanted is None or s in wanted) and read_grain(root, s) is None]
     if not todo:
         return
+    if scene.card.section is not None:  # nothing is random: a second run would give the same pictures
+        for spec in todo:
+            _compare_stored(spec, StackStore(root, spec).load_planes(0, spec.rendered_count), root=root, samples=1)
+        return
     with temporary_folder(root / "grain") as folder:
         render_missing(
             scene,
@@ -75,16 +78,22 @@ def measure_by_repeat(
             progress=lambda name, done: progress("grain", done),
         )
         for spec in todo:
-            store, second = StackStore(root, spec), again[spec]
-            depth, target = store.load_geometry()
-            grain = measure_pictures(
-                store.load_planes(0, spec.rendered_count),
-                StackStore(folder, second).load_planes(0, spec.rendered_count),
-                target=target,
-                samples=(spec.samples, second.samples),
-                indices=_choose_positions(spec, spec.in_focus.true_focus(depth, target)),
-            )
-            write_grain(root, spec, grain=grain)
+            planes = StackStore(folder, again[spec]).load_planes(0, spec.rendered_count)
+            _compare_stored(spec, planes, root=root, samples=again[spec].samples)
+
+
+def _compare_stored(spec: StackSpec, again: np.ndarray, *, root: Path, samples: int) -> None:
+    """Measure and store the grain of a stored stack, from its pictures rendered again with these samples."""
+    store = StackStore(root, spec)
+    depth, target = store.load_geometry()
+    grain = measure_pictures(
+        store.load_planes(0, spec.rendered_count),
+        again,
+        target=target,
+        samples=(spec.samples, samples),
+        indices=_choose_positions(spec, spec.in_focus.true_focus(depth, target)),
+    )
+    write_grain(root, spec, grain=grain)
 
 
 def _choose_positions(spec: StackSpec, true_focus: float) -> np.ndarray:
@@ -104,13 +113,13 @@ class TargetGrain:
 
 
 def measure_still(
-    renderer: SceneRenderer, seen: DepthAndTarget, *, at: Mapping[str, float], positions: int, samples: int
+    renderer: Renderer, seen: DepthAndTarget, *, at: Mapping[str, float], positions: int, samples: int
 ) -> dict[str, TargetGrain]:
     """Return the grain at some positions, measured from two focal stacks over the whole travel of the scene at rest.
 
     Parameters
     ----------
-    renderer : SceneRenderer
+    renderer : Renderer
         Renderer of the scene.
     seen : DepthAndTarget
         Depth map and target of the scene.
@@ -136,7 +145,7 @@ def measure_still(
 
 
 def measure_slices(
-    renderer: SceneRenderer,
+    renderer: Renderer,
     seen: DepthAndTarget,
     *,
     at: Mapping[str, float],
@@ -171,7 +180,7 @@ def measure_slices(
 
 
 def render_slice_twice(
-    renderer: SceneRenderer,
+    renderer: Renderer,
     seen: DepthAndTarget,
     *,
     position: float,

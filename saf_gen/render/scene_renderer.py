@@ -145,6 +145,10 @@ class SceneRenderer:
             self._scenes.clear()
         return {group: self.prepare((group,), time_s=time_s) for group in groups}
 
+    def contents(self) -> str:
+        """Return what the scene consists of, in words."""
+        return f"{len(self.prepare().mitsuba_scene.shapes())} shapes"
+
     def trace_geometry(self, *, time_s: float | None = None, allow_unseen_target: bool = False) -> DepthAndTarget:
         """Trace depth and target; see :func:`saf_gen.render.depth_and_target.trace_geometry`."""
         return depth_and_target.trace_geometry(

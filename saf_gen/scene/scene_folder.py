@@ -27,6 +27,7 @@ from saf_gen.plugins.lights import check_groups
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
 from saf_gen.scene.library import library_module
+from saf_gen.scene.section_card import SectionCard, check_section
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
@@ -88,6 +89,9 @@ class SceneCard(FrozenModel):
     lights: dict[str, tuple[str, ...]] = Field(min_length=1)
     """Emitters that are switched together, by light group. The name of a group consists of lower-case letters, digits,
     ``-``, ``_``."""
+    section: SectionCard | None = None
+    """Makes the scene a thin section, lit from below, whose pictures are computed by waves; ``lights`` then groups its
+    condensers."""
     illuminance_lux: dict[str, float] = Field(default_factory=dict)
     """Mean illuminance of the target by each light group alone at gain 1, lux, above 0; given for all groups or for
     none. Light schedules in lux need it."""
@@ -251,6 +255,9 @@ def _read(folder: Path) -> Scene:
     if isinstance(card.lens, LensFile):
         card = card.model_copy(update={"lens": card.lens.read_from(folder)})
     check_groups(card.lights, document)
+    if card.section is not None:
+        has_script = geometry == [SCRIPT_FILE]
+        check_section(card.section, document, lights=card.lights, target=card.target, has_script=has_script)
     for key, value in card.params.items():
         check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
     for name, module in card.library.items():

@@ -24,6 +24,7 @@ from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import atomic_file
 from saf_gen.errors import BadInput
 from saf_gen.optics import Drive, FocusCriterion, drive_from_dict
+from saf_gen.optics.partial_coherence import check_lens
 from saf_gen.optics.typical_aberrations import with_typical_aberrations
 from saf_gen.scene.scene_folder import Scene
 
@@ -36,6 +37,8 @@ LAYERED_POSITIONS = 16
 LAYERS_VERSION = 2
 """Version of these sums, raised whenever the same paths would give another picture. 1 moved the outlines before blurred
 surfaces."""
+WAVES = "waves"
+"""The estimator of thin sections."""
 HALF_BITS = 15  # the largest half float is just below 2^16
 
 
@@ -84,6 +87,7 @@ class StackSpec:
         Wavelength (m) of the light, which is diffracted at the aperture; 0 for geometric optics.
     estimator : str, default 'filtered'
         'filtered' or 'plain', the way in which llvm and cuda find radiance from light paths; scalar is always plain.
+        'waves' for a thin section, whose pictures are computed without light paths; samples and max_depth are 1.
     moments_s : tuple of float, default ()
         Moments (s) whose light paths the filtered estimator uses to find the shading of surfaces; the last is the
         moment of the stack. If empty, only paths of this moment are used.
@@ -133,6 +137,8 @@ class StackSpec:
     ) -> "StackSpec":
         """Return the spec of a member of a scene's family in front of a sensor.
 
+        A thin section has its own wavelength, samples, depth of paths and estimator.
+
         Parameters
         ----------
         scene : Scene
@@ -151,14 +157,19 @@ class StackSpec:
         Raises
         ------
         BadInput
-            If the travel is impossible, diffraction keeps all of it in focus, or rays cannot show the aberrations.
+            If the travel is impossible, diffraction keeps all of it in focus, or the aberrations cannot be shown.
         """
-        drive = scene.build_drive(f_number)
+        drive, section = scene.build_drive(f_number), scene.card.section
+        if section is not None:
+            wavelength_m, estimator, samples, max_depth = section.wavelength_nm * 1e-9, WAVES, 1, 1
         drive.check_wave_depth(wavelength_m)
         size = {"rows": grid.rows, "columns": grid.columns}
         if aberrations is not None:
             drive = with_typical_aberrations(FocusCriterion(drive, grid.pitch_m, wavelength_m), aberrations, **size)
-        FocusCriterion(drive, grid.pitch_m, wavelength_m).check(**size)
+        if section is not None:
+            check_lens(drive)
+        else:
+            FocusCriterion(drive, grid.pitch_m, wavelength_m).check(**size)
         return cls(
             scene=scene.id,
             scene_digest=scene.digest,
@@ -176,6 +187,10 @@ class StackSpec:
             wavelength_m=wavelength_m,
             estimator=estimator,
         )
+
+    def without_diffraction(self) -> "StackSpec":
+        """Return this spec with light paths that are not bent; one of a thin section as it is."""
+        return self if self.estimator == WAVES else replace(self, wavelength_m=0.0)
 
     @cached_property
     def key(self) -> str:

@@ -64,7 +64,7 @@ class TimeResolvedStack:
 
     def without_diffraction(self) -> "TimeResolvedStack":
         """Return the stacks of the same moments without diffraction."""
-        return replace(self, specs=tuple(replace(spec, wavelength_m=0.0) for spec in self.specs))
+        return replace(self, specs=tuple(spec.without_diffraction() for spec in self.specs))
 
     def truncated_to(self, frames: float) -> "TimeResolvedStack":
         """Return the stacks that the first ``frames`` readouts need, including the one after them."""

@@ -353,6 +353,16 @@ FAULTS = {
             "stack/test_colour.py::test_the_truth_is_where_mixed_pictures_are_sharpest",
         ),
     ),
+    "waves before the focus for waves beyond": Fault(
+        "The waves of a thin section are defocused the other way, so what is bright on one side of the focus is dark.",
+        (Change("optics.partial_coherence", "turn = 1j * np.pi", "turn = -1j * np.pi"),),
+        (
+            "optics/test_partial_coherence.py::test_weak_sections_have_the_transfer_of_the_sum_over_the_condenser",
+            "optics/test_partial_coherence.py::"
+            "test_what_delays_light_is_bright_when_the_plane_in_focus_is_between_it_and_the_lens",
+            "optics/test_partial_coherence.py::test_in_coherent_light_a_phase_grating_makes_the_sum_of_its_orders",
+        ),
+    ),
     "moving truth from all depths": Fault(
         "The truth of a moving scene is the best compromise over all pixels, not over those of the target.",
         (

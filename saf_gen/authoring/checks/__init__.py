@@ -16,6 +16,7 @@ from saf_gen.authoring.checks.geometry import (
 )
 from saf_gen.authoring.checks.grain import check_grain
 from saf_gen.authoring.checks.pictures import check_curve, check_detail, check_exposure, check_slices
+from saf_gen.authoring.checks.section import check_section
 from saf_gen.authoring.checks.subject import SceneUnderTest
 from saf_gen.camera import Sensor
 from saf_gen.core.finding import Finding
@@ -32,6 +33,7 @@ __all__ = [
     "check_motion",
     "check_reach",
     "check_scene",
+    "check_section",
     "check_slices",
     "check_units",
 ]
@@ -47,6 +49,16 @@ CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[Finding]], ...
     check_grain,
     check_family,
 )
+
+
+CHECKS_OF_SECTIONS: tuple[Callable[[SceneUnderTest], Iterator[Finding]], ...] = (
+    check_units,
+    check_reach,
+    check_exposure,
+    check_section,
+    check_family,
+)
+"""Nothing in a thin section moves or is random."""
 
 
 def check_scene(
@@ -75,8 +87,8 @@ def check_scene(
     yield from check_licence(scene)
     subject = SceneUnderTest(scene, sensor, backend=backend)
     try:
-        shapes = subject.renderer.prepare().mitsuba_scene.shapes()
-        yield Finding("geometry", "ok", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
+        contents = subject.renderer.contents()
+        yield Finding("geometry", "ok", f"{contents}, light groups {', '.join(scene.card.lights)}")
     except BadInput as problem:
         yield Finding("geometry", "error", str(problem))
         return
@@ -89,12 +101,13 @@ def check_scene(
     if wrong := implausible_unit(subject):
         yield wrong
         return
-    for n, check in enumerate(CHECKS_OF_BUILT_SCENES, 1):
+    checks = CHECKS_OF_BUILT_SCENES if scene.card.section is None else CHECKS_OF_SECTIONS
+    for n, check in enumerate(checks, 1):
         try:
             yield from check(subject)
         except BadInput as problem:
             yield Finding(check.__name__.removeprefix("check_"), "error", str(problem))
-        progress(0.1 + 0.9 * n / len(CHECKS_OF_BUILT_SCENES))
+        progress(0.1 + 0.9 * n / len(checks))
 
 
 OPEN = frozenset(

@@ -17,8 +17,8 @@ from saf_gen.authoring.checks.subject import SLOW_SAMPLES, SceneUnderTest
 from saf_gen.camera import Sensor
 from saf_gen.core.finding import Finding
 from saf_gen.core.region import bounding_box
+from saf_gen.render import make_renderer
 from saf_gen.render.grain import TargetGrain, measure_slices, measure_still
-from saf_gen.render.scene_renderer import SceneRenderer
 
 BEST_FOCUS, QUARTER_AWAY = "best focus", "a quarter away"
 QUARTER_TRAVEL = 0.25
@@ -33,7 +33,7 @@ def check_grain(subject: SceneUnderTest) -> Iterator[Finding]:
     """Compare the grain at the usual numbers of samples, at rest and in time slices, with the goals."""
     full_renderer = subject.renderer
     sensor = crop_sensor(subject.sensor, subject.depth_and_target.target)
-    renderer = SceneRenderer(
+    renderer = make_renderer(
         subject.scene, sensor, backend_name=full_renderer.backend_name, wavelength_m=full_renderer.wavelength_m
     )
     seen = renderer.trace_geometry()

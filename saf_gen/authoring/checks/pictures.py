@@ -206,12 +206,12 @@ MIN_RISE = 1.2  # the peak divided by the lowest value
 
 def check_curve(subject: SceneUnderTest) -> Iterator[Finding]:
     """Check how far the peak is from the true focus, in depths of focus, and whether there are other peaks."""
-    focus, curve = subject.stack.spec.focus, _target_sharpness(subject, subject.stack)
+    focus, curve = subject.stack.spec.focus, target_sharpness(subject, subject.stack)
     if not curve.max() > 0:
         yield Finding("curve", "error", "the target's box has no sharpness: it is dark or uniform")
         return
     half = subject.half_depth_of_focus
-    near, fine = subject.near_stacks[0].spec.focus, [_target_sharpness(subject, s) for s in subject.near_stacks]
+    near, fine = subject.near_stacks[0].spec.focus, [target_sharpness(subject, s) for s in subject.near_stacks]
     top = float(focus[curve.argmax()])
     if near[0] - half <= top <= near[-1] + half and all(0 < one.argmax() < one.size - 1 for one in fine):
         top = float(np.mean([_parabola_peak(near, one) for one in fine]))  # half the variance of one
@@ -254,7 +254,7 @@ def check_curve(subject: SceneUnderTest) -> Iterator[Finding]:
         )
 
 
-def _target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
+def target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
     """Return the variance of the charge in the target's box, divided by its squared mean, float64 (focus,).
 
     The ``sharpness`` of a stream has the same definition. The value is 0 if the box is black.
