@@ -441,16 +441,16 @@ def resolve_recipe(
         _check_drive(recipe, scenes[name])
     if split is not None and split not in recipe.splits:
         raise unknown("split", split, allowed=recipe.splits, where=where)
-    families = {
-        name: SceneFamily(
-            scene.card.params,
-            scene.card.slices_per_s is not None,
-            scene.card.illuminance_lux,
-            colour.model_dump(mode="json", exclude_none=True) if (colour := _axial_colour(recipe, scene)) else None,
-        )
-        for name, scene in scenes.items()
-    }
     with located(where):
+        families = {
+            name: SceneFamily(
+                scene.card.params,
+                scene.card.slices_per_s is not None,
+                scene.card.illuminance_lux,
+                colour.model_dump(mode="json", exclude_none=True) if (colour := _axial_colour(recipe, scene)) else None,
+            )
+            for name, scene in scenes.items()
+        }
         planned = draw_sequences(recipe, families, actuator=actuator)
     # This takes milliseconds, and finds errors before hours of rendering.
     frames, hz = recipe.camera.frames, sensor.readout_hz

@@ -173,6 +173,6 @@ def test_a_filter_without_any_spectrum_is_refused(tmp_path):
 
 def test_what_is_drawn_at_one_wavelength_refuses_spectra(tmp_path):
     text = coloured(SMALL_RECIPE.replace("[plane]", "[cheek_cells]")).replace("drive: image_distance, ", "")
-    said = "scene 'cheek_cells' is a thin section, and is drawn at one wavelength"
+    said = "lamps.yaml: scene 'cheek_cells' is a thin section, and is drawn at one wavelength"
     assert said in str(refusal(resolve_recipe, write(tmp_path, text)))
     assert said in str(refusal(resolve_recipe, write(tmp_path, text.replace(", axial_colour: {achromat: 1000}", ""))))
