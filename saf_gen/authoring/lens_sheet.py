@@ -127,7 +127,7 @@ def _draw_spots(axes: np.ndarray, lens: FittedLens, *, seen: SeenWavefront) -> N
         one.scatter(x, y, s=0.5, color=COLOURS[0], linewidths=0)
         one.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xticks=[], yticks=[])
         if row == 0:
-            one.set_title(f"{-1e6 * v * v * STEPS[column] * step:+.0f} µm")
+            one.set_title(f"{-1e6 * v * v * STEPS[column] * step + 0.0:+.0f} µm")
         if column == 0:
             one.set_ylabel(f"{HEIGHTS[row] * lens.height_mm:.3g} mm")
     axes[-1, 0].set_xlabel(f"each box {2 * reach:.3g} µm")

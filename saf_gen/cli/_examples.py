@@ -71,7 +71,7 @@ EXAMPLES = {
     "sensors fit": ("sensors fit dim.h5 bright.h5 --dark dark.h5 --name my_camera",),
     "lens fit": (
         "lens fit double_gauss.zmx --height-mm 12",
-        "lens fit design.json --out my_lens.yaml --f-number 2.8 --glass BAF7=1.608/46.2",
+        "lens fit design.json --out my.yaml --glass BAF7=1.608/46.2",
     ),
     "lens show": ("lens show double_gauss", "lens show my_lens.yaml --out my_lens.png"),
     "submit": ("submit new my_method", "submit check my_method --on datasets/saf_bench"),

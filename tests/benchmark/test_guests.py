@@ -178,7 +178,7 @@ class Intervals(Copy):
     of: str = "sd_tfi"
     intervals: ClassVar[bool] = True
 """
-OWN = ("method", "code", "parameters", "limits", "seconds", "machine", "grain_of_curve")
+OWN = ("method", "code", "parameters", "limits", "seconds", "machine", "grain_of_curve", "optimum", "error_optimum_dof")
 
 
 def plain(record):

@@ -199,6 +199,7 @@ def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, swee
 
 
 def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts):
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs that a shell starts in the background ignore it
     mine = write_parts(in_use="import os, signal, time; os.kill(os.getppid(), signal.SIGINT); time.sleep(9)")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
     assert code == 130
