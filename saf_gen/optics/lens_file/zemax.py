@@ -52,6 +52,7 @@ def read_zemax(text: str, *, where: str, glasses: Mapping[str, Glass], name: str
             allowed="an object, at least one surface and an image",
             hint="is the file complete?",
         )
+    _check_image(lines)
     mm, notes = UNITS_MM[unit], []
     middle = list(enumerate(lines.surfaces))[1:-1]
     surfaces = [_surface(lines, n, mm=mm, glasses=glasses) for n, _ in middle]
@@ -81,6 +82,17 @@ def read_zemax(text: str, *, where: str, glasses: Mapping[str, Glass], name: str
         primary_nm=primary,
         notes=tuple(notes),
     )
+
+
+def _check_image(lines: _Lines) -> None:
+    """Raise BadInput if the last surface is no flat image in air: the file is cut, or its sensor is curved."""
+    last = lines.surfaces[-1]
+    if "GLAS" in last or not {"CURV", "DISZ"} <= set(last) or _thickness(lines, -1) or _number(lines, last["CURV"]):
+        raise BadInput(
+            f"{lines.where}: the last surface, {len(lines.surfaces) - 1}, is no image",
+            allowed="a last surface with CURV 0 and DISZ 0, and without a glass",
+            hint="is the file complete?",
+        )
 
 
 def _split(text: str, where: str) -> _Lines:
