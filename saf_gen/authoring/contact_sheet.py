@@ -91,14 +91,20 @@ def draw_sheet(sheet: ContactSheet, path: Path) -> None:
 
     Raises BadInput for another ending.
     """
-    form = path.suffix.removeprefix(".").lower()
-    if form not in FORMS:
-        raise unknown("kind of file", path.suffix or path.name, allowed=[f".{f}" for f in FORMS], where=str(path))
+    form = sheet_form(path)
     with use_plot_style(COLUMN_STYLE):
         figure = _draw_sheet(sheet, _list_cells(sheet))
         with atomic_file(path) as written:
             nothing: Any = dict.fromkeys({"pdf": ("CreationDate",), "svg": ("Date",)}.get(form, ()))
             figure.savefig(written, format=form, metadata=nothing)
+
+
+def sheet_form(path: Path) -> str:
+    """Return the form of a contact sheet by the ending of its file; raise BadInput for another ending."""
+    form = path.suffix.removeprefix(".").lower()
+    if form not in FORMS:
+        raise unknown("kind of file", path.suffix or path.name, allowed=[f".{f}" for f in FORMS], where=str(path))
+    return form
 
 
 def _draw_sheet(sheet: ContactSheet, cells: Sequence[_Cell]) -> Figure:

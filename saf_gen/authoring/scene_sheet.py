@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.authoring.contact_sheet import ContactSheet, draw_sheet
+from saf_gen.authoring.contact_sheet import ContactSheet, draw_sheet, sheet_form
 from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import is_range
 from saf_gen.render import Renderer, make_renderer
@@ -23,8 +23,10 @@ RECORDING_S = 1.0
 def preview_scene(scene: Scene, sensor: Sensor, *, path: Path, backend: str = "auto") -> None:
     """Write the contact sheet of a scene as PNG, PDF or SVG, by the ending of ``path``.
 
-    The target may be out of reach or out of sight. Raises BadInput if the scene cannot be built or loaded.
+    The target may be out of reach or out of sight. Raises BadInput before anything is rendered if the file has another
+    ending, and if the scene cannot be built or loaded.
     """
+    sheet_form(path)
     draw_sheet(make_sheet(scene, sensor, backend=backend), path)
 
 

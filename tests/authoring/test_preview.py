@@ -236,3 +236,9 @@ def test_bad_input_is_one_line(call, tmp_path, monkeypatch, args, message):
     assert len(err.strip().splitlines()) == 1
     assert message in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_sheet_of_another_ending_is_refused_before_anything_is_rendered(tmp_path, monkeypatch):
+    monkeypatch.setattr("saf_gen.authoring.scene_sheet.make_sheet", lambda *args, **how: pytest.fail("rendered"))
+    for name in ("sheet", "sheet.jpg", "sheet.PNG.gz"):
+        assert ".png" in refusal(preview_scene, None, SENSOR, path=tmp_path / name).allowed
