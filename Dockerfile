@@ -3,6 +3,7 @@
 FROM python:3.12-slim-trixie AS build
 WORKDIR /src
 COPY pyproject.toml README.md LICENSE ./
+COPY tools/package_page.py tools/
 COPY saf_gen saf_gen
 COPY scenes scenes
 COPY recipes recipes

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -27,6 +28,23 @@ def installed(tmp_path_factory):
     ZipFile(wheel).extractall(folder / "site")
     (folder / "empty").mkdir()
     return folder
+
+
+def test_links_of_the_package_page_lead_into_the_released_version_of_the_checkout(tmp_path):
+    where = {"GITHUB_SERVER_URL": "https://host.example", "GITHUB_REPOSITORY": "lab/saf", "GITHUB_REF_NAME": "v9"}
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path]
+    subprocess.run(build, cwd=CHECKOUT, check=True, capture_output=True, env={**os.environ, **where})
+    (wheel,) = tmp_path.glob("*.whl")
+    metadata = ZipFile(wheel).read(f"{wheel.name.removesuffix('-py3-none-any.whl')}.dist-info/METADATA").decode()
+    head, page = metadata.split("\n\n", 1)
+    assert "Project-URL: Issues, https://host.example/lab/saf/issues" in head
+    links = re.findall(r"\]\(([^)\s]+)\)", page)
+    assert [link for link in links if not re.match("https?:|#", link)] == []
+    of_files = [re.sub(r"^https://host.example/lab/saf/(blob|raw)/v9/|#.*", "", link) for link in links]
+    of_files = [path for path in of_files if path and not path.startswith("http")]
+    assert len(of_files) > 20
+    assert [path for path in of_files if not (CHECKOUT / path).exists()] == []
+    assert "![What the lens sees of the camel](https://host.example/lab/saf/raw/v9/docs/pictures/" in page
 
 
 AFTER_EACH = "=== after a command ===\n"
