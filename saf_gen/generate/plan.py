@@ -10,17 +10,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from math import fsum
 from pathlib import Path
 from urllib.parse import quote
 
 from saf_gen.core.object_store import AnyPath, StorePath
 from saf_gen.core.object_transfers import list_objects
 from saf_gen.errors import BadInput, unknown
+from saf_gen.generate.cost import PIXEL_FRAMES_PER_S, grain_seconds, render_seconds, start_seconds
 from saf_gen.generate.record import has_recording
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
 from saf_gen.generate.shards import Share, deal_groups, join_by_stacks, share_out
-from saf_gen.optics.partial_coherence import samples_per_pixel
-from saf_gen.stack.focal_stack import WAVES, StackSpec, StackStore
+from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest
 
@@ -34,30 +35,16 @@ middle 200 × 125 pixels of fan, crossroad and cardiac_muscle, under each of the
 129. Plain, with 15 % of noise: 1.3 to 1.5."""
 SLICE_GEOMETRY_BYTES = 3.0  # per pixel, an upper bound: up to 2.8 in the middle of fan
 STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound for a stream on disk
-FILTERED_TIME = 3.1
-"""Time of a filtered sample divided by the time of a plain sample: the mean of the 985 test slices of saf_bench-v2.
-
-By scene it is 1.3 (fabric), 1.6 to 2 (two_depths, gears), 2.7 to 3.5 (cardiac_muscle, crossroad, rain_window), and 11
-for a target that is seen through a glass bottle."""
 
 
 @dataclass(frozen=True)
 class MachineRates:
-    """The speed of a machine at each kind of work; the defaults are for two cores of 2.8 GHz with LLVM.
+    """The speed of a machine at what follows rendering; the defaults are for two cores of 2.8 GHz.
 
     Attributes
     ----------
     cores : float
         Cores that rendering uses, and that parallel recordings share.
-    paths_per_s : float
-        Plain light paths that all cores together trace and splat per second.
-    load_s : float
-        Seconds to load a scene, which is done for each light group of each stack.
-    plane_s_per_pixel : float
-        Seconds to sum and store one pixel at one focus position.
-    waves_per_s : float
-        Samples of a thin section's picture at which the waves of a condenser are summed per second;
-        :func:`saf_gen.optics.partial_coherence.samples_per_pixel` says how many a pixel has.
     pixel_frames_per_s : float
         Pixels times frames that one worker encodes, stores and verifies per second.
     pixel_frames_per_core_s : float
@@ -71,11 +58,7 @@ class MachineRates:
     """
 
     cores: float = 2
-    paths_per_s: float = 2.5e6
-    load_s: float = 0.3
-    plane_s_per_pixel: float = 8e-8
-    waves_per_s: float = 5e5
-    pixel_frames_per_s: float = 0.7e9
+    pixel_frames_per_s: float = PIXEL_FRAMES_PER_S
     pixel_frames_per_core_s: float = 0.97e9
     job_s: float = 0.00024
     sequence_s: float = 0.004
@@ -84,16 +67,6 @@ class MachineRates:
     def recorded_per_s(self, workers: int) -> float:
         """Return the pixels times frames that ``workers`` workers on this machine record per second."""
         return min(workers * self.pixel_frames_per_s, max(1.0, self.cores) * self.pixel_frames_per_core_s)
-
-    def render_seconds(self, spec: StackSpec) -> float:
-        """Return the approximate time to render a stack, in seconds."""
-        pixels = spec.rows * spec.columns
-        if spec.estimator == WAVES:
-            waves = pixels * samples_per_pixel(spec.in_focus.imaging)
-            return len(spec.groups) * spec.rendered_count * waves / self.waves_per_s
-        sample = (FILTERED_TIME if spec.estimator == "filtered" else 1.0) / self.paths_per_s
-        planes = spec.rendered_count * self.plane_s_per_pixel
-        return len(spec.groups) * (self.load_s + pixels * (spec.samples * sample + planes))
 
 
 @dataclass(frozen=True)
@@ -292,7 +265,10 @@ class Plan:
             missing = [spec for spec in self.to_render.get(stack, ()) if spec not in counted]
             counted.update(missing)  # several stacks may have slices in common
             recordings = sum(s.planned.id in self.unrecorded for s in self.by_stack.get(stack, ()))
-            works.append((sum(map(rates.render_seconds, missing)), recordings))
+            render_s = fsum(render_seconds(spec) for spec in missing)
+            if render_s:
+                render_s += start_seconds(missing[0]) + grain_seconds(stack)
+            works.append((render_s, recordings))
         record_s = self.resolved.pixel_frames / rates.recorded_per_s(workers)
         return WorkEstimate(
             render_s=sum(render_s for render_s, _ in works),

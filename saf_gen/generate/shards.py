@@ -12,21 +12,10 @@ from functools import cached_property
 from math import fsum
 from typing import TypeVar
 
+from saf_gen.generate.cost import LOAD_S, PIXEL_FRAMES_PER_S, grain_seconds, render_seconds, start_seconds
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
-from saf_gen.optics.partial_coherence import samples_per_pixel
-from saf_gen.stack.focal_stack import WAVES, StackSpec
-from saf_gen.stack.second_render import count_slices_to_repeat, second_render
+from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack
-
-# Seconds on two cores of 2.8 GHz with LLVM. Shards are cut by their ratios, so they are never replaced by the rates of
-# the machine at hand: all shards must be run by one version of saf_gen.
-PATHS_PER_S = 2.5e6
-FILTERED_TIME = 3.1  # of a filtered sample, divided by that of a plain one
-WAVES_PER_S = 5e5  # samples of a thin section's picture at which the waves of a condenser are summed
-LOAD_S = 0.3  # for a scene under one light group
-PLANE_S_PER_PIXEL = 8e-8
-PIXEL_FRAMES_PER_S = 0.7e9
-PATHS_PER_SAMPLE = 0.25  # that shade the slices after a moment
 
 _T = TypeVar("_T")
 UNEVEN = 1.1
@@ -85,10 +74,10 @@ class _Family:
     def costs(self) -> list[float]:
         """Seconds of each spec, with a part of the grain; the last one has the recordings, too."""
         recorded = {s.time_stack for s in self.recordings}
-        grain = fsum(map(_grain_seconds, recorded)) / len(self.specs)
-        costs = [_render_seconds(spec) + grain for spec in self.specs]
+        grain = fsum(map(grain_seconds, recorded)) / len(self.specs)
+        costs = [render_seconds(spec) + grain for spec in self.specs]
         for k in self.firsts:
-            costs[k] += _start_seconds(self.specs[k])
+            costs[k] += start_seconds(self.specs[k])
         costs[-1] += fsum(s.pixel_frames for s in self.recordings) / PIXEL_FRAMES_PER_S
         return costs
 
@@ -109,7 +98,7 @@ class _Family:
         """
         if (first, stop) == (0, len(self.specs)):
             return self.seconds
-        start = 0.0 if first in self.firsts else _start_seconds(self.specs[first])
+        start = 0.0 if first in self.firsts else start_seconds(self.specs[first])
         return fsum(self.costs[first:stop]) + start + (stop - first) * LOAD_S
 
 
@@ -250,28 +239,3 @@ def _fill(
             loads[n] += family.run_seconds(first, stop)
             stop = first
     return filled
-
-
-def _render_seconds(spec: StackSpec) -> float:
-    pixels = spec.rows * spec.columns
-    if spec.estimator == WAVES:
-        waves = pixels * samples_per_pixel(spec.in_focus.imaging)
-        return len(spec.groups) * spec.rendered_count * waves / WAVES_PER_S
-    sample = (FILTERED_TIME if spec.estimator == "filtered" else 1.0) / PATHS_PER_S
-    planes = spec.rendered_count * PLANE_S_PER_PIXEL
-    return len(spec.groups) * (LOAD_S + pixels * (spec.samples * sample + planes))
-
-
-def _start_seconds(spec: StackSpec) -> float:
-    """Return the seconds of the light paths of the moments before a slice; the first slice repeats its own moment."""
-    others = len({*spec.moments_s} - {spec.time_s})
-    paths = max(len(spec.moments_s) - 1, 0) * spec.rows * spec.columns * spec.samples * PATHS_PER_SAMPLE
-    return len(spec.groups) * (others * LOAD_S + paths / PATHS_PER_S)
-
-
-def _grain_seconds(stack: TimeResolvedStack) -> float:
-    """Return the seconds of the second render of a stack, or of a few slices that do not follow each other."""
-    if stack.specs[-1].estimator == WAVES:
-        return 0.0  # nothing is random
-    again = second_render(stack.specs[-1], slices=len(stack.specs))
-    return count_slices_to_repeat(len(stack.specs)) * (_render_seconds(again) + _start_seconds(again))

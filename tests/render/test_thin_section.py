@@ -7,7 +7,7 @@ from thin_sections import BUILD, CARD, GRID, write_slide
 
 from saf_gen.authoring.checks import check_scene
 from saf_gen.camera import get_sensor
-from saf_gen.generate.plan import MachineRates
+from saf_gen.generate.cost import render_seconds
 from saf_gen.optics import Wavefront
 from saf_gen.render import make_renderer, render_missing
 from saf_gen.render.grain import measure_by_repeat
@@ -111,8 +111,7 @@ def test_spherical_aberration_enters_the_pupil(tmp_path, monkeypatch):
 
 
 def test_the_plan_counts_waves_and_not_samples(slide):
-    rates = MachineRates()
-    short, long = (rates.render_seconds(spec_of(slide, positions=n)) for n in (9, 18))
+    short, long = (render_seconds(spec_of(slide, positions=n)) for n in (9, 18))
     assert long == pytest.approx(2 * short)
     assert short > 0
 
