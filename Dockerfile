@@ -10,10 +10,10 @@ COPY recipes recipes
 RUN python -m pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
 
 FROM python:3.12-slim-trixie
-# Mitsuba's fast variant needs LLVM, which no wheel contains.
+# Mitsuba's fast variant needs LLVM, and Dr.Jit libatomic, which no wheel contains.
 # hadolint ignore=DL3008
 RUN apt-get update \
- && apt-get install --yes --no-install-recommends libllvm19 \
+ && apt-get install --yes --no-install-recommends libatomic1 libllvm19 \
  && rm -rf /var/lib/apt/lists/*
 COPY constraints.txt /tmp/constraints.txt
 RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \

@@ -1,4 +1,4 @@
-"""Loads Dr.Jit before any other module of this package does, or reports in one line that the renderer is missing.
+"""Loads Dr.Jit before any other module of this package does, or reports in one line why the renderer cannot be used.
 
 While it loads, Dr.Jit writes a complaint about a missing LLVM straight to stderr. This complaint is silenced, and
 :mod:`saf_gen.render.backend` reports what is missing in plain words.
@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from saf_gen.core.extras import RENDERER, require_extra
+from saf_gen.errors import BadInput
 
 
 @contextmanager
@@ -33,6 +34,12 @@ require_extra("render", *RENDERER, of="rendering")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 with _silent_stderr():
-    import drjit
+    try:
+        import drjit
+    except (ImportError, NameError) as error:  # Dr.Jit 1.5 fails with a NameError while it reports a missing library
+        raise BadInput(
+            f"Dr.Jit is installed, but cannot be loaded: {error.__cause__ or error.__context__ or error}",
+            hint="install the library that is missing (Debian, Ubuntu: apt install libatomic1), then: saf-gen doctor",
+        ) from error
 
     drjit.detail.llvm_version()

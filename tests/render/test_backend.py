@@ -53,6 +53,26 @@ def test_doctor_works_without_any_llvm_and_says_what_to_install(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "command", [["generate", "quickstart"], ["scenes", "preview", "fan"], ["scenes", "check", "fan"]]
+)
+def test_a_renderer_that_lacks_a_library_is_told_in_one_line(tmp_path, command):
+    """As on a system without libatomic, where Dr.Jit 1.5 fails with a NameError while it reports what is missing."""
+    broken = tmp_path / "packages" / "drjit"
+    broken.mkdir(parents=True)
+    lacks = "ImportError('libatomic.so.1: cannot open shared object file')"
+    (broken / "__init__.py").write_text(f"try:\n    raise {lacks}\nexcept ImportError:\n    _drjit_ext\n")
+    paths = [str(broken.parent), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    saf_gen = [sys.executable, "-m", "saf_gen", *command]
+    run = subprocess.run(saf_gen, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 2, run.stdout
+    assert "libatomic.so.1" in run.stderr
+    assert "apt install libatomic1" in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.slow
 def test_threads_that_wait_for_work_sleep():
     """As OpenMP itself reports in another process; numba may use another kind of threads."""
     code = (
