@@ -29,8 +29,8 @@ def curve(peak, positions=33, *, width=0.1):
     return np.exp(-(((np.linspace(0, 1, positions) - peak) / width) ** 2))
 
 
-def optimum(truth, *, method="sd+argmax", region="target", position=0.5):
-    return optimum_fields(truth, position, method=method, region=region)
+def optimum(truth, *, method="sd+argmax", region="target", position=0.5, optima=None, here=0.5):
+    return optimum_fields(truth, position, method=method, region=region, optima=optima or {}, here=here)
 
 
 @pytest.mark.parametrize("peak", [0.1, 0.4321, 0.5, 0.77])
@@ -122,15 +122,15 @@ def test_in_a_moving_scene_the_least_blur_moves_with_the_truth(answered):
     assert found.least_blur == pytest.approx(found.truth + 0.05, abs=1e-6)
 
 
-def run_to(position, truth, *, region="target", problem=""):
+def run_to(position, truth, *, region="target", problem="", method="sd", optima=None):
     """The record of a method that moved the lens to ``position`` in the closed loop, and what the sequence knows."""
-    capture = SimpleNamespace(truth=truth, sensor=SimpleNamespace(readout_hz=20_000.0))
+    capture = SimpleNamespace(truth=truth, sensor=SimpleNamespace(readout_hz=20_000.0), optima=optima or {})
     task = SimpleNamespace(id="a", split="test", scene="board", light="constant")
     sequence = ClosedLoopSequence(task, capture, (slice(0, 1), slice(0, 1)), region, None, "d")
     run = ClosedLoopRun(
         Answer(position=position), problem, 100, np.linspace(0, position or 0, 100), 4000, 3, 0.1, (0.0, position)
     )
-    known = {"method": "sd+golden_section", "code": "c", "obstacle": None, "track": "closed_loop"}
+    known = {"method": f"{method}+golden_section", "code": "c", "obstacle": None, "track": "closed_loop"}
     return sequence.make_record(run, SimpleNamespace(describe=lambda capture: "terms"), known=known)
 
 
