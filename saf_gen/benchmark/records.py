@@ -188,9 +188,9 @@ class Record:
 
     optimum: Position | None = None
     """Position at which the focus curve of the method's measure peaks without any noise, in constant light, in the box
-    around the target. It is known for ``sd`` and related measures at rest from the noise-free sharpness in the recording,
-    and for others, and ``sd`` on recordings of moving scenes, if the recording states it. The key is missing if it is
-    unknown."""
+    around the target. For ``sd`` and related measures at rest it follows from the noise-free sharpness in the
+    recording; for others, and for ``sd`` on recordings of moving scenes, the recording may state it. The key is missing
+    if it is unknown."""
     error_optimum_dof: Position | None = None
     """Answer minus ``optimum``, in depths of focus: the error that the truth, which weighs all pixels of the target
     alike, does not explain. The key is missing if it is unknown."""
@@ -202,8 +202,8 @@ class Record:
     success_least_blur: Flag | None = None
     """Success within one depth of focus if the least blur were the truth."""
     in_focus: Flag | None = None
-    """Whether something of the target's middle 80 % of pixels is in focus at the answer, for a tilted or deep target, of
-    which something is over more than 1.3 depths of focus. The key is missing otherwise."""
+    """Whether something of the target's middle 80 % of pixels is in focus at the answer, for a tilted or deep target,
+    of which something is over more than 1.3 depths of focus. The key is missing otherwise."""
 
     @property
     def broke(self) -> bool:

@@ -25,9 +25,11 @@ MEASURES = (
 """Measures whose noise-free peaks recordings state."""
 NEAR_DOF = 3.0
 """Distance from the true focus, in depths of focus, within which their peaks are looked for."""
-COUNTS = 1e4
-"""Mean counts of a picture when it is scored: so many that neither rounding nor what measures take off for spikes shows,
-and so few that measures sum whole numbers, without the threads that floats would start."""
+MIN_FALL = 0.01
+"""Fraction of the peak by which a curve must have fallen a depth of focus away from it, or at the end of the travel."""
+COUNTS = 5e4
+"""Mean counts of a picture when it is scored: so many that neither rounding nor what measures take off for spikes is
+seen, and so few that measures sum whole numbers, without the threads that floats would start."""
 
 
 def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
@@ -95,19 +97,23 @@ def find_optima(charge_source: ChargeSource, truth: Truth, *, position: np.ndarr
     mean = float(picture(start).mean(dtype=np.float64))
     if not (mean > 0 and start in seen):
         return {}
-    optima = {}
+    optima, away = {}, max(round(dof * (positions - 1)), 2)
     for name in MEASURES:
         curve = np.full(positions, np.nan)
-        k, before = start, -1
-        while k != before:
-            before = k
-            for n in (k - 1, k, k + 1):
-                if n in seen and np.isnan(curve[n]):
-                    curve[n] = score_picture(name, picture(n) * (COUNTS / mean))
-            k = int(np.nanargmax(curve))
-        peak = curve_peak(curve, dof=dof)
-        if peak is not None:
-            optima[name] = peak - truth.position
+
+        def at(k: int, *, name: str = name, curve: np.ndarray = curve) -> float:
+            if k in seen and np.isnan(curve[k]):
+                curve[k] = score_picture(name, picture(k) * (COUNTS / mean))
+            return float(curve[k]) if k in seen else np.inf
+
+        top, before = start, -1
+        while top != before and top in seen:
+            before, top = top, max((top, top - 1, top + 1), key=at)
+        sides = max(top - away, seen.start), min(top + away, seen.stop - 1)
+        if top in seen and max(map(at, sides)) < (1 - MIN_FALL) * at(top):
+            peak = curve_peak(curve, dof=dof)
+            if peak is not None:
+                optima[name] = peak - truth.position
     return optima
 
 

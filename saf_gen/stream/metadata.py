@@ -83,10 +83,10 @@ class Truth:
 
     @property
     def whole_target(self) -> tuple[float, float]:
-        """Near and far position between which something of the target is in focus: its middle 80 % of pixels in turn.
+        """Near and far position between which something of the target's middle 80 % of pixels is in focus.
 
-        It is ``in_focus`` if that is given. Otherwise it follows from ``best_position``, with the same depth of focus for
-        each pixel; if that is not given either, or the target is flat, it is ``depth_of_focus``.
+        It is ``in_focus`` if that is given. Otherwise it follows from ``best_position``, with the same depth of focus
+        for each pixel; if that is not given either, or the target is flat, it is ``depth_of_focus``.
         """
         if self.in_focus is not None:
             return self.in_focus

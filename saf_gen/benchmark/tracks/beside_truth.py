@@ -3,9 +3,9 @@
 **Optimum of a measure.** The truth weighs all pixels of the target alike, and a measure weighs them by their contrast.
 If the target is tilted or has relief, the measure therefore peaks elsewhere even without noise, and a search on it can
 be no better. Streams of scenes at rest hold the noise-free SD at every rendered position (``/truth/sharpness``), in the
-box around the target and in constant light. Its peak is the optimum of ``sd`` and of the measures of its kind. For other
-measures, and for ``sd`` along the slices of a moving scene, recordings state it (:mod:`saf_gen.stream.optima`), unless
-they are older. That of a moving scene holds for the course of its lens, and so not for the closed loop.
+box around the target and in constant light. Its peak is the optimum of ``sd`` and of the measures of its kind. For
+other measures, and for ``sd`` along the slices of a moving scene, recordings state it (:mod:`saf_gen.stream.optima`),
+unless they are older. That of a moving scene holds for the course of its lens, and so not for the closed loop.
 
 **Least blur.** A lens with aberrations has its largest contrast (the truth) and its least blur at different positions.
 Where they are far apart, what is in focus depends on the question, and answers are judged by both.
