@@ -2,8 +2,8 @@
 
 ``sharpness`` is the squared contrast, which is the measure ``sd``. For other measures only the peak is kept
 (:mod:`saf_gen.stream.optima`). They are those whose expected score of spikes is that of the light, apart from a factor
-and an addend that do not depend on the focus: means of products of the counts of pixels. Scores of other kinds, such as
-sums of absolute values or ratios of spectra, have another curve for each amount of noise.
+and an addend that do not depend on the focus: means of products of the counts of pixels, if they cost little. Scores of
+other kinds, such as sums of absolute values or ratios of spectra, have another curve for each amount of noise.
 """
 
 from functools import cache
@@ -19,8 +19,8 @@ from saf_gen.stream.metadata import Truth
 from saf_gen.stream.optima import curve_peak, fitted_peak
 
 MEASURES = (
-    "brenner", "energy_of_laplacian", "octave_structure", "squared_gradient", "structure_calibrated", "tenengrad",
-    "variance_of_laplacian", "vollath_f4", "vollath_f5",
+    "brenner", "energy_of_laplacian", "mid_band_power", "octave_structure", "squared_gradient", "structure_calibrated",
+    "tenengrad", "variance_of_laplacian", "vollath_f4", "vollath_f5",
 )  # fmt: skip
 """Measures whose noise-free peaks recordings state."""
 NEAR_DOF = 3.0

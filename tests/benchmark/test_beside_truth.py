@@ -66,6 +66,52 @@ def test_an_optimum_that_nothing_shows_is_unknown(truth, asked):
     assert optimum(truth, **asked) == {"optimum": None, "error_optimum_dof": None}
 
 
+@pytest.mark.parametrize(
+    ("method", "peak"),
+    {
+        "as stated": ("brenner+argmax", 0.53),
+        "normalised": ("brenner_n+argmax", 0.53),
+        "of intervals": ("brenner_n_tfi+peak_fit:top=0.5", 0.53),
+        "of the kind of sd, from its curve": ("sd_calibrated:dark=0.1+argmax", 0.4),
+        "not stated": ("tenengrad+argmax", None),
+        "with an option": ("octave_structure:longest=8+argmax", None),
+        "of a user": ("brenner.py:mine+argmax", None),
+    }.values(),
+)
+def test_the_optimum_of_other_measures_is_what_the_recording_states(method, peak):
+    stated = {"brenner": 0.03, "octave_structure": 0.01, "sd": 0.2}
+    found = optimum(replace(NEAR, sharpness=curve(0.4)), method=method, optima=stated, position=0.6)
+    assert found["optimum"] == (None if peak is None else pytest.approx(peak, abs=1e-3))
+    assert found["error_optimum_dof"] == (None if peak is None else pytest.approx((0.6 - peak) / 0.1, abs=0.01))
+    assert optimum(NEAR, method=method, optima=stated, region="frame")["optimum"] is None
+
+
+def test_the_optimum_of_a_moving_scene_moves_with_its_truth():
+    moving = replace(NEAR, sharpness=curve(0.4), track=np.linspace(0.3, 0.6, 8))
+    assert optimum(moving, optima={"sd": -0.02}, here=0.45, position=0.45) == {
+        "optimum": pytest.approx(0.43),
+        "error_optimum_dof": pytest.approx(0.2),
+    }
+    assert optimum(moving, optima={"sd": -0.02}, here=None)["optimum"] is None
+    assert run_to(0.62, moving, optima={"sd": -0.02}).optimum is None  # the lens takes its own course
+    assert run_to(0.62, NEAR, method="brenner", optima={"brenner": 0.02}).optimum == pytest.approx(0.52)
+
+
+TILTED = {"best_position": np.linspace(0.2, 0.55, TARGET.size, dtype=np.float32).reshape(TARGET.shape)}
+
+
+def test_records_say_whether_something_of_a_tilted_target_is_in_focus(answered):
+    """Its middle 80 % focus from 0.235 to 0.515, each over 0.05 on either side; the answer is at 0.375."""
+    found = answered("sd+argmax", **TILTED)["sd+argmax"]
+    assert found.in_focus is True
+    assert "in_focus" in record_to_json(found)
+    truth = replace(NEAR, target=TARGET, **TILTED)
+    assert [run_to(p, truth).in_focus for p in (0.17, 0.2, 0.56, 0.58)] == [False, True, True, False]
+    assert run_to(0.5, truth, problem="broke").in_focus is None
+    assert run_to(0.5, replace(truth, best_position=np.full(TARGET.shape, 0.5))).in_focus is None
+    assert run_to(0.5, replace(NEAR, in_focus=(0.3, 0.6))).in_focus is True
+
+
 def test_an_abstention_has_an_optimum_and_no_error():
     found = optimum(replace(NEAR, sharpness=curve(0.4)), position=None)
     assert found == {"optimum": pytest.approx(0.4, abs=1e-3), "error_optimum_dof": None}

@@ -64,6 +64,7 @@ WEIGHTS = {
     "variance_of_laplacian": lambda p: (2 - 2 * np.cos(2 * np.pi / p)) ** 2 / 72,
     "vollath_f4": lambda p: (np.cos(2 * np.pi / p) - np.cos(4 * np.pi / p)) / 2,
     "vollath_f5": lambda p: np.cos(2 * np.pi / p) / 2,
+    "mid_band_power": lambda p: 0.5 * (4 <= p <= 8),
     "octave_structure": lambda p: sum((structure(p, 2 * n) - structure(p, n)) / n for n in (1, 2, 4)),
     "structure_calibrated": lambda p: sum(structure(p, n) / n for n in (1, 2, 4, 8)),
 }
