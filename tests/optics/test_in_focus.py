@@ -138,6 +138,16 @@ def test_contrast_has_fallen_as_that_of_a_perfect_lens_at_the_ends(kind, spheric
     assert abs(ends[0] - best) != pytest.approx(half, rel=1e-3)
 
 
+@every_drive
+def test_a_weak_aberration_is_in_focus_for_as_long_as_a_perfect_lens(drive):
+    """A thousandth of a wave, which moves the focus by half a percent of a half depth under the microscope."""
+    perfect = criterion(drive).depth_of_focus(flat(drive), ALL)
+    half = np.ptp(perfect) / 2
+    for by_blur in (False, True):
+        found = criterion(drive, spherical=1e-3).in_focus(flat(drive), ALL, by_blur=by_blur)
+        assert found == pytest.approx(perfect, abs=1e-2 * half)
+
+
 def test_colour_blurs_by_the_scatter_of_its_foci():
     """Two lights of one share each, whose foci are ±δ apart: c₀ = 2R·v·δ, and the interval is √(1 + 2·c₀/w) as wide."""
     drive = DRIVES["image_distance"]
