@@ -166,11 +166,11 @@ def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: floa
         depth=depth,
         target=target,
         best_position=in_focus.best_position(depth).astype(np.float32),
-        **({} if in_focus.is_perfect else _of_imperfect_lens(in_focus, depth, target)),
+        **({} if in_focus.is_perfect else _of_imperfect_lens(in_focus, depth, target=target)),
     )
 
 
-def _of_imperfect_lens(in_focus: FocusCriterion, depth: np.ndarray, target: np.ndarray) -> dict[str, Any]:
+def _of_imperfect_lens(in_focus: FocusCriterion, depth: np.ndarray, *, target: np.ndarray) -> dict[str, Any]:
     """Return the fields of a truth that follow from the others for a perfect lens, whose files do not repeat them."""
     return {
         "least_blur": in_focus.least_blur(depth, target),
