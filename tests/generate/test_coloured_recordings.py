@@ -65,8 +65,9 @@ def test_lamps_of_three_kinds_share_one_stack_and_have_their_own_truth(tmp_path,
             else:
                 assert names == ("lamp", "room")
     still = {name.split("-")[1]: truth for name, truth in truths.items() if "dynamic" not in name}
-    assert still["mono"].least_blur is None
-    assert still["led"].least_blur is not None
+    assert (still["mono"].least_blur, still["mono"].in_focus, still["mono"].least_blur_in_focus) == (None,) * 3
+    assert still["led"].in_focus[0] < still["led"].position < still["led"].in_focus[1]
+    assert still["led"].least_blur_in_focus[0] < still["led"].least_blur < still["led"].least_blur_in_focus[1]
     assert still["change"].track[-1] == pytest.approx(still["led"].position, abs=0.01)
     assert abs(still["change"].track[0] - still["led"].position) > 0.05
     moving = {name.split("-")[2]: truth for name, truth in truths.items() if "dynamic" in name}
