@@ -187,9 +187,10 @@ class Record:
     """Name and digest of the frozen benchmark that the sequence belongs to; None if it belongs to no benchmark."""
 
     optimum: Position | None = None
-    """Position at which the focus curve of the method's measure peaks without any noise, in constant light. It is known
-    for ``sd`` and related measures in the box around a target at rest, from the noise-free sharpness in the recording.
-    The key is missing if it is unknown."""
+    """Position at which the focus curve of the method's measure peaks without any noise, in constant light, in the box
+    around the target. For ``sd`` and related measures at rest it follows from the noise-free sharpness in the
+    recording; for others, and for ``sd`` on recordings of moving scenes, the recording may state it. The key is missing
+    if it is unknown."""
     error_optimum_dof: Position | None = None
     """Answer minus ``optimum``, in depths of focus: the error that the truth, which weighs all pixels of the target
     alike, does not explain. The key is missing if it is unknown."""
@@ -200,6 +201,9 @@ class Record:
     """Answer minus ``least_blur``, in depths of focus."""
     success_least_blur: Flag | None = None
     """Success within one depth of focus if the least blur were the truth."""
+    in_focus: Flag | None = None
+    """Whether something of the target's middle 80 % of pixels is in focus at the answer, for a tilted or deep target,
+    of which something is over more than 1.3 depths of focus. The key is missing otherwise."""
 
     @property
     def broke(self) -> bool:
@@ -209,6 +213,7 @@ class Record:
 
 KEYS_WHERE_KNOWN = (
     "failed_check", "optimum", "error_optimum_dof", "least_blur", "error_least_blur_dof", "success_least_blur",
+    "in_focus",
 )  # fmt: skip
 """Keys that a line has only if they are known, so that lines from before there were such keys are read as well."""
 

@@ -1,4 +1,4 @@
-"""Checked windows of frames, regions of pixels, and the bounding box of the target."""
+"""Checked windows of frames, regions of pixels, and the bounding box and the middle pixels of the target."""
 
 import operator
 
@@ -64,3 +64,10 @@ def bounding_box(target: np.ndarray) -> Region:
         )
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def decile_pixels(best_position: np.ndarray) -> tuple[int, int]:
+    """Return which pixels (pixel,) have a tenth of all best positions below, and above, their own."""
+    order = np.argsort(best_position, kind="stable")
+    first, last = (int(order[int(share * (order.size - 1))]) for share in (0.1, 0.9))
+    return first, last

@@ -316,26 +316,31 @@ def _check_name(what: str, name: str, *, where: str) -> None:
         )
 
 
+SPECTRUM: Schema = {"$ref": "#/$defs/Spectrum"}
+SPECTRA: list[Schema] = [
+    {"enum": list(NAMES)},
+    *(
+        {
+            "type": "object",
+            "properties": {form: {"type": "number", "minimum": low, "maximum": high}},
+            "required": [form],
+            "additionalProperties": False,
+        }
+        for form, (low, high) in FORMS.items()
+    ),
+    {"type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"], "additionalProperties": False},
+]
 COMMON: dict[str, Schema] = {
     "offset": {"type": "number", "minimum": 0},
     "unit": {"enum": list(UNITS)},
     "lux_at_gain_1": {"type": "number", "exclusiveMinimum": 0},
     "spectrum": {
         "anyOf": [
-            {"enum": list(NAMES)},
-            *(
-                {
-                    "type": "object",
-                    "properties": {form: {"type": "number", "minimum": low, "maximum": high}},
-                    "required": [form],
-                    "additionalProperties": False,
-                }
-                for form, (low, high) in FORMS.items()
-            ),
+            SPECTRUM,
             {
                 "type": "object",
-                "properties": {"file": {"type": "string"}},
-                "required": ["file"],
+                "properties": {"from": SPECTRUM, "to": SPECTRUM},
+                "required": ["from", "to"],
                 "additionalProperties": False,
             },
         ]
@@ -347,6 +352,7 @@ COMMON: dict[str, Schema] = {
 def recipe_schema() -> Schema:
     """Return the JSON Schema (draft 2020-12) of a recipe, with every registered light schedule and lens motion."""
     schema = model_schema(Recipe, "saf_gen recipe")
+    schema["$defs"]["Spectrum"] = {"anyOf": SPECTRA}
     common = {key: {"anyOf": [COMMON[key], OPEN], "description": text} for key, text in COMMON_KEYS.items()}
     light = define_schema(schema, "lights", common=common)
     several = {"type": "array", "minItems": 1, "items": light, "description": "Schedules whose lights add up."}

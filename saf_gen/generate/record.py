@@ -16,10 +16,13 @@ from saf_gen.generate.resolve import PlannedSequence
 from saf_gen.plugins.lights import group_gains
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Blends, Colour
+from saf_gen.stack.noise_free import find_optima, noise_free_sharpness
 from saf_gen.stack.time_resolved import PlaneSource, grain_along
-from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
+from saf_gen.stack.true_focus import find_true_focus
 from saf_gen.stream.metadata import Metadata, Truth
-from saf_gen.stream.recorded_grain import PROVENANCE_KEY
+from saf_gen.stream.optima import PROVENANCE_KEY as OPTIMA_KEY
+from saf_gen.stream.optima import optima_to_text
+from saf_gen.stream.recorded_grain import PROVENANCE_KEY as GRAIN_KEY
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -143,6 +146,8 @@ class Recorder:
         self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)
         of_groups = gain if colour is None else colour.group_gains(gain)
         grain = grain_along(plane_source, truth, position=position, gain=of_groups)
+        truth = replace(truth, sharpness=noise_free_sharpness(charge_source, truth, position=position))
+        optima = find_optima(charge_source, truth, position=position)
         in_travel = np.clip(log, 0.0, 1.0)  # a reading may be a little outside
         metadata = Metadata(
             focus_position=log.astype(np.float32),
@@ -150,11 +155,7 @@ class Recorder:
             object_distance=spec.drive.object_distance(in_travel).astype(np.float32),
             gain=gain,
             light_names=spec.groups if colour is None else colour.names,
-            truth=replace(
-                truth,
-                sharpness=noise_free_sharpness(charge_source, truth, position=position),
-                lens=None if sequence.actuator is None else position.astype(np.float32),
-            ),
+            truth=truth if sequence.actuator is None else replace(truth, lens=position.astype(np.float32)),
             provenance={
                 **self.provenance,
                 "fingerprint": fingerprint_generated_recording(fingerprint, truth, mean_rate=sequence.mean_rate),
@@ -163,7 +164,8 @@ class Recorder:
                 "stack": "\n".join(spec.key for spec in time_stack.specs),
                 "stack_digest": plane_source.digest,
                 "variant": plane_source.backend,
-                **({} if grain is None else {PROVENANCE_KEY: grain.to_text()}),
+                **({} if grain is None else {GRAIN_KEY: grain.to_text()}),
+                **({OPTIMA_KEY: optima_to_text(optima)} if optima else {}),
             },
         )
         shape = (self.sensor.rows, self.sensor.columns)

@@ -75,7 +75,14 @@ class Drive(ABC):
         least.
         """
 
-    def depth_of_focus(self, focused: float, pixel_pitch_m: float, *, wavelength_m: float = 0.0) -> tuple[float, float]:
+    def depth_of_focus(
+        self,
+        focused: float,
+        pixel_pitch_m: float,
+        *,
+        wavelength_m: float = 0.0,
+        widths: tuple[float, float] = (1.0, 1.0),
+    ) -> tuple[float, float]:
         """Return the two positions, in increasing order, at which the blur equals the width the camera resolves.
 
         This width is one pixel in geometric optics. With waves it is √(pixel² + (λ·v/R)²): the squared widths of
@@ -92,6 +99,8 @@ class Drive(ABC):
             Width of a pixel, metres.
         wavelength_m : float, default 0
             Wavelength of the light, metres; 0 ignores waves.
+        widths : tuple of float, default (1, 1)
+            How many such widths the blur of a perfect lens has at the ends that focus farther and nearer.
 
         Returns
         -------
@@ -104,7 +113,8 @@ class Drive(ABC):
         doi:10.1080/14786447908639715.
         """
         in_focus = wavelength_m * float(self.image_distance(focused)) / self.aperture_radius_m
-        low, high = sorted(self._positions_of_blur(focused, math.hypot(pixel_pitch_m, in_focus)))
+        width = math.hypot(pixel_pitch_m, in_focus)
+        low, high = sorted(self._positions_of_blur(focused, share * width)[n] for n, share in enumerate(widths))
         return low, high
 
     def check_wave_depth(self, wavelength_m: float) -> None:
@@ -132,7 +142,10 @@ class Drive(ABC):
 
     @abstractmethod
     def _positions_of_blur(self, focused: float, blur_m: float) -> tuple[float, float]:
-        """Return the two positions at which a point in focus at ``focused`` has the blur diameter ``blur_m``."""
+        """Return the two positions at which a point in focus at ``focused`` has the blur diameter ``blur_m``.
+
+        First that at which the lens focuses farther than the point.
+        """
 
     def focus_depth(self, position: Positions) -> np.ndarray:
         """Return the depth of the plane in focus at each position, in metres in the frame of the card."""

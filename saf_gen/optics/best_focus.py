@@ -8,6 +8,16 @@ which a texture has the most contrast, averaged over the target's pixels. The te
 (:mod:`saf_gen.optics.texture_contrast`). The position of the least mean squared blur is known beside it
 (:meth:`FocusCriterion.least_blur`), because the two differ: by 0.02 half depths of focus for each wave of spherical
 aberration at f/2 and pixels of 20 µm, by more where waves matter.
+
+**In focus** is a point while it is within one resolved width w of its best: a pixel, and what waves spread
+(:meth:`saf_gen.optics.Drive.depth_of_focus`). For a perfect lens, whose blur grows from 0 to w, that is its depth of
+focus e. A lens with aberrations keeps a point in focus
+
+- by contrast, until its C² has fallen by the factor by which that of a perfect lens falls over e,
+- by blur, until the diameter c = √(8·⟨r²⟩) of an even disc with its mean squared blur ⟨r²⟩ has grown by w. Since
+  c² = c₀² + (w·x/e)² at x from the least blur, that is x = e·√(1 + 2·c₀/w).
+
+A tilted or deep target is wider (:meth:`FocusCriterion.in_focus`).
 """
 
 from collections.abc import Callable
@@ -16,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from saf_gen.core.region import decile_pixels
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive, Positions
 from saf_gen.optics.distortion import Distortion
@@ -93,6 +104,55 @@ class FocusCriterion:
         See :meth:`saf_gen.optics.Drive.depth_of_focus`.
         """
         return self.drive.depth_of_focus(self.true_focus(depth, target), self.pitch_m, wavelength_m=self.wavelength_m)
+
+    def in_focus(self, depth: np.ndarray, target: np.ndarray, *, by_blur: bool = False) -> tuple[float, float]:
+        """Return the positions, in increasing order, between which something of a target is in focus.
+
+        Its pixels are in focus in turn: the interval begins where that at the first decile of the best positions comes
+        into focus, and ends where that at the last does, so that few outliers do not count. It always includes what the
+        target would have if all of it were at its true focus. For a flat target and a perfect lens it is
+        :meth:`depth_of_focus`.
+
+        Parameters
+        ----------
+        depth : ndarray, shape (row, col)
+            Depths of the pixels of the sensor, metres.
+        target : ndarray of bool, shape (row, col)
+            Pixels of the target, at least one.
+        by_blur : bool, default False
+            Whether blur counts, and not contrast; they are the same for a perfect lens.
+        """
+        if self._fitted:
+            return self._at(depth[target]).in_focus(depth, target, by_blur=by_blur)
+        middle = self.least_blur(depth, target) if by_blur else self.true_focus(depth, target)
+        depths = depth[target].astype(np.float64)
+        if self.is_perfect:
+            defocus, widths = np.zeros_like(depths), np.ones((2, depths.size))
+        else:
+            height = image_heights(depth.shape, self.pitch_m)[target]
+            curves = self._curves(float(height.max()))
+            place, known = height / self._curve_height_m * HEIGHTS, np.arange(len(curves))
+            defocus = np.interp(place, known, [one.balanced if by_blur else one.peak for one in curves])
+            reaches = np.array([self._widths(one, by_blur=by_blur) for one in curves]).T
+            widths = np.array([np.interp(place, known, reach) for reach in reaches])
+        best = self.drive.best_position(depths, defocus=defocus)
+        ends = [(float(best[n]), widths[:, n]) for n in decile_pixels(best)] + [(middle, widths.mean(axis=1))]
+        found = [
+            self.drive.depth_of_focus(
+                at, self.pitch_m, wavelength_m=self.wavelength_m, widths=(float(far), float(near))
+            )
+            for at, (near, far) in ends
+        ]
+        return min(low for low, _ in found), max(high for _, high in found)
+
+    def _widths(self, curve: ContrastCurve, *, by_blur: bool) -> tuple[float, float]:
+        """Return for how many half depths of focus a point is in focus where the lens focuses nearer, and farther."""
+        half = self.imaging.resolved_defocus
+        if by_blur:
+            return (float(np.sqrt(1 + 2 * curve.left / half)),) * 2
+        perfect = contrast_curve(None, self.imaging, height_m=0.0)
+        below, above = curve.reach(float(perfect.at(np.array(half)) / perfect.squared.max()))
+        return below / half, above / half
 
     def best_position(self, depth: np.ndarray) -> np.ndarray:
         """Return the position that brings each pixel into focus; it may be outside 0 to 1.

@@ -36,6 +36,7 @@ MIN_CYCLES = 1 / 64  # per pixel
 FREQUENCIES, DIRECTIONS = 12, 6
 LENS_POINTS = 512
 COLOUR_KNOTS = 1025
+FINER = 16  # steps within a step of a curve, between which it is taken to be straight
 STEP = 0.25  # between the defoci of a curve, in half depths of focus
 REACH = 5.0  # half depths of focus beyond the aberrations that a curve covers
 
@@ -101,11 +102,14 @@ class ContrastCurve:
         Squared contrast.
     balanced : float
         Defocus (1/m) of the least mean squared blur.
+    left : float, default 0.0
+        Defocus (1/m) that gives a perfect lens the mean squared blur that is left there.
     """
 
     defocus: np.ndarray
     squared: np.ndarray
     balanced: float
+    left: float = 0.0
 
     def at(self, defocus: np.ndarray) -> np.ndarray:
         """Return the squared contrast at any defocus (1/m); beyond the ends, that of the ends."""
@@ -125,6 +129,22 @@ class ContrastCurve:
         step = self.defocus[1] - self.defocus[0]
         return float(self.defocus[k] + step * (before - after) / (2 * (before - 2 * at + after)))
 
+    def reach(self, share: float) -> tuple[float, float]:
+        """Return how far from the peak (1/m), below and above, this share of the largest squared contrast is left.
+
+        It is infinite if the curve ends before.
+        """
+        fine = np.linspace(self.defocus[0], self.defocus[-1], FINER * (self.defocus.size - 1) + 1)
+        squared = self.at(fine)
+        top = int(squared.argmax())
+        left = squared / (share * squared[top])
+        found = []
+        for side in (slice(top, None, -1), slice(top, None)):
+            away, falling = np.abs(fine[side] - self.peak), left[side]
+            k = int((falling < 1).argmax())
+            found.append(float(np.interp(1, falling[[k, k - 1]], away[[k, k - 1]])) if k else np.inf)
+        return found[0], found[1]
+
 
 @lru_cache(maxsize=256)
 def contrast_curve(
@@ -143,11 +163,13 @@ def contrast_curve(
     blend : tuple, default ()
         The light; by default of the wavelength of the stack alone.
     """
-    radius, balanced, spread = imaging.radius_m, 0.0, 0.0
+    radius, balanced, spread, left = imaging.radius_m, 0.0, 0.0, 0.0
     if wavefront is not None:
         a = lens_points(radius)
         slope = wavefront.slope(a, (height_m, 0.0))
         balanced = -2 * float(np.mean(a[0] * slope[0] + a[1] * slope[1])) / radius**2
+        # Blur is the scatter of the slopes; a defocus of 1/m alone has the mean square radius²/2.
+        left = max(2 * float(np.var(slope, axis=1).sum()) / radius**2 - balanced**2, 0.0)
         # No part of the lens focuses farther from the least blur than this.
         spread = 4 * wavefront.largest_path(radius, height_m) / radius**2 / imaging.resolved_defocus
     step = STEP * imaging.resolved_defocus
@@ -155,7 +177,7 @@ def contrast_curve(
         count = int(np.ceil((REACH + spread) / STEP))
         defocus = balanced + np.arange(-count, count + 1) * step
         squared = squared_contrast(defocus, wavefront, imaging=imaging, height_m=height_m)
-        return ContrastCurve(defocus, squared, balanced)
+        return ContrastCurve(defocus, squared, balanced, float(np.sqrt(left)))
     # Light adds up, so transfers do: each lamp's is found once, on one grid for every share of the lamps.
     shifts = [shift for _, light in blend for shift in light.shifts]
     reach = (REACH + spread) * imaging.resolved_defocus
@@ -168,7 +190,12 @@ def contrast_curve(
     total = sum(share * found for share, found in lamps)
     squared = (np.abs(total) ** 2) @ _texture(imaging.pitch_m)
     mean_shift = sum(share * light.mean_shift for share, light in blend)
-    return ContrastCurve(balanced + np.arange(low, high + 1) * step, squared, balanced + mean_shift)
+    left += sum(
+        share * weight * (d - mean_shift) ** 2 for share, light in blend for d, weight in zip(*light, strict=True)
+    )
+    return ContrastCurve(
+        balanced + np.arange(low, high + 1) * step, squared, balanced + mean_shift, float(np.sqrt(left))
+    )
 
 
 def _waves(pitch_m: float) -> list[tuple[float, float]]:

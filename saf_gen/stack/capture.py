@@ -4,7 +4,8 @@ Light is linear, and the stacks hold every focus position. A camera that runs wh
 needs no renderer, only the stacks, light gains, sensor and seeds of the recording.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import gcd
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
+from saf_gen.stream.optima import optima_of_stream
 from saf_gen.stream.stream_file import SpikeStream
 
 CACHE_BYTES = 1 << 30  # planes of a moving scene: methods read them one after another, most in the same sweep
@@ -50,6 +52,8 @@ class Capture:
         Digest of the time slices; '' if the recording was made from them.
     colour : Colour or None
         Lamps of the recording and the axial colour of its lens; None for light of one wavelength.
+    optima : mapping of str to float
+        Distances of the noise-free peaks of measures from the true focus (:mod:`saf_gen.stream.optima`).
     """
 
     plane_source: PlaneSource
@@ -62,6 +66,7 @@ class Capture:
     frames: int
     slices: str = ""
     colour: Colour | None = None
+    optima: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def from_stream(cls, stream: SpikeStream, stacks: Path) -> "Capture":
@@ -118,7 +123,8 @@ class Capture:
                 raise _lacking_slices_error(provenance.get("recipe", ""), where)
             plane_source = PlaneSource.from_folder(full_travel.truncated_to(frames), stacks)
             slices = plane_source.digest
-        return cls(plane_source, sensor, gain, scale, seed, device_seed, stream.truth, frames, slices, colour)
+        optima = optima_of_stream(provenance)
+        return cls(plane_source, sensor, gain, scale, seed, device_seed, stream.truth, frames, slices, colour, optima)
 
     @property
     def row_alignment(self) -> int:

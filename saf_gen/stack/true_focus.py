@@ -1,15 +1,14 @@
 """The true focus of a recording: the position at which the target is sharp, and when the lens is there."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from saf_gen.core.region import bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.optics import FittedRays, FocusCriterion
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.optics.texture_contrast import Blend
-from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Blends
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
@@ -167,41 +166,14 @@ def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: floa
         depth=depth,
         target=target,
         best_position=in_focus.best_position(depth).astype(np.float32),
-        least_blur=None if in_focus.is_perfect else in_focus.least_blur(depth, target),
+        **({} if in_focus.is_perfect else _of_imperfect_lens(in_focus, depth, target=target)),
     )
 
 
-def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
-    """Return the noise-free SD (variance divided by squared mean) in the target's box at each rendered position.
-
-    In a moving scene, the value at a position is taken when the lens first reaches it, and is NaN if it never does.
-
-    Parameters
-    ----------
-    charge_source : ChargeSource
-        Charge of the recording's stacks.
-    truth : Truth
-        True focus, with the target mask.
-    position : ndarray, shape (T,)
-        Position of the lens in each readout, 0 to 1.
-
-    Returns
-    -------
-    ndarray of float64, shape (focus,)
-        Sharpness at gain 1.
-    """
-    rows, columns = bounding_box(np.asarray(truth.target))
-    positions = charge_source.time_stack.specs[0].positions
-    lowest, highest = float(position.min()), float(position.max())
-    stride = float(np.abs(np.diff(position)).max(initial=0.0))  # readouts reach the ends only to within this
-    sharpness = np.full(positions, np.nan)
-    for k, knot in enumerate(np.linspace(0, 1, positions)):
-        crossings = np.zeros(1)
-        if charge_source.time_stack.is_moving:
-            reached = float(np.clip(knot, lowest, highest))
-            near = abs(reached - knot) <= stride
-            crossings = focus_crossings(position, reached) if near else crossings[:0]
-        if crossings.size:
-            image = charge_source.nominal_image(float(crossings[0]), float(knot))[rows, columns]
-            sharpness[k] = image.var(dtype=np.float64) / image.mean(dtype=np.float64) ** 2
-    return sharpness
+def _of_imperfect_lens(in_focus: FocusCriterion, depth: np.ndarray, *, target: np.ndarray) -> dict[str, Any]:
+    """Return the fields of a truth that follow from the others for a perfect lens, whose files do not repeat them."""
+    return {
+        "least_blur": in_focus.least_blur(depth, target),
+        "in_focus": in_focus.in_focus(depth, target),
+        "least_blur_in_focus": in_focus.in_focus(depth, target, by_blur=True),
+    }

@@ -51,9 +51,15 @@ def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict
             facts["true focus"] += f"; it moves from {truth.track[0]:.5f} to {truth.track[-1]:.5f}"
     if truth.least_blur is not None:
         facts["least blur"] = f"{truth.least_blur:.5f} of the travel: the lens has aberrations or colour"
+        if truth.least_blur_in_focus is not None:
+            near, far = truth.least_blur_in_focus
+            facts["least blur"] += f"; within a resolved width from {near:.5f} to {far:.5f}"
     if all(map(math.isfinite, truth.depth_of_focus)):
         near, far = truth.depth_of_focus
         facts["depth of focus"] = f"{near:.5f} to {far:.5f} of the travel{_describe_time_in_focus(stream)}"
+        if truth.whole_target != (near, far):
+            first, last = truth.whole_target
+            facts["target in focus"] = f"{first:.5f} to {last:.5f} of the travel, something of its middle 80 %"
     if truth.target is not None:
         facts["target"] = f"{np.mean(truth.target):.1%} of the pixels"
     facts["grain"] = _describe_grain(stream)

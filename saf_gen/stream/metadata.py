@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from saf_gen.core.object_store import AnyPath
-from saf_gen.core.region import Region
+from saf_gen.core.region import Region, decile_pixels
 from saf_gen.errors import BadInput, unknown
 
 FORMAT = "saf-gen stream"
@@ -55,6 +55,9 @@ class Truth:
     least_blur : float, optional
         Position of the least mean squared blur, for a lens with aberrations or axial colour; ``position`` is then that
         of the largest contrast.
+    in_focus, least_blur_in_focus : tuple of float, optional
+        Near and far position between which something of the target stays in focus, by contrast and by blur, for such a
+        lens; see :attr:`whole_target` for all others.
     lens : ndarray of float32, shape (T,), optional
         Position of the lens in the middle of each readout, if it is not where its drive was told to be, or its sensor
         read it: ``Metadata.focus_position`` is then that log.
@@ -69,12 +72,33 @@ class Truth:
     sharpness: np.ndarray | None = None
     track: np.ndarray | None = None
     least_blur: float | None = None
+    in_focus: tuple[float, float] | None = None
+    least_blur_in_focus: tuple[float, float] | None = None
     lens: np.ndarray | None = None
 
     @property
     def known(self) -> bool:
         """True if the position of best focus is known."""
         return math.isfinite(self.position)
+
+    @property
+    def whole_target(self) -> tuple[float, float]:
+        """Near and far position between which something of the target's middle 80 % of pixels is in focus.
+
+        It is ``in_focus`` if that is given. Otherwise it follows from ``best_position``, with the same depth of focus
+        for each pixel; if that is not given either, or the target is flat, it is ``depth_of_focus``.
+        """
+        if self.in_focus is not None:
+            return self.in_focus
+        low, high = sorted(self.depth_of_focus)
+        if self.best_position is None or self.target is None or not self.target.any():
+            return low, high
+        best = self.best_position[self.target].astype(np.float64)
+        first, last = (float(best[n]) for n in decile_pixels(best))
+        if first == last or not math.isfinite(high - low):
+            return low, high
+        half = (high - low) / 2
+        return min(low, first - half), max(high, last + half)
 
     def __repr__(self) -> str:
         return f"Truth({', '.join(f'{name}={text}' for name, text in self._known_fields().items())})"
@@ -156,6 +180,8 @@ ARRAY_DATASETS = {
     "sharpness": ("/truth/sharpness", "float64", "K"),
     "track": ("/truth/track", "float32", "T"),
     "least_blur": ("/truth/least_blur", "float64", ""),
+    "in_focus": ("/truth/in_focus", "float64", "2"),
+    "least_blur_in_focus": ("/truth/least_blur_in_focus", "float64", "2"),
     "lens": ("/truth/lens", "float32", "T"),
 }
 _SCALARS = ("position", "depth_of_focus", "frame")
@@ -322,9 +348,10 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
     for name in ("position", "frame", "least_blur"):
         if name in truth:
             truth[name] = float(truth[name])
-    if "depth_of_focus" in truth:
-        near, far = truth["depth_of_focus"]
-        truth["depth_of_focus"] = (float(near), float(far))
+    for name in ("depth_of_focus", "in_focus", "least_blur_in_focus"):
+        if name in truth:
+            near, far = truth[name]
+            truth[name] = (float(near), float(far))
     provenance = {n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")}
     lights = tuple(str(name) for name in values.get("/light/names", ()))
     _check_lights(found.get("gain"), lights)

@@ -271,7 +271,7 @@ def subject_that_peaks(offset, *, dof=0.04, truth=0.5):
     [
         (0.0, "ok", "sharpest at 0.500 of the travel"),
         (0.14, "ok", "0.14 depths of focus"),
-        (0.16, "warning", "0.16 depths of focus from the true focus, which weighs all pixels of the target alike"),
+        (0.16, "warning", "which weighs all pixels of the target alike"),
         (-0.3, "warning", "compare methods by the error from their own optimum"),
         (0.6, "warning", "something else in the target's box is sharper there"),
         (1.6, "error", "something else in the target's box is sharper there"),
@@ -281,6 +281,11 @@ def test_a_curve_that_peaks_off_the_true_focus_is_reported_from_three_tenths_of_
     finding = next(check_curve(subject_that_peaks(offset)))
     assert finding.level == level
     assert message in finding.text
+
+
+def test_the_peaks_of_other_measures_are_said_beside_that_of_sd():
+    finding = next(check_curve(subject_that_peaks(0.16)))
+    assert "by sd (octave_structure 0.16, structure_calibrated 0.16, tenengrad 0.16), which weighs" in finding.text
 
 
 def test_illuminance_is_reported_and_compared_with_the_card(skeleton, sensor):

@@ -29,8 +29,8 @@ def curve(peak, positions=33, *, width=0.1):
     return np.exp(-(((np.linspace(0, 1, positions) - peak) / width) ** 2))
 
 
-def optimum(truth, *, method="sd+argmax", region="target", position=0.5):
-    return optimum_fields(truth, position, method=method, region=region)
+def optimum(truth, *, method="sd+argmax", region="target", position=0.5, optima=None, here=0.5):
+    return optimum_fields(truth, position, method=method, region=region, optima=optima or {}, here=here)
 
 
 @pytest.mark.parametrize("peak", [0.1, 0.4321, 0.5, 0.77])
@@ -64,6 +64,52 @@ def test_the_optimum_is_the_peak_of_the_curve_in_the_recording(peak):
 )
 def test_an_optimum_that_nothing_shows_is_unknown(truth, asked):
     assert optimum(truth, **asked) == {"optimum": None, "error_optimum_dof": None}
+
+
+@pytest.mark.parametrize(
+    ("method", "peak"),
+    {
+        "as stated": ("brenner+argmax", 0.53),
+        "normalised": ("brenner_n+argmax", 0.53),
+        "of intervals": ("brenner_n_tfi+peak_fit:top=0.5", 0.53),
+        "of the kind of sd, from its curve": ("sd_calibrated:dark=0.1+argmax", 0.4),
+        "not stated": ("tenengrad+argmax", None),
+        "with an option": ("octave_structure:longest=8+argmax", None),
+        "of a user": ("brenner.py:mine+argmax", None),
+    }.values(),
+)
+def test_the_optimum_of_other_measures_is_what_the_recording_states(method, peak):
+    stated = {"brenner": 0.03, "octave_structure": 0.01, "sd": 0.2}
+    found = optimum(replace(NEAR, sharpness=curve(0.4)), method=method, optima=stated, position=0.6)
+    assert found["optimum"] == (None if peak is None else pytest.approx(peak, abs=1e-3))
+    assert found["error_optimum_dof"] == (None if peak is None else pytest.approx((0.6 - peak) / 0.1, abs=0.01))
+    assert optimum(NEAR, method=method, optima=stated, region="frame")["optimum"] is None
+
+
+def test_the_optimum_of_a_moving_scene_moves_with_its_truth():
+    moving = replace(NEAR, sharpness=curve(0.4), track=np.linspace(0.3, 0.6, 8))
+    assert optimum(moving, optima={"sd": -0.02}, here=0.45, position=0.45) == {
+        "optimum": pytest.approx(0.43),
+        "error_optimum_dof": pytest.approx(0.2),
+    }
+    assert optimum(moving, optima={"sd": -0.02}, here=None)["optimum"] is None
+    assert run_to(0.62, moving, optima={"sd": -0.02}).optimum is None  # the lens takes its own course
+    assert run_to(0.62, NEAR, method="brenner", optima={"brenner": 0.02}).optimum == pytest.approx(0.52)
+
+
+TILTED = {"best_position": np.linspace(0.2, 0.55, TARGET.size, dtype=np.float32).reshape(TARGET.shape)}
+
+
+def test_records_say_whether_something_of_a_tilted_target_is_in_focus(answered):
+    """Its middle 80 % focus from 0.235 to 0.515, each over 0.05 on either side; the answer is at 0.375."""
+    found = answered("sd+argmax", **TILTED)["sd+argmax"]
+    assert found.in_focus is True
+    assert "in_focus" in record_to_json(found)
+    truth = replace(NEAR, target=TARGET, **TILTED)
+    assert [run_to(p, truth).in_focus for p in (0.17, 0.2, 0.56, 0.58)] == [False, True, True, False]
+    assert run_to(0.5, truth, problem="broke").in_focus is None
+    assert run_to(0.5, replace(truth, best_position=np.full(TARGET.shape, 0.5))).in_focus is None
+    assert run_to(0.5, replace(NEAR, in_focus=(0.3, 0.6))).in_focus is True
 
 
 def test_an_abstention_has_an_optimum_and_no_error():
@@ -122,15 +168,15 @@ def test_in_a_moving_scene_the_least_blur_moves_with_the_truth(answered):
     assert found.least_blur == pytest.approx(found.truth + 0.05, abs=1e-6)
 
 
-def run_to(position, truth, *, region="target", problem=""):
+def run_to(position, truth, *, region="target", problem="", method="sd", optima=None):
     """The record of a method that moved the lens to ``position`` in the closed loop, and what the sequence knows."""
-    capture = SimpleNamespace(truth=truth, sensor=SimpleNamespace(readout_hz=20_000.0))
+    capture = SimpleNamespace(truth=truth, sensor=SimpleNamespace(readout_hz=20_000.0), optima=optima or {})
     task = SimpleNamespace(id="a", split="test", scene="board", light="constant")
     sequence = ClosedLoopSequence(task, capture, (slice(0, 1), slice(0, 1)), region, None, "d")
     run = ClosedLoopRun(
         Answer(position=position), problem, 100, np.linspace(0, position or 0, 100), 4000, 3, 0.1, (0.0, position)
     )
-    known = {"method": "sd+golden_section", "code": "c", "obstacle": None, "track": "closed_loop"}
+    known = {"method": f"{method}+golden_section", "code": "c", "obstacle": None, "track": "closed_loop"}
     return sequence.make_record(run, SimpleNamespace(describe=lambda capture: "terms"), known=known)
 
 

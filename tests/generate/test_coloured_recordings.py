@@ -65,8 +65,9 @@ def test_lamps_of_three_kinds_share_one_stack_and_have_their_own_truth(tmp_path,
             else:
                 assert names == ("lamp", "room")
     still = {name.split("-")[1]: truth for name, truth in truths.items() if "dynamic" not in name}
-    assert still["mono"].least_blur is None
-    assert still["led"].least_blur is not None
+    assert (still["mono"].least_blur, still["mono"].in_focus, still["mono"].least_blur_in_focus) == (None,) * 3
+    assert still["led"].in_focus[0] < still["led"].position < still["led"].in_focus[1]
+    assert still["led"].least_blur_in_focus[0] < still["led"].least_blur < still["led"].least_blur_in_focus[1]
     assert still["change"].track[-1] == pytest.approx(still["led"].position, abs=0.01)
     assert abs(still["change"].track[0] - still["led"].position) > 0.05
     moving = {name.split("-")[2]: truth for name, truth in truths.items() if "dynamic" in name}
@@ -131,6 +132,29 @@ def test_a_table_of_a_lamp_is_part_of_the_recipe(tmp_path):
     assert "wavelength_nm" in yaml.safe_dump(read_recipe(tmp_path / "lamps.yaml").model_dump(mode="json"))
 
 
+CHANGING = "{kind: constant, spectrum: {from: tungsten, to: led}}"
+
+
+@needs_plane
+def test_a_spectrum_that_changes_is_two_ramps_that_cross(tmp_path):
+    """Alone, with a level, for one group, and in a list; the recipe then has the same text and fingerprint."""
+    dimmed = (
+        "[{kind: ramp, from: 0.5, to: 0, spectrum: {blackbody: 2700}}, {kind: ramp, from: 0, to: 0.5, spectrum: led}]"
+    )
+    for short, long in (
+        (CHANGING, CROSSING),
+        ("{kind: constant, level: 0.5, spectrum: {from: {blackbody: 2700}, to: led}}", dimmed),
+        (f"{{lamp: {CHANGING}}}", f"{{lamp: {CROSSING}}}"),
+        (
+            f"[{CHANGING}, {{kind: flicker, hz: 100, depth: 0.1}}]",
+            f"{CROSSING[:-1]}, {{kind: flicker, hz: 100, depth: 0.1}}]",
+        ),
+    ):
+        written, spelled_out = (resolve_recipe(write(tmp_path, coloured(**light(text)))) for text in (short, long))
+        assert recipe_fingerprint(written.recipe) == recipe_fingerprint(spelled_out.recipe)
+        assert [s.planned for s in written.sequences] == [s.planned for s in spelled_out.sequences]
+
+
 def light(text):
     return {"lights": f"lights:\n  one: {text}\n", "use": "one"}
 
@@ -144,6 +168,17 @@ def light(text):
         (light("{kind: constant, spectrum: {file: none.csv}}"), "'none.csv' does not exist"),
         (light("{kind: constant, spectrum: {file: ../lamp.csv}}"), "outside the folder"),
         (light("{kind: constant, spektrum: led}"), "did you mean 'spectrum'"),
+        (light("{kind: constant, spectrum: {from: tungsten}}"), "{from: SPECTRUM, to: SPECTRUM}"),
+        (light("{kind: constant, spectrum: {from: tungsten, to: led, at: 1}}"), "the keys from, to, at"),
+        (light("{kind: constant, spectrum: {from: tungsten, to: leds}}"), "did you mean 'led'"),
+        (
+            light("{kind: flicker, hz: 100, depth: 0.1, spectrum: {from: tungsten, to: led}}"),
+            "two ramps that cross in a list",
+        ),
+        (light("{kind: constant, level: {uniform: [0, 1]}, spectrum: {from: led, to: sodium}}"), "level as a number"),
+        (light("{kind: constant, offset: 1, spectrum: {from: led, to: sodium}}"), "two ramps that cross in a list"),
+        (light("{kind: constant, level: -1, spectrum: {from: led, to: sodium}}"), "gains of 0 or more"),
+        (light("{choice: [{kind: constant, spectrum: {from: led, to: sodium}}]}"), "led, tungsten"),
         (light("[]"), "a list of schedules is []"),
         (light("[{kind: constant}, led]"), "a list of schedules is"),
         (light("[[{kind: constant}]]"), "a list of schedules is"),

@@ -530,6 +530,47 @@ FAULTS = {
             "benchmark/test_evaluate.py::test_an_answer_is_judged_by_where_the_lens_was_and_not_by_its_log",
         ),
     ),
+    "in focus for half as long": Fault(
+        "By contrast, a lens with aberrations is in focus until it lost what a perfect lens loses over half as far.",
+        (Change("optics.best_focus", "perfect.at(np.array(half))", "perfect.at(np.array(half / 2))"),),
+        (
+            "optics/test_in_focus.py::test_contrast_has_fallen_as_that_of_a_perfect_lens_at_the_ends",
+            "optics/test_in_focus.py::test_a_weak_aberration_is_in_focus_for_as_long_as_a_perfect_lens",
+        ),
+    ),
+    "blur that is left is forgotten": Fault(
+        "By blur, a lens with aberrations or colour is in focus as if its least blur were none.",
+        (Change("optics.best_focus", "np.sqrt(1 + 2 * curve.left / half)", "np.sqrt(1 + 0 * curve.left)"),),
+        (
+            "optics/test_in_focus.py::test_blur_has_grown_by_a_resolved_width_at_the_ends",
+            "optics/test_in_focus.py::test_colour_blurs_by_the_scatter_of_its_foci",
+        ),
+    ),
+    "tilted targets taken for flat ones": Fault(
+        "A tilted target is in focus only where the middle one of its pixels is.",
+        (Change("core.region", "for share in (0.1, 0.9))", "for share in (0.5, 0.5))"),),
+        (
+            "optics/test_in_focus.py::test_a_slanted_plane_is_in_focus_from_its_first_to_its_last_decile",
+            "optics/test_in_focus.py::test_the_deciles_of_a_slanted_plane_have_the_closed_form",
+            "stack/test_noise_free.py::test_whole_targets_of_recordings_follow_from_what_they_hold",
+        ),
+    ),
+    "optima that are positions": Fault(
+        "Recordings state where the curves of measures peak, and readers take it for the distance from the truth.",
+        (Change("stack.noise_free", "optima[name] = peak - truth.position", "optima[name] = peak"),),
+        (
+            "stack/test_noise_free.py::test_each_measure_peaks_where_its_weights_of_two_stripes_say",
+            "stack/test_noise_free.py::test_optima_are_stored_beside_the_content_which_keeps_its_digest",
+        ),
+    ),
+    "fitted peak on the other side": Fault(
+        "The peak of the curve of slices is on the other side of its largest value.",
+        (Change("stream.optima", "peak = float(-slope / (2 * bend))", "peak = float(slope / (2 * bend))"),),
+        (
+            "stack/test_noise_free.py::test_a_fitted_peak_stands_scatter_and_says_when_it_does_not",
+            "stack/test_noise_free.py::test_in_a_moving_scene_the_peak_of_sd_is_off_the_moving_truth",
+        ),
+    ),
 }
 
 

@@ -13,8 +13,9 @@ from saf_gen.generate.record import Recorder
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
+from saf_gen.stack.noise_free import noise_free_sharpness
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack, slice_starts, slice_windows
-from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
+from saf_gen.stack.true_focus import find_true_focus
 
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 SPEC = StackSpec("plane", "0" * 64, ("lamp", "room"), DRIVE, 6, 8, 60e-6, 9, 16, 4)

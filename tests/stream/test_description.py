@@ -35,6 +35,20 @@ def test_a_stream_with_truth_is_described(tmp_path):
     assert facts["variant"] == "llvm"
 
 
+def test_a_tilted_target_and_a_lens_that_blurs_are_described(tmp_path):
+    truth = {
+        "position": 0.5, "depth_of_focus": (0.45, 0.55), "least_blur": 0.4,
+        "in_focus": (0.41, 0.6), "least_blur_in_focus": (0.3, 0.52),
+    }  # fmt: skip
+    saf_gen.write_stream(tmp_path / "a.h5", np.zeros((80, 4, 6), np.uint8), truth=truth)
+    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
+        facts = describe_file(stream)
+        assert (stream.truth.in_focus, stream.truth.least_blur_in_focus) == ((0.41, 0.6), (0.3, 0.52))
+    assert facts["depth of focus"] == "0.45000 to 0.55000 of the travel"
+    assert facts["target in focus"] == "0.41000 to 0.60000 of the travel, something of its middle 80 %"
+    assert facts["least blur"].endswith("within a resolved width from 0.30000 to 0.52000")
+
+
 @pytest.mark.parametrize(
     ("motion", "path", "passed"),
     [

@@ -125,7 +125,7 @@ def test_a_flash_of_one_readout_is_drawn_however_long_the_view(stream):
     assert abs(lamp.frames[lamp.high.argmax()] - FLASH) <= 1.5
     assert timeline.rate == pytest.approx(0.3, abs=0.01)
     assert timeline.truth.low == pytest.approx(0.4)
-    assert timeline.depth_of_focus == pytest.approx((-0.05, 0.05))
+    assert timeline.depth_of_focus == pytest.approx((-0.05, 0.05)) == timeline.whole_target
 
 
 def test_a_moment_is_described_in_words(stream, bare):

@@ -29,6 +29,7 @@ from saf_gen.core.region import bounding_box, region_shape
 from saf_gen.scene.keyframes import motion_end_s
 from saf_gen.scene.scene_folder import EDGE_POWER
 from saf_gen.stack.focal_stack import FocalStack
+from saf_gen.stack.noise_free import COUNTS, score_picture
 from saf_gen.stack.time_resolved import slice_starts
 
 LUMENS_PER_WATT = 683.0
@@ -199,6 +200,7 @@ def _measure_detail(first: FocalStack, second: FocalStack, *, truth: float, offs
     return TargetDetail(np.sqrt(peak), 1 - lowest / peak, float(np.sqrt(stack_noise / peak)))
 
 
+OTHERS = ("octave_structure", "structure_calibrated", "tenengrad")
 EXACT, CLOSE, FAR = 0.15, 0.5, 1.5  # depths of focus
 MIN_RIVAL = 0.8  # of the peak
 MIN_RISE = 1.2  # the peak divided by the lowest value
@@ -217,6 +219,9 @@ def check_curve(subject: SceneUnderTest) -> Iterator[Finding]:
         top = float(np.mean([_parabola_peak(near, one) for one in fine]))  # half the variance of one
     off = abs(top - subject.true_focus) / (2 * half)
     text = f"sharpest at {top:.3f} of the travel, {off:.2g} depths of focus from the true focus"
+    if off <= CLOSE and (others := _peaks_of_others(subject)):
+        shown = (f"{name} {abs(peak - subject.true_focus) / (2 * half):.2g}" for name, peak in others.items())
+        text += f" by sd ({', '.join(shown)})"
     contrast = curve.max() / curve.min()
     other = "something else in the target's box is sharper there: move it, or give the target more contrast"
     if off > FAR:
@@ -263,6 +268,23 @@ def target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
     seen = subject.collected_charge(stack)[:, rows, columns].astype(np.float64)
     square = seen.mean(axis=(1, 2)) ** 2
     return np.divide(seen.var(axis=(1, 2)), square, out=np.zeros_like(square), where=square > 0)
+
+
+def _peaks_of_others(subject: SceneUnderTest) -> dict[str, float]:
+    """Return where good measures of other kinds than ``sd`` peak near the true focus, if two stacks agree on it."""
+    found = {}
+    focus, half = subject.near_stacks[0].spec.focus, subject.half_depth_of_focus
+    boxes = [(slice(None), *bounding_box(stack.target)) for stack in subject.near_stacks]
+    charges = [subject.collected_charge(s)[box] for s, box in zip(subject.near_stacks, boxes, strict=True)]
+    for name in OTHERS:
+        curves = [
+            np.array([score_picture(name, image * (COUNTS / charge.mean())) for image in charge]) for charge in charges
+        ]
+        if all(0 < one.argmax() < one.size - 1 for one in curves):
+            peaks = [_parabola_peak(focus, one) for one in curves]
+            if abs(peaks[0] - peaks[1]) < 2 * EXACT * half:
+                found[name] = float(np.mean(peaks))
+    return found
 
 
 def _parabola_peak(focus: np.ndarray, curve: np.ndarray) -> float:

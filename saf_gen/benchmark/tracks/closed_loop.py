@@ -22,7 +22,7 @@ from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import LensPath
 from saf_gen.benchmark.search_run import withhold
-from saf_gen.benchmark.tracks.beside_truth import least_blur_fields, optimum_fields
+from saf_gen.benchmark.tracks.beside_truth import least_blur_fields, optimum_fields, whole_target_fields
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
@@ -316,7 +316,15 @@ class ClosedLoopSequence:
             data=self.data,
             terms=protocol.describe(self.capture),
             **{**unknown, **judged},
-            **optimum_fields(truth, judged.get("position"), method=known["method"], region=self.region),
+            **optimum_fields(
+                truth,
+                judged.get("position"),
+                method=known["method"],
+                region=self.region,
+                optima=self.capture.optima if truth.track is None else {},
+                here=truth.position,
+            ),
+            **whole_target_fields(truth, judged.get("error")),
             **least_blur_fields(truth, judge_by),
             **known,
         )

@@ -14,7 +14,7 @@ from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.search_run import withhold
 from saf_gen.benchmark.thumbnails import make_thumbnails
-from saf_gen.benchmark.tracks.beside_truth import least_blur_fields, optimum_fields
+from saf_gen.benchmark.tracks.beside_truth import least_blur_fields, optimum_fields, whole_target_fields
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
@@ -23,6 +23,7 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.metadata import Truth
+from saf_gen.stream.optima import optima_of_stream
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 
@@ -218,7 +219,15 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
         data=stream.content_sha256,
         time_to_focus_s=None if answer.frame is None or not seen else _end_s(stream, seen - 1),
         **judged,
-        **optimum_fields(truth, judged["position"], method=attempt.fields["method"], region=common["region"]),
+        **optimum_fields(
+            truth,
+            judged["position"],
+            method=attempt.fields["method"],
+            region=common["region"],
+            optima=optima_of_stream(stream.metadata.provenance),
+            here=judged["truth"],
+        ),
+        **whole_target_fields(truth, judged["error"]),
         **least_blur_fields(truth, judge_by),
         **attempt.fields,
         **common,

@@ -12,6 +12,10 @@ grammar for it, because everything that a lamp does over time is a schedule alre
 
     [{kind: ramp, from: 1, to: 0, spectrum: tungsten}, {kind: ramp, from: 0, to: 1, spectrum: led}]
 
+which is also written, and read as that list, as::
+
+    {kind: constant, spectrum: {from: tungsten, to: led}}
+
 Every kind takes the keys of its class and those in ``COMMON_KEYS``. ``offset`` is constant light added to the schedule,
 such as daylight in a room with a flickering lamp. With ``unit: lux``, all gains of the schedule and the offset are
 illuminances of the target in lux. They are divided by ``lux_at_gain_1``, the illuminance of the target at gain 1, which
@@ -29,7 +33,7 @@ import numpy as np
 from saf_gen.core.config import components, registry
 from saf_gen.core.config.components import Component
 from saf_gen.core.config.document import Document, Key
-from saf_gen.core.config.ranges import RANGE_FORMS, is_range
+from saf_gen.core.config.ranges import RANGE_FORMS, is_number, is_range
 from saf_gen.core.csv_table import read_text_in
 from saf_gen.core.spectrum import check_spectrum, describe
 from saf_gen.errors import BadInput, closest, unknown
@@ -40,7 +44,8 @@ COMMON_KEYS = {
     "unit": "ratio or lux (ratio): with lux, the gains and the offset are illuminances of the target in lux.",
     "lux_at_gain_1": "Lux, above 0 (from the scene card): with unit lux, the illuminance of the target at gain 1.",
     "spectrum": "led, tungsten, sodium, or one in braces (one wavelength, that of the sensor): the spectrum of the "
-    "light; {blackbody: KELVINS}, {daylight: KELVINS}, or {file: TABLE.csv} with the columns wavelength_nm, power.",
+    "light; {blackbody: KELVINS}, {daylight: KELVINS}, or {file: TABLE.csv} with the columns wavelength_nm, power; of "
+    "constant light also {from: SPECTRUM, to: SPECTRUM}, which changes from one to the other over the recording.",
 }
 """Keys that every kind of light schedule takes in addition to the fields of its class, with their meaning."""
 
@@ -132,8 +137,36 @@ def read_schedule(
 
 def _read_all(schedule: Schedule, document: Document, *, keys: tuple[Key, ...]) -> Schedule:
     if isinstance(schedule, list):
-        return [_read(component, document, keys=(*keys, n)) for n, component in enumerate(schedule)]
-    return _read(schedule, document, keys=keys)
+        read = [_read_crossing(component, document, keys=(*keys, n)) for n, component in enumerate(schedule)]
+        return [component for components in read for component in components]
+    first, *others = _read_crossing(schedule, document, keys=keys)
+    return [first, *others] if others else first
+
+
+def _read_crossing(component: Component, document: Document, *, keys: tuple[Key, ...]) -> list[Component]:
+    """Read a component, which is two ramps if its spectrum changes from one to another."""
+    spectrum = component.get("spectrum") if isinstance(component, dict) else None
+    if not (isinstance(spectrum, dict) and {"from", "to"} & set(spectrum)):
+        return [_read(component, document, keys=keys)]
+    where, level = document.locate(*keys, "spectrum"), component.get("level", 1)
+    if set(spectrum) != {"from", "to"}:
+        raise BadInput(
+            f"the spectrum has the keys {', '.join(map(str, spectrum))}",
+            where=where,
+            allowed="{from: SPECTRUM, to: SPECTRUM}, such as {from: tungsten, to: led}",
+        )
+    if component.get("kind") != "constant" or not is_number(level) or set(component) - {"kind", "level", "spectrum"}:
+        raise BadInput(
+            "a spectrum that changes is that of a light that does more than be constant",
+            where=where,
+            allowed="{kind: constant, spectrum: {from: …, to: …}}, and level as a number",
+            hint="write two ramps that cross in a list: [{kind: ramp, from: 1, to: 0, spectrum: tungsten}, …]",
+        )
+    ramps = [
+        {"kind": "ramp", "from": begin, "to": end, "spectrum": spectrum[key]}
+        for key, begin, end in (("from", level, 0), ("to", 0, level))
+    ]
+    return [_read(ramp, document, keys=keys) for ramp in ramps]
 
 
 def _read(component: Component, document: Document, *, keys: tuple[Key, ...]) -> Component:

@@ -79,11 +79,12 @@ def draw_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
 
 
 def _draw_lens(axes: Axes, timeline: Timeline) -> None:
-    truth, (near, far) = timeline.truth, timeline.depth_of_focus
+    truth = timeline.truth
     if truth is not None:
         middle = (truth.low + truth.high) / 2
-        if isfinite(near):
-            axes.fill_between(truth.frames, middle + near, middle + far, color=BAND, alpha=0.6, lw=0)
+        for (low, high), alpha in {timeline.whole_target: 0.3, timeline.depth_of_focus: 0.6}.items():
+            if isfinite(low):  # for a flat target they are the same
+                axes.fill_between(truth.frames, middle + low, middle + high, color=BAND, alpha=alpha, lw=0)
         axes.plot(truth.frames, middle, color=INK, lw=0.9, label="true focus, its depth of focus")
     if timeline.lens is not None:
         _draw_extremes(axes, timeline.lens, style=PlotStyle("#0072b2", "-", "o"), label="lens")

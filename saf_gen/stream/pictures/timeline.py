@@ -164,6 +164,8 @@ class Timeline:
         Position of true focus, as a fraction of the travel; it is constant unless the scene moves.
     depth_of_focus : tuple of float
         Distances of the lower and the upper end of the depth of focus from the truth, as fractions of the travel.
+    whole_target : tuple of float
+        Those of the positions between which something of the target is in focus.
     gains : mapping of str to Extremes
         Gain of each light group by name; 1 is nominal.
     centres : ndarray of float64, shape (n,)
@@ -179,6 +181,7 @@ class Timeline:
     lens: Extremes | None
     truth: Extremes | None
     depth_of_focus: tuple[float, float]
+    whole_target: tuple[float, float]
     gains: Mapping[str, Extremes]
     centres: np.ndarray
     rate: np.ndarray
@@ -230,12 +233,14 @@ def read_timeline(
     names = stream.light_names or [f"light {n + 1}" for n in range(len(lines))]
     names = names if lines else []
     near, far = sorted(truth.depth_of_focus) if all(map(isfinite, truth.depth_of_focus)) else (np.nan, np.nan)
+    first_sharp, last_sharp = truth.whole_target
     return Timeline(
         first,
         stop,
         None if lens is None else _find_extremes(lens, first=first, stop=stop),
         _find_extremes(track, first=first, stop=stop) if truth.known else None,
         (near - truth.position, far - truth.position),
+        (first_sharp - truth.position, last_sharp - truth.position),
         {name: _find_extremes(line, first=first, stop=stop) for name, line in zip(names, lines, strict=True)},
         np.array(starts) + (window - 1) / 2,
         np.array([stream.counts(a, a + window).mean() / window for a in starts]),
