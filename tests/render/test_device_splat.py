@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from random_paths import paths, windows
-from written_scenes import load_setup, needs_llvm
+from written_scenes import JIT, load_setup, needs_llvm
 
 from saf_gen.optics import ImageDistanceDrive, Stage
 from saf_gen.render import backend, device_splat, one_pass
@@ -21,7 +21,7 @@ SCALE, MAX_RADIANCE = 1.2345e9, 0.9  # no power of two, so that products round; 
 
 @pytest.fixture
 def llvm():
-    backend.activate_backend("llvm")
+    backend.activate_backend(JIT)
 
 
 def traced(arrays, window=(), weight=None):
