@@ -24,7 +24,9 @@ MIN_MEMORY = 3 << 30
 MITSUBA_VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
 CARD_VERDICT = "SAF_GEN_CARD_VERDICT"  # variable that hands the verdict on the card to the processes of workers
 CARD_SECONDS = 180  # the driver compiles OptiX's own programs once, before the first ray
-CARD_ADVICE = "saf-gen doctor; in a container, let the driver in with NVIDIA_DRIVER_CAPABILITIES=compute,utility,graphics"
+CARD_ADVICE = (
+    "saf-gen doctor; a container needs NVIDIA_DRIVER_CAPABILITIES=compute,utility,graphics to see all of the driver"
+)
 TRACE_TRIANGLE = f"""\
 import mitsuba as mi
 mi.set_variant({MITSUBA_VARIANTS["cuda"]!r})
@@ -92,7 +94,9 @@ def _judge_card() -> str:
 def _trace_triangle() -> str:
     command = [sys.executable, "-c", TRACE_TRIANGLE]
     try:
-        run = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=CARD_SECONDS, check=False)
+        run = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=CARD_SECONDS, check=False
+        )
     except subprocess.TimeoutExpired:
         return f"no ray within {CARD_SECONDS} s"
     if run.returncode == 0 and run.stdout.strip() == "traced":
