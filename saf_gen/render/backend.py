@@ -24,9 +24,7 @@ MIN_MEMORY = 3 << 30
 MITSUBA_VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
 CARD_VERDICT = "SAF_GEN_CARD_VERDICT"  # variable that hands the verdict on the card to the processes of workers
 CARD_SECONDS = 180  # the driver compiles OptiX's own programs once, before the first ray
-CARD_ADVICE = (
-    "saf-gen doctor; a container needs NVIDIA_DRIVER_CAPABILITIES=compute,utility,graphics to see all of the driver"
-)
+CARD_ADVICE = "let OptiX of the driver into a container with NVIDIA_DRIVER_CAPABILITIES=compute,utility,graphics"
 TRACE_TRIANGLE = f"""\
 import mitsuba as mi
 mi.set_variant({MITSUBA_VARIANTS["cuda"]!r})

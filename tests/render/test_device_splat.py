@@ -105,6 +105,7 @@ def test_a_band_has_a_row_at_least(monkeypatch):
 
 
 @needs_llvm
+@pytest.mark.skipif(JIT != "llvm", reason="LLVM's program is searched")
 def test_there_is_nothing_that_a_compiler_may_fuse_or_divide_in_single_precision(llvm):
     """Operations that CUDA would round differently appear in any device's program, so LLVM's program is searched.
 
@@ -152,6 +153,7 @@ def test_a_rendered_stack_is_that_of_the_cores(test_scenes, monkeypatch, drive):
 
 @needs_llvm
 def test_the_cores_splat_what_they_traced_and_a_card_what_it_traced(llvm, monkeypatch):
+    monkeypatch.setattr(dr, "backend_v", lambda _: dr.JitBackend.LLVM)
     assert one_pass.choose_accumulator(None) is HostAccumulator
     assert one_pass.choose_accumulator(True) is DeviceAccumulator
     monkeypatch.setattr(dr, "backend_v", lambda _: dr.JitBackend.CUDA)
