@@ -30,7 +30,7 @@ import mitsuba as mi
 mi.set_variant({MITSUBA_VARIANTS["cuda"]!r})
 mesh = mi.Mesh("triangle", 3, 1)
 values = mi.traverse(mesh)
-values["vertex_positions"] = [-1, -1, 2, 1, -1, 2, 0, 1, 2]
+values["vertex_positions"] = [-1.0, -1.0, 2.0, 1.0, -1.0, 2.0, 0.0, 1.0, 2.0]
 values["faces"] = [0, 1, 2]
 values.update()
 hit = mi.load_dict({{"type": "scene", "triangle": mesh}}).ray_intersect(mi.Ray3f([0, 0, 0], [0, 0, 1]))

@@ -315,7 +315,7 @@ def test_a_card_that_traces_nothing_is_left_out_and_said(call, small_recipe, tes
     assert (code, err) == (0, "the NVIDIA card is left out, because it traces nothing: Could not initialize OptiX!\n")
     code, _, err = call(*made, "--variant", "cuda")
     assert code == 2
-    assert err.startswith("variant cuda cannot run here: the card traces nothing: Could not initialize OptiX!")
+    assert err.startswith("saf-gen: variant cuda cannot run here: the card traces nothing: Could not initialize OptiX!")
     assert err.count("\n") == 1
     assert not (tmp_path / "ds").exists()
 

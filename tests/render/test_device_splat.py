@@ -35,6 +35,7 @@ def both(arrays, window, shape, weight=None):
     for kind in (HostAccumulator, DeviceAccumulator):
         sums = kind(shape, (0, shape[1]), scale=SCALE, max_radiance=MAX_RADIANCE)
         clipped = sums.add(traced(arrays, window, weight))
+        clipped = clipped if kind is HostAccumulator else clipped[0]
         total = sums.sums.sum(axis=0) if kind is HostAccumulator else sums.sums.numpy()
         found.append((total.reshape(*shape[1:], shape[0]), sums.mean_radiance(), clipped))
     return found
