@@ -25,6 +25,7 @@ class DeviceField:
 
     def __init__(self, field: ShadingField) -> None:
         self.groups = field.shading.shape[1]
+        self._has_cells = field.keys.size > 0  # a scene that shares nothing has none
         self._tables: Any = mi.Int32(field.tables)
         self._slots: Any = mi.Int32(field.slots)
         self._keys: Any = mi.UInt64(field.keys)
@@ -35,6 +36,8 @@ class DeviceField:
 
         ``hits`` are Dr.Jit arrays; for the other parameters see :meth:`ShadingField.reflect`, which gives the same.
         """
+        if not self._has_cells:
+            return [dr.zeros(mi.Float, dr.width(hits.shape)) for _ in range(self.groups)]
         met = hits.shape > 0
         number = mi.UInt64(dr.arange(mi.UInt32, dr.width(hits.shape))) + dr.opaque(mi.UInt64, first)
         word = _mix(_mix(number) ^ dr.opaque(mi.UInt64, seed & 0xFFFFFFFF))

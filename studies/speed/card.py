@@ -17,7 +17,19 @@ from saf_gen.core.cores import describe_machine
 from saf_gen.core.extras import installed_version
 
 ROOT = Path(__file__).parents[2]
-TESTS = ("-m", "pytest", "tests/render", "--variant", "cuda", "-m", "not long and not browser", "-n", "2", "-q", "--tb=line")
+TESTS = (
+    "-m",
+    "pytest",
+    "tests/render",
+    "--variant",
+    "cuda",
+    "-m",
+    "not long and not browser",
+    "-n",
+    "2",
+    "-q",
+    "--tb=line",
+)
 BENCH = ("-m", "studies.speed", "stack")
 QUERY = ("nvidia-smi", "--query-gpu=name,driver_version,memory.total", "--format=csv,noheader")
 PACKAGES = ("mitsuba", "drjit", "numpy", "numba")
