@@ -23,7 +23,7 @@ The result is biased where shading changes within a cell; the bias falls as the 
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -186,7 +186,7 @@ def render_with_shading(
         clipped = [n + more for n, more in zip(clipped, band.count_above(max_radiance), strict=True)]
         sums.add(band.rays, band.radiance, distances=band.distances, seed=seed, weight=band.weight)
         progress(band.rays.done)
-    counts = (int(n if np.isscalar(n) else n[0]) for n in clipped)  # those of a device come down once
+    counts = [int(n[0]) if on_device else int(n) for n in clipped]  # those of a device come down once
     return {name: (stack, n) for name, stack, n in zip(setups, sums.mean_radiance(), counts, strict=True)}
 
 
@@ -263,14 +263,16 @@ def _trace_complete_paths(
     travel = np.array(first.travel)
     for rays in cast_rays(first, travel, samples=samples, seed=seed):
         sight = finder.find(rays, travel, seed=seeds.derive_seed(seed, "lines of sight"), on_device=on_device)
-        shared = dr.compress(sight.hits.shape > 0) if on_device else np.flatnonzero(sight.hits.shape).astype(np.uint32)
+        met: Any = sight.hits.shape
+        shared: Any = dr.compress(met > 0) if on_device else np.flatnonzero(met).astype(np.uint32)
         trace = _bring_from_device if on_device else _trace_on
         radiance = [
             trace(setup, sight, chosen=shared, seed=seeds.derive_seed(seed, name, rays.begin))
             for name, setup in setups.items()
         ]
         if on_device:  # only what is added to cells comes down
-            hits = SurfaceHits(*(dr.gather(type(array), array, shared).numpy() for array in sight.hits))
+            arrays: Any = sight.hits
+            hits = SurfaceHits(*(dr.gather(type(array), array, shared).numpy() for array in arrays))
         else:
             hits = SurfaceHits(*(array[shared] for array in sight.hits))
         unshared, in_light = sight.count_unshared(), sight.count_straight_into_light()
@@ -293,7 +295,7 @@ def _trace_on_device(setup: RenderSetup, sight: Sight, *, chosen: Any, seed: int
         return _finite(trace_radiance(setup, pick_rays(sight.segment, chosen), seed=seed))
     radiance, back = dr.zeros(mi.Float, len(chosen)), dr.gather(mi.Bool, sight.is_clear_surface, chosen)
     for which, bring in ((~back, trace_radiance), (back, reflected_radiance)):
-        part = dr.compress(which)
+        part: Any = dr.compress(which)
         if len(part):
             rays = pick_rays(sight.segment, dr.gather(mi.UInt32, chosen, part))
             dr.scatter(radiance, _finite(bring(setup, rays, seed=seed)), part)
@@ -342,7 +344,7 @@ def _light_on_device(
 ) -> LitRays:
     """Return what camera rays bring, without copies to the host; see :func:`render_with_shading`."""
     values = shading.reflect(sight.hits, first=rays.first, seed=seed)
-    weight, chosen = None, mi.UInt32()
+    weight, chosen = None, cast(Any, mi.UInt32())
     if dr.any(sight.unshared):
         traced = sight.unshared
         if rays_per_path > 1:

@@ -94,14 +94,16 @@ class Sight(NamedTuple):
         """Return how many rays end in light without a bend."""
         if isinstance(self.unshared, np.ndarray):
             return sum(int(np.count_nonzero(self.distances.end[end.rays] > 0)) for end in self.lights)
-        ends = (dr.gather(mi.Float, self.distances.end, end.rays) for end in self.lights)
-        return sum(int(dr.count(end > 0)[0]) for end in ends)
+        ends = [dr.gather(mi.Float, self.distances.end, end.rays) for end in self.lights]
+        counts: list[Any] = [dr.count(end > 0) for end in ends]
+        return sum(int(count[0]) for count in counts)
 
     def count_unshared(self) -> int:
         """Return how many rays meet a surface that shares no shading."""
         if isinstance(self.unshared, np.ndarray):
             return int(np.count_nonzero(self.unshared))
-        return int(dr.count(self.unshared)[0])
+        count: Any = dr.count(self.unshared)
+        return int(count[0])
 
 
 class SurfaceFinder:
@@ -255,7 +257,7 @@ def _ends_in_light(in_light: Any, ray: Any, clearness: Any) -> EndsInLight:
 
 
 def _ends_on_device(in_light: Any, ray: Any, clearness: Any) -> EndsInLight:
-    rays = dr.compress(in_light)
+    rays: Any = dr.compress(in_light)
     return EndsInLight(rays, ray, dr.gather(mi.Float, clearness, rays) if len(clearness) > 1 else mi.Float(1))
 
 
