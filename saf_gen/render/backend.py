@@ -5,6 +5,7 @@ judged by its version. A card is judged by a ray that it traces in another proce
 which containers leave out, CUDA is there and a scene cannot be loaded or comes out black.
 """
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -21,6 +22,8 @@ from saf_gen.errors import BadInput, unknown
 
 OLDEST_LLVM = 17
 MIN_MEMORY = 3 << 30
+MEMORY_PER_BAND = 6 << 30  # of a card; several times what the arrays of a band take
+MAX_BANDS = 8
 MITSUBA_VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
 CARD_VERDICT = "SAF_GEN_CARD_VERDICT"  # variable that hands the verdict on the card to the processes of workers
 CARD_SECONDS = 180  # the driver compiles OptiX's own programs once, before the first ray
@@ -162,6 +165,18 @@ def read_picture(file: str) -> mi.Bitmap:
         return mi.Bitmap(file)
     finally:
         dr.set_thread_count(threads)
+
+
+def bands_at_once() -> int:
+    """Return how many bands of 2²⁰ rays the device traces at once: on the cores one, on a card as its memory allows.
+
+    A band launches some kernels, which take a card less time than their launch takes the processor.
+    """
+    if mi.variant() != MITSUBA_VARIANTS["cuda"]:
+        return 1
+    size = ctypes.c_size_t(0)
+    ctypes.CDLL("libcuda.so.1").cuDeviceTotalMem_v2(ctypes.byref(size), 0)
+    return min(max(size.value // MEMORY_PER_BAND, 1), MAX_BANDS)
 
 
 @contextmanager

@@ -30,7 +30,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.core import seeds
-from saf_gen.render import one_pass
+from saf_gen.render import backend, one_pass
 from saf_gen.render.camera_rays import CameraRays, cast_rays, land_on_sensor
 from saf_gen.render.device_layers import DeviceLayeredSums
 from saf_gen.render.device_shading import DeviceField
@@ -39,6 +39,7 @@ from saf_gen.render.layered_splat import BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
 from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
+from saf_gen.render.traced_light import finite, lamp_radiance, pick_rays, reflected_radiance, to_host, trace_radiance
 from saf_gen.stack.focal_stack import LAYERED_POSITIONS
 
 PRIMARY_RAYS = 6  # camera rays per light path
@@ -85,7 +86,7 @@ def gather_shading(
     bands = _trace_complete_paths(setups, finder, samples=samples, seed=seed, on_device=on_device)
     opening = next(bands)
     max_radiance = _brightest([opening])
-    if opening.done < 1:
+    if not opening.is_all:
         trial = seeds.derive_seed(seed, "trial")
         coarse = _trace_complete_paths(setups, finder, samples=1, seed=trial, on_device=on_device)
         max_radiance = one_pass.FIREFLY_FACTOR * _brightest(coarse)
@@ -151,8 +152,10 @@ def render_with_shading(
     on_device = one_pass.sums_on_device(on_device)
     in_memory = DeviceField(shading) if on_device else None
 
+    at_once = backend.bands_at_once() if on_device else 1
+
     def bring_light(samples: int, seed: int) -> Iterator[LitRays]:
-        for rays in cast_rays(first, focus, samples=samples, seed=seed):
+        for rays in cast_rays(first, focus, samples=samples, seed=seed, at_once=at_once):
             sight = finder.find(
                 rays, focus, seed=seeds.derive_seed(seed, "lines of sight"), on_device=in_memory is not None
             )
@@ -161,15 +164,16 @@ def render_with_shading(
                 continue
             values = shading.reflect(sight.hits, first=rays.first, seed=seed)
             weight, chosen = _choose_rays_to_trace_on(rays, sight.unshared, rays_per_path=rays_per_path)
+            ((begin, _, _),) = rays.bands
             for n, (name, setup) in enumerate(setups.items()):
                 if chosen.size:
                     values[n, chosen] = _trace_on(
-                        setup, sight, chosen=chosen, seed=seeds.derive_seed(seed, name, rays.begin)
+                        setup, sight, chosen=chosen, seed=seeds.derive_seed(seed, name, begin)
                     )
                 if sight.factor is not None:
                     values[n] *= sight.factor
                 for end in sight.lights:
-                    light = _to_host(lamp_radiance(setup, pick_rays(end.ray, end.rays)))
+                    light = to_host(lamp_radiance(setup, pick_rays(end.ray, end.rays)))
                     values[n, end.rays] += light * end.clearness
             if rays.passes is not None:
                 values *= rays.passes.numpy()
@@ -178,7 +182,9 @@ def render_with_shading(
     bands = bring_light(samples, seed)
     opening = next(bands)
     max_radiance = _brightest([opening])
-    if opening.rays.done < 1:  # as in a plain stack, the limit comes from the full picture, not from its first rows
+    if (
+        not opening.rays.is_only_band
+    ):  # as in a plain stack, the limit comes from the full picture, not from its first rows
         max_radiance = one_pass.FIREFLY_FACTOR * _brightest(bring_light(1, seeds.derive_seed(seed, "trial")))
     sums = _Sums(setups, focus, samples=samples, max_radiance=max_radiance, on_device=on_device)
     clipped: Any = [0] * len(setups)
@@ -231,6 +237,8 @@ class TracedBand(NamedTuple):
     ----------
     done : float
         Fraction of the rows that are done after this band, 0 to 1.
+    is_all : bool
+        Whether this band holds all paths.
     hits : SurfaceHits
         The surfaces that the paths meet first.
     radiance : ndarray of float32, shape (light, path)
@@ -244,6 +252,7 @@ class TracedBand(NamedTuple):
     """
 
     done: float
+    is_all: bool
     hits: SurfaceHits
     radiance: np.ndarray
     ray_count: int
@@ -261,22 +270,28 @@ def _trace_complete_paths(
     """Continue the same camera rays under every light group, with different random numbers for each group."""
     first = next(iter(setups.values()))
     travel = np.array(first.travel)
-    for rays in cast_rays(first, travel, samples=samples, seed=seed):
+    at_once = backend.bands_at_once() if on_device else 1
+    for rays in cast_rays(first, travel, samples=samples, seed=seed, at_once=at_once):
         sight = finder.find(rays, travel, seed=seeds.derive_seed(seed, "lines of sight"), on_device=on_device)
-        met: Any = sight.hits.shape
-        shared: Any = dr.compress(met > 0) if on_device else np.flatnonzero(met).astype(np.uint32)
-        trace = _bring_from_device if on_device else _trace_on
-        radiance = [
-            trace(setup, sight, chosen=shared, seed=seeds.derive_seed(seed, name, rays.begin))
-            for name, setup in setups.items()
-        ]
-        if on_device:  # only what is added to cells comes down
-            arrays: Any = sight.hits
+        if on_device:
+            arrays, met = cast(Any, sight.hits), cast(Any, sight.hits.shape) > 0
+            radiance = [
+                _paths_from_device(setup, sight, met, rays, seed=seed, name=name) for name, setup in setups.items()
+            ]
+            shared: Any = dr.compress(met)  # only what is added to cells comes down
             hits = SurfaceHits(*(dr.gather(type(array), array, shared).numpy() for array in arrays))
         else:
+            ((begin, _, _),) = rays.bands
+            shared = np.flatnonzero(sight.hits.shape).astype(np.uint32)
+            radiance = [
+                _trace_on(setup, sight, chosen=shared, seed=seeds.derive_seed(seed, name, begin))
+                for name, setup in setups.items()
+            ]
             hits = SurfaceHits(*(array[shared] for array in sight.hits))
         unshared, in_light = sight.count_unshared(), sight.count_straight_into_light()
-        yield TracedBand(rays.done, hits, np.stack(radiance), len(sight.unshared), unshared, in_light)
+        yield TracedBand(
+            rays.done, rays.is_only_band, hits, np.stack(radiance), len(sight.unshared), unshared, in_light
+        )
 
 
 def _trace_on(setup: RenderSetup, sight: Sight, *, chosen: np.ndarray, seed: int) -> np.ndarray:
@@ -285,25 +300,41 @@ def _trace_on(setup: RenderSetup, sight: Sight, *, chosen: np.ndarray, seed: int
     radiance = np.empty(chosen.size, dtype=np.float32)
     for which, bring in ((~back, trace_radiance), (back, reflected_radiance)):
         if which.any():
-            radiance[which] = _to_host(bring(setup, pick_rays(sight.segment, chosen[which]), seed=seed))
+            radiance[which] = to_host(bring(setup, pick_rays(sight.segment, chosen[which]), seed=seed))
     return radiance
 
 
 def _trace_on_device(setup: RenderSetup, sight: Sight, *, chosen: Any, seed: int) -> Any:
     """Return the radiance that chosen rays bring, Float (chosen,); see :func:`_trace_on`."""
     if sight.is_clear_surface is None:
-        return _finite(trace_radiance(setup, pick_rays(sight.segment, chosen), seed=seed))
+        return finite(trace_radiance(setup, pick_rays(sight.segment, chosen), seed=seed))
     radiance, back = dr.zeros(mi.Float, len(chosen)), dr.gather(mi.Bool, sight.is_clear_surface, chosen)
     for which, bring in ((~back, trace_radiance), (back, reflected_radiance)):
         part: Any = dr.compress(which)
         if len(part):
             rays = pick_rays(sight.segment, dr.gather(mi.UInt32, chosen, part))
-            dr.scatter(radiance, _finite(bring(setup, rays, seed=seed)), part)
+            dr.scatter(radiance, finite(bring(setup, rays, seed=seed)), part)
     return radiance
 
 
-def _bring_from_device(setup: RenderSetup, sight: Sight, *, chosen: Any, seed: int) -> np.ndarray:
-    return _trace_on_device(setup, sight, chosen=chosen, seed=seed).numpy() if len(chosen) else np.zeros(0, np.float32)
+def _trace_bands(
+    setup: RenderSetup, sight: Sight, traced: Any, rays: CameraRays, *, seed: int, name: str
+) -> Iterator[tuple[Any, Any]]:
+    """Yield, for each band, the indices of the rays to trace on, UInt32 (chosen,), and the radiance that they bring."""
+    index = dr.arange(mi.UInt32, dr.width(traced))
+    for begin, first, end in rays.bands:
+        its = traced & (index >= dr.opaque(mi.UInt32, first)) & (index < dr.opaque(mi.UInt32, end))
+        chosen: Any = dr.compress(its if len(rays.bands) > 1 else traced)
+        if len(chosen):
+            yield chosen, _trace_on_device(setup, sight, chosen=chosen, seed=seeds.derive_seed(seed, name, begin))
+
+
+def _paths_from_device(
+    setup: RenderSetup, sight: Sight, traced: Any, rays: CameraRays, *, seed: int, name: str
+) -> np.ndarray:
+    """Return the radiance that the rays in ``traced`` bring, float32 (chosen,), from the device."""
+    bands = [light.numpy() for _, light in _trace_bands(setup, sight, traced, rays, seed=seed, name=name)]
+    return np.concatenate([np.zeros(0, np.float32), *bands])
 
 
 def _brightest(bands: Iterable[LitRays | TracedBand]) -> np.ndarray:
@@ -344,26 +375,24 @@ def _light_on_device(
 ) -> LitRays:
     """Return what camera rays bring, without copies to the host; see :func:`render_with_shading`."""
     values = shading.reflect(sight.hits, first=rays.first, seed=seed)
-    weight, chosen = None, cast(Any, mi.UInt32())
-    if dr.any(sight.unshared):
-        traced = sight.unshared
-        if rays_per_path > 1:
-            count, sample = -(-rays.samples // rays_per_path), rays.sample
-            full, rest = (dr.opaque(mi.UInt32, n) for n in (rays_per_path, rays.samples - rays_per_path * (count - 1)))
-            last = dr.opaque(mi.UInt32, count - 1)
-            weight = dr.select(sample < last, full, dr.select(sample == last, rest, 0))
-            weight = dr.select(sight.unshared, weight, 1)
-            traced = sight.unshared & (weight > 0)
-            dr.eval(weight, traced)
-        chosen = dr.compress(traced)
+    weight, traced = None, sight.unshared
+    any_traced = dr.any(traced)
+    if any_traced and rays_per_path > 1:
+        count, sample = -(-rays.samples // rays_per_path), rays.sample
+        full, rest = (dr.opaque(mi.UInt32, n) for n in (rays_per_path, rays.samples - rays_per_path * (count - 1)))
+        last = dr.opaque(mi.UInt32, count - 1)
+        weight = dr.select(sample < last, full, dr.select(sample == last, rest, 0))
+        weight = dr.select(sight.unshared, weight, 1)
+        traced = sight.unshared & (weight > 0)
+        dr.eval(weight, traced)
     for n, (name, setup) in enumerate(setups.items()):
-        if len(chosen):
-            light = _trace_on_device(setup, sight, chosen=chosen, seed=seeds.derive_seed(seed, name, rays.begin))
-            dr.scatter(values[n], light, chosen)
+        if any_traced:
+            for chosen, light in _trace_bands(setup, sight, traced, rays, seed=seed, name=name):
+                dr.scatter(values[n], light, chosen)
         if sight.factor is not None:
             values[n] = product(values[n], sight.factor)
         for end in sight.lights:
-            light = product(_finite(lamp_radiance(setup, pick_rays(end.ray, end.rays))), end.clearness)
+            light = product(finite(lamp_radiance(setup, pick_rays(end.ray, end.rays))), end.clearness)
             dr.eval(light, values[n])
             dr.scatter(values[n], dr.gather(mi.Float, values[n], end.rays) + light, end.rays)
         if rays.passes is not None:
@@ -427,93 +456,3 @@ class _Sums:
         if self._layers is not None:
             return self._layers.mean_radiance()
         return [sums.mean_radiance() for sums in self._single]
-
-
-# Each call of the next three functions runs a separate kernel, so that other light groups do not change its bits.
-
-
-def pick_rays(ray: Any, chosen: Any) -> Any:
-    """Return some of Dr.Jit's rays, by their indices, uint32 (chosen,), of numpy or Dr.Jit."""
-    index = mi.UInt32(_align(chosen)) if isinstance(chosen, np.ndarray) else chosen
-    return dr.gather(type(ray), ray, index)
-
-
-def trace_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> Any:
-    """Return the radiance along rays, each traced as a complete light path, Float (ray,)."""
-    traced, _, _ = setup.integrator.sample(setup.mitsuba_scene, _random(seed, ray), ray)
-    return _evaluate(traced)
-
-
-def reflected_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> Any:
-    """Return the radiance that the clear surfaces met by rays reflect, Float (ray,).
-
-    This is all that they scatter or reflect, without the light that comes straight through. A path to a lamp is found
-    both by aiming at the lamp and by chance, weighted by the power heuristic (Veach and Guibas 1995,
-    doi:10.1145/218380.218498).
-    """
-    scene, random = setup.mitsuba_scene, _random(seed, ray)
-    context = mi.BSDFContext()
-    hit = scene.ray_intersect(ray)
-    valid = hit.is_valid()
-    bsdf = hit.bsdf()
-    lamp, light = scene.sample_emitter_direction(hit, random.next_2d(), True, valid)
-    towards = hit.to_local(lamp.d)
-    reflected, density = bsdf.eval_pdf(context, hit, towards, valid & (lamp.pdf > 0))
-    share = dr.select(lamp.delta, 1, _power_heuristic(lamp.pdf, density))
-    aimed = dr.select(lamp.pdf > 0, reflected * light * share, 0)
-
-    sample, weight = bsdf.sample(context, hit, random.next_1d(), random.next_2d(), valid)
-    on = hit.spawn_ray(hit.to_world(sample.wo))
-    found = valid & (dr.max(weight) > 0) & ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
-    traced, _, _ = setup.integrator.sample(scene, random, mi.RayDifferential3f(on), None, found)
-    met = scene.ray_intersect(on, found)
-    emitter = met.emitter(scene, found)
-    straight = dr.select(emitter != None, emitter.eval(met, found), 0)  # noqa: E711, an array of pointers
-    mirrored = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-    aim = scene.pdf_emitter_direction(hit, mi.DirectionSample3f(scene, met, hit), found & ~mirrored)
-    chance = bsdf.pdf(context, hit, sample.wo, found)  # ``sample`` holds the density of only one part of a blend
-    share = dr.select(mirrored, 1, _power_heuristic(chance, aim))
-    return _evaluate(aimed + dr.select(found, weight * (traced + straight * (share - 1)), 0))
-
-
-def lamp_radiance(setup: RenderSetup, ray: Any) -> Any:
-    """Return the radiance of the lamps that rays meet, or of the sky, Float (ray,)."""
-    hit = setup.mitsuba_scene.ray_intersect(ray)
-    emitter = hit.emitter(setup.mitsuba_scene)
-    return _evaluate(dr.select(emitter != None, emitter.eval(hit), 0))  # noqa: E711, an array of pointers
-
-
-def _random(seed: int, ray: Any) -> Any:
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed & 0xFFFFFFFF, dr.width(ray.o))
-    return sampler
-
-
-def _power_heuristic(one: Any, other: Any) -> Any:
-    squared = one * one
-    return dr.select(squared > 0, squared / (squared + other * other), 0)
-
-
-def _evaluate(radiance: Any) -> Any:
-    value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
-    dr.eval(value)
-    return value
-
-
-def _to_host(radiance: Any) -> np.ndarray:
-    """Return radiance on the host, float32 (ray,); a path without a finite value counts as 0."""
-    return np.nan_to_num(radiance.numpy(), nan=0.0, posinf=0.0, neginf=0.0)
-
-
-def _finite(radiance: Any) -> Any:
-    """Return radiance on the device, Float (ray,); a path without a finite value counts as 0."""
-    return dr.select(dr.isfinite(radiance), radiance, 0)
-
-
-def _align(array: np.ndarray) -> np.ndarray:
-    """Return a copy at a multiple of 64 bytes, because a kernel's code depends on how its memory is aligned."""
-    buffer = np.empty(array.nbytes + 64, dtype=np.uint8)
-    begin = -buffer.ctypes.data % 64
-    copy = buffer[begin : begin + array.nbytes].view(array.dtype)
-    copy[:] = array
-    return copy

@@ -142,7 +142,8 @@ def trace_paths(
     """
     sampler = mi.load_dict({"type": "independent"})
     for rays in cast_rays(setup, focus, samples=samples, seed=seed):
-        sampler.seed(seeds.derive_seed(seed, rays.begin) & 0xFFFFFFFF, dr.width(rays.x))
+        ((begin, _, _),) = rays.bands
+        sampler.seed(seeds.derive_seed(seed, begin) & 0xFFFFFFFF, dr.width(rays.x))
         radiance, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, rays.ray)
         value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
         if rays.passes is not None:

@@ -75,8 +75,9 @@ def render(setups, field, *, window, on_device, samples=4):
 @pytest.mark.slow
 def test_cells_stacks_and_slices_are_those_of_the_cores(still_life, monkeypatch):
     """Also in bands, the first of which sets the limit of radiance, and with sums in bands of rows on the device."""
-    for rays in (camera_rays.RAYS_PER_PASS, 30_000):
+    for rays, at_once in ((camera_rays.RAYS_PER_PASS, 1), (30_000, 1), (30_000, 3), (30_000, 50)):
         monkeypatch.setattr(camera_rays, "RAYS_PER_PASS", rays)
+        monkeypatch.setattr(backend, "bands_at_once", lambda at_once=at_once: at_once)
         how = {"samples": 4, "seed": 1, "emitting": EMITTING}
         cells, same = (filtered_pass.gather_shading(still_life, on_device=where, **how) for where in (False, True))
         assert all(np.array_equal(*pair) for pair in zip(cells.content, same.content, strict=True))
