@@ -140,8 +140,7 @@ def cast_rays(
         ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))
         done, first, per_row = (begin + count) / rows, begin * columns * samples, columns * samples
         tops = range(begin, begin + count, rows_per_pass)
-        ends = [(min(top + rows_per_pass, begin + count) - begin) * per_row for top in tops]
-        bands = tuple((top, (top - begin) * per_row, end) for top, end in zip(tops, ends, strict=True))
+        bands = tuple((top, (top - begin) * per_row, min(top - begin + rows_per_pass, count) * per_row) for top in tops)
         passes = None if drive.ring is None else drive.ring.passes((a.x, a.y), (slope_x, slope_y), number=opaque)
         yield CameraRays(done, bands, first, samples, pixel, sample, x, y, a, slope_x, slope_y, ray, passes)
 

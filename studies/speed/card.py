@@ -26,7 +26,7 @@ TESTS = (
     "-m",
     "not long and not browser",
     "-n",
-    "2",
+    "4",
     "-q",
     "--tb=line",
 )

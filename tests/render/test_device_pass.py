@@ -188,6 +188,7 @@ def launches_and_copies(copies, run):
 def per_band(monkeypatch, copies, run):
     """Launches and copies of each band of rows beyond the first four, by two runs with more bands."""
     found = []
+    monkeypatch.setattr(backend, "bands_at_once", lambda: 1)
     for rays in (30_000, 5_000):
         bands = []
         monkeypatch.setattr(camera_rays, "RAYS_PER_PASS", rays)
