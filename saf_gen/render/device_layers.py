@@ -43,16 +43,16 @@ class DeviceLayeredSums(LayeredSums):
         stop = dr.select(times > 0, stop, begin)
         has_clear = distances.farthest is not None
         sheets = (distances.nearest, distances.farthest) if has_clear else (mi.Float(0), mi.Float(0))
-        _walk(
+        paths = (
             self._device,
             tuple(dr.opaque(mi.Int32, n) for n in (rows, columns)),
             (line.first_x, line.first_y, line.step_x, line.step_y),
             ([word * mi.Int64(times) for word in words], mi.Int32(times)),
-            (begin, stop),
             (distances.end, *sheets, lens[0], lens[1]),
             tuple(mi.Float(array) for array in self._blur),
             (mi.Float64(BLURS), mi.Float((4 * GAUSSIANS).astype(np.float32))),
         )
+        _walk(begin, stop, paths)
         dr.eval(*self._device)
 
     def mean_radiance(self) -> np.ndarray:
@@ -66,15 +66,15 @@ class DeviceLayeredSums(LayeredSums):
 
 
 @dr.syntax
-def _walk(sums: Any, size: Any, line: Any, light: Any, window: Any, ends: Any, blurs: Any, steps: Any) -> None:
-    k, stop = window
+def _walk(k: Any, stop: Any, paths: Any) -> None:
     while k < stop:
-        _add_at(k, sums, size, line, light, ends, blurs, steps)
+        _add_at(k, paths)
         k += 1
 
 
-def _add_at(k: Any, sums: Any, size: Any, line: Any, light: Any, ends: Any, blurs: Any, steps: Any) -> None:
+def _add_at(k: Any, paths: Any) -> None:
     """Add each path at its position ``k``; see ``layered_splat._add_some``."""
+    sums, size, line, light, ends, blurs, steps = paths
     layered, landed, unmoved = sums
     rows, columns = size
     first_x, first_y, step_x, step_y = line

@@ -43,9 +43,9 @@ class DeviceField:
         word = _mix(_mix(number) ^ dr.opaque(mi.UInt64, seed & 0xFFFFFFFF))
         x, y, z = (mi.Float((word >> shift) & 0xFFFFF) * 2.0**-20 - 0.5 for shift in (0, 20, 40))
         there = (mi.Float64(hits.column) + 0.5 * mi.Float64(x), mi.Float64(hits.row) + 0.5 * mi.Float64(y))
-        cell = self._find(_cell_key(hits, *there, hits.depth + z), met, 0)
+        cell = self._find(_cell_key(hits, (*there, hits.depth + z)), met, coarsest=0)
         here = (mi.Float64(hits.column), mi.Float64(hits.row))
-        around = self._find(_cell_key(hits, *here, hits.depth), met & (cell < 0), LEVELS - 1)
+        around = self._find(_cell_key(hits, (*here, hits.depth)), met & (cell < 0), coarsest=LEVELS - 1)
         cell = dr.select(cell < 0, around, cell)
         known = met & (cell >= 0)
         at = mi.UInt32(dr.maximum(cell, 0)) * self.groups
@@ -57,7 +57,7 @@ class DeviceField:
         dr.eval(*values)
         return values
 
-    def _find(self, key: Any, active: Any, coarsest: int) -> Any:
+    def _find(self, key: Any, active: Any, *, coarsest: int) -> Any:
         """Return the index of each cell, Int32 (ray,), or of the smallest known one around it; -1 if none is known.
 
         Cells above level ``coarsest`` do not count.
@@ -93,8 +93,9 @@ def _mix(word: Any) -> Any:
     return word ^ (word >> 31)
 
 
-def _cell_key(hits: SurfaceHits, column: Any, row: Any, depth: Any) -> Any:
-    """Return the keys of the smallest cells, of half a pixel."""
+def _cell_key(hits: SurfaceHits, place: tuple[Any, Any, Any]) -> Any:
+    """Return the keys of the smallest cells, of half a pixel, at a column, row and depth."""
+    column, row, depth = place
     c, r = (mi.UInt64(dr.clip(mi.Int32(dr.floor(2 * at)) + OUTSIDE, 0, _COORDINATE)) for at in (column, row))
     u, v = (dr.minimum(mi.Int32(part * NORMAL_BINS), NORMAL_BINS - 1) for part in (hits.normal_u, hits.normal_v))
     d = mi.UInt64(mi.Int32(dr.floor(depth)) + (1 << 20)) & _DEPTHS

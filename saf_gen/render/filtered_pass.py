@@ -160,7 +160,9 @@ def render_with_shading(
                 rays, focus, seed=seeds.derive_seed(seed, "lines of sight"), on_device=in_memory is not None
             )
             if in_memory is not None:
-                yield _light_on_device(setups, in_memory, rays, sight, rays_per_path=rays_per_path, seed=seed)
+                yield _light_on_device(
+                    setups, in_memory, rays=rays, sight=sight, rays_per_path=rays_per_path, seed=seed
+                )
                 continue
             values = shading.reflect(sight.hits, first=rays.first, seed=seed)
             weight, chosen = _choose_rays_to_trace_on(rays, sight.unshared, rays_per_path=rays_per_path)
@@ -276,7 +278,8 @@ def _trace_complete_paths(
         if on_device:
             arrays, met = cast(Any, sight.hits), cast(Any, sight.hits.shape) > 0
             radiance = [
-                _paths_from_device(setup, sight, met, rays, seed=seed, name=name) for name, setup in setups.items()
+                _paths_from_device(setup, sight, traced=met, rays=rays, seed=seed, name=name)
+                for name, setup in setups.items()
             ]
             shared: Any = dr.compress(met)  # only what is added to cells comes down
             hits = SurfaceHits(*(dr.gather(type(array), array, shared).numpy() for array in arrays))
@@ -318,7 +321,7 @@ def _trace_on_device(setup: RenderSetup, sight: Sight, *, chosen: Any, seed: int
 
 
 def _trace_bands(
-    setup: RenderSetup, sight: Sight, traced: Any, rays: CameraRays, *, seed: int, name: str
+    setup: RenderSetup, sight: Sight, *, traced: Any, rays: CameraRays, seed: int, name: str
 ) -> Iterator[tuple[Any, Any]]:
     """Yield, for each band, the indices of the rays to trace on, UInt32 (chosen,), and the radiance that they bring."""
     index = dr.arange(mi.UInt32, dr.width(traced))
@@ -330,11 +333,11 @@ def _trace_bands(
 
 
 def _paths_from_device(
-    setup: RenderSetup, sight: Sight, traced: Any, rays: CameraRays, *, seed: int, name: str
+    setup: RenderSetup, sight: Sight, *, traced: Any, rays: CameraRays, seed: int, name: str
 ) -> np.ndarray:
     """Return the radiance that the rays in ``traced`` bring, float32 (chosen,), from the device."""
-    bands = [light.numpy() for _, light in _trace_bands(setup, sight, traced, rays, seed=seed, name=name)]
-    return np.concatenate([np.zeros(0, np.float32), *bands])
+    bands = _trace_bands(setup, sight, traced=traced, rays=rays, seed=seed, name=name)
+    return np.concatenate([np.zeros(0, np.float32), *(light.numpy() for _, light in bands)])
 
 
 def _brightest(bands: Iterable[LitRays | TracedBand]) -> np.ndarray:
@@ -367,9 +370,9 @@ def _choose_rays_to_trace_on(
 def _light_on_device(
     setups: Mapping[str, RenderSetup],
     shading: DeviceField,
+    *,
     rays: CameraRays,
     sight: Sight,
-    *,
     rays_per_path: int,
     seed: int,
 ) -> LitRays:
@@ -387,7 +390,7 @@ def _light_on_device(
         dr.eval(weight, traced)
     for n, (name, setup) in enumerate(setups.items()):
         if any_traced:
-            for chosen, light in _trace_bands(setup, sight, traced, rays, seed=seed, name=name):
+            for chosen, light in _trace_bands(setup, sight, traced=traced, rays=rays, seed=seed, name=name):
                 dr.scatter(values[n], light, chosen)
         if sight.factor is not None:
             values[n] = product(values[n], sight.factor)

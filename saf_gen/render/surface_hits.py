@@ -226,7 +226,8 @@ class SurfaceFinder:
 
         find_ends = _ends_on_device if on_device else _ends_in_light
         found = SurfaceHits(*map(bring, hits))
-        ends = tuple(end for light in lights if len((end := find_ends(*light)).rays))
+        every = (find_ends(lit, ray, clearness=fraction) for lit, ray, fraction in lights)
+        ends = tuple(end for end in every if len(end.rays))
         if line is None:
             return Sight(found, bring(unshared), None, segment, None, ends, Distances(bring(distance)))
         distances = Distances(bring(distance), bring(line.nearest), bring(line.farthest))
@@ -250,13 +251,13 @@ class SurfaceFinder:
         return dr.gather(mi.UInt32, table, number_shapes(hit), valid)
 
 
-def _ends_in_light(in_light: Any, ray: Any, clearness: Any) -> EndsInLight:
+def _ends_in_light(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:
     rays = np.flatnonzero(in_light.numpy()).astype(np.uint32)
     fraction = clearness.numpy()
     return EndsInLight(rays, ray, fraction[rays] if fraction.size > 1 else np.ones(rays.size, dtype=np.float32))
 
 
-def _ends_on_device(in_light: Any, ray: Any, clearness: Any) -> EndsInLight:
+def _ends_on_device(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:
     rays: Any = dr.compress(in_light)
     return EndsInLight(rays, ray, dr.gather(mi.Float, clearness, rays) if len(clearness) > 1 else mi.Float(1))
 

@@ -86,12 +86,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     versions = ", ".join(f"{name} {installed_version(name)}" for name in PACKAGES)
     head = (("card", describe_card()), ("a ray on it", card), ("LLVM", machine.llvm_description))
     rows = [f"| {name} | {text} |" for name, text in (*head, ("machine", describe_machine()), ("versions", versions))]
-    parts = []
-    if machine.cuda:
-        parts = [run_part("Tests of the renderer on the card", TESTS), run_part("Times on the card", BENCH)]
-    if machine.llvm_usable:
-        parts.append(run_part("Times on the cores", BENCH, hide_card=True))
-    target.write_text("\n".join(("# saf-gen on a card", "", "| | |", "|---|---|", *rows, "", *map(str, parts))))
+    planned = [("Tests of the renderer on the card", TESTS, False), ("Times on the card", BENCH, False)]
+    planned = planned * machine.cuda + [("Times on the cores", BENCH, True)] * machine.llvm_usable
+    parts: list[Part] = []
+    text = "\n".join(("# saf-gen on a card", "", "| | |", "|---|---|", *rows, "", ""))
+    target.write_text(text)
+    for title, command, hide_card in planned:  # written after each part, so that an interrupted run leaves the others
+        parts.append(run_part(title, command, hide_card=hide_card))
+        target.write_text(text + "\n".join(map(str, parts)))
     print(f"wrote {target}")
     return int(not machine.cuda or any(part.code for part in parts))
 
