@@ -27,7 +27,7 @@ TESTS = (
     "not long and not browser",
     "-n",
     "4",
-    "-q",
+    "-rf",
     "--tb=line",
 )
 BENCH = ("-m", "studies.speed", "stack")

@@ -216,7 +216,8 @@ def test_scenes_are_released_with_their_renderer(plane):
     def first_free_index():
         return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(mi.load_dict({"type": "sphere"})))[0])
 
-    gc.collect()  # the garbage of other tests; this test must leave none
+    SceneRenderer(plane, SensorGrid(4, 6, 400e-6), backend_name=JIT).render_picture(0.5, samples=1)  # numba compiles
+    gc.collect()  # the garbage of compilers and of other tests; this test must leave none
     gc.disable()
     try:
         renderer = SceneRenderer(plane, SensorGrid(4, 6, 400e-6), backend_name=JIT)
