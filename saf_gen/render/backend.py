@@ -175,7 +175,12 @@ def bands_at_once() -> int:
     if mi.variant() != MITSUBA_VARIANTS["cuda"]:
         return 1
     size = ctypes.c_size_t(0)
-    ctypes.CDLL("libcuda.so.1").cuDeviceTotalMem_v2(ctypes.byref(size), 0)
+    try:
+        ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1").cuDeviceTotalMem_v2(
+            ctypes.byref(size), 0
+        )
+    except OSError:  # the driver's library has another name
+        return 1
     return min(max(size.value // MEMORY_PER_BAND, 1), MAX_BANDS)
 
 

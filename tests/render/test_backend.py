@@ -94,6 +94,22 @@ def test_a_card_is_judged_once_for_a_process_and_its_workers(monkeypatch, proble
     assert backend.probe_backends().cuda is False
 
 
+@pytest.mark.parametrize(
+    ("gib", "variant", "bands"), [(4, "cuda", 1), (8, "cuda", 1), (24, "cuda", 4), (140, "cuda", 8), (140, "llvm", 1)]
+)
+def test_a_card_traces_as_many_bands_at_once_as_its_memory_allows(monkeypatch, gib, variant, bands):
+    class Driver:
+        def __init__(self, name):
+            assert "cuda" in name
+
+        def cuDeviceTotalMem_v2(self, size, device):  # noqa: N802, the driver's name
+            size._obj.value = gib << 30
+
+    monkeypatch.setattr(backend.mi, "variant", lambda: backend.MITSUBA_VARIANTS[variant])
+    monkeypatch.setattr(backend.ctypes, "CDLL", Driver)
+    assert backend.bands_at_once() == bands
+
+
 @pytest.mark.slow
 def test_doctor_works_without_any_llvm_and_says_what_to_install(tmp_path):
     environment = os.environ | {"DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so"), "CUDA_VISIBLE_DEVICES": ""}
