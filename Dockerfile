@@ -1,5 +1,5 @@
 # saf-gen with its fast renderer. Build: docker build --tag saf-gen .
-# Run: docker run --rm --volume "$PWD/datasets:/work/datasets" saf-gen generate quickstart
+# Run (on a card with --gpus all): docker run --rm --volume "$PWD/datasets:/work/datasets" saf-gen generate quickstart
 FROM python:3.12-slim-trixie AS build
 WORKDIR /src
 COPY pyproject.toml README.md LICENSE ./
@@ -22,7 +22,8 @@ RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
 # Numba and Dr.Jit keep compiled kernels in the home folder. With another --user, which has no home folder, caches are in /tmp.
 RUN useradd --uid 1000 --create-home saf && mkdir /work && chown saf /work
 USER 1000
-ENV NUMBA_CACHE_DIR=/tmp/numba MPLCONFIGDIR=/tmp/matplotlib
+# Rays on a card need OptiX, which NVIDIA's container runtime leaves out unless graphics is named.
+ENV NUMBA_CACHE_DIR=/tmp/numba MPLCONFIGDIR=/tmp/matplotlib NVIDIA_DRIVER_CAPABILITIES=compute,utility,graphics
 WORKDIR /work
 ENTRYPOINT ["saf-gen"]
 CMD ["--help"]

@@ -11,7 +11,7 @@ DOCS := $(VENV)/.docs
 # The tests start many commands. Without bytecode, each of them would compile the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo test test-fast test-long lint compiled-tests checked validate bench docs clean
+.PHONY: help install demo test test-fast test-long lint compiled-tests checked validate bench gpu-report docs clean
 help:
 	@echo "make demo       go from recipe to leaderboard: render, encode, evaluate (a minute, after a minute of set-up)"
 	@echo "make test       run linters, type checks and all tests but the long ones (five to seven minutes on two cores)"
@@ -19,6 +19,7 @@ help:
 	@echo "make test-long  run the long tests: a tenth of the paper's grid at full size, planted faults, checks (half an hour)"
 	@echo "make validate   check every law at full size, and write docs/validation.md (eleven minutes; the same command resumes)"
 	@echo "make bench      measure speed, file size and memory against their targets (about twenty minutes)"
+	@echo "make gpu-report  test and time the renderer on an NVIDIA card, and write gpu-report.md to paste into an issue"
 	@echo "make docs       build the documentation site: build/site/index.html (half a minute)"
 	@echo "make install    set up .venv, and nothing else"
 	@echo "make clean      remove what the other commands made, except .venv"
@@ -76,6 +77,9 @@ validate: install
 
 bench: install
 	$(BIN)/python -m studies.speed
+
+gpu-report: install
+	$(BIN)/python -m studies.speed.card --out gpu-report.md
 
 $(DOCS): $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'

@@ -27,6 +27,17 @@ WORKERS = 8
 """Largest number of processes of a complete test run; each needs about a gigabyte of memory."""
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that runs the tests of the renderer with another of Mitsuba's variants."""
+    parser.addoption("--variant", choices=["llvm", "cuda", "scalar"], help="variant that renders in tests")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Tell the helpers of tests, which are imported later, also by commands that tests start."""
+    if variant := config.getoption("variant"):
+        os.environ["SAF_GEN_TEST_VARIANT"] = variant
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Use one process for a few files, which starts sooner, and one per core for folders."""

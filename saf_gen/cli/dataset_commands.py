@@ -56,7 +56,7 @@ def generate_command(
     target = find_path(folder or Path("datasets") / resolved.recipe.name)
     plan = make_plan(resolved, target, keep_slices=keep_slices)
     if plan.to_render and not cluster:
-        _warn_if_slow_renderer(variant, dry_run=dry_run)
+        _warn_of_renderer(variant, dry_run=dry_run)
     for line in coarse_sampling(resolved):
         err.print(f"warning: {line}")
     if plan.in_store and plan.sequences:
@@ -92,7 +92,7 @@ def merge_shards_command(
     plan = make_plan(resolved, target, keep_slices=keep_slices)
     if any(plan.to_render.values()):
         err.print(f"these stacks lack pictures, which are rendered here: {'; '.join(plan.labels)}", soft_wrap=True)
-        _warn_if_slow_renderer(variant, dry_run=False)
+        _warn_of_renderer(variant, dry_run=False)
     _make(plan, workers=workers, variant=variant, cluster=None, closing="")
 
 
@@ -138,8 +138,8 @@ def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, clos
         raise typer.Exit(result.exit_code)
 
 
-def _warn_if_slow_renderer(variant: str, *, dry_run: bool) -> None:
-    """Warn on stderr if scenes will be rendered slowly and the user did not choose the slow renderer.
+def _warn_of_renderer(variant: str, *, dry_run: bool) -> None:
+    """Warn on stderr if the renderer that will be chosen is slow, or leaves a card of this machine unused.
 
     If there is no renderer, a dry run prints the problem, and any other run raises BadInput.
     """
@@ -150,7 +150,12 @@ def _warn_if_slow_renderer(variant: str, *, dry_run: bool) -> None:
             raise
         err.print(f"scenes cannot be rendered here: {missing}")
         return
-    if variant == "auto" and backend.choose_backend() == "scalar":
+    if variant != "auto":
+        return
+    machine = backend.probe_backends()
+    if machine.card_problem:
+        err.print(f"the NVIDIA card is left out, because it traces nothing: {machine.card_problem}")
+    if backend.choose_backend(variant, machine) == "scalar":
         err.print(f"scenes are rendered by variant scalar here, slowly and without diffraction; {backend.ADVICE}")
 
 

@@ -62,7 +62,9 @@ def describe_machine() -> tuple[dict[str, str], list[str]]:
         found = backend.probe_backends()
         facts["variant"] = backend.choose_backend("auto", found)
         facts["LLVM"] = found.llvm_description
-        facts["NVIDIA card"] = "usable" if found.cuda else "none that Mitsuba can use"
+        facts["NVIDIA card"] = "usable" if found.cuda else found.card_problem or "none that Mitsuba can use"
+        if found.card_problem:
+            advice.append(f"to use the card: {backend.CARD_ADVICE}")
         if not found.llvm_usable and not found.cuda:
             advice.append(f"to be faster: {backend.ADVICE}")
     facts["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"

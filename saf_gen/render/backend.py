@@ -1,9 +1,14 @@
 """The choice of Mitsuba's backend: cuda if possible, else llvm, else scalar.
 
-LLVM 15 and 16 abort the process at the first kernel ("cannot select fminimum"), which cannot be caught. The choice is
-therefore made from version numbers, without running a kernel.
+LLVM 15 and 16 abort the process at the first kernel ("cannot select fminimum"), which cannot be caught, so LLVM is
+judged by its version. A card is judged by a ray that it traces in another process: without the driver's library OptiX,
+which containers leave out, CUDA is there and a scene cannot be loaded or comes out black.
 """
 
+import ctypes
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,7 +22,23 @@ from saf_gen.errors import BadInput, unknown
 
 OLDEST_LLVM = 17
 MIN_MEMORY = 3 << 30
+MEMORY_PER_BAND = 6 << 30  # of a card; several times what the arrays of a band take
+MAX_BANDS = 8
 MITSUBA_VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
+CARD_VERDICT = "SAF_GEN_CARD_VERDICT"  # variable that hands the verdict on the card to the processes of workers
+CARD_SECONDS = 180  # the driver compiles OptiX's own programs once, before the first ray
+CARD_ADVICE = "let OptiX of the driver into a container with NVIDIA_DRIVER_CAPABILITIES=compute,utility,graphics"
+TRACE_TRIANGLE = f"""\
+import mitsuba as mi
+mi.set_variant({MITSUBA_VARIANTS["cuda"]!r})
+mesh = mi.Mesh("triangle", 3, 1)
+values = mi.traverse(mesh)
+values["vertex_positions"] = [-1.0, -1.0, 2.0, 1.0, -1.0, 2.0, 0.0, 1.0, 2.0]
+values["faces"] = [0, 1, 2]
+values.update()
+hit = mi.load_dict({{"type": "scene", "triangle": mesh}}).ray_intersect(mi.Ray3f([0, 0, 0], [0, 0, 1]))
+print("traced" if abs(hit.t[0] - 2) < 1e-3 else f"a ray met a triangle {{hit.t[0]}} away instead of 2")
+"""
 ADVICE = "install LLVM 17 or newer (Debian, Ubuntu: apt install libllvm19) to render many times faster"
 
 
@@ -30,11 +51,14 @@ class BackendProbe:
     llvm : tuple of int or None
         Version of LLVM; None if no library was found.
     cuda : bool
-        Whether CUDA can be used.
+        Whether a card has traced a ray.
+    card_problem : str, default ''
+        Why a card that is there has traced none.
     """
 
     llvm: tuple[int, int, int] | None
     cuda: bool
+    card_problem: str = ""
 
     @property
     def llvm_usable(self) -> bool:
@@ -51,9 +75,35 @@ class BackendProbe:
 
 
 def probe_backends() -> BackendProbe:
-    """Return the version of LLVM and whether CUDA is available on this machine, without starting a kernel."""
+    """Return the version of LLVM, without starting a kernel, and whether a card traces a ray, in another process."""
     major, minor, patch = (int(n) for n in dr.detail.llvm_version())
-    return BackendProbe((major, minor, patch) if major > 0 else None, bool(dr.has_backend(dr.JitBackend.CUDA)))
+    has_card = bool(dr.has_backend(dr.JitBackend.CUDA))
+    problem = _judge_card() if has_card else ""
+    return BackendProbe((major, minor, patch) if major > 0 else None, has_card and not problem, problem)
+
+
+def _judge_card() -> str:
+    """Return why the card traces no ray, in one line, or an empty string; asked once for this process and its workers.
+
+    A process of its own, because a driver without OptiX may end the process.
+    """
+    if CARD_VERDICT not in os.environ:
+        os.environ[CARD_VERDICT] = _trace_triangle()
+    return os.environ[CARD_VERDICT]
+
+
+def _trace_triangle() -> str:
+    command = [sys.executable, "-c", TRACE_TRIANGLE]
+    try:
+        run = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=CARD_SECONDS, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return f"no ray within {CARD_SECONDS} s"
+    if run.returncode == 0 and run.stdout.strip() == "traced":
+        return ""
+    said = [line.strip() for line in (run.stderr or run.stdout).splitlines() if line.strip()]
+    return said[-1][:200] if said else f"a ray ended the process (exit code {run.returncode})"
 
 
 def choose_backend(requested: str = "auto", machine: BackendProbe | None = None) -> str:
@@ -79,10 +129,9 @@ def choose_backend(requested: str = "auto", machine: BackendProbe | None = None)
     if requested == "llvm" and not machine.llvm_usable:
         raise BadInput(f"variant llvm cannot run here: {machine.llvm_description}", hint=ADVICE)
     if requested == "cuda" and not machine.cuda:
-        raise BadInput(
-            "variant cuda cannot run here: no NVIDIA card with a driver that Mitsuba can use was found",
-            allowed="llvm, scalar",
-        )
+        why = f"the card traces nothing: {machine.card_problem}" if machine.card_problem else "no NVIDIA card was found"
+        others = "llvm, scalar" if machine.llvm_usable else "scalar"
+        raise BadInput(f"variant cuda cannot run here: {why}", allowed=others, hint=CARD_ADVICE)
     return requested
 
 
@@ -116,6 +165,23 @@ def read_picture(file: str) -> mi.Bitmap:
         return mi.Bitmap(file)
     finally:
         dr.set_thread_count(threads)
+
+
+def bands_at_once() -> int:
+    """Return how many bands of 2²⁰ rays the device traces at once: on the cores one, on a card as its memory allows.
+
+    A band launches some kernels, which take a card less time than their launch takes the processor.
+    """
+    if mi.variant() != MITSUBA_VARIANTS["cuda"]:
+        return 1
+    size = ctypes.c_size_t(0)
+    try:
+        ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1").cuDeviceTotalMem_v2(
+            ctypes.byref(size), 0
+        )
+    except OSError:  # the driver's library has another name
+        return 1
+    return min(max(size.value // MEMORY_PER_BAND, 1), MAX_BANDS)
 
 
 @contextmanager

@@ -29,16 +29,17 @@ RAYS_PER_PASS = 1 << 20  # four times as many would take a quarter longer and ne
 
 
 class CameraRays(NamedTuple):
-    """The rays of a band of rows at the middle of a range of focus positions, as Dr.Jit arrays (ray,).
+    """The rays of one or more bands of rows at the middle of a range of focus positions, as Dr.Jit arrays (ray,).
 
     Attributes
     ----------
     done : float
-        Fraction of the rows that are done after this band, 0 to 1.
-    begin : int
-        First row of the band, from which the random numbers of its light paths are derived.
+        Fraction of the rows that are done after these, 0 to 1.
+    bands : tuple of (int, int, int)
+        Each band's first row, from which the random numbers of its light paths are derived, and its first ray here and
+        the ray after its last.
     first : int
-        Number of the band's first ray among all rays.
+        Number of the first ray here among all rays.
     samples : int
         Rays per pixel; the rays of a pixel are adjacent.
     pixel, sample : UInt32
@@ -56,7 +57,7 @@ class CameraRays(NamedTuple):
     """
 
     done: float
-    begin: int
+    bands: tuple[tuple[int, int, int], ...]
     first: int
     samples: int
     pixel: Any
@@ -69,9 +70,19 @@ class CameraRays(NamedTuple):
     ray: Any
     passes: Any = None
 
+    @property
+    def is_only_band(self) -> bool:
+        """Whether one band holds all rays."""
+        return self.done >= 1 and self.first == 0 and len(self.bands) == 1
 
-def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int) -> Iterator[CameraRays]:
-    """Yield the camera rays of each band of rows in turn, for evenly spaced focus positions (at least two)."""
+
+def cast_rays(
+    setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int, at_once: int = 1
+) -> Iterator[CameraRays]:
+    """Yield the camera rays of ``at_once`` bands of rows in turn, for evenly spaced focus positions (at least two).
+
+    The rays and their order are the same for any number of bands at once.
+    """
     drive, grid, units = setup.drive, setup.grid, 1 / setup.unit_m
     middle = float(focus[0] + focus[-1]) / 2
     ends = float(focus[0]), float(focus[-1])
@@ -95,13 +106,17 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
     chief_x, chief_a = map(opaque, drive.ray_transfer(0.5, middle)[0] / float(drive.image_distance(0.5)))
     samples_word, row_length = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, columns)
     transform = mi.Transform4f(setup.to_world)
-    for begin in range(0, rows, rows_per_pass):
-        count = min(rows_per_pass, rows - begin)
+    for begin in range(0, rows, at_once * rows_per_pass):
+        count = min(at_once * rows_per_pass, rows - begin)
         index = dr.arange(mi.UInt32, count * columns * samples)
         pixel, sample = index // samples_word, index % samples_word
         # The band is traced column by column, so that the pixels to which neighbouring rays add stay in the cache.
-        height = dr.opaque(mi.UInt32, count)
-        row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
+        height, top = dr.opaque(mi.UInt32, count), dr.opaque(mi.UInt32, begin)
+        if at_once > 1:
+            rows_before = pixel // dr.opaque(mi.UInt32, rows_per_pass * columns) * dr.opaque(mi.UInt32, rows_per_pass)
+            pixel, top = pixel - rows_before * row_length, top + rows_before
+            height = dr.minimum(dr.opaque(mi.UInt32, rows_per_pass), height - rows_before)
+        row, column = pixel % height + top, pixel // height
         pixel = row * row_length + column
         across, down, lens = place_samples(pixel, sample, samples=requested, seed=seed)
         x = (mi.Float(column) + across - half_columns) * pitch
@@ -123,9 +138,11 @@ def cast_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int)
             slope_x, slope_y = slope_x + turned[0], slope_y + turned[1]
         origin = mi.Point3f(start.x + slope_x * ahead, start.y + slope_y * ahead, farthest) * units
         ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))
-        done, first = (begin + count) / rows, begin * columns * samples
+        done, first, per_row = (begin + count) / rows, begin * columns * samples, columns * samples
+        tops = range(begin, begin + count, rows_per_pass)
+        bands = tuple((top, (top - begin) * per_row, min(top - begin + rows_per_pass, count) * per_row) for top in tops)
         passes = None if drive.ring is None else drive.ring.passes((a.x, a.y), (slope_x, slope_y), number=opaque)
-        yield CameraRays(done, begin, first, samples, pixel, sample, x, y, a, slope_x, slope_y, ray, passes)
+        yield CameraRays(done, bands, first, samples, pixel, sample, x, y, a, slope_x, slope_y, ray, passes)
 
 
 def land_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, seed: int) -> TracedPaths:

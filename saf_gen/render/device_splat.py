@@ -54,16 +54,17 @@ class DeviceAccumulator:
         edges = [rows * n // bands for n in range(bands + 1)]
         return list(pairwise(edges))
 
-    def add(self, paths: TracedPaths) -> int:
-        """Add paths (Dr.Jit arrays), and return the number of clipped samples, inside and outside the band."""
+    def add(self, paths: TracedPaths) -> Any:
+        """Add paths (Dr.Jit arrays), and return the number of clipped samples, inside and outside the band.
+
+        The number is a UInt32 of one entry, which stays on the device: reading it would wait for the paths.
+        """
         max_radiance = dr.opaque(mi.Float64, self.max_radiance)
         radiance = mi.Float64(paths.radiance)
         bright = radiance > max_radiance
         if paths.weight is not None:
             bright &= paths.weight > 0
-        # Rounded half up without an addition to the product: all later operations are on integers.
-        twice = mi.Int64(dr.select(bright, max_radiance, radiance) * dr.opaque(mi.Float64, 2 * self.scale))
-        word = (((twice + 1) >> 1) << COUNT_BITS) + 1
+        word = fixed_point(dr.select(bright, max_radiance, radiance), self.scale)
         if paths.weight is not None:
             word *= mi.Int64(paths.weight)
         # Opaque values, unlike constants of the kernel, can change without a new kernel.
@@ -73,8 +74,8 @@ class DeviceAccumulator:
             begin, stop = mi.Int32(paths.begin), dr.minimum(paths.end, focus)
         if paths.weight is not None:
             stop = dr.select(paths.weight > 0, stop, begin)
-        x = paths.first_x + _product(begin, paths.step_x)
-        y = paths.first_y + _product(begin, paths.step_y)
+        x = paths.first_x + product(begin, paths.step_x)
+        y = paths.first_y + product(begin, paths.step_y)
         column, right, to_x, pace_x = _axis(x, paths.step_x)
         row, down, to_y, pace_y = _axis(y, paths.step_y)
         start = mi.Float(begin)
@@ -87,7 +88,7 @@ class DeviceAccumulator:
         )
         clipped: Any = dr.count(bright)
         dr.eval(self.sums, clipped)
-        return int(clipped[0])
+        return clipped
 
     def mean_radiance(self) -> np.ndarray:
         """Return the band's mean radiance, float32 (focus, row, col); see ``host_splat.mean_radiance_of``."""
@@ -97,7 +98,37 @@ class DeviceAccumulator:
         return means.numpy().reshape(shape)
 
 
-def _product(a: Any, b: Any) -> Any:
+class DeviceBands:
+    """Sums of all rows of a stack on the device, in as many accumulators as its size needs.
+
+    Unlike the bands of :func:`saf_gen.render.one_pass.render_stack`, all are filled at once, by the same paths. A stack
+    for which the device has too little memory ends with the error of Dr.Jit, and not on the host in silence.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], *, scale: float, max_radiance: float) -> None:
+        bands = DeviceAccumulator.split_into_bands(shape)
+        self._bands = [DeviceAccumulator(shape, band, scale=scale, max_radiance=max_radiance) for band in bands]
+
+    def add(self, paths: TracedPaths) -> Any:
+        """Add paths; see :meth:`DeviceAccumulator.add`."""
+        counts = [sums.add(paths) for sums in self._bands]
+        return counts[0]  # each band saw the same paths
+
+    def mean_radiance(self) -> np.ndarray:
+        """Return the mean radiance, float32 (focus, row, col)."""
+        return np.concatenate([sums.mean_radiance() for sums in self._bands], axis=1)
+
+
+def fixed_point(radiance: Any, scale: float) -> Any:
+    """Return the words of samples of this radiance (Float64), Int64: the value in fixed point, and a count of one.
+
+    The value is rounded half up without an addition to the product: all later operations are on integers.
+    """
+    twice = mi.Int64(radiance * dr.opaque(mi.Float64, 2 * scale))
+    return (((twice + 1) >> 1) << COUNT_BITS) + 1
+
+
+def product(a: Any, b: Any) -> Any:
     """Return a·b rounded to float32, so that no later operation can be fused with the product."""
     return mi.Float(mi.Float64(a) * mi.Float64(b))
 
@@ -110,7 +141,7 @@ def _axis(first: Any, step: Any) -> tuple[Any, Any, Any, Any]:
     distance = dr.select(forth, mi.Float(cell + 1) - first, first - mi.Float(cell))
     moves, never = forth | back, mi.Float(NEVER)
     towards = dr.select(forth, mi.Int32(1), dr.select(back, mi.Int32(-1), mi.Int32(0)))
-    return cell, towards, dr.select(moves, _product(distance, pace), never), dr.select(moves, pace, never)
+    return cell, towards, dr.select(moves, product(distance, pace), never), dr.select(moves, pace, never)
 
 
 @dr.syntax

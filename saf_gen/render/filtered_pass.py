@@ -23,19 +23,23 @@ The result is biased where shading changes within a cell; the bias falls as the 
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from saf_gen.core import seeds
-from saf_gen.render import one_pass
+from saf_gen.render import backend, one_pass
 from saf_gen.render.camera_rays import CameraRays, cast_rays, land_on_sensor
+from saf_gen.render.device_layers import DeviceLayeredSums
+from saf_gen.render.device_shading import DeviceField
+from saf_gen.render.device_splat import product
 from saf_gen.render.layered_splat import BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
 from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
+from saf_gen.render.traced_light import finite, lamp_radiance, pick_rays, reflected_radiance, to_host, trace_radiance
 from saf_gen.stack.focal_stack import LAYERED_POSITIONS
 
 PRIMARY_RAYS = 6  # camera rays per light path
@@ -50,6 +54,7 @@ def gather_shading(
     seed: int,
     emitting: Collection[str] = (),
     progress: Callable[[float], None] = lambda done: None,
+    on_device: bool | None = None,
 ) -> ShadingCells:
     """Trace complete light paths under a scene's light groups, and collect their light in cells of the surfaces.
 
@@ -67,6 +72,9 @@ def gather_shading(
         Ids of the shapes that are lamps under any group of the scene.
     progress : callable, optional
         Called with the completed fraction, 0 to 1.
+    on_device : bool, optional
+        Whether only what is added to cells comes down from the device that traces; by default only with cuda. The cells
+        are the same, bit for bit.
 
     Returns
     -------
@@ -74,11 +82,13 @@ def gather_shading(
         Sums of the paths in each cell.
     """
     finder = SurfaceFinder(next(iter(setups.values())), emitting=emitting)
-    bands = _trace_complete_paths(setups, finder, samples=samples, seed=seed)
+    on_device = one_pass.sums_on_device(on_device)
+    bands = _trace_complete_paths(setups, finder, samples=samples, seed=seed, on_device=on_device)
     opening = next(bands)
     max_radiance = _brightest([opening])
-    if opening.done < 1:
-        coarse = _trace_complete_paths(setups, finder, samples=1, seed=seeds.derive_seed(seed, "trial"))
+    if not opening.is_all:
+        trial = seeds.derive_seed(seed, "trial")
+        coarse = _trace_complete_paths(setups, finder, samples=1, seed=trial, on_device=on_device)
         max_radiance = one_pass.FIREFLY_FACTOR * _brightest(coarse)
     cells = CellTable(len(setups))
     for band in chain([opening], bands):
@@ -139,21 +149,34 @@ def render_with_shading(
         layered = focus.size <= LAYERED_POSITIONS and first.drive.fills_its_aperture_perfectly
         rays_per_path = RAYS_INTO_LIGHT if layered and shading.in_light > 0.5 else PRIMARY_RAYS
     samples *= rays_per_path if rays_per_path > 1 else UNSHARED_PATHS
+    on_device = one_pass.sums_on_device(on_device)
+    in_memory = DeviceField(shading) if on_device else None
+
+    at_once = backend.bands_at_once() if on_device else 1
 
     def bring_light(samples: int, seed: int) -> Iterator[LitRays]:
-        for rays in cast_rays(first, focus, samples=samples, seed=seed):
-            sight = finder.find(rays, focus, seed=seeds.derive_seed(seed, "lines of sight"))
+        for rays in cast_rays(first, focus, samples=samples, seed=seed, at_once=at_once):
+            sight = finder.find(
+                rays, focus, seed=seeds.derive_seed(seed, "lines of sight"), on_device=in_memory is not None
+            )
+            if in_memory is not None:
+                yield _light_on_device(
+                    setups, in_memory, rays=rays, sight=sight, rays_per_path=rays_per_path, seed=seed
+                )
+                continue
             values = shading.reflect(sight.hits, first=rays.first, seed=seed)
             weight, chosen = _choose_rays_to_trace_on(rays, sight.unshared, rays_per_path=rays_per_path)
+            ((begin, _, _),) = rays.bands
             for n, (name, setup) in enumerate(setups.items()):
                 if chosen.size:
                     values[n, chosen] = _trace_on(
-                        setup, sight, chosen=chosen, seed=seeds.derive_seed(seed, name, rays.begin)
+                        setup, sight, chosen=chosen, seed=seeds.derive_seed(seed, name, begin)
                     )
                 if sight.factor is not None:
                     values[n] *= sight.factor
                 for end in sight.lights:
-                    values[n, end.rays] += lamp_radiance(setup, pick_rays(end.ray, end.rays)) * end.clearness
+                    light = to_host(lamp_radiance(setup, pick_rays(end.ray, end.rays)))
+                    values[n, end.rays] += light * end.clearness
             if rays.passes is not None:
                 values *= rays.passes.numpy()
             yield LitRays(rays, sight.distances, values, weight)
@@ -161,15 +184,18 @@ def render_with_shading(
     bands = bring_light(samples, seed)
     opening = next(bands)
     max_radiance = _brightest([opening])
-    if opening.rays.done < 1:  # as in a plain stack, the limit comes from the full picture, not from its first rows
+    if (
+        not opening.rays.is_only_band
+    ):  # as in a plain stack, the limit comes from the full picture, not from its first rows
         max_radiance = one_pass.FIREFLY_FACTOR * _brightest(bring_light(1, seeds.derive_seed(seed, "trial")))
     sums = _Sums(setups, focus, samples=samples, max_radiance=max_radiance, on_device=on_device)
-    clipped = np.zeros(len(setups), dtype=int)
+    clipped: Any = [0] * len(setups)
     for band in chain([opening], bands):
-        clipped += np.count_nonzero(band.radiance > max_radiance[:, None], axis=1)
+        clipped = [n + more for n, more in zip(clipped, band.count_above(max_radiance), strict=True)]
         sums.add(band.rays, band.radiance, distances=band.distances, seed=seed, weight=band.weight)
         progress(band.rays.done)
-    return {name: (stack, int(n)) for name, stack, n in zip(setups, sums.mean_radiance(), clipped, strict=True)}
+    counts = [int(n[0]) if on_device else int(n) for n in clipped]  # those of a device come down once
+    return {name: (stack, n) for name, stack, n in zip(setups, sums.mean_radiance(), counts, strict=True)}
 
 
 class LitRays(NamedTuple):
@@ -181,16 +207,29 @@ class LitRays(NamedTuple):
         The rays.
     distances : Distances
         Distances of the surfaces that they meet.
-    radiance : ndarray of float32, shape (light, ray)
+    radiance : ndarray of float32, shape (light, ray), or list of Float
         Radiance under each light group.
-    weight : ndarray of uint32, shape (ray,), or None
+    weight : array of uint32, shape (ray,), or None
         Number of rays that each ray counts for; None for one each.
     """
 
     rays: CameraRays
     distances: Distances
-    radiance: np.ndarray
-    weight: np.ndarray | None
+    radiance: Any
+    weight: Any
+
+    def brightest(self) -> np.ndarray:
+        """Return the largest radiance under each light group, float32 (light,)."""
+        if isinstance(self.radiance, list):
+            return np.array([dr.max(values)[0] for values in self.radiance], dtype=np.float32)
+        return self.radiance.max(axis=1, initial=0.0)
+
+    def count_above(self, max_radiance: np.ndarray) -> Iterable[Any]:
+        """Return how many rays bring more than ``max_radiance``, for each light group: numbers, or UInt32 to come."""
+        if not isinstance(self.radiance, list):
+            return np.count_nonzero(self.radiance > max_radiance[:, None], axis=1)
+        limits = (dr.opaque(mi.Float64, limit) for limit in max_radiance)
+        return [dr.count(mi.Float64(values) > limit) for values, limit in zip(self.radiance, limits, strict=True)]
 
 
 class TracedBand(NamedTuple):
@@ -200,6 +239,8 @@ class TracedBand(NamedTuple):
     ----------
     done : float
         Fraction of the rows that are done after this band, 0 to 1.
+    is_all : bool
+        Whether this band holds all paths.
     hits : SurfaceHits
         The surfaces that the paths meet first.
     radiance : ndarray of float32, shape (light, path)
@@ -213,29 +254,47 @@ class TracedBand(NamedTuple):
     """
 
     done: float
+    is_all: bool
     hits: SurfaceHits
     radiance: np.ndarray
     ray_count: int
     unshared: int
     in_light: int
 
+    def brightest(self) -> np.ndarray:
+        """Return the largest radiance under each light group, float32 (light,)."""
+        return self.radiance.max(axis=1, initial=0.0)
+
 
 def _trace_complete_paths(
-    setups: Mapping[str, RenderSetup], finder: SurfaceFinder, *, samples: int, seed: int
+    setups: Mapping[str, RenderSetup], finder: SurfaceFinder, *, samples: int, seed: int, on_device: bool
 ) -> Iterator[TracedBand]:
     """Continue the same camera rays under every light group, with different random numbers for each group."""
     first = next(iter(setups.values()))
     travel = np.array(first.travel)
-    for rays in cast_rays(first, travel, samples=samples, seed=seed):
-        sight = finder.find(rays, travel, seed=seeds.derive_seed(seed, "lines of sight"))
-        shared = np.flatnonzero(sight.hits.shape).astype(np.uint32)
-        radiance = [
-            _trace_on(setup, sight, chosen=shared, seed=seeds.derive_seed(seed, name, rays.begin))
-            for name, setup in setups.items()
-        ]
-        hits = SurfaceHits(*(array[shared] for array in sight.hits))
-        unshared, in_light = int(np.count_nonzero(sight.unshared)), sight.count_straight_into_light()
-        yield TracedBand(rays.done, hits, np.stack(radiance), sight.unshared.size, unshared, in_light)
+    at_once = backend.bands_at_once() if on_device else 1
+    for rays in cast_rays(first, travel, samples=samples, seed=seed, at_once=at_once):
+        sight = finder.find(rays, travel, seed=seeds.derive_seed(seed, "lines of sight"), on_device=on_device)
+        if on_device:
+            arrays, met = cast(Any, sight.hits), cast(Any, sight.hits.shape) > 0
+            radiance = [
+                _paths_from_device(setup, sight, traced=met, rays=rays, seed=seed, name=name)
+                for name, setup in setups.items()
+            ]
+            shared: Any = dr.compress(met)  # only what is added to cells comes down
+            hits = SurfaceHits(*(dr.gather(type(array), array, shared).numpy() for array in arrays))
+        else:
+            ((begin, _, _),) = rays.bands
+            shared = np.flatnonzero(sight.hits.shape).astype(np.uint32)
+            radiance = [
+                _trace_on(setup, sight, chosen=shared, seed=seeds.derive_seed(seed, name, begin))
+                for name, setup in setups.items()
+            ]
+            hits = SurfaceHits(*(array[shared] for array in sight.hits))
+        unshared, in_light = sight.count_unshared(), sight.count_straight_into_light()
+        yield TracedBand(
+            rays.done, rays.is_only_band, hits, np.stack(radiance), len(sight.unshared), unshared, in_light
+        )
 
 
 def _trace_on(setup: RenderSetup, sight: Sight, *, chosen: np.ndarray, seed: int) -> np.ndarray:
@@ -244,13 +303,46 @@ def _trace_on(setup: RenderSetup, sight: Sight, *, chosen: np.ndarray, seed: int
     radiance = np.empty(chosen.size, dtype=np.float32)
     for which, bring in ((~back, trace_radiance), (back, reflected_radiance)):
         if which.any():
-            radiance[which] = bring(setup, pick_rays(sight.segment, chosen[which]), seed=seed)
+            radiance[which] = to_host(bring(setup, pick_rays(sight.segment, chosen[which]), seed=seed))
     return radiance
+
+
+def _trace_on_device(setup: RenderSetup, sight: Sight, *, chosen: Any, seed: int) -> Any:
+    """Return the radiance that chosen rays bring, Float (chosen,); see :func:`_trace_on`."""
+    if sight.is_clear_surface is None:
+        return finite(trace_radiance(setup, pick_rays(sight.segment, chosen), seed=seed))
+    radiance, back = dr.zeros(mi.Float, len(chosen)), dr.gather(mi.Bool, sight.is_clear_surface, chosen)
+    for which, bring in ((~back, trace_radiance), (back, reflected_radiance)):
+        part: Any = dr.compress(which)
+        if len(part):
+            rays = pick_rays(sight.segment, dr.gather(mi.UInt32, chosen, part))
+            dr.scatter(radiance, finite(bring(setup, rays, seed=seed)), part)
+    return radiance
+
+
+def _trace_bands(
+    setup: RenderSetup, sight: Sight, *, traced: Any, rays: CameraRays, seed: int, name: str
+) -> Iterator[tuple[Any, Any]]:
+    """Yield, for each band, the indices of the rays to trace on, UInt32 (chosen,), and the radiance that they bring."""
+    index = dr.arange(mi.UInt32, dr.width(traced))
+    for begin, first, end in rays.bands:
+        its = traced & (index >= dr.opaque(mi.UInt32, first)) & (index < dr.opaque(mi.UInt32, end))
+        chosen: Any = dr.compress(its if len(rays.bands) > 1 else traced)
+        if len(chosen):
+            yield chosen, _trace_on_device(setup, sight, chosen=chosen, seed=seeds.derive_seed(seed, name, begin))
+
+
+def _paths_from_device(
+    setup: RenderSetup, sight: Sight, *, traced: Any, rays: CameraRays, seed: int, name: str
+) -> np.ndarray:
+    """Return the radiance that the rays in ``traced`` bring, float32 (chosen,), from the device."""
+    bands = _trace_bands(setup, sight, traced=traced, rays=rays, seed=seed, name=name)
+    return np.concatenate([np.zeros(0, np.float32), *(light.numpy() for _, light in bands)])
 
 
 def _brightest(bands: Iterable[LitRays | TracedBand]) -> np.ndarray:
     """Return the largest radiance of all rays for each light group, float64 (light,), or 1.0 if all are dark."""
-    largest = np.max([band.radiance.max(axis=1, initial=0.0) for band in bands], axis=0).astype(np.float64)
+    largest = np.max([band.brightest() for band in bands], axis=0).astype(np.float64)
     return np.where(largest > 0, largest, 1.0)
 
 
@@ -275,6 +367,43 @@ def _choose_rays_to_trace_on(
     return weight, np.flatnonzero(unshared & (weight > 0)).astype(np.uint32)
 
 
+def _light_on_device(
+    setups: Mapping[str, RenderSetup],
+    shading: DeviceField,
+    *,
+    rays: CameraRays,
+    sight: Sight,
+    rays_per_path: int,
+    seed: int,
+) -> LitRays:
+    """Return what camera rays bring, without copies to the host; see :func:`render_with_shading`."""
+    values = shading.reflect(sight.hits, first=rays.first, seed=seed)
+    weight, traced = None, sight.unshared
+    any_traced = dr.any(traced)
+    if any_traced and rays_per_path > 1:
+        count, sample = -(-rays.samples // rays_per_path), rays.sample
+        full, rest = (dr.opaque(mi.UInt32, n) for n in (rays_per_path, rays.samples - rays_per_path * (count - 1)))
+        last = dr.opaque(mi.UInt32, count - 1)
+        weight = dr.select(sample < last, full, dr.select(sample == last, rest, 0))
+        weight = dr.select(sight.unshared, weight, 1)
+        traced = sight.unshared & (weight > 0)
+        dr.eval(weight, traced)
+    for n, (name, setup) in enumerate(setups.items()):
+        if any_traced:
+            for chosen, light in _trace_bands(setup, sight, traced=traced, rays=rays, seed=seed, name=name):
+                dr.scatter(values[n], light, chosen)
+        if sight.factor is not None:
+            values[n] = product(values[n], sight.factor)
+        for end in sight.lights:
+            light = product(finite(lamp_radiance(setup, pick_rays(end.ray, end.rays))), end.clearness)
+            dr.eval(light, values[n])
+            dr.scatter(values[n], dr.gather(mi.Float, values[n], end.rays) + light, end.rays)
+        if rays.passes is not None:
+            values[n] = dr.select(rays.passes, values[n], 0)
+    dr.eval(*values)
+    return LitRays(rays, sight.distances, values, weight)
+
+
 class _Sums:
     """Sums of paths for every light group: in layers if there are few positions, otherwise without layers."""
 
@@ -285,7 +414,7 @@ class _Sums:
         *,
         samples: int,
         max_radiance: np.ndarray,
-        on_device: bool | None,
+        on_device: bool,
     ) -> None:
         self._setup, self._focus = next(iter(setups.values())), focus
         grid, drive = self._setup.grid, self._setup.drive
@@ -297,7 +426,8 @@ class _Sums:
                 [one_pass.fixed_point_scale(self._setup, focus, samples=samples, max_radiance=m) for m in max_radiance]
             )
             blur = BlurScale.from_drive(drive, focus, pitch_m=grid.pitch_m)
-            self._layers = LayeredSums(shape, blur=blur, scale=scale, max_radiance=max_radiance)
+            layers = DeviceLayeredSums if on_device else LayeredSums
+            self._layers = layers(shape, blur=blur, scale=scale, max_radiance=max_radiance)
         else:
             self._single = [
                 one_pass.start_sums(
@@ -306,14 +436,15 @@ class _Sums:
                 for setup, m in zip(setups.values(), max_radiance, strict=True)
             ]
 
-    def add(
-        self, rays: CameraRays, radiance: np.ndarray, *, distances: Distances, seed: int, weight: np.ndarray | None
-    ) -> None:
+    def add(self, rays: CameraRays, radiance: Any, *, distances: Distances, seed: int, weight: Any) -> None:
         """Add rays, cast with this seed, and the radiance that they bring under each group, float32 (light, ray)."""
         line = land_on_sensor(rays, self._setup, focus=self._focus, seed=seed)
         radius = self._setup.drive.aperture_radius_m
         lens = rays.lens.x / radius, rays.lens.y / radius
         dr.eval(*(array for array in line if array is not None), *lens)
+        if isinstance(self._layers, DeviceLayeredSums):
+            self._layers.add(line._replace(weight=weight), radiance, lens=lens, distances=distances)
+            return
         if self._layers is not None:
             line = line.to_host()._replace(weight=weight)
             on_lens = lens[0].numpy(), lens[1].numpy()
@@ -328,83 +459,3 @@ class _Sums:
         if self._layers is not None:
             return self._layers.mean_radiance()
         return [sums.mean_radiance() for sums in self._single]
-
-
-# Each call of the next three functions runs a separate kernel, so that other light groups do not change its bits.
-
-
-def pick_rays(ray: Any, chosen: np.ndarray) -> Any:
-    """Return some of Dr.Jit's rays, by their indices, uint32 (chosen,)."""
-    index = mi.UInt32(_align(chosen))
-    return dr.gather(type(ray), ray, index)
-
-
-def trace_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
-    """Return the radiance along rays, each traced as a complete light path, float32 (ray,)."""
-    traced, _, _ = setup.integrator.sample(setup.mitsuba_scene, _random(seed, ray), ray)
-    return _to_host(traced)
-
-
-def reflected_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
-    """Return the radiance that the clear surfaces met by rays reflect, float32 (ray,).
-
-    This is all that they scatter or reflect, without the light that comes straight through. A path to a lamp is found
-    both by aiming at the lamp and by chance, weighted by the power heuristic (Veach and Guibas 1995,
-    doi:10.1145/218380.218498).
-    """
-    scene, random = setup.mitsuba_scene, _random(seed, ray)
-    context = mi.BSDFContext()
-    hit = scene.ray_intersect(ray)
-    valid = hit.is_valid()
-    bsdf = hit.bsdf()
-    lamp, light = scene.sample_emitter_direction(hit, random.next_2d(), True, valid)
-    towards = hit.to_local(lamp.d)
-    reflected, density = bsdf.eval_pdf(context, hit, towards, valid & (lamp.pdf > 0))
-    share = dr.select(lamp.delta, 1, _power_heuristic(lamp.pdf, density))
-    aimed = dr.select(lamp.pdf > 0, reflected * light * share, 0)
-
-    sample, weight = bsdf.sample(context, hit, random.next_1d(), random.next_2d(), valid)
-    on = hit.spawn_ray(hit.to_world(sample.wo))
-    found = valid & (dr.max(weight) > 0) & ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
-    traced, _, _ = setup.integrator.sample(scene, random, mi.RayDifferential3f(on), None, found)
-    met = scene.ray_intersect(on, found)
-    emitter = met.emitter(scene, found)
-    straight = dr.select(emitter != None, emitter.eval(met, found), 0)  # noqa: E711, an array of pointers
-    mirrored = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-    aim = scene.pdf_emitter_direction(hit, mi.DirectionSample3f(scene, met, hit), found & ~mirrored)
-    chance = bsdf.pdf(context, hit, sample.wo, found)  # ``sample`` holds the density of only one part of a blend
-    share = dr.select(mirrored, 1, _power_heuristic(chance, aim))
-    return _to_host(aimed + dr.select(found, weight * (traced + straight * (share - 1)), 0))
-
-
-def lamp_radiance(setup: RenderSetup, ray: Any) -> np.ndarray:
-    """Return the radiance of the lamps that rays meet, or of the sky, float32 (ray,)."""
-    hit = setup.mitsuba_scene.ray_intersect(ray)
-    emitter = hit.emitter(setup.mitsuba_scene)
-    return _to_host(dr.select(emitter != None, emitter.eval(hit), 0))  # noqa: E711, an array of pointers
-
-
-def _random(seed: int, ray: Any) -> Any:
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed & 0xFFFFFFFF, dr.width(ray.o))
-    return sampler
-
-
-def _power_heuristic(one: Any, other: Any) -> Any:
-    squared = one * one
-    return dr.select(squared > 0, squared / (squared + other * other), 0)
-
-
-def _to_host(radiance: Any) -> np.ndarray:
-    value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
-    dr.eval(value)
-    return np.nan_to_num(value.numpy(), nan=0.0, posinf=0.0, neginf=0.0)  # a path without a finite value counts as 0
-
-
-def _align(array: np.ndarray) -> np.ndarray:
-    """Return a copy at a multiple of 64 bytes, because a kernel's code depends on how its memory is aligned."""
-    buffer = np.empty(array.nbytes + 64, dtype=np.uint8)
-    begin = -buffer.ctypes.data % 64
-    copy = buffer[begin : begin + array.nbytes].view(array.dtype)
-    copy[:] = array
-    return copy

@@ -89,16 +89,19 @@ class LayeredSums:
     def __init__(
         self, shape: tuple[int, int, int], *, blur: BlurScale, scale: np.ndarray, max_radiance: np.ndarray
     ) -> None:
-        focus, rows, columns = shape
-        workers = max(1, min(nb.get_num_threads(), ACCUMULATOR_BYTES // self.bytes_needed(shape, max_radiance.size)))
-        self._sums = np.zeros((workers, focus, LAYERS, rows, columns, max_radiance.size), dtype=np.int64)
-        # Where paths of known blur landed: their number in each layer, and the sums of those that were moved.
-        self._landed = np.zeros(self._sums.shape[:-1], dtype=np.int32)
-        self._unmoved = np.zeros((workers, focus, rows, columns, max_radiance.size), dtype=np.int64)
+        self._allocate(shape, max_radiance.size)
         self._scale, self._max_radiance = scale, max_radiance
         self._blur = tuple(
             np.asarray(array, dtype=np.float32) for array in (blur.diameter, blur.inverse_distance, blur.shift)
         )
+
+    def _allocate(self, shape: tuple[int, int, int], groups: int) -> None:
+        focus, rows, columns = shape
+        workers = max(1, min(nb.get_num_threads(), ACCUMULATOR_BYTES // self.bytes_needed(shape, groups)))
+        self._sums = np.zeros((workers, focus, LAYERS, rows, columns, groups), dtype=np.int64)
+        # Where paths of known blur landed: their number in each layer, and the sums of those that were moved.
+        self._landed = np.zeros(self._sums.shape[:-1], dtype=np.int32)
+        self._unmoved = np.zeros((workers, focus, rows, columns, groups), dtype=np.int64)
 
     @staticmethod
     def bytes_needed(shape: tuple[int, int, int], groups: int) -> int:

@@ -7,6 +7,7 @@ one path serves all positions.
 
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -14,11 +15,11 @@ import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.render.camera_rays import cast_rays, land_on_sensor
-from saf_gen.render.device_splat import DeviceAccumulator
+from saf_gen.render.device_splat import DeviceAccumulator, DeviceBands
 from saf_gen.render.host_splat import VALUE_BITS, HostAccumulator, TracedPaths
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 
-Accumulator = DeviceAccumulator | HostAccumulator
+Accumulator = DeviceBands | HostAccumulator
 FIREFLY_FACTOR = 64  # paths are clipped above this many times the brightest path at one sample per pixel
 
 
@@ -76,34 +77,37 @@ def render_stack(
     bands = accumulator.split_into_bands(shape)
 
     def render_band(n: int) -> tuple[np.ndarray, int]:
-        sums, clipped = accumulator(shape, bands[n], scale=scale, max_radiance=max_radiance), 0
+        sums: Any = accumulator(shape, bands[n], scale=scale, max_radiance=max_radiance)
+        clipped: Any = 0
         again = [first] if is_complete else trace_paths(setup, focus, samples=samples, seed=seed)
         for done, paths in chain([first], traced) if n == 0 else again:
             clipped += sums.add(paths)
             progress((n + done) / len(bands))
-        return sums.mean_radiance(), clipped
+        return sums.mean_radiance(), int(clipped if isinstance(clipped, int) else clipped[0])
 
     stacks, clipped = zip(*map(render_band, range(len(bands))), strict=True)
     # Every band saw the same paths, so each clipped the same number.
     return stacks[0] if len(stacks) == 1 else np.concatenate(stacks, axis=1), clipped[0]
 
 
+def sums_on_device(on_device: bool | None) -> bool:
+    """Return ``on_device``, or if it is None, whether the backend is cuda."""
+    return dr.backend_v(mi.Float) == dr.JitBackend.CUDA if on_device is None else on_device
+
+
 def choose_accumulator(on_device: bool | None) -> type[DeviceAccumulator | HostAccumulator]:
     """Return the class of accumulator; if ``on_device`` is None, sums are on the device only with cuda."""
-    if on_device is None:
-        on_device = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
-    return DeviceAccumulator if on_device else HostAccumulator
+    return DeviceAccumulator if sums_on_device(on_device) else HostAccumulator
 
 
 def start_sums(
     setup: RenderSetup, focus: np.ndarray, *, samples: int, max_radiance: float, stacks: int, on_device: bool | None
 ) -> Accumulator:
-    """Return empty sums of one of ``stacks`` stacks, on the tracing device if it is chosen and all fit there."""
+    """Return empty sums of one of ``stacks`` stacks, on the tracing device if it is chosen."""
     shape = (focus.size, setup.grid.rows, setup.grid.columns)
     scale = fixed_point_scale(setup, focus, samples=samples, max_radiance=max_radiance)
-    together = (stacks * shape[0], *shape[1:])
-    if choose_accumulator(on_device) is DeviceAccumulator and len(DeviceAccumulator.split_into_bands(together)) == 1:
-        return DeviceAccumulator(shape, (0, shape[1]), scale=scale, max_radiance=max_radiance)
+    if sums_on_device(on_device):
+        return DeviceBands(shape, scale=scale, max_radiance=max_radiance)
     return HostAccumulator(shape, (0, shape[1]), scale=scale, max_radiance=max_radiance, stacks=stacks)
 
 
@@ -138,7 +142,8 @@ def trace_paths(
     """
     sampler = mi.load_dict({"type": "independent"})
     for rays in cast_rays(setup, focus, samples=samples, seed=seed):
-        sampler.seed(seeds.derive_seed(seed, rays.begin) & 0xFFFFFFFF, dr.width(rays.x))
+        ((begin, _, _),) = rays.bands
+        sampler.seed(seeds.derive_seed(seed, begin) & 0xFFFFFFFF, dr.width(rays.x))
         radiance, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, rays.ray)
         value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
         if rays.passes is not None:

@@ -31,16 +31,16 @@ class Distances(NamedTuple):
 
     Attributes
     ----------
-    end : ndarray
+    end : ndarray or Float
         Distance of the end: inf if there is nothing, 0 if the line was bent.
-    nearest, farthest : ndarray or None
+    nearest, farthest : ndarray, Float or None
         Distances of the clear surfaces in front of the end, inf and 0 if there are none; None if the scene has no clear
         surface.
     """
 
-    end: np.ndarray
-    nearest: np.ndarray | None = None
-    farthest: np.ndarray | None = None
+    end: Any
+    nearest: Any = None
+    farthest: Any = None
 
 
 class EndsInLight(NamedTuple):
@@ -48,33 +48,33 @@ class EndsInLight(NamedTuple):
 
     Attributes
     ----------
-    rays : ndarray of uint32, shape (end,)
+    rays : ndarray of uint32, or UInt32, shape (end,)
         Indices of their camera rays.
     ray : Ray3f
         Last parts of all lines, as Dr.Jit arrays (ray,).
-    clearness : ndarray of float32, shape (end,)
+    clearness : ndarray of float32, or Float, shape (end,)
         Fraction of the light at the end that reaches the lens.
     """
 
-    rays: np.ndarray
+    rays: Any
     ray: Any
-    clearness: np.ndarray
+    clearness: Any
 
 
 class Sight(NamedTuple):
-    """Surfaces that camera rays see, as numpy arrays (ray,) unless stated otherwise.
+    """Surfaces that camera rays see, as numpy arrays (ray,), or as Dr.Jit arrays if they stay on the device.
 
     Attributes
     ----------
     hits : SurfaceHits
         Surfaces whose reflected light counts; ``shape`` is 0 if a surface shares no shading.
-    unshared : ndarray of bool
+    unshared : array of bool
         Whether the ray must be traced on for the reflected light.
-    factor : ndarray of float32, or None
+    factor : array of float32, or None
         Fraction of the reflected light that reaches the lens; None for all of it.
     segment : Ray3f
         Parts of the lines of sight that meet the surfaces in ``hits``, as Dr.Jit arrays.
-    is_clear_surface : ndarray of bool, or None
+    is_clear_surface : array of bool, or None
         Whether the surface in ``hits`` is clear; None if the scene has no clear surface.
     lights : tuple of EndsInLight
         Ends of lines in a black lamp or the sky.
@@ -83,16 +83,27 @@ class Sight(NamedTuple):
     """
 
     hits: SurfaceHits
-    unshared: np.ndarray
-    factor: np.ndarray | None
+    unshared: Any
+    factor: Any
     segment: Any
-    is_clear_surface: np.ndarray | None
+    is_clear_surface: Any
     lights: tuple[EndsInLight, ...]
     distances: Distances
 
     def count_straight_into_light(self) -> int:
         """Return how many rays end in light without a bend."""
-        return sum(int(np.count_nonzero(self.distances.end[end.rays] > 0)) for end in self.lights)
+        if isinstance(self.unshared, np.ndarray):
+            return sum(int(np.count_nonzero(self.distances.end[end.rays] > 0)) for end in self.lights)
+        ends = [dr.gather(mi.Float, self.distances.end, end.rays) for end in self.lights]
+        counts: list[Any] = [dr.count(end > 0) for end in ends]
+        return sum(int(count[0]) for count in counts)
+
+    def count_unshared(self) -> int:
+        """Return how many rays meet a surface that shares no shading."""
+        if isinstance(self.unshared, np.ndarray):
+            return int(np.count_nonzero(self.unshared))
+        count: Any = dr.count(self.unshared)
+        return int(count[0])
 
 
 class SurfaceFinder:
@@ -133,8 +144,11 @@ class SurfaceFinder:
             moved[index] = setup.moved_m.get(shape.id(), np.zeros(3)) / setup.unit_m
         self._moved: Any = mi.Float(moved.ravel())  # read three at a time
 
-    def find(self, rays: CameraRays, focus: np.ndarray, *, seed: int) -> Sight:
-        """Follow rays, cast for these positions, to the surfaces that they see; ``seed`` is for choices on the way."""
+    def find(self, rays: CameraRays, focus: np.ndarray, *, seed: int, on_device: bool = False) -> Sight:
+        """Follow rays, cast for these positions, to the surfaces that they see; ``seed`` is for choices on the way.
+
+        With ``on_device``, what is found stays on the device, as Dr.Jit arrays; without, it is numpy arrays.
+        """
         setup, scene = self._setup, self._setup.mitsuba_scene
         to_camera = mi.Transform4f(setup.to_world).inverse()
         begin = opaque(setup.drive.shift(float(focus[0] + focus[-1]) / 2))
@@ -206,14 +220,18 @@ class SurfaceFinder:
         ]
         unshared = counts & (shape == 0)
         dr.eval(hits, factor, unshared, distance, lights)
-        found = SurfaceHits(*(array.numpy() for array in hits))
-        ends = tuple(
-            end for lit, ray, fraction in lights if (end := _ends_in_light(lit, ray, clearness=fraction)).rays.size
-        )
+
+        def bring(array: Any) -> Any:
+            return array if on_device else array.numpy()
+
+        find_ends = _ends_on_device if on_device else _ends_in_light
+        found = SurfaceHits(*map(bring, hits))
+        every = (find_ends(lit, ray, clearness=fraction) for lit, ray, fraction in lights)
+        ends = tuple(end for end in every if len(end.rays))
         if line is None:
-            return Sight(found, unshared.numpy(), None, segment, None, ends, Distances(distance.numpy()))
-        distances = Distances(distance.numpy(), line.nearest.numpy(), line.farthest.numpy())
-        return Sight(found, unshared.numpy(), factor.numpy(), segment, is_clear.numpy(), ends, distances)
+            return Sight(found, bring(unshared), None, segment, None, ends, Distances(bring(distance)))
+        distances = Distances(bring(distance), bring(line.nearest), bring(line.farthest))
+        return Sight(found, bring(unshared), bring(factor), segment, bring(is_clear), ends, distances)
 
     def _at_end(self, hit: Any, valid: Any) -> tuple[Any, Any]:
         """Return whether lines end in a black lamp or the sky, and if not, how much light the surface may reflect.
@@ -237,6 +255,11 @@ def _ends_in_light(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:
     rays = np.flatnonzero(in_light.numpy()).astype(np.uint32)
     fraction = clearness.numpy()
     return EndsInLight(rays, ray, fraction[rays] if fraction.size > 1 else np.ones(rays.size, dtype=np.float32))
+
+
+def _ends_on_device(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:
+    rays: Any = dr.compress(in_light)
+    return EndsInLight(rays, ray, dr.gather(mi.Float, clearness, rays) if len(clearness) > 1 else mi.Float(1))
 
 
 def _reflectance(hit: Any, active: Any) -> Any:

@@ -307,6 +307,19 @@ def test_a_slow_renderer_is_reported_unless_it_was_requested(
     assert err.count("\n") == rows
 
 
+def test_a_card_that_traces_nothing_is_left_out_and_said(call, small_recipe, test_scenes, tmp_path, monkeypatch):
+    machine = backend.BackendProbe((19, 1, 7), cuda=False, card_problem="Could not initialize OptiX!")
+    monkeypatch.setattr(backend, "probe_backends", lambda: machine)
+    made = ("generate", small_recipe, "--out", tmp_path / "ds")
+    code, _, err = call(*made, "--dry-run")
+    assert (code, err) == (0, "the NVIDIA card is left out, because it traces nothing: Could not initialize OptiX!\n")
+    code, _, err = call(*made, "--variant", "cuda")
+    assert code == 2
+    assert err.startswith("saf-gen: variant cuda cannot run here: the card traces nothing: Could not initialize OptiX!")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "ds").exists()
+
+
 def test_recipes_check_counts_sequences_and_makes_nothing(call, small_recipe, test_scenes, tmp_path):
     before = sorted(tmp_path.iterdir())
     code, out, _ = call("recipes", "check", small_recipe)

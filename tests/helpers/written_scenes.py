@@ -1,5 +1,7 @@
 """Scenes that tests of the renderer write, load and render."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -7,15 +9,19 @@ from saf_gen.render import backend, filtered_pass, mitsuba_scene, one_pass
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 
-VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+ASKED = os.environ.get("SAF_GEN_TEST_VARIANT", "")
+"""The variant of the option --variant, or an empty string without it."""
+JIT = "cuda" if ASKED == "cuda" else "llvm"
+"""The variant that traces all positions at once."""
+CAN_TRACE = ASKED != "scalar" and (JIT == "cuda" or backend.probe_backends().llvm_usable)
+VARIANT = JIT if CAN_TRACE else "scalar"
 SENSOR_GRID = SensorGrid(rows=40, columns=64, pitch_m=60e-6)
 LENS = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
-needs_llvm = pytest.mark.skipif(
-    not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description
-)
+needs_llvm = pytest.mark.skipif(not CAN_TRACE, reason=backend.probe_backends().llvm_description)
+"""Marks a test of what the variant scalar cannot do; with --variant cuda it needs no LLVM."""
 
 
-def load_setup(scene, burning=("lamp", "room"), *, name="llvm", grid=SENSOR_GRID, drive=None, max_depth=3):
+def load_setup(scene, burning=("lamp", "room"), *, name=JIT, grid=SENSOR_GRID, drive=None, max_depth=3):
     """Return a scene ready to render, with the scene's drive unless another one is given."""
     backend.activate_backend(name)
     described = mitsuba_scene.scene_dict(scene)

@@ -1,11 +1,12 @@
 import pytest
+from written_scenes import ASKED, JIT, needs_llvm
 
 from saf_gen.render import backend
 
 
-@pytest.fixture(params=["scalar", "llvm"])
+@pytest.fixture(params=["scalar", pytest.param(JIT, marks=needs_llvm)])
 def every_backend(request):
-    """Run a test once with each backend that needs no NVIDIA card."""
-    if request.param == "llvm" and not backend.probe_backends().llvm_usable:
-        pytest.skip(backend.probe_backends().llvm_description)
+    """Run a test with the variant scalar and with one that traces all positions at once, or with the one asked for."""
+    if ASKED and request.param != ASKED:
+        pytest.skip(f"--variant {ASKED}")
     backend.activate_backend(request.param)

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from refusals import refusal
-from written_scenes import load_setup, needs_llvm, render_stack_once, write_scene
+from written_scenes import JIT, load_setup, needs_llvm, render_stack_once, write_scene
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.render import backend, camera_rays, mitsuba_scene, one_pass, render_missing
@@ -58,7 +58,7 @@ def test_the_reference_agrees_with_the_fourier_transform_of_the_pupil(waves):
 
 def bend_paths(image_side_aperture, *, pixels=4096, samples=64):
     """Points on a lens (fractions of R), the angles (rad) of paths bent there, the waves, and the image distance."""
-    backend.activate_backend("llvm")
+    backend.activate_backend(JIT)
     drive = FocalLengthDrive(0.1, 1 / (2 * image_side_aperture), (0.9, 0.4))
     waves = find_waves(drive, GRID, wavelength_m=WAVE_M)
     index = dr.arange(mi.UInt32, pixels * samples)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
-from written_scenes import dispersion, find_peak, load_setup, needs_llvm, render_stack_once, write_scene
+from written_scenes import JIT, dispersion, find_peak, load_setup, needs_llvm, render_stack_once, write_scene
 
 from saf_gen.render.depth_and_target import trace_geometry
 from saf_gen.render.own_light import require_own_light
@@ -40,7 +40,7 @@ def pane(name, z, bsdf, *, thickness=0.03, half=0.5):
     return f"'{name}': {{'type': 'cube', 'to_world': {scale}, 'bsdf': {bsdf}}}"
 
 
-@pytest.fixture(params=["scalar", pytest.param("llvm", marks=needs_llvm)])
+@pytest.fixture(params=["scalar", pytest.param(JIT, marks=needs_llvm)])
 def look(request, tmp_path, monkeypatch):
     """Load a scene of these shapes, with the lens 0.5 m in front of the target's place, and trace it.
 

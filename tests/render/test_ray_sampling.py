@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from written_scenes import needs_llvm
+from written_scenes import JIT, needs_llvm
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.render import backend, camera_rays
@@ -51,7 +51,7 @@ def test_a_lens_that_stays_in_the_rays_needs_no_more_than_its_aperture():
 @needs_llvm
 def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
     """4,000 lines across the lens against a test at each of 33 positions; at a border rounding may differ."""
-    backend.activate_backend("llvm")
+    backend.activate_backend(JIT)
     drive, random = DRIVES["stage"], np.random.default_rng(3)
     radius = drive.aperture_radius_m
     first, step = random.normal(0, radius, (2, 4000)), random.normal(0, radius / 12, (2, 4000))
@@ -70,7 +70,7 @@ def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
 
 def samples_of(samples, *, pixels=64, seed=5):
     """Offsets in the pixel and points on the lens of each pixel's samples, (4, pixel, sample)."""
-    backend.activate_backend("llvm")
+    backend.activate_backend(JIT)
     index = dr.arange(mi.UInt32, pixels * samples)
     across, down, lens = place_samples(index // samples, index % samples, samples=samples, seed=seed)
     return np.array([across, down, lens.x, lens.y], dtype=np.float64).reshape(4, pixels, samples)
@@ -109,7 +109,7 @@ def test_counts_that_are_no_power_of_two_are_even_too(samples):
 @pytest.mark.parametrize("samples", [1, 2, 3, 24, 1025])
 def test_samples_are_permuted_as_mitsuba_does_it(samples):
     """Bit for bit for 4,096 words; the order of each word is a permutation."""
-    backend.activate_backend("llvm")
+    backend.activate_backend(JIT)
     word = dr.repeat(mi.sample_tea_32(dr.arange(mi.UInt32, 4096), mi.UInt32(11), 4)[0], samples)
     index = dr.arange(mi.UInt32, 4096 * samples) % samples
     own = permute_samples(index, samples, word=word).numpy()

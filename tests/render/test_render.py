@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 from written_scenes import (
+    JIT,
     dispersion,
     find_peak,
     load_setup,
@@ -40,7 +41,7 @@ def plane(test_scenes):
     return find_scene("plane")
 
 
-@pytest.mark.parametrize(("reference", "drive"), [("scalar", "image_distance"), ("llvm", "stage")])
+@pytest.mark.parametrize(("reference", "drive"), [("scalar", "image_distance"), (JIT, "stage")])
 @needs_llvm
 @pytest.mark.slow
 def test_one_pass_agrees_with_mitsubas_thin_lens(plane, reference, drive):
@@ -139,9 +140,7 @@ def test_an_edge_is_blurred_and_placed_by_the_closed_forms(tmp_path, monkeypatch
     assert abs(find_peak(-(widths**2)) - 20 * drive.best_position(0.5)) < 0.5
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("scalar", marks=pytest.mark.long), pytest.param("llvm", marks=needs_llvm)]
-)
+@pytest.mark.parametrize("name", [pytest.param("scalar", marks=pytest.mark.long), pytest.param(JIT, marks=needs_llvm)])
 @pytest.mark.slow
 def test_a_sweep_shows_no_beat_with_the_positions(plane, name):
     """Half way between two positions SD is as large as at them, to 0.1 %.
@@ -190,7 +189,7 @@ def test_a_stack_is_the_same_bit_for_bit_when_made_again(plane):
 @needs_llvm
 def test_normals_are_added_up_on_one_thread(plane, monkeypatch):
     """On several threads each smooth mesh came out differently in one of five runs on a busy machine."""
-    backend.activate_backend("llvm", threads=2)
+    backend.activate_backend(JIT, threads=2)
     seen = []
 
     def read(*arguments, **options):
@@ -203,7 +202,7 @@ def test_normals_are_added_up_on_one_thread(plane, monkeypatch):
     assert (seen, dr.thread_count()) == ([1], 2)
 
 
-@pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+@pytest.mark.parametrize("name", ["scalar", pytest.param(JIT, marks=needs_llvm)])
 def test_the_target_is_found_with_other_scenes_in_the_process(plane, name):
     others = [load_setup(plane, name=name) for _ in range(2)]
     assert depth_and_target.trace_geometry(load_setup(plane, name=name), ("plane",)).target.all()
@@ -217,10 +216,11 @@ def test_scenes_are_released_with_their_renderer(plane):
     def first_free_index():
         return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(mi.load_dict({"type": "sphere"})))[0])
 
-    gc.collect()  # the garbage of other tests; this test must leave none
+    SceneRenderer(plane, SensorGrid(4, 6, 400e-6), backend_name=JIT).render_picture(0.5, samples=1)  # numba compiles
+    gc.collect()  # the garbage of compilers and of other tests; this test must leave none
     gc.disable()
     try:
-        renderer = SceneRenderer(plane, SensorGrid(4, 6, 400e-6), backend_name="llvm")
+        renderer = SceneRenderer(plane, SensorGrid(4, 6, 400e-6), backend_name=JIT)
         before = first_free_index()
         for groups in (None, *((name,) for name in plane.card.lights)):
             renderer.prepare(groups)
@@ -249,7 +249,7 @@ def test_a_target_that_the_lens_cannot_reach_is_refused(plane, drive, allowed):
     assert error.allowed == allowed
 
 
-@pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+@pytest.mark.parametrize("name", ["scalar", pytest.param(JIT, marks=needs_llvm)])
 def test_a_stage_that_runs_into_the_lens_is_refused(plane, name):
     near = Stage(0.3, 2.0, 1.5, (0.3, 0.6))  # focuses 0.5 m away; the plane passes the lens at 0.5 m
     setup = load_setup(plane, name=name, drive=near)
@@ -258,7 +258,7 @@ def test_a_stage_that_runs_into_the_lens_is_refused(plane, name):
     assert "0.6 m" in error.allowed
 
 
-@pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+@pytest.mark.parametrize("name", ["scalar", pytest.param(JIT, marks=needs_llvm)])
 def test_depth_counts_from_the_lens_of_the_card_wherever_the_stage_is(plane, name):
     seen = depth_and_target.trace_geometry(load_setup(plane, name=name, drive=DRIVES["stage"]), ("plane",))
     assert seen.depth == pytest.approx(0.5, abs=1e-6)

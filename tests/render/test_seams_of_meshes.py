@@ -4,7 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from written_scenes import needs_llvm
+from written_scenes import JIT, needs_llvm
 
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.render import backend, depth_and_target, mitsuba_scene
@@ -73,7 +73,7 @@ def test_a_turned_box_has_no_hole_where_seams_lie_on_pixel_centres(every_backend
 @needs_llvm
 def test_random_paths_that_enter_a_closed_mesh_are_too_few_to_count():
     """2²⁰ random rays from outside at a box of 49,152 triangles; 25 enter, more than 105 with p < 10⁻³⁰."""
-    backend.activate_backend("llvm")
+    backend.activate_backend(JIT)
     scene, _ = load_box(64, mi.ScalarTransform4f().rotate([1, 0.3, 0.2], 37))
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(5, 1 << 20)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from written_scenes import SENSOR_GRID, needs_llvm, write_scene
+from written_scenes import JIT, SENSOR_GRID, needs_llvm, write_scene
 
 from saf_gen.render import filtered_pass, one_pass
 from saf_gen.render.camera_rays import cast_rays
@@ -34,7 +34,7 @@ def moving_board(tmp_path, monkeypatch):
     motion = f"{{keyframes: [{{time_s: 0}}, {{time_s: 1, translate_m: [{end}], rotate_deg: 10}}], centre_m: [0, 0, 0]}}"
     card = scene.folder / "scene.yaml"
     card.write_text(card.read_text() + f"motion: {{board: {motion}, bar: {motion}}}\nslices_per_s: 100\n")
-    return SceneRenderer(find_scene("made"), SENSOR_GRID, backend_name="llvm")
+    return SceneRenderer(find_scene("made"), SENSOR_GRID, backend_name=JIT)
 
 
 def test_the_shift_of_a_motion_is_that_of_its_centre():
@@ -99,7 +99,7 @@ def test_a_shadow_that_moves_with_its_shape_keeps_its_edge(moving_board):
 @needs_llvm
 def test_a_pinhole_has_no_waves_and_a_picture_is_that_of_its_lens(moving_board):
     """Waves of 5 µm would blur a pinhole of f/64 over ten pixels. The end of the travel is also a position."""
-    waves = SceneRenderer(moving_board.scene, SENSOR_GRID, backend_name="llvm", wavelength_m=5e-6)
+    waves = SceneRenderer(moving_board.scene, SENSOR_GRID, backend_name=JIT, wavelength_m=5e-6)
     sharp = moving_board.render_pinhole(0.5, samples=1)
     assert np.array_equal(waves.render_pinhole(0.5, samples=1), sharp)
     assert not np.array_equal(waves.render_picture(0.5, samples=1), moving_board.render_picture(0.5, samples=1))
