@@ -1,9 +1,12 @@
 """Scenes of the checks, as the content of scene folders: a glowing panel, edges, planes at known depths."""
 
 from collections.abc import Mapping, Sequence
+from inspect import getsource
+from textwrap import indent
 from typing import Any
 
 from saf_gen.camera.sensor import Sensor
+from studies.laws.pupils import texture
 from studies.laws.theory import charge_of_rate, charge_per_radiance
 from studies.laws.workload import WrittenScene
 
@@ -123,6 +126,55 @@ def glowing_edge(
             "type": "rectangle",
             "to_world": turned.rotate([0, 1, 0], 180).scale({half}),
             "emitter": {{"type": "area", "radiance": {{"type": "rgb", "value": 1.0}}}},
+        }}
+    }}
+"""
+    return _write_scene(name, build, lens=lens, lights={"glow": ["glow"]}, target=["glow"])
+
+
+def glowing_stripes(
+    name: str, *, places_m: Sequence[float], half_m: float, depth_m: float, lens: Mapping[str, Any]
+) -> WrittenScene:
+    """Return a scene of vertical glowing stripes on black, ``half_m`` to either side of each place (m) off the axis."""
+    build = f"""    def stripe(x):
+        return {{
+            "type": "rectangle",
+            "to_world": t.translate([x, 0, {depth_m}]).rotate([0, 1, 0], 180).scale([{half_m}, 0.2, 1]),
+            "emitter": {{"type": "area", "radiance": {{"type": "rgb", "value": 1.0}}}},
+        }}
+
+    return {{f"stripe_{{n}}": stripe(x) for n, x in enumerate({list(places_m)})}}
+"""
+    names = [f"stripe_{n}" for n in range(len(places_m))]
+    return _write_scene(name, build, lens=lens, lights={"glow": names}, target=names)
+
+
+def glowing_texture(
+    name: str, *, rows: int, columns: int, field_m: tuple[float, float], depth_m: float, lens: Mapping[str, Any]
+) -> WrittenScene:
+    """Return a scene with a glowing texture (:func:`studies.laws.pupils.texture`).
+
+    Its one period is as wide and high (m) as ``field_m``, what the sensor sees at that depth.
+    """
+    make = indent(getsource(texture), "    ")
+    build = f"""{make}
+    return {{
+        "glow": {{
+            "type": "rectangle",
+            "to_world": t.translate([0, 0, {depth_m}]).rotate([0, 1, 0], 180).scale(
+                [{1.5 * field_m[0]}, {1.5 * field_m[1]}, 1]
+            ),
+            "emitter": {{
+                "type": "area",
+                "radiance": {{
+                    "type": "bitmap",
+                    "raw": True,
+                    "filter_type": "bilinear",
+                    "wrap_mode": "repeat",
+                    "bitmap": mi.Bitmap(texture({rows}, {columns})[..., None]),
+                    "to_uv": mi.ScalarTransform4f().scale([3, 3, 1]),
+                }},
+            }},
         }}
     }}
 """

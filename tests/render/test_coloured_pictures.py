@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
-from written_scenes import dispersion, find_peak, load_setup, needs_llvm, render_stack_once, write_scene
+from written_scenes import dispersion, load_setup, needs_llvm, render_stack_once, write_scene
 
 import saf_gen.core.spectrum
 from saf_gen.camera import get_sensor
@@ -17,6 +17,7 @@ from saf_gen.render import render_missing
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import StackSpec
+from studies.laws.pupils import find_peak
 
 PITCH_M, POSITIONS, HALF_DEPTHS = 20e-6, 65, 5.5
 GRID = SensorGrid(rows=32, columns=48, pitch_m=PITCH_M)
