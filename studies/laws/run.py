@@ -16,14 +16,40 @@ import saf_gen
 from saf_gen.core.extras import RENDERER, require_extra
 from saf_gen.core.files import check_writable, write_text
 from saf_gen.errors import SafGenError, unknown
-from studies.laws import convergence, dispersion, lenses, light, noise, optics, radiometry, referee, truth
+from studies.laws import (
+    colour,
+    convergence,
+    dispersion,
+    drives,
+    lenses,
+    light,
+    noise,
+    optics,
+    radiometry,
+    referee,
+    sections,
+    truth,
+)
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, Skipped
 from studies.laws.page import write_page
 from studies.laws.workload import DatasetMaker
 
 LAWS = {
     law.name: law
-    for module in (optics, lenses, radiometry, noise, light, truth, convergence, dispersion, referee)
+    for module in (
+        optics,
+        lenses,
+        colour,
+        sections,
+        drives,
+        radiometry,
+        noise,
+        light,
+        truth,
+        convergence,
+        dispersion,
+        referee,
+    )
     for law in module.LAWS
 }
 """Every law by its name, in the order of the page."""

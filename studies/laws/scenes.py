@@ -1,5 +1,6 @@
 """Scenes of the checks, as the content of scene folders: a glowing panel, edges, planes at known depths."""
 
+import math
 from collections.abc import Mapping, Sequence
 from inspect import getsource
 from textwrap import indent
@@ -251,4 +252,53 @@ def striped_card(name: str, *, period_m: float, speed_m_per_s: float) -> Written
         target=["card"],
         motion={"card": {"keyframes": keyframes}},
         slices_per_s=100.0,
+    )
+
+
+def gratings(
+    name: str,
+    *,
+    phase: bool,
+    per_m: Sequence[float],
+    amplitude: float,
+    wave_m: float,
+    condensers: Mapping[str, float],
+    depth_m: float,
+    lens: Mapping[str, Any],
+) -> WrittenScene:
+    """Return a thin section of vertical gratings, which delay light or absorb it, 0 at the height of the focus.
+
+    Parameters
+    ----------
+    phase : bool
+        Whether they delay light; otherwise they absorb it.
+    per_m : sequence of float
+        Frequencies, cycles per metre.
+    amplitude : float
+        Amplitude of each grating: radians, or the exponent of the wave.
+    wave_m, depth_m : float
+        Wavelength, and distance from the lens to the section, metres.
+    condensers : mapping of str to float
+        Coherence of each condenser, which is a light group of its own.
+    """
+    drawn = (
+        f'"transmission": 1.0, "path_nm": {1e9 * wave_m / (2 * math.pi)} * {amplitude} * waves'
+        if phase
+        else f'"transmission": np.exp(2 * {amplitude} * (waves - {len(per_m)})), "path_nm": 0.0'
+    )
+    build = f"""    x = (np.arange(460) - 229.5) * 0.22e-6
+    waves = sum(np.cos(2 * np.pi * f * x) for f in {list(per_m)}) * np.ones((260, 1))
+    return {{{drawn}, "texel_um": 0.22}}
+"""
+    return _write_scene(
+        name,
+        build,
+        lens=lens,
+        lights={one: [one] for one in condensers},
+        target=["section"],
+        camera={"origin_m": [0.0, 0.0, depth_m], "look_at_m": [0.0, 0.0, 0.0]},
+        section={
+            "wavelength_nm": 1e9 * wave_m,
+            "condensers": {one: {"coherence": coherence, "radiance": 50.0} for one, coherence in condensers.items()},
+        },
     )
