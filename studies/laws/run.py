@@ -1,6 +1,8 @@
 """Checks laws one after the other and keeps what is found, so that an interrupted run can be resumed.
 
 python -m studies.laws [--quick] [--only NAME]... [--out FOLDER]
+
+With ``--only``, the sections of other laws stay on the page as they are.
 """
 
 import argparse
@@ -159,7 +161,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         laws = choose_laws(options.only)
         require_extra("render", *RENDERER, of="rendering")
         findings = check_laws(laws, options.out, quick=options.quick, show=_print)
-        print(f"page: {write_page(laws, findings, folder=options.out, quick=options.quick)}")
+        print(f"page: {write_page(list(LAWS.values()), findings, folder=options.out, quick=options.quick)}")
     except SafGenError as error:
         print(f"studies.laws: {error}", file=sys.stderr)
         return error.exit_code

@@ -279,7 +279,7 @@ def gratings(
     wave_m, depth_m : float
         Wavelength, and distance from the lens to the section, metres.
     condensers : mapping of str to float
-        Coherence of each condenser, which is a light group of its own.
+        Coherence of each condenser, which is a light group of its own; all give the same light.
     """
     drawn = (
         f'"transmission": 1.0, "path_nm": {1e9 * wave_m / (2 * math.pi)} * {amplitude} * waves'
@@ -290,15 +290,18 @@ def gratings(
     waves = sum(np.cos(2 * np.pi * f * x) for f in {list(per_m)}) * np.ones((260, 1))
     return {{{drawn}, "texel_um": 0.22}}
 """
-    return _write_scene(
+    scene = _write_scene(
         name,
-        build,
+        "",
         lens=lens,
         lights={one: [one] for one in condensers},
         target=["section"],
         camera={"origin_m": [0.0, 0.0, depth_m], "look_at_m": [0.0, 0.0, 0.0]},
         section={
             "wavelength_nm": 1e9 * wave_m,
-            "condensers": {one: {"coherence": coherence, "radiance": 50.0} for one, coherence in condensers.items()},
+            "condensers": {
+                one: {"coherence": coherence, "radiance": 50.0 / coherence**2} for one, coherence in condensers.items()
+            },
         },
     )
+    return WrittenScene(scene.card, build)  # without Mitsuba, which draws no sections

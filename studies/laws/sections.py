@@ -22,7 +22,7 @@ REACH_M, KNOTS = 6e-6, 7
 
 def _check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the contrast of weak gratings, in and out of focus, with a sum over points of the condenser."""
-    rows, columns, groups, frames = 48, 160, 12, 6000 if quick else 20_000
+    rows, columns, groups, frames = 48, 160, 12, 10_000 if quick else 20_000
     sensor = sensor_with_noise("shot", "threshold_noise", rows=rows, columns=columns, pitch_m=10e-6)
     lens = {
         "drive": "stage",
@@ -47,7 +47,8 @@ def _check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
         for kind in ("absorption", "phase")
     }
     lights = {
-        lit: {name: {"kind": "constant", "level": float(name == lit)} for name in condensers} for lit in condensers
+        lit: {name: {"kind": "constant", "level": len(condensers) * float(name == lit)} for name in condensers}
+        for lit in condensers
     }
     focus = {"positions": KNOTS, "motion": {"kind": "sweep"}}
     dataset = maker.make(
