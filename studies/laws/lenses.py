@@ -58,7 +58,7 @@ def _aberrated_edges(maker: DatasetMaker, quick: bool) -> tuple[list[Comparison]
         for n, (name, waves) in enumerate(ABERRATIONS.items())
     }
     focus = {"positions": KNOTS, "motion": {"kind": "sweep"}}
-    render = {"samples": 64 if quick else 512, "max_depth": 2}
+    render = {"samples": 48 if quick else 192, "max_depth": 2}
     dataset = maker.make(
         Workload(tuple(scenes.values()), sensor, frames, exposure={"mean_rate": 0.5}, focus=focus, render=render)
     )
@@ -478,7 +478,7 @@ FIT_ERROR_PX = 0.04
 
 def _check_double_gauss(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the picture of an edge through the shipped double Gauss with rays through its surfaces, by column."""
-    rows, columns, frames, knots = 8 if quick else 24, 480, 8000, 5
+    rows, columns, frames, knots = 8 if quick else 24, 640, 8000, 5
     sensor = sensor_with_noise("shot", "threshold_noise", rows=rows, columns=columns)
     ends = (1.1, 0.91)
     card = {"file": "double_gauss", "f_number": 2.0, "focus_range_m": list(ends)}
