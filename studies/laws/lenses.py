@@ -234,7 +234,7 @@ def _check_distortion(maker: DatasetMaker, quick: bool) -> Finding:
         bent = percent / 100 * (float(v[1]) / DISTORTION_HEIGHT_M) ** 2
         focused = np.array([_object_distance(drive, n / 2) for n in range(3)])
         blurs = image_distances(drive)[1] / 4.0 * v * np.abs(1 / depth - 1 / focused) / sensor.pitch_m
-        seen, law = [], []
+        seen = []
         with dataset.open(scene=scene.id) as stream:
             for at, window in zip(("the beginning", "the middle", "the end"), windows, strict=True):
                 counts = stream.counts(window.start, window.stop).astype(np.float64)
@@ -262,11 +262,11 @@ def _check_distortion(maker: DatasetMaker, quick: bool) -> Finding:
                     if window is windows[1]:
                         straight = (columns - 1) / 2 - float(v[1]) * place / depth / sensor.pitch_m
                         seen.append(float(found.mean()) - straight)
-                        law.append(float(expected.mean()) - straight)
-        x = tuple(1e3 * one for one in PLACES_M)
+        fine = np.linspace(PLACES_M[0], PLACES_M[-1], 60)
+        law = [(x / depth - _seen_at(x / depth, 0.0, bent)) * float(v[1]) / sensor.pitch_m for x in fine]
         curves += [
-            Curve(f"law, {drive}, {percent:+g} %", x, tuple(law)),
-            Curve(f"stream, {drive}, {percent:+g} %", x, tuple(seen), "points"),
+            Curve(f"law, {drive}, {percent:+g} %", tuple((1e3 * fine).tolist()), tuple(law)),
+            Curve(f"stream, {drive}, {percent:+g} %", tuple(1e3 * one for one in PLACES_M), tuple(seen), "points"),
         ]
     return Finding(tuple(comparisons), Plot("stripe in the scene, mm", "displaced by, pixels", tuple(curves)))
 
@@ -462,12 +462,15 @@ def _check_glare(maker: DatasetMaker, quick: bool) -> Finding:
                 unit="e⁻",
             ),
         ]
-        law = np.where(lit, (1 - share) * full, 0) + share * full / 2
-        curves += [
-            Curve(f"law, glare {share:g}", tuple(x.tolist()), tuple(law.tolist())),
-            Curve(f"stream, glare {share:g}", tuple(x.tolist()), tuple(charge.mean(axis=0).tolist()), "points"),
-        ]
-    return Finding(tuple(comparisons), Plot("columns from the edge", "charge, e⁻ per readout", tuple(curves)))
+        if share:
+            law = np.where(lit, (1 - share) * full, 0) + share * full / 2
+            curves += [
+                Curve(f"law, glare {share:g}", tuple(x.tolist()), tuple(law.tolist())),
+                Curve(f"stream, glare {share:g}", tuple(x.tolist()), tuple(charge.mean(axis=0).tolist()), "points"),
+            ]
+    return Finding(
+        tuple(comparisons), Plot("columns from the edge", "charge, e⁻ per readout", tuple(curves), log_y=True)
+    )
 
 
 EDGE_M, OBJECT_M = 0.0805, 1.0
