@@ -9,8 +9,9 @@ distances from its peak to where it falls to h times the peak. A place counts if
 on both sides.
 
 The models are sums over the pupil: the contrast of a texture of power 1/f² behind a lens of f/2 (pixels of 20 µm, 555
-nm) or a microscope (image-side aperture 0.024), for one depth, for depths spread evenly or unevenly over a box, and for
-aberrations (:mod:`saf_gen.optics.texture_contrast`). Depths are in half depths of focus.
+nm) or a microscope (image-side aperture 0.024), for one depth, for depths spread evenly or unevenly over a box, for
+aberrations (:mod:`saf_gen.optics.texture_contrast`), and behind each lens that comes with saf_gen, at several points of
+its picture and f-numbers, for a plane at 1 m. Depths are in half depths of focus.
 """
 
 import argparse
@@ -21,7 +22,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from saf_gen.optics.texture_contrast import Imaging, squared_contrast
+from saf_gen.optics.lens_file.fitted_file import read_lens, shipped_lenses
+from saf_gen.optics.texture_contrast import Imaging, contrast_curve, squared_contrast
 from saf_gen.optics.wavefront import Wavefront
 
 HEIGHTS = (0.3, 0.6, 0.8)
@@ -125,6 +127,8 @@ def quartiles(found: np.ndarray) -> np.ndarray:
 IMAGING = Imaging(0.0125, 0.055, 20e-6, 555e-9)
 MICROSCOPE = Imaging(0.0045, 0.189, 20e-6, 555e-9)
 DEFOCUS = np.arange(-16, 16.01, 0.1)
+PLANE_M, STOPS, HEIGHTS_OF_LENS = 1.0, (1.0, 1.4, 2.0), 4
+"""Of shipped lenses: the plane that they show, f-numbers over the smallest one, and points of the picture."""
 
 
 def model_rows() -> Iterator[Row]:
@@ -151,10 +155,27 @@ def model_rows() -> Iterator[Row]:
         wavefront = Wavefront(**{f"{name}_m": 2 * 555e-9}, radius_m=IMAGING.radius_m)
         models[f"f/2, {name}, 2 waves"] = contrast(wavefront, height_m=1.0)(DEFOCUS)
     models["field curvature over a box, 0 to 2 waves"] = spread(perfect, -1.25 * np.linspace(0, 1, 41) ** 2)
-    for name, curve in models.items():
+    for name, curve in [*models.items(), *shipped_curves()]:
         skew = skewness(curve)
         if skew is not None:
             yield Row(name, np.repeat(skew[:, None], 3, axis=1), 1)
+
+
+def shipped_curves() -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the curves of the lenses that come with saf_gen, each about its own focus, with their names."""
+    for name in shipped_lenses():
+        lens = read_lens(name)
+        rays = lens.rays_at(IMAGING.wavelength_m * 1e9)
+        v = 1 / (1 / rays.focal_length_m - 1 / (rays.pupil_magnification * PLANE_M))
+        seen = rays.seen_from(PLANE_M, v)
+        for stop in STOPS:
+            f_number = round(lens.f_number * stop, 2)
+            imaging = IMAGING._replace(radius_m=rays.focal_length_m / (2 * f_number), image_distance_m=v)
+            for height_mm in np.linspace(0, lens.height_mm, HEIGHTS_OF_LENS):
+                sharpest = contrast_curve(seen, imaging, height_m=height_mm / 1e3).peak
+                defocus = sharpest + DEFOCUS * imaging.resolved_defocus
+                curve = squared_contrast(defocus, seen, imaging=imaging, height_m=height_mm / 1e3)
+                yield f"{name}, f/{f_number:g}, {height_mm:g} mm off the axis", curve
 
 
 def contrast(

@@ -211,7 +211,7 @@ def _check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
         window = range(middle - frames // 50, min(middle + frames // 50, frames))
         with dataset.open() as stream:
             counts = stream.counts(window.start, window.stop).astype(np.float64)
-        transfers = np.array([_edge_transfer(part, frequencies) for part in counts.reshape(12, rows // 12, -1)])
+        transfers = np.array([edge_transfer(part, frequencies) for part in counts.reshape(12, rows // 12, -1)])
         v = first + (last - first) * (np.array(window) + 0.5) / frames
         defocus = radius**2 * np.abs(1 / depth - (1 / focal - 1 / v)) / 2 / sensor.wavelength_m
         cut_off = 2 * radius / (sensor.wavelength_m * in_focus) * sensor.pitch_m
@@ -238,7 +238,7 @@ def _check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("cycles per pixel", "transfer", tuple(curves)))
 
 
-def _edge_transfer(image: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+def edge_transfer(image: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     """Return the transfer of a straight, slanted edge in a few rows, at frequencies in cycles per pixel across it.
 
     Rows are aligned by the known slant, in bins of a quarter of a pixel as in ISO 12233. The Fourier transform of the

@@ -23,22 +23,41 @@ SIZE_INCHES, DOTS_PER_INCH = (6.4, 2.7), 100
 def write_page(laws: Sequence[Law], findings: Mapping[str, Finding], *, folder: Path, quick: bool) -> Path:
     """Write ``validation.md`` and its pictures to ``folder``, and return the path of the page.
 
-    ``findings`` has the finding of each law by its name. Raises BadInput if a file cannot be written.
+    ``findings`` has the findings of laws by their names. Sections of other laws are kept as they are on a page that is
+    there already, and laws without any section are left out. Raises BadInput if a file cannot be written.
     """
-    shown = [(law, findings[law.name]) for law in laws]
-    for law, found in shown:
-        if found.plot is not None:
-            draw_plot(found.plot, folder / PICTURES / _picture(law))
-    write_text(folder / PAGE, "\n".join(_lines(shown, quick=quick)) + "\n")
-    return folder / PAGE
+    page = folder / PAGE
+    kept = _sections(page.read_text(encoding="utf-8")) if page.is_file() else {}
+    shown: list[tuple[Law, str, list[str]]] = []
+    for law in laws:
+        if law.name in findings:
+            found = findings[law.name]
+            if found.plot is not None:
+                draw_plot(found.plot, folder / PICTURES / _picture(law))
+            shown.append((law, _row(law, found), _section(law, found)))
+        elif law.name in kept:
+            shown.append((law, *kept[law.name]))
+    write_text(page, "\n".join(_lines(shown, quick=quick)) + "\n")
+    return page
+
+
+def _sections(page: str) -> dict[str, tuple[str, list[str]]]:
+    """Return the row of the table and the lines of the section of each law on a page, by its name."""
+    head, *parts = page.split("\n### ")
+    rows = {line[3:].partition("]")[0]: line for line in head.splitlines() if line.startswith("| [")}
+    found = {}
+    for part in parts:
+        lines = part.partition("\n## ")[0].rstrip().split("\n")
+        found[lines[0]] = (rows[lines[0]], [f"### {lines[0]}", *lines[1:]])
+    return found
 
 
 def _picture(law: Law) -> str:
     return f"validation-{law.name.replace('_', '-')}.png"
 
 
-def _lines(shown: list[tuple[Law, Finding]], *, quick: bool) -> list[str]:
-    outcomes = [found.outcome for _, found in shown]
+def _lines(shown: list[tuple[Law, str, list[str]]], *, quick: bool) -> list[str]:
+    outcomes = [row.split(" | ")[1].strip("*") for _, row, _ in shown]
     counted = {outcome: outcomes.count(outcome) for outcome in dict.fromkeys(outcomes)}
     size = "the small sizes of `--quick`" if quick else "full size"
     lines = [
@@ -59,17 +78,20 @@ def _lines(shown: list[tuple[Law, Finding]], *, quick: bool) -> list[str]:
         "| check | outcome | figures | used |",
         "|---|---|---|---|",
     ]
-    for law, found in shown:
-        number = f"{sum(c.passed for c in found.comparisons)} of {len(found.comparisons)}" if found.comparisons else ""
-        used = f"{found.tolerance_used:.2f}" if found.comparisons else ""
-        lines.append(f"| [{law.name}](#{law.name}) | {_outcome(found)} | {number} | {used} |")
+    lines += [row for _, row, _ in shown]
     subject = ""
-    for law, found in shown:
+    for law, _, section in shown:
         if law.subject != subject:
             subject = law.subject
             lines += ["", f"## {subject.replace('-', ' ').capitalize()}"]
-        lines += ["", *_section(law, found)]
+        lines += ["", *section]
     return lines
+
+
+def _row(law: Law, found: Finding) -> str:
+    number = f"{sum(c.passed for c in found.comparisons)} of {len(found.comparisons)}" if found.comparisons else ""
+    used = f"{found.tolerance_used:.2f}" if found.comparisons else ""
+    return f"| [{law.name}](#{law.name}) | {_outcome(found)} | {number} | {used} |"
 
 
 def _outcome(found: Finding) -> str:

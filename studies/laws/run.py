@@ -1,6 +1,8 @@
 """Checks laws one after the other and keeps what is found, so that an interrupted run can be resumed.
 
 python -m studies.laws [--quick] [--only NAME]... [--out FOLDER]
+
+With ``--only``, the sections of other laws stay on the page as they are.
 """
 
 import argparse
@@ -16,14 +18,40 @@ import saf_gen
 from saf_gen.core.extras import RENDERER, require_extra
 from saf_gen.core.files import check_writable, write_text
 from saf_gen.errors import SafGenError, unknown
-from studies.laws import convergence, dispersion, light, noise, optics, radiometry, referee, truth
+from studies.laws import (
+    colour,
+    convergence,
+    dispersion,
+    drives,
+    lenses,
+    light,
+    noise,
+    optics,
+    radiometry,
+    referee,
+    sections,
+    truth,
+)
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, Skipped
 from studies.laws.page import write_page
 from studies.laws.workload import DatasetMaker
 
 LAWS = {
     law.name: law
-    for module in (optics, radiometry, noise, light, truth, convergence, dispersion, referee)
+    for module in (
+        optics,
+        lenses,
+        colour,
+        sections,
+        drives,
+        radiometry,
+        noise,
+        light,
+        truth,
+        convergence,
+        dispersion,
+        referee,
+    )
     for law in module.LAWS
 }
 """Every law by its name, in the order of the page."""
@@ -133,7 +161,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         laws = choose_laws(options.only)
         require_extra("render", *RENDERER, of="rendering")
         findings = check_laws(laws, options.out, quick=options.quick, show=_print)
-        print(f"page: {write_page(laws, findings, folder=options.out, quick=options.quick)}")
+        print(f"page: {write_page(list(LAWS.values()), findings, folder=options.out, quick=options.quick)}")
     except SafGenError as error:
         print(f"studies.laws: {error}", file=sys.stderr)
         return error.exit_code

@@ -1,9 +1,13 @@
 """Scenes of the checks, as the content of scene folders: a glowing panel, edges, planes at known depths."""
 
+import math
 from collections.abc import Mapping, Sequence
+from inspect import getsource
+from textwrap import indent
 from typing import Any
 
 from saf_gen.camera.sensor import Sensor
+from studies.laws.pupils import texture
 from studies.laws.theory import charge_of_rate, charge_per_radiance
 from studies.laws.workload import WrittenScene
 
@@ -129,6 +133,55 @@ def glowing_edge(
     return _write_scene(name, build, lens=lens, lights={"glow": ["glow"]}, target=["glow"])
 
 
+def glowing_stripes(
+    name: str, *, places_m: Sequence[float], half_m: float, depth_m: float, lens: Mapping[str, Any]
+) -> WrittenScene:
+    """Return a scene of vertical glowing stripes on black, ``half_m`` to either side of each place (m) off the axis."""
+    build = f"""    def stripe(x):
+        return {{
+            "type": "rectangle",
+            "to_world": t.translate([x, 0, {depth_m}]).rotate([0, 1, 0], 180).scale([{half_m}, 0.2, 1]),
+            "emitter": {{"type": "area", "radiance": {{"type": "rgb", "value": 1.0}}}},
+        }}
+
+    return {{f"stripe_{{n}}": stripe(x) for n, x in enumerate({list(places_m)})}}
+"""
+    names = [f"stripe_{n}" for n in range(len(places_m))]
+    return _write_scene(name, build, lens=lens, lights={"glow": names}, target=names)
+
+
+def glowing_texture(
+    name: str, *, rows: int, columns: int, field_m: tuple[float, float], depth_m: float, lens: Mapping[str, Any]
+) -> WrittenScene:
+    """Return a scene with a glowing texture (:func:`studies.laws.pupils.texture`).
+
+    Its one period is as wide and high (m) as ``field_m``, what the sensor sees at that depth.
+    """
+    make = indent(getsource(texture), "    ")
+    build = f"""{make}
+    return {{
+        "glow": {{
+            "type": "rectangle",
+            "to_world": t.translate([0, 0, {depth_m}]).rotate([0, 1, 0], 180).scale(
+                [{1.5 * field_m[0]}, {1.5 * field_m[1]}, 1]
+            ),
+            "emitter": {{
+                "type": "area",
+                "radiance": {{
+                    "type": "bitmap",
+                    "raw": True,
+                    "filter_type": "bilinear",
+                    "wrap_mode": "repeat",
+                    "bitmap": mi.Bitmap(texture({rows}, {columns})[..., None]),
+                    "to_uv": mi.ScalarTransform4f().scale([3, 3, 1]),
+                }},
+            }},
+        }}
+    }}
+"""
+    return _write_scene(name, build, lens=lens, lights={"glow": ["glow"]}, target=["glow"])
+
+
 def strips_behind_bar(name: str, *, lens: Mapping[str, Any]) -> WrittenScene:
     """Return a scene with vertical strips at 0.55 m behind a vertical bar at 0.45 m, evenly lit; rows are alike."""
     build = """    def strip(left, right, depth, reflectance):
@@ -200,3 +253,55 @@ def striped_card(name: str, *, period_m: float, speed_m_per_s: float) -> Written
         motion={"card": {"keyframes": keyframes}},
         slices_per_s=100.0,
     )
+
+
+def gratings(
+    name: str,
+    *,
+    phase: bool,
+    per_m: Sequence[float],
+    amplitude: float,
+    wave_m: float,
+    condensers: Mapping[str, float],
+    depth_m: float,
+    lens: Mapping[str, Any],
+) -> WrittenScene:
+    """Return a thin section of vertical gratings, which delay light or absorb it, 0 at the height of the focus.
+
+    Parameters
+    ----------
+    phase : bool
+        Whether they delay light; otherwise they absorb it.
+    per_m : sequence of float
+        Frequencies, cycles per metre.
+    amplitude : float
+        Amplitude of each grating: radians, or the exponent of the wave.
+    wave_m, depth_m : float
+        Wavelength, and distance from the lens to the section, metres.
+    condensers : mapping of str to float
+        Coherence of each condenser, which is a light group of its own; all give the same light.
+    """
+    drawn = (
+        f'"transmission": 1.0, "path_nm": {1e9 * wave_m / (2 * math.pi)} * {amplitude} * waves'
+        if phase
+        else f'"transmission": np.exp(2 * {amplitude} * (waves - {len(per_m)})), "path_nm": 0.0'
+    )
+    build = f"""    x = (np.arange(460) - 229.5) * 0.22e-6
+    waves = sum(np.cos(2 * np.pi * f * x) for f in {list(per_m)}) * np.ones((260, 1))
+    return {{{drawn}, "texel_um": 0.22}}
+"""
+    scene = _write_scene(
+        name,
+        "",
+        lens=lens,
+        lights={one: [one] for one in condensers},
+        target=["section"],
+        camera={"origin_m": [0.0, 0.0, depth_m], "look_at_m": [0.0, 0.0, 0.0]},
+        section={
+            "wavelength_nm": 1e9 * wave_m,
+            "condensers": {
+                one: {"coherence": coherence, "radiance": 50.0 / coherence**2} for one, coherence in condensers.items()
+            },
+        },
+    )
+    return WrittenScene(scene.card, build)  # without Mitsuba, which draws no sections

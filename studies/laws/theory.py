@@ -133,3 +133,17 @@ def exact_otf(fraction: np.ndarray | float, defocus_waves: float, *, points: int
     return np.asarray(
         np.mean(height * np.cos(8 * np.pi * defocus_waves * s * x), axis=-1) * 2 * (1 - s[..., 0]) / np.pi
     )
+
+
+def sweep_mean(values: np.ndarray, window: range, *, frames: int) -> np.ndarray:
+    """Return the mean over a window of a sweep of what is known at evenly spaced positions, along the first axis.
+
+    Charge is interpolated linearly between positions, so this holds for pictures, and for all that is linear in them.
+    """
+    last = len(values) - 1
+    at = (np.arange(window.start, window.stop) + 0.5) / frames * last
+    before = np.minimum(at.astype(int), last - 1)
+    weights = np.zeros(len(values))
+    np.add.at(weights, before, 1 - (at - before))
+    np.add.at(weights, before + 1, at - before)
+    return np.asarray(np.tensordot(weights / len(window), np.asarray(values), 1))

@@ -21,6 +21,7 @@ from saf_gen.core.files import write_text
 from saf_gen.errors import SafGenError
 from saf_gen.generate.resolve import ResolvedRecipe, resolve_recipe
 from saf_gen.generate.run import generate
+from saf_gen.optics.actuators import Actuator
 from saf_gen.scene.trusted_folders import SCENES_VARIABLE
 from saf_gen.stream.manifest import SequenceEntry, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
@@ -63,6 +64,8 @@ class Workload:
         Seed of the recipe.
     shipped : tuple of str, optional
         Names of further scenes, which come with saf_gen.
+    actuator : Actuator, optional
+        What moves the lens; by default it moves exactly as it is told.
     """
 
     scenes: tuple[WrittenScene, ...]
@@ -78,6 +81,7 @@ class Workload:
     saturation: str | None = None
     seed: int = 15
     shipped: tuple[str, ...] = ()
+    actuator: Actuator | None = None
 
     @cached_property
     def files(self) -> dict[str, str]:
@@ -87,7 +91,7 @@ class Workload:
             "name": "validation",
             "seed": self.seed,
             "camera": camera | ({"saturation": self.saturation} if self.saturation else {}),
-            "focus": self.focus,
+            "focus": {**self.focus, **({"actuator": "actuator.yaml"} if self.actuator else {})},
             "render": self.render,
             "lights": self.lights,
             "splits": {
@@ -99,6 +103,9 @@ class Workload:
             },
         }
         found = {"recipe.yaml": _to_yaml(recipe), "sensor.yaml": _to_yaml(asdict(self.sensor))}
+        if self.actuator is not None:
+            numbers = {key: value for key, value in asdict(self.actuator).items() if value is not None}
+            found["actuator.yaml"] = _to_yaml(numbers)
         for scene in self.scenes:
             found[f"scenes/{scene.id}/scene.yaml"] = _to_yaml(scene.card)
             head = f'"""{scene.card["title"]}."""\n\nimport mitsuba as mi\nimport numpy as np\n'

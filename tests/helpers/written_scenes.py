@@ -101,11 +101,3 @@ def dispersion(stack):
     """Return variance over squared mean at each position, the noise-free sharpness."""
     stack = stack.astype(np.float64)
     return stack.var(axis=(1, 2)) / stack.mean(axis=(1, 2)) ** 2
-
-
-def find_peak(curve, around=4):
-    """Return the position, in steps, of the peak of a parabola fitted round a focus curve's largest value."""
-    k = int(curve.argmax())
-    near = slice(max(k - around, 0), k + around + 1)
-    parabola = np.polynomial.Polynomial.fit(np.arange(len(curve))[near], curve[near], 2)
-    return float(parabola.deriv().roots()[0])

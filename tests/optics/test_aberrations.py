@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pupils import pupil_transfer, seidel
 from refusals import refusal
 
 from saf_gen.errors import BadInput
@@ -14,6 +13,7 @@ from saf_gen.optics.best_focus import image_heights
 from saf_gen.optics.lens_card import ImageDistanceLens
 from saf_gen.optics.texture_contrast import Imaging, squared_contrast
 from saf_gen.optics.typical_aberrations import with_typical_aberrations
+from studies.laws.pupils import pupil_transfer, seidel
 
 WAVE_M, PITCH_M = 555e-9, 20e-6
 MACRO = ImageDistanceDrive(0.05, 2.0, (0.55, 0.45))

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pupils import seidel
 from refusals import assert_says, refusal
 from scipy.special import jv
 
 from saf_gen.optics import Distortion, ImageDistanceDrive, Ring, Stage, Wavefront
 from saf_gen.optics.partial_coherence import SectionImages
+from studies.laws.pupils import section_transfer, seidel
 
 WAVE_M, TEXEL_M = 550e-9, 0.22e-6
 NA = 0.374
@@ -61,25 +61,6 @@ def modulation(picture, z_m):
     return found[1 : 1 + FRACTIONS.size] / np.sinc(FRACTIONS * CUTOFF * PITCH_M * scale(z_m))
 
 
-def slow_transfer(fractions, *, coherence, waves, across=500):
-    """Transfer (absorption, phase) of a weak section at fractions of the cutoff: a sum over the condenser.
-
-    Both are 1 where all diffracted light passes in phase, or in quadrature.
-    """
-    s = ((np.arange(across) + 0.5) / across * 2 - 1) * min(coherence, 1)
-    x, y = np.meshgrid(s, s)
-    here = x**2 + y**2 <= min(coherence, 1) ** 2
-    x, y = x[here], y[here]
-    straight = np.exp(-2j * np.pi * waves(x, y))
-    sides = []
-    for fraction in (*fractions, *-fractions):
-        passes = (x + fraction) ** 2 + y**2 <= 1
-        diffracted = np.exp(2j * np.pi * waves(x + fraction, y)) * straight
-        sides.append((diffracted * passes).sum() / x.size)
-    one, other = np.array(sides).reshape(2, -1)
-    return ((one + other) / 2).real, (1j * (one + other) / 2).real
-
-
 def waves_at(z_m, spherical=0.0):
     """The wavefront in wavelengths over the pupil."""
     y = IN_FOCUS_M - z_m
@@ -95,7 +76,7 @@ def test_weak_sections_have_the_transfer_of_the_sum_over_the_condenser(coherence
     if spherical:
         wavefront = Wavefront(spherical_m=spherical * WAVE_M, radius_m=drive.aperture_radius_m)
         drive = replace(drive, wavefront=wavefront)
-    absorption, phase = slow_transfer(FRACTIONS, coherence=coherence, waves=waves_at(z_m, spherical))
+    absorption, phase = section_transfer(FRACTIONS, coherence=coherence, waves=waves_at(z_m, spherical))
     for power, expected in ((small, absorption), (1j * small, phase)):
         picture = images(gratings(power), coherence=coherence, drive=drive).picture(at(z_m), coherence=coherence)
         found = modulation(picture, z_m) / (2 * small)

@@ -310,6 +310,7 @@ FAULTS = {
             "render/test_aberrated_pictures.py::test_rays_are_turned_in_front_of_the_lens_and_nowhere_else[focal_length]",
             "render/test_aberrated_pictures.py::test_astigmatism_parts_the_foci_of_edges_across_and_along[0--10.0]",
             "render/test_focus_of_aberrated_pictures.py::test_the_dispersion_of_pictures_peaks_where_the_pupil_says",
+            f"{EACH_LAW}[lens_aberrations]",
         ),
     ),
     "a real lens with its pupils in one place": Fault(
@@ -318,6 +319,7 @@ FAULTS = {
         (
             "render/test_fitted_lenses.py::test_rays_leave_the_lens_as_they_do_when_traced_through_its_surfaces",
             "render/test_fitted_lenses.py::test_an_edge_is_the_sum_of_traced_rays",
+            f"{EACH_LAW}[lens_double_gauss]",
         ),
     ),
     "a real lens with one pupil for both": Fault(
@@ -342,7 +344,13 @@ FAULTS = {
             "optics/test_axial_colour.py::test_the_rays_of_other_light_are_those_of_another_position[focal_length]",
             "render/test_coloured_pictures.py::"
             "test_the_focus_under_tungsten_and_led_is_that_of_pictures_of_each_wavelength[image_distance]",
+            f"{EACH_LAW}[colour_focus]",
         ),
+    ),
+    "lamps by watts": Fault(
+        "A lux of any lamp has the same power, not the same effect on the eye.",
+        (Change("core.spectrum", "float(power @ luminous_efficiency())\n\n", "float(power.sum())\n\n"),),
+        ("core/test_spectrum.py::test_every_lamp_gives_the_light_of_one_watt_at_555_nm", f"{EACH_LAW}[colour_focus]"),
     ),
     "truth of colour of the other sign": Fault(
         "The truth of blended light is on the other side of that of one wavelength.",
@@ -361,6 +369,7 @@ FAULTS = {
             "optics/test_partial_coherence.py::"
             "test_what_delays_light_is_bright_when_the_plane_in_focus_is_between_it_and_the_lens",
             "optics/test_partial_coherence.py::test_in_coherent_light_a_phase_grating_makes_the_sum_of_its_orders",
+            f"{EACH_LAW}[section_transfer]",
         ),
     ),
     "moving truth from all depths": Fault(
@@ -460,6 +469,7 @@ FAULTS = {
         (
             "render/test_vignetted_pictures.py::test_an_even_field_darkens_by_the_overlap_of_the_discs",
             "render/test_vignetted_pictures.py::test_a_lamp_out_of_focus_is_a_cats_eye_of_the_overlap",
+            f"{EACH_LAW}[lens_vignetting]",
         ),
     ),
     "barrel for pincushion": Fault(
@@ -469,6 +479,7 @@ FAULTS = {
             "optics/test_distortion.py::test_the_turn_is_the_gradient_of_seidels_fifth_sum_whatever_the_point_of_the_aperture",
             "render/test_distorted_pictures.py::test_stripes_are_where_the_closed_form_displaces_them",
             "render/test_distorted_pictures.py::test_depth_and_target_are_where_the_distorted_picture_has_them",
+            f"{EACH_LAW}[lens_distortion]",
         ),
     ),
     "glare lost": Fault(
@@ -477,6 +488,7 @@ FAULTS = {
         (
             "camera/test_exposure.py::test_glare_is_a_share_of_the_frames_light_that_is_spread_evenly_and_none_of_it_is_lost",
             "camera/test_exposure.py::test_glare_is_seen_in_the_spikes_of_a_black_field",
+            f"{EACH_LAW}[lens_glare]",
         ),
     ),
     "hysteresis without memory": Fault(
@@ -491,6 +503,21 @@ FAULTS = {
         (
             "optics/test_hysteresis.py::test_the_area_of_a_loop_is_that_of_its_play_operators_and_grows_as_the_cube_of_the_stroke",
             "optics/test_actuators.py::test_a_reference_by_brute_force_moves_alike",
+            f"{EACH_LAW}[drive_log]",
+        ),
+    ),
+    "no latency": Fault(
+        "A drive obeys a command at once.",
+        (
+            Change(
+                "optics.actuators.actuated_lens",
+                "begin = self.frames / self.readout_hz + actuator.latency_s\n        position",
+                "begin = self.frames / self.readout_hz\n        position",
+            ),
+        ),
+        (
+            "optics/test_actuators.py::test_a_command_is_in_force_after_the_latency_to_the_microsecond",
+            f"{EACH_LAW}[drive_log]",
         ),
     ),
     "drift without surroundings": Fault(
@@ -505,6 +532,7 @@ FAULTS = {
         (
             "optics/test_hysteresis.py::test_a_lens_drifts_exponentially_to_the_offset_of_its_new_temperature",
             "optics/test_hysteresis.py::test_a_sensor_at_the_motor_sees_neither_hysteresis_nor_drift",
+            f"{EACH_LAW}[drive_log]",
         ),
     ),
     "log of the truth": Fault(
@@ -513,6 +541,7 @@ FAULTS = {
         (
             "generate/test_driven_lens.py::test_the_log_is_what_a_piezo_was_told_and_the_truth_where_it_was",
             "generate/test_driven_lens.py::test_methods_see_the_log_alone",
+            f"{EACH_LAW}[drive_log]",
         ),
     ),
     "judged by the log": Fault(

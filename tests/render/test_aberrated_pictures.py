@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pupils import pupil_transfer, seidel
 from refusals import refusal
-from written_scenes import dispersion, find_peak, load_setup, measure_edge, needs_llvm, render_stack_once, write_scene
+from written_scenes import dispersion, load_setup, measure_edge, needs_llvm, render_stack_once, write_scene
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage, Wavefront
 from saf_gen.optics.lens_card import Aberrations
@@ -17,6 +16,7 @@ from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec
+from studies.laws.pupils import find_peak, pupil_transfer, seidel
 
 WAVE_M, PITCH_M = 555e-9, 20e-6
 GRID = SensorGrid(rows=24, columns=64, pitch_m=PITCH_M)

@@ -1,15 +1,12 @@
 """Pictures in the light of lamps, mixed from one stack, against pictures rendered at each wavelength."""
 
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from refusals import refusal
-from written_scenes import dispersion, find_peak, load_setup, needs_llvm, render_stack_once, write_scene
+from written_scenes import dispersion, load_setup, needs_llvm, render_stack_once, write_scene
 
-import saf_gen.core.spectrum
 from saf_gen.camera import get_sensor
 from saf_gen.optics import AxialColour, FocalLengthDrive, ImageDistanceDrive
 from saf_gen.optics.axial_colour import stack_margin
@@ -17,6 +14,8 @@ from saf_gen.render import render_missing
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import StackSpec
+from studies.laws.colour import electrons_per_nm
+from studies.laws.pupils import find_peak
 
 PITCH_M, POSITIONS, HALF_DEPTHS = 20e-6, 65, 5.5
 GRID = SensorGrid(rows=32, columns=48, pitch_m=PITCH_M)
@@ -56,24 +55,6 @@ def drive_in_light(drive, shift):
     return ImageDistanceDrive(focal, focal / (2 * RADIUS_M), ends)
 
 
-@cache
-def table(name):
-    """Wavelengths (nm) and values of a published table."""
-    lines = (Path(saf_gen.core.spectrum.__file__).parent / f"{name}.csv").read_text(encoding="utf-8").splitlines()
-    rows = [line for line in lines if not line.startswith("#")][1:]
-    return np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
-
-
-def own_weights(lamp, nm, *, cut):
-    """Electrons per nanometre, by own formulas and the published tables."""
-    if lamp == "tungsten":
-        power = nm**-5.0 / (np.exp(1.4387769e7 / (nm * 2856)) - 1)
-    else:
-        power = np.interp(nm, *table("led"), left=0, right=0)
-    seen = power * nm * np.interp(nm, *table("silicon"))
-    return seen * np.interp(nm, *table("ir_cut")) if cut else seen
-
-
 @needs_llvm
 @pytest.mark.parametrize("kind", ["focal_length", "image_distance"])
 def test_the_focus_under_tungsten_and_led_is_that_of_pictures_of_each_wavelength(tmp_path, monkeypatch, kind):
@@ -107,7 +88,7 @@ def test_the_focus_under_tungsten_and_led_is_that_of_pictures_of_each_wavelength
             rendered = range(-margin[0], POSITIONS + margin[1])
             mixed = colour.mix(wide[None], spec, drawn=range(POSITIONS), rendered=rendered)[0]
             nm = np.arange(380, 1100) + 0.5
-            own = np.histogram(nm, edges, weights=own_weights(lamp, nm, cut=cut))[0]
+            own = np.histogram(nm, edges, weights=electrons_per_nm(lamp, nm, cut=cut))[0]
             summed = np.tensordot(own / own.sum(), np.array(single), 1)
             peaks = [find_peak(dispersion(stack), around=6) * step for stack in (mixed, summed)]
             assert peaks[0] == pytest.approx(peaks[1], abs=0.05), (lamp, cut)

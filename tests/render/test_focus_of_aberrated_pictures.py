@@ -1,33 +1,23 @@
 """Where a focus measure of rendered pictures peaks for a lens with aberrations, against a sum over its pupil."""
 
+import inspect
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from pupils import pupil_transfer, seidel
-from written_scenes import dispersion, find_peak, load_setup, needs_llvm, render_stack_once, write_scene
+from written_scenes import dispersion, load_setup, needs_llvm, render_stack_once, write_scene
 
 from saf_gen.optics import FocalLengthDrive, Wavefront
 from saf_gen.render import filtered_pass
 from saf_gen.render.render_setup import SensorGrid
+from studies.laws.pupils import FINEST, find_peak, pupil_transfer, seidel, texture, texture_dispersion
 
 WAVE_M, PITCH_M, F_NUMBER, IMAGE_M, DISTANCE_M = 555e-9, 20e-6, 2.0, 0.055, 0.5
 GRID = SensorGrid(rows=64, columns=96, pitch_m=PITCH_M)
 MOST_WAVES, POSITIONS = 7.0, 37
 """Defocus at the ends of the travel, wavelengths; a step is 0.39 of them, or 0.17 half depths of focus."""
-TEXELS = 4  # per pixel and axis
-MOST_CYCLES = 0.45  # per pixel: without finer waves, pixels see no aliases, wherever they are
-
-# A radiance whose one period fills the picture: waves with power 1/f² and phases of one seed. The lens is at a constant
-# distance from the sensor, so the scale of the picture is the same at every position.
-TEXTURE = f"""
-cycles = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n * {TEXELS}) * {TEXELS} for n in {GRID.columns, GRID.rows})))
-kept = (cycles > 0) & (cycles < {MOST_CYCLES})
-turn = np.exp(2j * np.pi * np.random.default_rng(5).random(kept.shape))
-spectrum = np.where(kept, 1 / np.maximum(cycles, 1e-9), 0) * turn
-waves = np.fft.ifft2(spectrum).real
-texture = (1 + 0.8 * waves / np.abs(waves).max()).astype(np.float32)
-"""
+TEXTURE = inspect.getsource(texture) + f"texture = texture({GRID.rows}, {GRID.columns})\n"
+"""A radiance whose one period fills the picture."""
 
 
 def travelling(spherical):
@@ -66,20 +56,13 @@ def textured(folder, monkeypatch, drive):
 
 def own_dispersion(drive, spherical):
     """SD of the texture at each position by Parseval: its waves through the transfers of pupil, texels and pixels."""
-    made = {"np": np}
-    exec(TEXTURE, made)
-    texture, cycles = made["texture"].astype(np.float64), made["cycles"]
-    fy, fx = np.meshgrid(*(np.fft.fftfreq(n) * TEXELS for n in texture.shape), indexing="ij")
-    texels, pixels = (np.sinc(fx / n) * np.sinc(fy / n) for n in (TEXELS, 1))
-    squared = np.abs(np.fft.fft2(texture) / texture.size / texture.mean() * texels**2 * pixels) ** 2
-    known = np.linspace(0, MOST_CYCLES, 46)
+    known = np.linspace(0, FINEST, 46)
     radius, found = drive.aperture_radius_m, []
     for position in np.linspace(0, 1, POSITIONS):
         defocus = float(drive.defocus(position, DISTANCE_M)) * radius**2 / 2 / WAVE_M
         waves = seidel(spherical=spherical, defocus=defocus)
-        transfer = pupil_transfer(waves, fractions=known / PITCH_M * WAVE_M * IMAGE_M / (2 * radius))
-        found.append((squared * np.interp(cycles, known, np.abs(transfer)) ** 2)[cycles > 0].sum())
-    return np.array(found)
+        found.append(pupil_transfer(waves, fractions=known / PITCH_M * WAVE_M * IMAGE_M / (2 * radius)))
+    return texture_dispersion(GRID.rows, GRID.columns, cycles=known, transfers=np.array(found))
 
 
 def filtered(setup, *, samples, seed):

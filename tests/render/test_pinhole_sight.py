@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
-from written_scenes import JIT, dispersion, find_peak, load_setup, needs_llvm, render_stack_once, write_scene
+from written_scenes import JIT, dispersion, load_setup, needs_llvm, render_stack_once, write_scene
 
 from saf_gen.render.depth_and_target import trace_geometry
 from saf_gen.render.own_light import require_own_light
 from saf_gen.render.render_setup import SensorGrid
+from studies.laws.pupils import find_peak
 
 GRID = SensorGrid(rows=10, columns=16, pitch_m=240e-6)
 LENS = "{focal_length_mm: 25, f_number: 2.0, drive: image_distance, focus_range_m: [0.60, 0.42]}"

@@ -109,6 +109,19 @@ def test_a_stopped_run_goes_on_unless_size_or_code_changed(tmp_path, monkeypatch
     assert [p.name for p in (tmp_path / run.KEPT).iterdir()] == ["000000000000-whole"]
 
 
+def test_a_law_checked_alone_leaves_the_sections_of_others_as_they_are(planted, tmp_path):
+    others = make_law("noise_first"), make_law("light_second"), make_law("light_third")
+    planted(*others)
+    assert main(["--out", str(tmp_path)]) == 0
+    before = (tmp_path / "validation.md").read_text()
+    planted(others[0], make_law("light_new", 1.2), make_law("light_never"), *others[1:])
+    assert main(["--out", str(tmp_path), "--only", "light_new"]) == 1
+    after = (tmp_path / "validation.md").read_text()
+    assert "3 of 4 checks passed; 1 of 4 checks failed" in after
+    assert after.partition("### light_second")[2] == before.partition("### light_second")[2]
+    assert after.index("### noise_first") < after.index("### light_new") < after.index("### light_second")
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from studies.skewness import HEIGHTS, gradient_energy, measure_stack, model_rows, skewness
+from studies.skewness import HEIGHTS, gradient_energy, measure_stack, model_rows, shipped_curves, skewness
 
 FOCUS = np.arange(-20, 21.0)
 
@@ -47,9 +47,16 @@ def test_a_stack_of_pictures_is_measured(tmp_path):
     assert gradient_energy(np.ones((5, 5))).max() == 0
 
 
-def test_only_depths_that_differ_make_a_curve_as_skew_as_real_boxes():
+def test_depths_that_differ_make_a_curve_as_skew_as_real_boxes_and_third_order_aberrations_do_not():
     found = {row.name: np.abs(row.quartiles[:, 1]).max() for row in model_rows()}
     lens = [skew for name, skew in found.items() if name.startswith(("f/2", "microscope"))]
     assert max(lens) < 0.07
     assert found["two depths, 3 apart, a quarter of the texture behind"] > 0.14
     assert found["one depth"] < 0.005
+
+
+def test_a_fast_real_lens_is_skew_off_its_axis_and_not_when_stopped_down():
+    found = {name: np.abs(skewness(curve)).max() for name, curve in shipped_curves() if name.startswith("double_gauss")}
+    assert found["double_gauss, f/1.85, 0 mm off the axis"] < 0.01
+    assert found["double_gauss, f/1.85, 12 mm off the axis"] > 0.18
+    assert max(skew for name, skew in found.items() if "f/3.7" in name) < 0.01
