@@ -4,8 +4,6 @@ LLVM 15 and 16 abort the process at the first kernel ("cannot select fminimum"),
 therefore made from version numbers, without running a kernel.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import drjit as dr
@@ -114,21 +112,5 @@ def read_picture(file: str) -> mi.Bitmap:
     dr.set_thread_count(max(threads, 2))
     try:
         return mi.Bitmap(file)
-    finally:
-        dr.set_thread_count(threads)
-
-
-@contextmanager
-def on_one_thread() -> Iterator[None]:
-    """Let Mitsuba compute the normals of smooth meshes on one thread.
-
-    For each vertex, Mitsuba adds up the normals of the faces around it. Several threads do so in varying order: in one
-    of five scenes, some normals then differed in their last digit, and with them the digest of everything rendered.
-    """
-    threads = dr.thread_count()
-    dr.set_thread_count(1)
-    try:
-        yield
-        dr.sync_thread()
     finally:
         dr.set_thread_count(threads)

@@ -15,11 +15,11 @@ import numpy as np
 
 from saf_gen.render.camera_rays import CameraRays, opaque
 from saf_gen.render.line_of_sight import OPAQUE, ClearSurfaces, number_shapes, through_glass
+from saf_gen.render.meshes import has_own_attributes
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import SurfaceHits
 
 CELL_DEPTH = 16.0  # depth of a smallest cell divided by the width of a pixel at its distance
-GEOMETRY_ATTRIBUTES = {"vertex_positions", "vertex_normals", "vertex_texcoords"}
 TEXTURE_KEYS = (".data", ".color0", ".color0.value")  # of a bitmap, and of a checkerboard
 UNSHARED_FLAGS = mi.BSDFFlags.Delta | mi.BSDFFlags.Delta1D
 MIN_CHANCE = 0.05  # smallest reflectance with which a surface at the end of a line is drawn among others
@@ -270,6 +270,5 @@ def _can_share_shading(bsdf: Any) -> bool:
 
 def _is_textured(shape: Any) -> bool:
     """Return whether a shape's reflectance varies over it; if not, the radiance need not be divided by it."""
-    attributes = {key for key in mi.traverse(shape).keys() if key.startswith(("vertex_", "face_"))}  # noqa: SIM118
     bitmaps = any(key.endswith(TEXTURE_KEYS) for key in mi.traverse(shape.bsdf()).keys())  # noqa: SIM118
-    return bitmaps or bool(attributes - GEOMETRY_ATTRIBUTES)
+    return bitmaps or has_own_attributes(shape)
