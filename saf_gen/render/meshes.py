@@ -29,7 +29,11 @@ from saf_gen.scene.ply_file import read_header
 POSITIONS, NORMALS, FACES, UV = "vertex_positions", "vertex_normals", "faces", "vertex_texcoords"
 OBJ_NORMAL = re.compile(rb"^[ \t\r]*vn[ \t]", re.MULTILINE)
 LANES = 8
-"""Faces that are added together: the width of AVX2, for which most stacks were rendered before."""
+"""Faces that are added together: the width of AVX2."""
+SCALE = 64.0
+"""Enlarges meshes while their normals are computed, because threads of Dr.Jit take what is smaller than SMALLEST as 0,
+and Python's own thread, which is the only one if there is one, does not."""
+SMALLEST = float(np.finfo(np.float32).smallest_normal)
 
 
 def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -50,17 +54,19 @@ def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     ndarray of float32, shape (vertex, 3)
         Normals of length 1; (1, 0, 0) for a vertex of no face with an area.
     """
-    flat: Any = mi.Float(np.ascontiguousarray(positions, dtype=np.float32).ravel())
+    flat: Any = mi.Float(np.float32(SCALE) * np.ravel(positions).astype(np.float32))
     at: list[Any] = [mi.UInt32(np.ascontiguousarray(faces[:, corner])) for corner in range(3)]
     corners = [mi.Vector3f(*(dr.gather(mi.Float, flat, 3 * index + axis) for axis in range(3))) for index in at]
     normal = dr.cross(corners[1] - corners[0], corners[2] - corners[0])
     area = dr.squared_norm(normal)
-    normal = normal * dr.rsqrt(area)
+    # Without the scale, Mitsuba finds an infinite root.
+    normal = normal * dr.select(area < SMALLEST * SCALE**4, dr.inf, dr.rsqrt(area))
     weighted = np.empty((3, len(faces), 3), dtype=np.float32)
     for n, corner in enumerate(corners):
         sides = [dr.normalize(corners[(n + k) % 3] - corner) for k in (1, 2)]
         angle = dr.safe_acos(dr.dot(*sides))
         weighted[n] = dr.select(area > 0, normal * angle, 0).numpy().T
+    weighted[np.abs(weighted) < SMALLEST] = 0
     total: Any = mi.Vector3f(_add_up(weighted, np.ascontiguousarray(faces, dtype=np.uint32), len(positions)).T)
     length = dr.squared_norm(total)
     return dr.select(length > 0, total * dr.rsqrt(length), mi.Vector3f(1, 0, 0)).numpy().T
