@@ -187,10 +187,9 @@ class SurfaceFinder:
         scale = opaque(self._pixels_per_slope)
         column = -point.x / depth * scale + opaque(setup.grid.columns / 2)
         row = -point.y / depth * scale + opaque(setup.grid.rows / 2)
-        out_of_range = (
-            dr.maximum(dr.abs(column), dr.abs(row)) > MAX_PIXELS_FROM_ORIGIN
-        )  # or behind the lens: seen in a mirror
-        shape = dr.select((depth <= 0) | out_of_range, 0, shape)
+        # Column, row and depth are nan for rays that meet nothing; their shape is 0, and they have no cell.
+        out_of_range = dr.maximum(dr.abs(column), dr.abs(row)) > MAX_PIXELS_FROM_ORIGIN
+        shape = dr.select((depth <= 0) | out_of_range, 0, shape)  # a depth below 0 is seen in a mirror
         textured = (shape > 0) & (self._look_up(self._textured, hit, valid=shape > 0) > 0)
         normal = dr.normalize(mi.Vector3f(to_camera @ mi.Normal3f(hit.sh_frame.n)))
         normal = dr.select(hit.wi.z < 0, -normal, normal)  # the side that is seen
@@ -240,8 +239,11 @@ def _ends_in_light(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:
 
 
 def _reflectance(hit: Any, active: Any) -> Any:
-    """Return the fraction of light that surfaces reflect alike in all directions; 0 for rays not in ``active``."""
-    return dr.select(active, dr.maximum(hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0), 0)
+    """Return the fraction of light that surfaces reflect alike in all directions; 0 for rays not in ``active``.
+
+    It is 0 where a picture from a file is nan, too.
+    """
+    return dr.select(active, dr.fmax(hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0), 0)
 
 
 def _octahedral(normal: Any) -> tuple[Any, Any]:
