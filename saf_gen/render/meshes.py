@@ -73,7 +73,7 @@ def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _add_up(weighted, faces, vertices):  # type: ignore[no-untyped-def]
+def _add_up(weighted, faces, vertices):
     """Add what corners give to their vertices, float32 (vertex, 3): by packets of faces, then corners, then lanes.
 
     Faces of a packet that share a vertex at the same corner are added first, as a tree of lanes. A face without an area

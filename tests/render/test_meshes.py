@@ -227,7 +227,9 @@ def test_normals_of_a_file_are_kept(tmp_path, ending):
     else:
         names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
         rows = "".join(f"{x} {y} 0 0 0.6 0.8\n" for x, y in ((0, 0), (1, 0), (0, 1)))
-        header = f"ply\nformat ascii 1.0\nelement vertex 3\n{names}element face 1\nproperty list uchar int vertex_index\n"
+        header = (
+            f"ply\nformat ascii 1.0\nelement vertex 3\n{names}element face 1\nproperty list uchar int vertex_index\n"
+        )
         file.write_text(f"{header}end_header\n{rows}3 0 1 2\n")
     backend.activate_backend("llvm")
     described = {"one": {"type": ending, "filename": str(file)}, "sky": {"type": "constant"}}
@@ -252,11 +254,11 @@ def test_the_table_of_a_mesh_lamp_is_the_same_on_any_number_of_threads():
 def test_stacks_and_slices_are_the_same_on_any_number_of_threads(mixed):
     digests = set()
     for threads in THREADS:
-        renderer = SceneRenderer(mixed, SensorGrid(24, 32, 60e-6), backend_name="llvm", max_depth=3, threads=threads)
-        for time_s in (0.0, 0.3):
-            seen = renderer.trace_geometry(time_s=time_s)
-            stack = renderer.render_stack(seen, positions=33, samples=16, time_s=time_s)
-            window = renderer.render_stack(seen, positions=33, samples=16, time_s=time_s, window=(10, 14))
-            digests.add((time_s, hashlib.sha256(stack.radiance.tobytes() + window.radiance.tobytes()).hexdigest()))
-            assert stack.radiance.std() > 0
-    assert len(digests) == 2
+        renderer = SceneRenderer(mixed, SensorGrid(12, 16, 120e-6), backend_name="llvm", max_depth=3, threads=threads)
+        seen, digest = renderer.trace_geometry(time_s=0.3), hashlib.sha256()
+        for window in (None, (4, 6)):
+            stack = renderer.render_stack(seen, positions=17, samples=4, time_s=0.3, window=window).radiance
+            assert stack.std() > 0
+            digest.update(stack.tobytes())
+        digests.add(digest.hexdigest())
+    assert len(digests) == 1

@@ -16,9 +16,12 @@ from saf_gen.render.scene_renderer import SceneRenderer
 
 
 @needs_llvm
-@pytest.mark.parametrize("bsdf", ["{'type': 'diffuse', 'reflectance': holed}", "{'type': 'mask', 'opacity': holed, 'inner': {'type': 'diffuse'}}"])
+@pytest.mark.parametrize(
+    "bsdf",
+    ["{'type': 'diffuse', 'reflectance': holed}", "{'type': 'mask', 'opacity': holed, 'inner': {'type': 'diffuse'}}"],
+)
 def test_a_texel_that_is_nan_leaves_all_pixels_finite(tmp_path, monkeypatch, bsdf):
-    """A quarter of the plane's picture is nan: as reflectance, it is black; as opacity, it is as opaque as if 1."""
+    """A quarter of the plane's picture is nan."""
     holed = "np.where(np.indices((8, 8)).sum(0) % 4 == 0, np.nan, 0.5).astype(np.float32)[..., None]"
     picture = f"{{'type': 'bitmap', 'bitmap': mi.Bitmap({holed}), 'raw': True, 'filter_type': 'nearest'}}"
     turned = "t.rotate([0, 1, 0], 180)"
