@@ -8,6 +8,8 @@ The areas of a mesh lamp's faces, by which points on it are drawn, are added by 
 a fixed length, equal on any number of threads. On a card the last digits of these sums vary from run to run, and there
 is no way to hand them over.
 
+The frozen module ``surfaces_1`` of the scene library, and scripts of others, call Mitsuba's meshes themselves.
+
 Mitsuba 3.10 renames what is used here: ``positions``, ``normals`` and ``texcoords`` are tensors, ``mi.Mesh(name,
 faces=, positions=, normals=)`` builds a mesh in one call, and ``flip_normals`` is baked into the order of corners.
 """
@@ -111,46 +113,98 @@ def has_vertices(shape: Any) -> bool:
 
 def has_own_attributes(shape: Any) -> bool:
     """Return whether vertices or faces of a shape carry more than their geometry, which textures may show."""
-    names = {key for key in mi.traverse(shape).keys() if key.startswith(("vertex_", "face_"))}  # noqa: SIM118
-    return bool(names - {POSITIONS, NORMALS, UV})
+    return bool(_own_attributes(mi.traverse(shape)))
+
+
+def _own_attributes(held: Any) -> list[str]:
+    names = {key for key in held.keys() if key.startswith(("vertex_", "face_"))}  # noqa: SIM118
+    return sorted(names - {POSITIONS, NORMALS, UV})
+
+
+def make_mesh(
+    name: str,
+    positions: np.ndarray,
+    *,
+    faces: np.ndarray,
+    bsdf: Any,
+    uv: np.ndarray | None = None,
+    normals: np.ndarray | None = None,
+    smooth: bool = False,
+    attributes: Mapping[str, np.ndarray] | None = None,
+    **properties: Any,
+) -> Any:
+    """Return a Mitsuba mesh whose id is its name; scripts of scenes may import this function.
+
+    Parameters
+    ----------
+    name : str
+        Id of the mesh.
+    positions : ndarray, shape (vertex, 3)
+        Vertices, in units of the scene.
+    faces : ndarray, shape (face, 3)
+        Indices of the vertices of each triangle.
+    bsdf : dict or BSDF
+        Surface; a loaded one may be shared by several meshes.
+    uv : ndarray, optional
+        Texture coordinates, (vertex, 2).
+    normals : ndarray, optional
+        Normals of the vertices, (vertex, 3), for which a mesh is smooth.
+    smooth : bool, default False
+        Give a mesh without them the normals of :func:`vertex_normals`.
+    attributes : mapping of str to ndarray, optional
+        Values of vertices or faces that textures show, float32, by names that begin with ``vertex_`` or ``face_``.
+    **properties : object
+        More properties of the shape, as Mitsuba names them.
+
+    Raises
+    ------
+    BadInput
+        If a smooth mesh has a face with a vertex that does not exist.
+    """
+    props = mi.Properties()
+    props["bsdf"] = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
+    for key, value in properties.items():
+        props[key] = value
+    counts = {"vertex": np.size(positions) // 3, "face": np.size(faces) // 3}
+    flags = {"has_vertex_normals": smooth or normals is not None, "has_vertex_texcoords": uv is not None}
+    made = mi.Mesh(name, counts["vertex"], counts["face"], props=props, **flags)
+    made.set_id(name)
+    held = mi.traverse(made)
+    for key, array in {POSITIONS: positions, UV: uv, FACES: faces, NORMALS: normals}.items():
+        if array is not None:
+            held[key] = type(held[key])(np.ascontiguousarray(array).ravel())
+    if smooth and normals is None and not _is_scalar():
+        _set_normals(held, "", name=name)
+    held.update()
+    for key, array in (attributes or {}).items():
+        values: Any = np.ravel(array).astype(np.float32)
+        made.add_attribute(key, values.size // counts[key.split("_")[0]], values)
+    return made
 
 
 def move_mesh(mesh: Any, pose: np.ndarray) -> Any:
     """Return a moved copy of a mesh, with the same faces, surface and attributes; ``pose`` is float64 (4, 4)."""
-    props = mi.Properties()
+    source = mi.traverse(mesh)
     properties = {
-        "bsdf": mesh.bsdf(),
         "interior": mesh.interior_medium(),
         "exterior": mesh.exterior_medium(),
         "face_normals": mesh.has_face_normals(),
         "flip_normals": mesh.has_flipped_normals(),
     }
-    for key, value in properties.items():
-        if value is not None:
-            props[key] = value
-    flags = {"has_vertex_normals": mesh.has_vertex_normals(), "has_vertex_texcoords": mesh.has_vertex_texcoords()}
-    counts = {"vertex": mesh.vertex_count(), "face": mesh.face_count()}
-    copy = mi.Mesh(mesh.id(), counts["vertex"], counts["face"], props=props, **flags)
-    copy.set_id(mesh.id())
-    source, moved = mi.traverse(mesh), mi.traverse(copy)
-    for key in (FACES, POSITIONS, NORMALS, UV):
-        if key in source:
-            moved[key] = source[key]
-
-    def store(key: str, values: np.ndarray) -> None:
-        moved[key] = type(moved[key])(np.ascontiguousarray(values, dtype=np.float32).ravel())
-
-    vertices = np.array(source[POSITIONS], dtype=np.float64).reshape(-1, 3)
-    store(POSITIONS, vertices @ pose[:3, :3].T + pose[:3, 3])
-    if NORMALS in source:
-        normals = np.array(source[NORMALS], dtype=np.float64).reshape(-1, 3)
-        store(NORMALS, normals @ pose[:3, :3].T)
-    moved.update()
-    for key in set(source.keys()) - set(moved.keys()):
-        element = key.split("_")[0]
-        if element in counts:
-            copy.add_attribute(key, len(source[key]) // counts[element], source[key])
-    return copy
+    turn = pose[:3, :3].T
+    rows = {
+        key: np.array(source[key], dtype=np.float64).reshape(-1, 3) for key in (POSITIONS, NORMALS) if key in source
+    }
+    return make_mesh(
+        mesh.id(),
+        rows[POSITIONS] @ turn + pose[:3, 3],
+        faces=np.array(source[FACES]),
+        bsdf=mesh.bsdf(),
+        uv=np.array(source[UV]) if mesh.has_vertex_texcoords() else None,
+        normals=rows[NORMALS] @ turn if mesh.has_vertex_normals() else None,
+        attributes={key: np.array(source[key]) for key in _own_attributes(source)},
+        **{key: value for key, value in properties.items() if value is not None},
+    )
 
 
 @contextmanager
@@ -159,8 +213,8 @@ def normals_in_order() -> Iterator[None]:
 
     The script calls Mitsuba itself. Meshes whose normals it gives keep them.
     """
-    if mi.variant() is None or "scalar" in str(mi.variant()):
-        yield  # without threads, Mitsuba adds in one order
+    if _is_scalar():
+        yield
         return
     mesh, update, load = mi.Mesh, mi.Mesh.parameters_changed, mi.load_dict
 
@@ -191,6 +245,11 @@ def normals_in_order() -> Iterator[None]:
         mi.load_dict = load
 
 
+def _is_scalar() -> bool:
+    """Return whether Mitsuba has no threads, and so adds in one order itself."""
+    return "scalar" in str(mi.variant())
+
+
 def _would_compute_normals(mesh: Any, keys: Any) -> bool:
     """Return whether Mitsuba would compute normals after these parameters of a mesh were set; none stand for all."""
     if not mesh.has_vertex_normals() or NORMALS in keys:
@@ -202,7 +261,7 @@ def _would_compute_normals(mesh: Any, keys: Any) -> bool:
 
 def settle_files(loaded: Any, described: Any) -> None:
     """Replace the normals that Mitsuba computed for mesh files without normals; ``described`` is what was loaded."""
-    if "scalar" in str(mi.variant()):
+    if _is_scalar():
         return
     if prefixes := list(_files_without_normals({"": described}, "")):
         held = mi.traverse(loaded)
