@@ -359,7 +359,7 @@ def _glowing(picture: np.ndarray | None, emission: tuple[float, float, float], *
 def _encode_pfm(values: np.ndarray) -> bytes:
     """Return a portable float map of one or three channels (rows, columns, channel), which begins at the bottom.
 
-    It is larger than OpenEXR, which Mitsuba reads on several threads or never: see ``on_one_thread`` in
+    It is larger than OpenEXR, which Mitsuba reads on several threads or never: see ``read_picture`` in
     :mod:`saf_gen.render.backend`.
     """
     rows, columns, channels = values.shape

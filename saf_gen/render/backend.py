@@ -9,8 +9,6 @@ import ctypes
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import drjit as dr
@@ -182,19 +180,3 @@ def bands_at_once() -> int:
     except OSError:  # the driver's library has another name
         return 1
     return min(max(size.value // MEMORY_PER_BAND, 1), MAX_BANDS)
-
-
-@contextmanager
-def on_one_thread() -> Iterator[None]:
-    """Let Mitsuba compute the normals of smooth meshes on one thread.
-
-    For each vertex, Mitsuba adds up the normals of the faces around it. Several threads do so in varying order: in one
-    of five scenes, some normals then differed in their last digit, and with them the digest of everything rendered.
-    """
-    threads = dr.thread_count()
-    dr.set_thread_count(1)
-    try:
-        yield
-        dr.sync_thread()
-    finally:
-        dr.set_thread_count(threads)

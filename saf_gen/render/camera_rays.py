@@ -219,6 +219,7 @@ def through_aperture(first: Any, step: Any, *, radius: float, positions: int) ->
     one = dr.select(far > 0, q / far, dr.copysign(float(NEVER), q))
     other = dr.select(c > 0, far / c, float(NEVER))
     last = opaque(positions - 1)
+    # Neither is nan: numerators are finite, and where both parts of a quotient are 0, NEVER is selected.
     leaves = dr.select(b > 0, one, other)
     enters = dr.select(b > 0, -other, -one)
     begin = mi.Int32(dr.ceil(dr.clip(enters, 0, last + 1)))

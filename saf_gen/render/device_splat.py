@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.host_splat import COUNT_BITS, NEVER, TracedPaths
+from saf_gen.render.host_splat import COUNT_BITS, NEVER, NO_STEP, TracedPaths
 
 ACCUMULATOR_BYTES = 1 << 31  # the stack needs half as much again
 
@@ -136,7 +136,7 @@ def product(a: Any, b: Any) -> Any:
 def _axis(first: Any, step: Any) -> tuple[Any, Any, Any, Any]:
     """Return a path's cell and direction along one axis, and the positions to its first border and between borders."""
     cell = mi.Int32(dr.floor(first))
-    forth, back = step > 0, step < 0
+    forth, back = step > float(NO_STEP), step < -float(NO_STEP)
     pace = mi.Float(1 / dr.abs(mi.Float64(step)))
     distance = dr.select(forth, mi.Float(cell + 1) - first, first - mi.Float(cell))
     moves, never = forth | back, mi.Float(NEVER)
@@ -152,7 +152,7 @@ def _walk(sums: Any, shape: Any, path: Any, across: Any, along: Any) -> None:
     column, right, to_x, pace_x = across
     row, down, to_y, pace_y = along
     while k < stop:
-        border = dr.minimum(to_x, to_y)
+        border = dr.minimum(to_x, to_y)  # never nan: see NO_STEP
         run_end = dr.select(border >= mi.Float(stop), stop, mi.Int32(border) + 1)
         runs = run_end > k
         inside = runs & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)

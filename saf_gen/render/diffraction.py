@@ -91,7 +91,7 @@ class ApertureWaves:
             dr.opaque(mi.Float, number)
             for number in (self.radius_m, self.nearest_edge_m, self.wavelength_m / (2 * math.pi))
         )
-        r = dr.norm(lens_point)
+        r = dr.norm(lens_point)  # finite, as all below is, because ``nearest`` is above 0
         outward = dr.select(r > 0, mi.Vector2f(lens_point) / r, mi.Vector2f(1, 0))
         inside = dr.maximum(radius - r, 0)
         along, across = dr.maximum(inside, nearest), dr.maximum(dr.sqrt(inside * (radius + r)), nearest)

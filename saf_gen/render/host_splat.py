@@ -20,6 +20,7 @@ COUNT_BITS = 20
 VALUE_BITS = 63 - COUNT_BITS
 ACCUMULATOR_BYTES = 1 << 30
 NEVER = np.float32(1e9)  # more positions than any travel has
+NO_STEP = np.finfo(np.float32).smallest_normal  # 1/step may be infinite below; on a border, 0·inf = nan would never end
 
 
 class TracedPaths(NamedTuple):
@@ -112,10 +113,10 @@ def allocate_sums(workers: int, shape: tuple[int, int, int], *, stacks: int = 1)
 def _axis(first, step):
     """Return a path's cell and direction along one axis, and the positions to its first border and between borders."""
     cell = np.int32(math.floor(first))
-    if step > 0:
+    if step > NO_STEP:
         pace = np.float32(1) / step
         return cell, np.int32(1), (np.float32(cell + 1) - first) * pace, pace
-    if step < 0:
+    if step < -NO_STEP:
         pace = np.float32(-1) / step
         return cell, np.int32(-1), (first - np.float32(cell)) * pace, pace
     return cell, np.int32(0), NEVER, NEVER

@@ -92,7 +92,8 @@ def _sample_point(setup: RenderSetup, ray: Any, *, sampler: Any) -> Any:
 def _sample_side(setup: RenderSetup, hit: Any, *, sampler: Any, normal: Any, active: Any) -> Any:
     """Return one sample of the irradiance on the side of the surface from which ``normal`` points away."""
     lamp, weight = setup.mitsuba_scene.sample_emitter_direction(hit, sampler.next_2d(), True, active)
-    direct = weight * dr.maximum(dr.dot(normal, lamp.d), 0)
+    # A point of a lamp in the lit point itself has the direction nan, and the weight 0.
+    direct = weight * dr.fmax(dr.dot(normal, lamp.d), 0)
     towards = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
     ray = mi.RayDifferential3f(hit.spawn_ray(towards))
     seen, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, ray, None, active)

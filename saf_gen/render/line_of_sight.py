@@ -106,7 +106,8 @@ class ClearSurfaces:
         """Return the largest fraction of light that surfaces reflect if ``through`` of it goes straight on, (ray,)."""
         matt = dr.select(active, hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0)
         rough = dr.gather(mi.UInt32, self._rough, number_shapes(hit), active) > 0
-        return dr.clip(dr.select(rough, 1, matt + self._mirrored(hit, through, active=active)), 0, 1 - through)
+        reflected = dr.select(rough, 1, matt + self._mirrored(hit, through, active=active))
+        return dr.fmin(dr.fmax(reflected, 0), 1 - through)  # 0 where a picture from a file is nan
 
     def _mirrored(self, hit: Any, through: Any, *, active: Any) -> Any:
         """Return the fraction of light that surfaces reflect like a mirror, (ray,); masks get an upper bound."""
@@ -118,7 +119,7 @@ class ClearSurfaces:
             its = active & (index == number)
             _, weight = bsdf.sample(context, hit, mi.Float(0.5), mi.Point2f(0.5), its)
             fraction = dr.select(its, weight.x, fraction)
-        return dr.minimum(fraction, 1 - through)
+        return dr.minimum(fraction, 1 - through)  # nan where a picture from a file is: no mirror, see the callers
 
 
 def number_shapes(hit: Any) -> Any:
@@ -163,14 +164,14 @@ def through_glass(scene: Any, ray: Any, clear: ClearSurfaces, *, axial: Any, see
         active &= (effect != OPAQUE) & (surfaces < max_surfaces)
         unbent, bent = active & (effect == STRAIGHT), active & (effect == BENDING)
 
-        through = hit.bsdf().eval_null_transmission(hit, unbent).x
+        through = dr.fmax(hit.bsdf().eval_null_transmission(hit, unbent).x, 0)  # opaque where a picture is nan
         back = clear.reflected_fraction(hit, through, active=unbent)
         weight = dr.select(unbent, clearness * back, 0)
         total += weight
         chosen = random.next_float32() * total < weight
         segment = dr.select(chosen, line, segment)
         reflection_weight = dr.select(chosen, 1 / back, reflection_weight)
-        distance = axial(hit.p)
+        distance = axial(hit.p)  # nan only without a hit, and then not selected
         nearest = dr.select(unbent & straight, dr.minimum(nearest, distance), nearest)
         farthest = dr.select(unbent & straight, dr.maximum(farthest, distance), farthest)
 

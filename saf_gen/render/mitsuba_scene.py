@@ -20,7 +20,8 @@ from pydantic import ValidationError
 
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput, unknown
-from saf_gen.render.backend import on_one_thread, read_picture
+from saf_gen.render import meshes
+from saf_gen.render.backend import read_picture
 from saf_gen.render.mitsuba_words import load_refusal, parse_refusal
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
@@ -35,7 +36,7 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
     Raises BadInput if the geometry cannot be read or built, if it lacks a name that is on the card, or if an emitter
     belongs to no light group.
     """
-    with on_one_thread():
+    with meshes.normals_in_order():
         described = _read_geometry(scene)
     lamps = emitter_names(described)
     shapes = [name for name, entry in described.items() if _is_shape(entry)] + list(instances_by_shape(described))
@@ -111,8 +112,8 @@ def load_lit_scene(
         lit = {name: _with_pictures(entry) for name, entry in lit.items()}
         # One thread loads the scene: several would number the shapes in the order in which they finish. These
         # numbers are part of a kernel's code, so every load would compile its kernels again.
-        with on_one_thread():
-            loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
+        loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
+        meshes.settle_files(loaded, {"type": "scene", **lit})
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise load_refusal(error, names=tuple(lit), where=where) from error
     integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})
@@ -274,8 +275,8 @@ def moved_shapes(motions: Mapping[str, RigidMotion], *, time_s: float, still_s: 
 
 
 def _move_entry(name: str, entry: Any, *, pose: np.ndarray) -> Any:
-    if isinstance(entry, mi.Mesh) and "vertex_positions" in mi.traverse(entry) and not entry.is_emitter():
-        return _move_mesh(entry, pose)  # an mi.Mesh made from a rectangle has no vertices
+    if meshes.has_vertices(entry) and not entry.is_emitter():
+        return meshes.move_mesh(entry, pose)
     if not isinstance(entry, dict) or entry.get("type") in UNPOSABLE_TYPES:
         plugin = entry.get("type") if isinstance(entry, dict) else type(entry).__name__
         raise BadInput(
@@ -287,47 +288,6 @@ def _move_entry(name: str, entry: Any, *, pose: np.ndarray) -> Any:
     if entry["type"] == "point" and "position" in entry:  # a lamp has a position or a transform, not both
         to_world = mi.ScalarTransform4f().translate(entry.pop("position"))
     return {**entry, "to_world": mi.ScalarTransform4f(pose.tolist()) @ to_world}
-
-
-MESH_ARRAYS = ("faces", "vertex_positions", "vertex_normals", "vertex_texcoords")
-
-
-def _move_mesh(mesh: Any, pose: np.ndarray) -> Any:
-    """Return a moved copy of a mesh, with the same faces, surface and attributes."""
-    props = mi.Properties()
-    properties = {
-        "bsdf": mesh.bsdf(),
-        "interior": mesh.interior_medium(),
-        "exterior": mesh.exterior_medium(),
-        "face_normals": mesh.has_face_normals(),
-        "flip_normals": mesh.has_flipped_normals(),
-    }
-    for key, value in properties.items():
-        if value is not None:
-            props[key] = value
-    flags = {"has_vertex_normals": mesh.has_vertex_normals(), "has_vertex_texcoords": mesh.has_vertex_texcoords()}
-    counts = {"vertex": mesh.vertex_count(), "face": mesh.face_count()}
-    copy = mi.Mesh(mesh.id(), counts["vertex"], counts["face"], props=props, **flags)
-    copy.set_id(mesh.id())
-    source, moved = mi.traverse(mesh), mi.traverse(copy)
-    for key in MESH_ARRAYS:
-        if key in source:
-            moved[key] = source[key]
-
-    def store(key: str, values: np.ndarray) -> None:
-        moved[key] = type(moved[key])(np.ascontiguousarray(values, dtype=np.float32).ravel())
-
-    vertices = np.array(source["vertex_positions"], dtype=np.float64).reshape(-1, 3)
-    store("vertex_positions", vertices @ pose[:3, :3].T + pose[:3, 3])
-    if "vertex_normals" in source:
-        normals = np.array(source["vertex_normals"], dtype=np.float64).reshape(-1, 3)
-        store("vertex_normals", normals @ pose[:3, :3].T)
-    moved.update()
-    for key in set(source.keys()) - set(moved.keys()):
-        element = key.split("_")[0]
-        if element in counts:
-            copy.add_attribute(key, len(source[key]) // counts[element], source[key])
-    return copy
 
 
 def parse_scene_dict(text: str, path: Path) -> dict[str, Any]:

@@ -15,11 +15,11 @@ import numpy as np
 
 from saf_gen.render.camera_rays import CameraRays, opaque
 from saf_gen.render.line_of_sight import OPAQUE, ClearSurfaces, number_shapes, through_glass
+from saf_gen.render.meshes import has_own_attributes
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import SurfaceHits
 
 CELL_DEPTH = 16.0  # depth of a smallest cell divided by the width of a pixel at its distance
-GEOMETRY_ATTRIBUTES = {"vertex_positions", "vertex_normals", "vertex_texcoords"}
 TEXTURE_KEYS = (".data", ".color0", ".color0.value")  # of a bitmap, and of a checkerboard
 UNSHARED_FLAGS = mi.BSDFFlags.Delta | mi.BSDFFlags.Delta1D
 MIN_CHANCE = 0.05  # smallest reflectance with which a surface at the end of a line is drawn among others
@@ -201,10 +201,9 @@ class SurfaceFinder:
         scale = opaque(self._pixels_per_slope)
         column = -point.x / depth * scale + opaque(setup.grid.columns / 2)
         row = -point.y / depth * scale + opaque(setup.grid.rows / 2)
-        out_of_range = (
-            dr.maximum(dr.abs(column), dr.abs(row)) > MAX_PIXELS_FROM_ORIGIN
-        )  # or behind the lens: seen in a mirror
-        shape = dr.select((depth <= 0) | out_of_range, 0, shape)
+        # Column, row and depth are nan for rays that meet nothing; their shape is 0, and they have no cell.
+        out_of_range = dr.maximum(dr.abs(column), dr.abs(row)) > MAX_PIXELS_FROM_ORIGIN
+        shape = dr.select((depth <= 0) | out_of_range, 0, shape)  # a depth below 0 is seen in a mirror
         textured = (shape > 0) & (self._look_up(self._textured, hit, valid=shape > 0) > 0)
         normal = dr.normalize(mi.Vector3f(to_camera @ mi.Normal3f(hit.sh_frame.n)))
         normal = dr.select(hit.wi.z < 0, -normal, normal)  # the side that is seen
@@ -263,8 +262,11 @@ def _ends_on_device(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:
 
 
 def _reflectance(hit: Any, active: Any) -> Any:
-    """Return the fraction of light that surfaces reflect alike in all directions; 0 for rays not in ``active``."""
-    return dr.select(active, dr.maximum(hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0), 0)
+    """Return the fraction of light that surfaces reflect alike in all directions; 0 for rays not in ``active``.
+
+    It is 0 where a picture from a file is nan, too.
+    """
+    return dr.select(active, dr.fmax(hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0), 0)
 
 
 def _octahedral(normal: Any) -> tuple[Any, Any]:
@@ -293,6 +295,5 @@ def _can_share_shading(bsdf: Any) -> bool:
 
 def _is_textured(shape: Any) -> bool:
     """Return whether a shape's reflectance varies over it; if not, the radiance need not be divided by it."""
-    attributes = {key for key in mi.traverse(shape).keys() if key.startswith(("vertex_", "face_"))}  # noqa: SIM118
     bitmaps = any(key.endswith(TEXTURE_KEYS) for key in mi.traverse(shape.bsdf()).keys())  # noqa: SIM118
-    return bitmaps or bool(attributes - GEOMETRY_ATTRIBUTES)
+    return bitmaps or has_own_attributes(shape)

@@ -27,6 +27,7 @@ from saf_gen.plugins.lights import check_groups
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
 from saf_gen.scene.library import library_module
+from saf_gen.scene.ported_scenes import PORTED
 from saf_gen.scene.section_card import SectionCard, check_section
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
@@ -281,7 +282,8 @@ def _digest(folder: Path, card: SceneCard) -> str:
     """Return the SHA-256 over everything of a scene that can change a pixel.
 
     Card values that change no pixel are left out, so that a corrected title or a newly measured illuminance does not
-    cause a new render. A library module counts as if it were the file in the folder that the script imports.
+    cause a new render. A library module counts as if it were the file in the folder that the script imports. A ported
+    scene keeps the digest from before the port.
     """
     values = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
     values["lens"].pop("axial_colour", None)  # pictures of other wavelengths are mixed from those of one
@@ -290,7 +292,8 @@ def _digest(folder: Path, card: SceneCard) -> str:
     if isinstance(card.lens, LensFile) and (text := shipped_text(card.lens.file)):
         contents[f"lens/{card.lens.file}.yaml"] = text.encode()
     # Only a script can read files outside its folder; files of an XML scene must be inside it.
-    return folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())
+    digest = folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())
+    return PORTED.get(digest, digest)
 
 
 MAX_FILES = 100_000  # files and folders of a scene; a link to an entire disk would lead to more

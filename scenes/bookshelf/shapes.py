@@ -6,6 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from saf_gen.render.meshes import make_mesh
 
 Vector = tuple[float, float, float]
 
@@ -70,14 +71,4 @@ def mesh(
     name: str, points: np.ndarray, faces: np.ndarray, uv: np.ndarray, bsdf: dict[str, Any], *, smooth: bool
 ) -> mi.Mesh:
     """Triangle mesh in metres; its id is its name."""
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf)
-    made = mi.Mesh(
-        name, len(points), len(faces), props=props, has_vertex_normals=smooth, has_vertex_texcoords=True
-    )
-    made.set_id(name)
-    held = mi.traverse(made)
-    for key, values in (("vertex_positions", points), ("vertex_texcoords", uv), ("faces", faces)):
-        held[key] = type(held[key])(values.ravel())
-    held.update()  # computes the normals
-    return made
+    return make_mesh(name, points, faces=faces, bsdf=bsdf, uv=uv, smooth=smooth)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
+from saf_gen.render.meshes import make_mesh
 
 OIL, AIR = 1.47, 1.0  # and glass
 HALF, EDGE_R, NECK_R = 0.0250, 0.0070, 0.0100  # half width of the body, radius of its edges, of the neck
@@ -112,20 +113,10 @@ def _mesh(name: str, surface: Surface, inside: float, outside: float, pose: Any)
     triangles = np.concatenate([np.stack(half, axis=1) for half in halves])
     used, triangles = np.unique(triangles, return_inverse=True)
     matrix = np.array(pose.matrix, dtype=float)
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict(dielectric(inside, outside))
-    made = mi.Mesh(name, used.size, triangles.size // 3, props=props, has_vertex_normals=True)
-    made.set_id(name)
-    held = mi.traverse(made)
-    values = {
-        "vertex_positions": surface.points.reshape(-1, 3)[used] @ matrix[:3, :3].T + matrix[:3, 3],
-        "vertex_normals": surface.normals.reshape(-1, 3)[used] @ matrix[:3, :3].T,
-        "faces": triangles,
-    }
-    for key, value in values.items():
-        held[key] = type(held[key])(np.ascontiguousarray(value).ravel())
-    held.update()
-    return made
+    placed = surface.points.reshape(-1, 3)[used] @ matrix[:3, :3].T + matrix[:3, 3]
+    normals = surface.normals.reshape(-1, 3)[used] @ matrix[:3, :3].T
+    bsdf = dielectric(inside, outside)
+    return make_mesh(name, placed, faces=triangles, bsdf=bsdf, normals=normals)
 
 
 def dielectric(inside: float, outside: float) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 import patterns
 import sculpture
+from saf_gen.render.meshes import make_mesh
 
 M_PER_MM = 1e-3
 CAMEL_TEXEL_MM = 0.12  # the lens resolves 0.5 mm here
@@ -206,16 +207,7 @@ def _mesh(
     name: str, vertices: np.ndarray, triangles: np.ndarray, uv: np.ndarray, bsdf: dict[str, Any]
 ) -> mi.Mesh:
     """Triangle mesh in metres with smooth normals; its id is its name."""
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf)
-    attributes = {"has_vertex_normals": True, "has_vertex_texcoords": True}
-    mesh = mi.Mesh(name, len(vertices), len(triangles), props=props, **attributes)
-    mesh.set_id(name)
-    arrays = mi.traverse(mesh)
-    for key, values in (("vertex_positions", vertices), ("vertex_texcoords", uv), ("faces", triangles)):
-        arrays[key] = type(arrays[key])(values.ravel())
-    arrays.update()  # computes the normals
-    return mesh
+    return make_mesh(name, vertices, faces=triangles, bsdf=bsdf, uv=uv, smooth=True)
 
 
 def _texture(pattern: np.ndarray) -> dict[str, Any]:

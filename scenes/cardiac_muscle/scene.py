@@ -12,6 +12,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from fibres import SIZE_UM, run
+from saf_gen.render.meshes import make_mesh
 from stain import layers
 
 MM_PER_UM = 1e-3
@@ -117,17 +118,5 @@ def _sheet(name: str, height_um: np.ndarray, bsdf: dict[str, Any]) -> mi.Mesh:
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     above = first + columns
     faces = [np.stack(half, 1) for half in ((first, first + 1, above + 1), (first, above + 1, above))]
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf)
-    mesh = mi.Mesh(name, len(points), 2 * len(first), props=props, has_vertex_texcoords=True)
-    mesh.set_id(name)
-    held = mi.traverse(mesh)
-    values = {
-        "vertex_positions": points * MM_PER_UM,
-        "vertex_texcoords": np.stack([u, v], -1),
-        "faces": np.concatenate(faces),
-    }
-    for key, array in values.items():
-        held[key] = type(held[key])(np.ascontiguousarray(array).ravel())
-    held.update()
-    return mesh
+    uv = np.stack([u, v], -1)
+    return make_mesh(name, points * MM_PER_UM, faces=np.concatenate(faces), bsdf=bsdf, uv=uv)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
+from saf_gen.render.meshes import make_mesh
 
 Vector = tuple[float, float, float]
 
@@ -79,22 +80,9 @@ def seen_from_front(body: Body, radius: float) -> Body:
 def mesh(name: str, body: Body, bsdf: dict[str, Any], pose: Any) -> mi.Mesh:
     """The body as a smooth Mitsuba mesh with its own id, placed; ``vertex_tone`` carries its tones."""
     matrix = np.array(pose.matrix, dtype=float)
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf)
-    sizes = len(body.vertices), len(body.triangles)
-    made = mi.Mesh(name, *sizes, props=props, has_vertex_normals=True, has_vertex_texcoords=True)
-    made.set_id(name)
-    held = mi.traverse(made)
-    values = {
-        "vertex_positions": body.vertices @ matrix[:3, :3].T + matrix[:3, 3],
-        "vertex_texcoords": body.uv,
-        "faces": body.triangles,
-    }
-    for key, value in values.items():
-        held[key] = type(held[key])(np.ascontiguousarray(value).ravel())
-    held.update()  # computes the normals
-    made.add_attribute("vertex_tone", 1, np.ascontiguousarray(body.tone, dtype=np.float32))
-    return made
+    placed = body.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    tones = {"vertex_tone": body.tone}
+    return make_mesh(name, placed, faces=body.triangles, bsdf=bsdf, uv=body.uv, smooth=True, attributes=tones)
 
 
 def matte(reflectance: np.ndarray | float) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from saf_gen.render.meshes import make_mesh
 
 
 @dataclass(frozen=True)
@@ -66,17 +67,7 @@ def copies(sheet: Body, places: np.ndarray, frames: np.ndarray, sizes: np.ndarra
 
 def mesh(name: str, made: Body, bsdf: Any) -> mi.Mesh:
     """The body as a smooth Mitsuba mesh with its own id; ``bsdf`` is loaded, and may be shared."""
-    props = mi.Properties()
-    props["bsdf"] = bsdf
-    sizes = (len(made.vertices), len(made.triangles))
-    shape = mi.Mesh(name, *sizes, props=props, has_vertex_normals=True, has_vertex_texcoords=True)
-    shape.set_id(name)
-    arrays = mi.traverse(shape)
-    values = {"vertex_positions": made.vertices, "vertex_texcoords": made.uv, "faces": made.triangles}
-    for key, value in values.items():
-        arrays[key] = type(arrays[key])(np.ascontiguousarray(value).ravel())
-    arrays.update()  # computes the normals
-    return shape
+    return make_mesh(name, made.vertices, faces=made.triangles, bsdf=bsdf, uv=made.uv, smooth=True)
 
 
 def matte() -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from saf_gen.render.meshes import make_mesh
 
 Vector = tuple[float, float, float]
 
@@ -58,21 +59,10 @@ def _grid(name: str, points: np.ndarray, pose: Any, bsdf: dict[str, Any]) -> mi.
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     halves = [(first, first + 1, first + columns + 1), (first, first + columns + 1, first + columns)]
     matrix = np.array(pose.matrix, dtype=float)
-    arrays = {
-        "vertex_positions": points.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3],
-        "vertex_texcoords": np.stack([u.ravel(), v.ravel()], axis=1),
-        "faces": np.concatenate([np.stack(half, axis=1) for half in halves]),
-    }
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf)
-    count = rows * columns, len(arrays["faces"])
-    made = mi.Mesh(name, *count, props=props, has_vertex_normals=True, has_vertex_texcoords=True)
-    made.set_id(name)
-    held = mi.traverse(made)
-    for key, values in arrays.items():
-        held[key] = type(held[key])(values.ravel())
-    held.update()  # computes the normals
-    return made
+    placed = points.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
+    uv = np.stack([u.ravel(), v.ravel()], axis=1)
+    faces = np.concatenate([np.stack(half, axis=1) for half in halves])
+    return make_mesh(name, placed, faces=faces, bsdf=bsdf, uv=uv, smooth=True)
 
 
 def matte(reflectance: np.ndarray) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from saf_gen.render.meshes import make_mesh
 
 
 @dataclass(frozen=True)
@@ -82,19 +83,7 @@ def faceted_ball(rings: int, around: int) -> Body:
 
 def mesh(name: str, made: Body, bsdf: Any, *, smooth: bool = True) -> mi.Mesh:
     """The body as a Mitsuba mesh with its own id; ``bsdf`` is loaded, and may be shared."""
-    props = mi.Properties()
-    props["bsdf"] = bsdf
-    if not smooth:
-        props["face_normals"] = True
-    sizes = (len(made.vertices), len(made.triangles))
-    shape = mi.Mesh(name, *sizes, props=props, has_vertex_normals=smooth, has_vertex_texcoords=True)
-    shape.set_id(name)
-    arrays = mi.traverse(shape)
-    values = {"vertex_positions": made.vertices, "vertex_texcoords": made.uv, "faces": made.triangles}
-    for key, value in values.items():
-        arrays[key] = type(arrays[key])(np.ascontiguousarray(value).ravel())
-    arrays.update()  # computes the normals of a smooth one
-    return shape
+    return make_mesh(name, made.vertices, faces=made.triangles, bsdf=bsdf, uv=made.uv, smooth=smooth)
 
 
 def texture(picture: np.ndarray, repeat: tuple[float, float] = (1.0, 1.0)) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from saf_gen.render.meshes import make_mesh
 
 Vector = tuple[float, float, float]
 
@@ -81,18 +82,7 @@ def turned(
     above = first + around + 1
     halves = [(first, first + 1, above + 1), (first, above + 1, above)]
     matrix = np.array(pose.matrix, dtype=float)
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf)
-    arrays = {
-        "vertex_positions": points @ matrix[:3, :3].T + matrix[:3, 3],
-        "vertex_texcoords": np.stack([u.ravel(), v.ravel()], axis=1),
-        "faces": np.concatenate([np.stack(half, axis=1) for half in halves]),
-    }
-    count = len(points), len(arrays["faces"])
-    mesh = mi.Mesh(name, *count, props=props, has_vertex_normals=True, has_vertex_texcoords=True)
-    mesh.set_id(name)
-    held = mi.traverse(mesh)
-    for key, values in arrays.items():
-        held[key] = type(held[key])(values.ravel())
-    held.update()  # computes the normals
-    return mesh
+    uv = np.stack([u.ravel(), v.ravel()], axis=1)
+    faces = np.concatenate([np.stack(half, axis=1) for half in halves])
+    placed = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return make_mesh(name, placed, faces=faces, bsdf=bsdf, uv=uv, smooth=True)

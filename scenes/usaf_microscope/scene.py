@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 from chart import chart, specks
 from plate import glass, grains, holes, lint
+from saf_gen.render.meshes import make_mesh
 
 PLATE_UM = (1500.0, 1260.0)  # wider than the field of 800 µm × 500 µm, turned, blurred and drifted
 FILM_UM = 0.3  # of the chromium's face over the glass: more than Mitsuba's rays keep off a surface
@@ -130,22 +131,5 @@ def _mesh(
     name: str, points: np.ndarray, faces: np.ndarray, pose: Any, bsdf: dict[str, Any], uv: Any = None
 ) -> mi.Mesh:
     matrix = np.array(pose.matrix, dtype=np.float64)
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf)
-    mesh = mi.Mesh(
-        name,
-        len(points),
-        len(faces),
-        props=props,
-        has_vertex_normals=uv is None,
-        has_vertex_texcoords=uv is not None,
-    )
-    mesh.set_id(name)
-    held = mi.traverse(mesh)
-    values = {"vertex_positions": points @ matrix[:3, :3].T + matrix[:3, 3], "faces": faces}
-    if uv is not None:
-        values["vertex_texcoords"] = uv
-    for key, array in values.items():
-        held[key] = type(held[key])(np.ascontiguousarray(array).ravel())
-    held.update()
-    return mesh
+    placed = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return make_mesh(name, placed, faces=faces, bsdf=bsdf, uv=uv, smooth=uv is None)

@@ -13,6 +13,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from saf_gen.render.meshes import make_mesh
 
 Polygons = list[np.ndarray]
 
@@ -199,13 +200,6 @@ def _plate(name: str, polygons: Polygons, z_mm: float, reflectance: float, pose:
         vertices.append(np.column_stack([polygon, np.full(len(polygon), z_mm)]))
         faces += [(first, first + k, first + k + 1) for k in range(1, len(polygon) - 1)]
         first += len(polygon)
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
-    mesh = mi.Mesh(name, first, len(faces), props=props)
-    mesh.set_id(name)
-    arrays = mi.traverse(mesh)
     positions = np.concatenate(vertices) * M_PER_MM @ pose[:3, :3].T + pose[:3, 3]
-    for key, values in (("vertex_positions", positions), ("faces", np.array(faces))):
-        arrays[key] = type(arrays[key])(values.ravel())
-    arrays.update()
-    return mesh
+    bsdf = {"type": "diffuse", "reflectance": reflectance}
+    return make_mesh(name, positions, faces=np.array(faces), bsdf=bsdf)

@@ -21,7 +21,7 @@ from written_scenes import (
 )
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.render import backend, camera_rays, depth_and_target, mitsuba_scene, one_pass, render_missing, thin_lens
+from saf_gen.render import camera_rays, depth_and_target, mitsuba_scene, one_pass, render_missing, thin_lens
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
@@ -184,22 +184,6 @@ def test_a_stack_is_the_same_bit_for_bit_when_made_again(plane):
     setup = load_setup(plane, drive=DRIVES["stage"])
     again = [render_stack_once(setup, positions=5, samples=16, seed=9) for _ in range(2)]
     assert np.array_equal(again[0], again[1])
-
-
-@needs_llvm
-def test_normals_are_added_up_on_one_thread(plane, monkeypatch):
-    """On several threads each smooth mesh came out differently in one of five runs on a busy machine."""
-    backend.activate_backend(JIT, threads=2)
-    seen = []
-
-    def read(*arguments, **options):
-        seen.append(dr.thread_count())
-        return call(*arguments, **options)
-
-    call = mitsuba_scene.call_scene_script
-    monkeypatch.setattr(mitsuba_scene, "call_scene_script", read)
-    mitsuba_scene.scene_dict(find_scene("camel"))
-    assert (seen, dr.thread_count()) == ([1], 2)
 
 
 @pytest.mark.parametrize("name", ["scalar", pytest.param(JIT, marks=needs_llvm)])
