@@ -48,12 +48,13 @@ def axial_colour(recipe: Recipe, scene: Scene) -> AxialColour | None:
         return None
     if not isinstance(lens, LensFile):
         return recipe.focus.axial_colour or lens.axial_colour
-    if recipe.focus.axial_colour is not None:
-        raise BadInput(
-            f"focus.axial_colour is stated, and the lens of scene {scene.id!r} is read from a file",
-            allowed="no axial_colour: a real lens brings its own",
-            hint="or leave the scene out",
-        )
+    for key in ("axial_colour", *(("aberrations",) if mixed else ())):  # those of a typical lens have no colour
+        if getattr(recipe.focus, key) is not None:
+            raise BadInput(
+                f"focus.{key} is stated, and the lens of scene {scene.id!r} is read from a file",
+                allowed=f"no {key}: a real lens brings its own",
+                hint="or leave the scene out",
+            )
     if not mixed:
         return None
     drive = scene.build_drive(recipe.camera.exposure.f_number)
