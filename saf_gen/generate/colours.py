@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,14 +18,32 @@ from saf_gen.plugins.lights import states_spectrum
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.colour import MAX_SCALE_PX, Colour
 from saf_gen.stack.focal_stack import StackSpec
-
-if TYPE_CHECKING:
-    from saf_gen.generate.resolve import ResolvedSequence
+from saf_gen.stack.time_resolved import TimeResolvedStack
 
 MAX_BEYOND = 0.05
 """Largest part of a lamp's electrons whose wavelength a lens read from a file is not fitted for."""
 MAX_EXTRAPOLATED = 0.01
 """Largest part by which the sensor may be beyond the distances for which such a lens is fitted."""
+
+
+class Drawn(Protocol):
+    """A sequence whose scene, stacks and sensor are known (:class:`saf_gen.generate.resolve.ResolvedSequence`)."""
+
+    @property
+    def planned(self) -> Any:
+        """The numbers drawn for it."""
+
+    @property
+    def scene(self) -> Scene:
+        """Its scene."""
+
+    @property
+    def time_stack(self) -> TimeResolvedStack:
+        """Its stacks."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """Its sensor."""
 
 
 def axial_colour(recipe: Recipe, scene: Scene) -> AxialColour | None:
@@ -85,7 +103,7 @@ def find_margin(spec: StackSpec, recipe: Recipe, *, scene: Scene, sensor: Sensor
     return margin
 
 
-def check_colours(sequences: "Iterable[ResolvedSequence]", recipe: Recipe) -> None:
+def check_colours(sequences: Iterable[Drawn], recipe: Recipe) -> None:
     """Raise BadInput if a filter has nothing to filter, or pictures of one wavelength cannot show a lamp's light."""
     coloured = False
     for s, colour in _distinct(sequences):
@@ -101,12 +119,12 @@ def check_colours(sequences: "Iterable[ResolvedSequence]", recipe: Recipe) -> No
         )
 
 
-def missing_colours(sequences: "Iterable[ResolvedSequence]") -> list[str]:
+def missing_colours(sequences: Iterable[Drawn]) -> list[str]:
     """Return a line for each lamp and lens read from a file: what mixed pictures do not show of them."""
     return list(dict.fromkeys(line for s, colour in _distinct(sequences) for line in _lacks(s, colour)))
 
 
-def _distinct(sequences: "Iterable[ResolvedSequence]") -> "Iterator[tuple[ResolvedSequence, Colour]]":
+def _distinct(sequences: Iterable[Drawn]) -> Iterator[tuple[Drawn, Colour]]:
     """Return the first sequence for each stack and the spectra on it; light of one wavelength has no colour."""
     seen = set[str]()
     for s in sequences:
@@ -120,7 +138,7 @@ def _distinct(sequences: "Iterable[ResolvedSequence]") -> "Iterator[tuple[Resolv
             yield s, colour
 
 
-def _lacks(s: "ResolvedSequence", colour: Colour) -> list[str]:
+def _lacks(s: Drawn, colour: Colour) -> list[str]:
     """Return a line for each lamp, what its pictures lack; raise BadInput if it is too much to be shown."""
     card, spec, found = s.scene.card.lens, s.time_stack.specs[0], list[str]()
     if not isinstance(card, LensFile) or colour.axial_colour is None:
@@ -139,7 +157,7 @@ def _lacks(s: "ResolvedSequence", colour: Colour) -> list[str]:
                 allowed=f"at most {MAX_BEYOND:.0%} beyond {low:g} to {high:g} nm",
                 hint="give the camera an IR cut with filter: ir_cut, or fit the lens with saf-gen lens fit --waves-nm",
             )
-        lack = neglected(card.lens, spec.drive, colour.axial_colour, weights=weights, nm=NM, height_m=height)
+        lack = neglected(card.lens, spec.drive, colour=colour.axial_colour, weights=weights, nm=NM, height_m=height)
         lateral, blur = lack.lateral_m / spec.pitch_m, lack.blur_m / spec.pitch_m
         if max(lateral, blur) > MAX_SCALE_PX:
             raise BadInput(

@@ -59,8 +59,8 @@ def lens_colour(lens: FittedLens, drive: FittedLensDrive, *, drawn_nm: float) ->
 def neglected(
     lens: FittedLens,
     drive: FittedLensDrive,
-    colour: AxialColour,
     *,
+    colour: AxialColour,
     weights: np.ndarray,
     nm: np.ndarray,
     height_m: float,
@@ -69,8 +69,12 @@ def neglected(
 
     Parameters
     ----------
-    lens, drive, colour
-        The lens, and what :func:`lens_colour` says about it.
+    lens : FittedLens
+        The lens.
+    drive : FittedLensDrive
+        Its drive.
+    colour : AxialColour
+        What :func:`lens_colour` says about it.
     weights, nm : ndarray of float64, shape (wavelength,)
         Electrons that the lamp gives at each wavelength (nm).
     height_m : float

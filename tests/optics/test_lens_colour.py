@@ -55,7 +55,7 @@ def test_what_mixed_pictures_lack_is_what_rays_through_the_surfaces_land_beside_
     lens, drive = built(name)
     made, pupils, corner = read_prescription(SHIPPED / f"{name}.zmx"), lens.fit.pupils, CARDS[name][2]
     colour, nm = lens_colour(lens, drive, drawn_nm=D_NM), np.array([450.0])
-    found = neglected(lens, drive, colour, weights=np.ones(1), nm=nm, height_m=corner)
+    found = neglected(lens, drive, colour=colour, weights=np.ones(1), nm=nm, height_m=corner)
     shift = colour.shifts(drive, nm, reference_nm=555.0)
     position = shifted_positions(drive, 0.5, shift=shift)[0]
     rng, v = np.random.default_rng(4), float(drive.image_distance(0.5))
