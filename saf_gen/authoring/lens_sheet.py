@@ -139,6 +139,7 @@ def _draw_spherical(axes: Axes, lens: FittedLens) -> None:
         focus = _axis_focus(_at_infinity(lens.rays_at(wave)), zones)
         axes.plot(1e3 * focus, zones, color=colour, lw=1.2, label=f"{wave:.0f} nm")
     axes.set(title="spherical aberration", xlabel="focus, mm", ylabel="part of the aperture")
+    axes.locator_params(axis="x", nbins=4)
     axes.legend()
     hide_spines(axes, "top", "right")
 
@@ -148,6 +149,7 @@ def _draw_curvature(axes: Axes, lens: FittedLens, *, seen: SeenWavefront) -> Non
     for colour, name, focus in zip(COLOURS, ("tangential", "sagittal"), _field_foci(seen, heights / 1e3), strict=False):
         axes.plot(1e3 * focus, heights, color=colour, lw=1.2, label=name)
     axes.set(title="field curvature", xlabel="focus, mm", ylabel="image height, mm")
+    axes.locator_params(axis="x", nbins=4)
     axes.legend()
     hide_spines(axes, "top", "right")
 

@@ -22,16 +22,13 @@ from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
 from saf_gen.errors import BadInput, closest, located, unknown
+from saf_gen.generate.colours import axial_colour, check_colours, find_margin, missing_colours
 from saf_gen.generate.lens_course import lens_course
 from saf_gen.generate.recipe import Recipe, find_recipe, read_recipe
-from saf_gen.optics import AxialColour
 from saf_gen.optics.actuators import Actuator, get_actuator
-from saf_gen.optics.axial_colour import stack_margin
-from saf_gen.optics.lens_card import LensFile
-from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps, states_spectrum
+from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
-from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
@@ -447,7 +444,7 @@ def resolve_recipe(
                 scene.card.params,
                 scene.card.slices_per_s is not None,
                 scene.card.illuminance_lux,
-                colour.model_dump(mode="json", exclude_none=True) if (colour := _axial_colour(recipe, scene)) else None,
+                colour.model_dump(mode="json", exclude_none=True) if (colour := axial_colour(recipe, scene)) else None,
             )
             for name, scene in scenes.items()
         }
@@ -462,33 +459,10 @@ def resolve_recipe(
             lens_positions(s.motion, frames, readout_hz=hz)
     with located(where):
         resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
-        _check_colour(resolved, recipe)
+        check_colours(resolved, recipe)
     wanted = tuple(sequence for sequence in resolved if split in (None, sequence.planned.split))
     found = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part)
     return replace(found, benchmark=_benchmark(found))
-
-
-def _check_colour(sequences: Iterable[ResolvedSequence], recipe: Recipe) -> None:
-    """Raise BadInput if a filter has nothing to filter, or pictures of one wavelength cannot show a lamp's light."""
-    coloured = False
-    checked = set[str]()
-    for s in sequences:
-        spec, planned = s.time_stack.specs[0], s.planned
-        key = json.dumps([spec.key, planned.schedule], sort_keys=True)
-        if key in checked:
-            continue
-        checked.add(key)
-        colour = Colour.find(planned.schedule, spec.groups, sensor=s.sensor, axial_colour=planned.axial_colour)
-        if colour is not None:
-            coloured |= any(lamp.spectrum for lamp in colour.lamps)
-            with located("", prefix=f"light {planned.light!r} on {planned.scene}: "):
-                colour.check(spec)
-    if recipe.camera.filter not in (None, "none") and not coloured:
-        raise BadInput(
-            f"camera.filter is {recipe.camera.filter}, but no light has a spectrum",
-            allowed="a filter if at least one light states its spectrum",
-            hint="give a light a spectrum, such as {kind: constant, spectrum: led}, or remove the filter",
-        )
 
 
 def _distinct(sequences: list[PlannedSequence], key: Callable[[PlannedSequence], Any]) -> list[PlannedSequence]:
@@ -530,7 +504,7 @@ def _resolve_stacks(
             estimator=recipe.render.estimator,
             time_s=card.still_s if card.slices_per_s is not None else 0.0,
         )
-        spec = replace(spec, margin=_find_margin(spec, recipe, scene=scene, sensor=sensor))
+        spec = replace(spec, margin=find_margin(spec, recipe, scene=scene, sensor=sensor))
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
@@ -554,35 +528,6 @@ def _resolve_stacks(
     # The recording does not use the slices at all positions, because paths that are spread over all positions leave
     # more noise, and focus measures would see an edge where the noise changes.
     return stack, stack.truncated_to(full_travel_frames).with_full_travel() if full_travel_frames else None
-
-
-def _axial_colour(recipe: Recipe, scene: Scene) -> AxialColour | None:
-    """Return the axial colour of a scene's lens: that of the recipe if it states one, else that of the card."""
-    lens = scene.card.lens
-    if scene.card.section is not None:
-        what = f"scene {scene.id!r} is a thin section"
-    elif isinstance(lens, LensFile):
-        what = f"the lens of scene {scene.id!r} is read from a file"
-    else:
-        return recipe.focus.axial_colour or lens.axial_colour
-    if recipe.focus.axial_colour is not None or any(map(states_spectrum, recipe.lights.values())):
-        raise BadInput(
-            f"{what}, and is drawn at one wavelength",
-            allowed="lights without a spectrum, and no axial_colour",
-            hint="or leave the scene out",
-        )
-    return None
-
-
-def _find_margin(spec: StackSpec, recipe: Recipe, *, scene: Scene, sensor: Sensor) -> tuple[int, int]:
-    """Return how many positions beyond the travel the stacks of a scene need.
-
-    They are the same under every light of the recipe, with a spectrum or without, so that all share their stacks.
-    """
-    colour = _axial_colour(recipe, scene)
-    if colour is None or not any(map(states_spectrum, recipe.lights.values())):
-        return (0, 0)
-    return stack_margin(colour, spec.drive, positions=spec.positions, reference_nm=sensor.wavelength_m * 1e9)
 
 
 def _read_sensor(recipe: Recipe, folder: Path) -> Sensor:
@@ -653,8 +598,10 @@ focus. Recipes that come with saf_gen have 3.6 to 10.5."""
 
 
 def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
-    """Return a line for each scene with too few focus positions, or with fewer time slices than its card states."""
-    return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved)]
+    """Return a line for each scene with too few focus positions, fewer time slices than its card states, or light whose
+    colours its pictures do not wholly show.
+    """
+    return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *missing_colours(resolved.sequences)]
 
 
 def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:

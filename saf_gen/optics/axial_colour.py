@@ -45,7 +45,7 @@ Shift = tuple[Annotated[float, Field(ge=200, le=3000)], Annotated[float, Field(g
 
 
 class AxialColour(FrozenModel):
-    """How far light of other wavelengths comes to focus; give one of the three keys."""
+    """How far light of other wavelengths comes to focus; give one of the first three keys."""
 
     achromat: float | None = Field(default=None, ge=200, le=1e6)
     """Focal length divided by the secondary spectrum, the distance between the foci of green and of blue or red light:
@@ -55,6 +55,8 @@ class AxialColour(FrozenModel):
     measured: tuple[Shift, ...] | None = Field(default=None, min_length=2, max_length=1000)
     """Pairs of a wavelength (nm, rising) and the relative change of the focal length, such as [[450, 0.0004], [550, 0],
     [850, 0.002]]."""
+    reference_nm: float | None = Field(default=None, ge=200, le=3000)
+    """Wavelength at which the lens has the focal length of its card, nm; by default that of the sensor."""
 
     @model_validator(mode="after")
     def _states_one(self) -> "AxialColour":
@@ -65,8 +67,12 @@ class AxialColour(FrozenModel):
         return self
 
     def relative_power(self, nm: np.ndarray, *, reference_nm: float) -> np.ndarray:
-        """Return φ(λ)/φ(reference) - 1 without unit, float64, at wavelengths in nm."""
-        power, reference = self._power(np.asarray(nm, dtype=np.float64)), self._power(np.array([reference_nm]))[0]
+        """Return φ(λ)/φ(reference) - 1 without unit, float64, at wavelengths in nm.
+
+        The reference is that of the lens if it states one, else ``reference_nm``.
+        """
+        at = np.array([self.reference_nm or reference_nm])
+        power, reference = self._power(np.asarray(nm, dtype=np.float64)), self._power(at)[0]
         return np.asarray(power / reference - 1)
 
     def shifts(self, drive: Drive, nm: np.ndarray, *, reference_nm: float) -> np.ndarray:

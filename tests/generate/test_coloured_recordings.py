@@ -1,19 +1,20 @@
 """Recipes whose lights have spectra, from the recipe to spikes and back, and what is refused in them."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 import yaml
 from capture_dataset import RECIPE, make_dataset
-from refusals import refusal
-from small_dataset import SMALL_RECIPE
+from refusals import assert_says, refusal
+from small_dataset import SCENES, SMALL_RECIPE
 from written_scenes import needs_llvm
 
 import saf_gen
 from saf_gen.benchmark.view.running_camera import CapturedFrames
 from saf_gen.generate.recipe import read_recipe
-from saf_gen.generate.resolve import recipe_fingerprint, resolve_recipe
+from saf_gen.generate.resolve import coarse_sampling, recipe_fingerprint, resolve_recipe
 from saf_gen.stack.capture import Capture
 
 needs_plane = pytest.mark.usefixtures("test_scenes")
@@ -211,3 +212,51 @@ def test_what_is_drawn_at_one_wavelength_refuses_spectra(tmp_path):
     said = "lamps.yaml: scene 'cheek_cells' is a thin section, and is drawn at one wavelength"
     assert said in str(refusal(resolve_recipe, write(tmp_path, text)))
     assert said in str(refusal(resolve_recipe, write(tmp_path, text.replace(", axial_colour: {achromat: 1000}", ""))))
+
+
+LENS = "{{file: {}, f_number: {}, focus_range_m: [0.60, 0.42]}}"
+
+
+def plane_behind(folder, monkeypatch, lens="c_mount", f_number=2.0):
+    """The chequered plane behind a lens read from a file."""
+    shutil.copytree(SCENES / "plane", folder / "scenes" / "plane")
+    card = folder / "scenes" / "plane" / "scene.yaml"
+    lines = card.read_text().splitlines()
+    card.write_text(
+        "\n".join(f"lens: {LENS.format(lens, f_number)}" if "lens:" in one else one for one in lines) + "\n"
+    )
+    monkeypatch.setenv("SAF_GEN_SCENES", str(folder / "scenes"))
+
+
+FILTERED = SMALL_RECIPE.replace("exposure:", "filter: ir_cut, exposure:")
+
+
+def test_a_lens_file_brings_its_colour_and_what_pictures_lack_is_said(tmp_path, monkeypatch):
+    plane_behind(tmp_path, monkeypatch)
+    path = write(tmp_path, coloured(FILTERED, focus="motion: {kind: sweep}"))
+    found = resolve_recipe(path)
+    by_light = {s.planned.light: s.planned.axial_colour for s in found.sequences}
+    assert by_light["mono"] is None
+    assert by_light["led"] == by_light["change"]
+    assert by_light["led"]["reference_nm"] == 587.5618
+    assert found.sequences[0].time_stack.specs[0].margin > (0, 0)
+    said = "\n".join(coarse_sampling(found))
+    assert said.count("plane under 'led': pictures mixed from those of one wavelength leave out lateral colour") == 1
+    assert "plane under 'tungsten'" in said
+    plain = resolve_recipe(write(tmp_path, SMALL_RECIPE))
+    assert all("under" not in line for line in coarse_sampling(plain))
+    assert {spec.margin for s in plain.sequences for spec in s.time_stack.specs} == {(0, 0)}
+
+
+REAL = {
+    "a colour beside that of the file": (FILTERED, "axial_colour: {achromat: 1000}", {}, "brings its own"),
+    "light beyond the fit": (SMALL_RECIPE, "motion: {kind: sweep}", {}, "filter: ir_cut | C-mount | 400 to 700 nm"),
+    "a colour that is stated for no lamp": (SMALL_RECIPE, "axial_colour: {achromat: 1000}", {}, "brings its own"),
+}
+
+
+@pytest.mark.parametrize("what", REAL)
+def test_colour_that_a_lens_file_cannot_show_is_refused_in_one_line(tmp_path, monkeypatch, what):
+    plane_behind(tmp_path, monkeypatch)
+    text, focus, light, said = REAL[what]
+    assert_says(refusal(resolve_recipe, write(tmp_path, coloured(text, focus=focus, **light))), f"lamps.yaml | {said}")
