@@ -31,10 +31,11 @@ import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.render import one_pass
-from saf_gen.render.camera_rays import CameraRays, cast_rays, land_on_sensor
+from saf_gen.render.camera_rays import CameraRays, cast_rays, land_on_sensor, pick_rays
 from saf_gen.render.layered_splat import BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
+from saf_gen.render.still_hits import MovingFinder
 from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
 from saf_gen.stack.focal_stack import LAYERED_POSITIONS
 
@@ -105,6 +106,7 @@ def render_with_shading(
     window: tuple[int, int] | None = None,
     progress: Callable[[float], None] = lambda done: None,
     on_device: bool | None = None,
+    finder: SurfaceFinder | MovingFinder | None = None,
 ) -> dict[str, tuple[np.ndarray, int]]:
     """Render a scene's light groups together, at evenly spaced focus positions.
 
@@ -124,6 +126,8 @@ def render_with_shading(
         Ids of the shapes that are lamps under any group of the scene.
     positions, seed, window, progress, on_device
         See :func:`saf_gen.render.one_pass.render_stack`.
+    finder : SurfaceFinder or MovingFinder, optional
+        Finds what camera rays see in the scene of the first group; by default all of them are traced.
 
     Returns
     -------
@@ -133,7 +137,7 @@ def render_with_shading(
     """
     focus = positions_to_render(positions, window)
     first = next(iter(setups.values()))
-    finder = SurfaceFinder(first, emitting=emitting)
+    finder = finder or SurfaceFinder(first, emitting=emitting)
     rays_per_path = 1  # if little is shared, rays that are not traced on would contribute little
     if shading.unshared < 0.5:
         layered = focus.size <= LAYERED_POSITIONS and first.drive.fills_its_aperture_perfectly
@@ -330,13 +334,7 @@ class _Sums:
         return [sums.mean_radiance() for sums in self._single]
 
 
-# Each call of the next three functions runs a separate kernel, so that other light groups do not change its bits.
-
-
-def pick_rays(ray: Any, chosen: np.ndarray) -> Any:
-    """Return some of Dr.Jit's rays, by their indices, uint32 (chosen,)."""
-    index = mi.UInt32(_align(chosen))
-    return dr.gather(type(ray), ray, index)
+# Each call of the next functions runs a separate kernel, so that other light groups do not change its bits.
 
 
 def trace_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
@@ -399,12 +397,3 @@ def _to_host(radiance: Any) -> np.ndarray:
     value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
     dr.eval(value)
     return np.nan_to_num(value.numpy(), nan=0.0, posinf=0.0, neginf=0.0)  # a path without a finite value counts as 0
-
-
-def _align(array: np.ndarray) -> np.ndarray:
-    """Return a copy at a multiple of 64 bytes, because a kernel's code depends on how its memory is aligned."""
-    buffer = np.empty(array.nbytes + 64, dtype=np.uint8)
-    begin = -buffer.ctypes.data % 64
-    copy = buffer[begin : begin + array.nbytes].view(array.dtype)
-    copy[:] = array
-    return copy
