@@ -447,9 +447,11 @@ def apparent_distance(
         found = sight.follow(origin @ turn.T + lens, ray / np.linalg.norm(ray, axis=1, keepdims=True))
         return np.where(found.on_target[:, None], found.point * unit, np.nan)
 
-    def differences(step: float, towards: np.ndarray, aim: np.ndarray | None) -> np.ndarray:
-        """Return the change of the landing point per unit of both coordinates on the lens, aimed at a distance (m), or
-        of both slopes if ``aim`` is None: float64 (ray, 3, 2), nan where a ray misses the target.
+    def bundle(step: float, towards: np.ndarray, aim: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return points (m) on the lens and slopes of two pairs of rays for each line, a pair for each axis.
+
+        They pass the lens ``step`` (m) from its middle and are aimed at a distance (m), or their slopes differ by
+        ``step`` if ``aim`` is None.
         """
         points, slopes = [], []
         for axis in np.eye(2):
@@ -458,19 +460,24 @@ def apparent_distance(
             for sign in (1, -1):
                 points.append(np.broadcast_to(sign * at, towards.shape))
                 slopes.append(towards + sign * turned)
-        # All four at once: following rays costs the same for few as for many.
-        ends = landing(np.concatenate(points), np.concatenate(slopes)).reshape(2, 2, len(towards), 3)
-        return np.moveaxis((ends[:, 0] - ends[:, 1]) / (2 * step), 0, -1)
+        return np.concatenate(points), np.concatenate(slopes)
 
-    def shrunk(step: float, aim: np.ndarray | None) -> np.ndarray:
-        found = np.full((len(slope), 3, 2), np.nan)
-        for part in SHRINKAGE:
-            missing = np.flatnonzero(np.isnan(found).any(axis=(1, 2)))
-            if missing.size:
-                found[missing] = differences(step * part, slope[missing], None if aim is None else aim[missing])
-        return found
-
-    by_slope, by_lens = shrunk(step, None), shrunk(radius, distance)
+    # The change of the landing point per unit of both slopes, and of both coordinates on the lens: nan where a ray
+    # misses the target. All rays at once: following rays costs the same for few as for many.
+    changes = np.full((2, len(slope), 3, 2), np.nan)
+    for part in SHRINKAGE:
+        missing = [np.flatnonzero(np.isnan(found).any(axis=(1, 2))) for found in changes]
+        steps = step * part, radius * part
+        aims = None, distance[missing[1]]
+        bundles = [bundle(size, slope[rays], aim) for size, rays, aim in zip(steps, missing, aims, strict=True)]
+        at, slopes = (np.concatenate(values) for values in zip(*bundles, strict=True))
+        if not len(at):
+            break
+        landed = np.split(landing(at, slopes), [4 * missing[0].size])
+        for found, rays, ends_of, size in zip(changes, missing, landed, steps, strict=True):
+            pairs = ends_of.reshape(2, 2, rays.size, 3)
+            found[rays] = np.moveaxis((pairs[:, 0] - pairs[:, 1]) / (2 * size), 0, -1)
+    by_slope, by_lens = changes
     good = ~np.isnan(by_slope + by_lens).any(axis=(1, 2))
     vergence = np.full((len(slope), 2, 2), np.nan)
     vergence[good] = np.eye(2) / distance[good, None, None] + np.linalg.pinv(by_slope[good]) @ by_lens[good]
