@@ -161,7 +161,7 @@ def land_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, s
 
 def pick_rays(ray: Any, chosen: np.ndarray) -> Any:
     """Return some of Dr.Jit's rays, by their indices, uint32 (chosen,)."""
-    index = mi.UInt32(_align(chosen))
+    index = mi.UInt32(aligned(chosen))
     return dr.gather(type(ray), ray, index)
 
 
@@ -215,7 +215,7 @@ def through_aperture(first: Any, step: Any, *, radius: float, positions: int) ->
     return [begin, end]
 
 
-def _align(array: np.ndarray) -> np.ndarray:
+def aligned(array: np.ndarray) -> np.ndarray:
     """Return a copy at a multiple of 64 bytes, because a kernel's code depends on how its memory is aligned."""
     buffer = np.empty(array.nbytes + 64, dtype=np.uint8)
     begin = -buffer.ctypes.data % 64
