@@ -109,10 +109,11 @@ def load_lit_scene(
     lit = {name: entry for name, entry in lit.items() if entry is not None}
     lit = dict(_keyed(name, entry, taken=lit) for name, entry in lit.items())
     try:
+        lit = _with_shared_surfaces(lit)
         # One thread loads the scene: several would number the shapes in the order in which they finish. These
         # numbers are part of a kernel's code, so every load would compile its kernels again.
         with on_one_thread():
-            loaded = mi.load_dict({"type": "scene", **_with_shared_surfaces(lit)}, parallel=False, optimize=False)
+            loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise load_refusal(error, names=tuple(lit), where=where) from error
     integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})

@@ -77,14 +77,18 @@ class StillHits:
             for scene in (whole.mitsuba_scene, self._still.mitsuba_scene, movers)
         )
         # A line through clear surfaces may meet a mover behind any bend, and instances show others' shapes.
-        simple = all(shape.class_name() != "Instance" for shape in whole.mitsuba_scene.shapes())
-        if finder.sees_through_some or not simple or len({*ids}) < len(ids) or sorted(ids) != sorted(still + moving):
+        mixed = finder.sees_through_some or any(s.class_name() == "Instance" for s in whole.mitsuba_scene.shapes())
+        named = len({*ids}) == len(ids) and sorted(ids) == sorted(still + moving)
+        if mixed or not (named and still and moving):
             return finder
         number = np.array([0] + [ids.index(name) + 1 for name in still], dtype=np.uint32)
         return MovingFinder(self, finder, movers, number=number)
 
-    def trace(self, rays: CameraRays, focus: np.ndarray, *, seed: int) -> _Kept | None:
-        """Return what the rays of a band meet in the still scene; None if there is no room to keep it."""
+    def trace(self, rays: CameraRays, focus: np.ndarray, *, seed: int, number: np.ndarray) -> _Kept | None:
+        """Return what the rays of a band meet in the still scene; None if there is no room to keep it.
+
+        ``number`` holds the number in the whole scene of each shape of the still scene, both counted from 1.
+        """
         key = seed, rays.begin
         if key not in self._kept:
             if sum(kept.size_bytes for kept in self._kept.values()) + 33 * dr.width(rays.ray.o) > MAX_BYTES:
@@ -93,7 +97,8 @@ class StillHits:
             in_light = np.zeros(sight.unshared.size, dtype=bool)
             for end in sight.lights:
                 in_light[end.rays] = True
-            self._kept[key] = _Kept(sight.hits, sight.unshared, in_light, sight.distances.end)
+            shape = 2 * number[sight.hits.shape >> 1] + (sight.hits.shape & 1)
+            self._kept[key] = _Kept(sight.hits._replace(shape=shape), sight.unshared, in_light, sight.distances.end)
         return self._kept[key]
 
     def test(self, movers: Any, rays: CameraRays, focus: np.ndarray, *, distance: np.ndarray) -> np.ndarray:
@@ -109,10 +114,7 @@ class StillHits:
 
 
 class MovingFinder:
-    """Finds the surfaces of one moment that camera rays see, like :class:`SurfaceFinder`, and traces only some rays.
-
-    ``number`` holds the number in the whole scene of each shape of the still scene, both counted from 1.
-    """
+    """Finds the surfaces of one moment that camera rays see, like :class:`SurfaceFinder`, and traces only some rays."""
 
     def __init__(self, still: StillHits, whole: SurfaceFinder, movers: Any, *, number: np.ndarray) -> None:
         self._still, self._whole, self._movers, self._number = still, whole, movers, number
@@ -121,13 +123,11 @@ class MovingFinder:
         """See :meth:`SurfaceFinder.find`."""
         ray = mi.Ray3f(rays.ray)
         dr.eval(ray)
-        kept = self._still.trace(rays, focus, seed=seed)
+        kept = self._still.trace(rays, focus, seed=seed, number=self._number)
         if kept is None:
             return self._whole.find(rays, focus, seed=seed)
         again = self._still.test(self._movers, rays, focus, distance=kept.distance)
-        shape = 2 * self._number[kept.hits.shape >> 1] + (kept.hits.shape & 1)
-        hits = SurfaceHits(shape, *kept.hits[1:])
-        unshared, in_light, distance = kept.unshared, kept.in_light, kept.distance
+        hits, unshared, in_light, distance = kept
         if again.size:
             moved = self._whole.find(rays._replace(ray=pick_rays(ray, again)), focus, seed=seed)
             hits = SurfaceHits(*map(_replaced, hits, moved.hits, [again] * len(hits)))

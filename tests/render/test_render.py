@@ -203,6 +203,20 @@ def test_normals_are_added_up_on_one_thread(plane, monkeypatch):
     assert (seen, dr.thread_count()) == ([1], 2)
 
 
+@needs_llvm
+def test_shapes_of_one_surface_share_it_and_others_do_not(plane):
+    """Only if it is the same dictionary, and refers to nothing by name."""
+    glass, paint = {"type": "dielectric"}, {"type": "twosided", "bsdf": {"type": "ref", "id": "grey"}}
+    bsdfs = {"a": glass, "b": glass, "c": dict(glass), "d": paint, "e": paint}
+    described = {"grey": {"type": "diffuse"}} | {name: {"type": "sphere", "bsdf": b} for name, b in bsdfs.items()}
+    load_setup(plane)
+    loaded, _ = mitsuba_scene.load_lit_scene(described, (), max_depth=3)
+    a, b, c, d, e = (shape.bsdf() for shape in loaded.shapes())
+    assert a == b
+    assert c != a
+    assert d != e
+
+
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
 def test_the_target_is_found_with_other_scenes_in_the_process(plane, name):
     others = [load_setup(plane, name=name) for _ in range(2)]
