@@ -176,6 +176,12 @@ def land_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, s
     )
 
 
+def pick_rays(ray: Any, chosen: Any) -> Any:
+    """Return some of Dr.Jit's rays, by their indices, uint32 (chosen,), of numpy or Dr.Jit."""
+    index = mi.UInt32(aligned(chosen)) if isinstance(chosen, np.ndarray) else chosen
+    return dr.gather(type(ray), ray, index)
+
+
 def opaque(value: Any) -> Any:
     """Return a number as an input of the kernel; if it were a constant, each value would need a separate kernel."""
     return dr.opaque(mi.Float, float(value))
@@ -225,3 +231,12 @@ def through_aperture(first: Any, step: Any, *, radius: float, positions: int) ->
     begin = mi.Int32(dr.ceil(dr.clip(enters, 0, last + 1)))
     end = mi.Int32(dr.floor(dr.clip(leaves, -1, last))) + 1
     return [begin, end]
+
+
+def aligned(array: np.ndarray) -> np.ndarray:
+    """Return a copy at a multiple of 64 bytes, because a kernel's code depends on how its memory is aligned."""
+    buffer = np.empty(array.nbytes + 64, dtype=np.uint8)
+    begin = -buffer.ctypes.data % 64
+    copy = buffer[begin : begin + array.nbytes].view(array.dtype)
+    copy[:] = array
+    return copy

@@ -3,6 +3,7 @@
 Lines of sight pass through clear surfaces to the target: see :mod:`saf_gen.render.pinhole_sight`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -121,18 +122,14 @@ def trace_depth_at(
     others see. If ``rays`` is 1, only the middle ray is traced.
     """
     sight = PinholeSight(setup.mitsuba_scene, target_shapes)
-    traced = [
-        _first_surfaces(
-            setup, _make_offset_camera(setup, position, offset_px=offset_px), sight=sight, position=position
-        )
-        for offset_px in (0.0, -RAY_OFFSET_PX, RAY_OFFSET_PX)[:rays]
-    ]
-    axials, targets = (np.stack([getattr(planes, name) for planes in traced]) for name in ("axial", "target"))
+    offsets = (0.0, -RAY_OFFSET_PX, RAY_OFFSET_PX)[:rays]
+    cameras = [_make_offset_camera(setup, position, offset_px=offset_px) for offset_px in offsets]
+    axials, targets, residual_blur_px = _first_surfaces(setup, cameras, sight=sight, position=position)
     middle = np.argsort(axials, axis=0, kind="stable")[rays // 2 : rays // 2 + 1]
     middle[np.take_along_axis(axials, middle, axis=0) == axials[:1]] = 0
     axial, target = (np.take_along_axis(planes, middle, axis=0)[0] for planes in (axials, targets))
     depth = (axial + float(setup.drive.shift(position))).astype(np.float32)
-    return DepthAndTarget(depth, target, traced[0].residual_blur_px)
+    return DepthAndTarget(depth, target, residual_blur_px)
 
 
 def _make_offset_camera(setup: RenderSetup, position: float, *, offset_px: float) -> dict[str, Any]:
@@ -161,7 +158,7 @@ def _check_lens_travel(setup: RenderSetup) -> None:
     }
     at = setup.travel[0] if float(drive.shift(setup.travel[0])) == start else setup.travel[1]
     sight = PinholeSight(setup.mitsuba_scene, ())
-    nearest = float(_first_surfaces(setup, sensor, sight=sight, position=at).axial.min()) + start
+    nearest = float(_first_surfaces(setup, [sensor], sight=sight, position=at).axial.min()) + start
     if nearest <= end:
         raise BadInput(
             f"the stage runs the scene into the lens: a surface is {nearest:.6g} m in front of it",
@@ -171,8 +168,8 @@ def _check_lens_travel(setup: RenderSetup) -> None:
 
 
 class _Traced(NamedTuple):
-    """One ray per pixel: axial distance (m) of what it shows from the lens, inf if nothing, and whether it shows the
-    target; median blur (pixels) that glass leaves.
+    """One ray per pixel of some cameras: axial distance (m) of what it shows from the lens, inf if nothing, and whether
+    it shows the target, both (camera, row, col); median blur (pixels) that glass leaves in the first camera.
     """
 
     axial: np.ndarray
@@ -180,16 +177,18 @@ class _Traced(NamedTuple):
     residual_blur_px: float = 0.0
 
 
-def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: PinholeSight, position: float) -> _Traced:
-    """Trace the ray through each pixel's centre to what it shows: float64 and bool (row, col)."""
+def _first_surfaces(
+    setup: RenderSetup, sensors: Sequence[dict[str, Any]], *, sight: PinholeSight, position: float
+) -> _Traced:
+    """Trace the ray through each pixel's centre to what it shows, for cameras of the same size.
+
+    Rays behind glass are followed together, because that costs the same for few as for many.
+    """
     # One sample that is not jittered is the ray through the pixel's centre.
-    loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
-    if setup.drive.distortion is None and not isinstance(setup.drive.wavefront, FittedRays):
-        integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
-        planes = render_with_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(np.float64)
-        point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
-    else:
-        point, shape = _meet_surfaces(setup, loaded, position=position)
+    sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
+    cameras = [mi.load_dict({**sensor, "sampler": sampler}) for sensor in sensors]
+    points, shapes = zip(*(_meet_surfaces(setup, camera, position=position) for camera in cameras), strict=True)
+    point, shape = np.stack(points), np.stack(shapes)
     to_camera = np.linalg.inv(np.array(setup.to_world_at(float(setup.drive.shift(position))).matrix, dtype=np.float64))
 
     def axial_of(points: np.ndarray) -> np.ndarray:
@@ -199,17 +198,22 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
     numbered = [(_shape_index(s, i), s) for i, s in enumerate(setup.mitsuba_scene.shapes())]
     target = np.isin(shape, [index for index, s in numbered if sight.is_target(s)])
     followed = [index for index, s in numbered if sight.must_follow(s)]
-    rows, columns = np.nonzero(shape > 0 if sight.has_instances else np.isin(shape, followed))
+    number, rows, columns = np.nonzero(shape > 0 if sight.has_instances else np.isin(shape, followed))
     if not rows.size:
         return _Traced(axial, target)
-    at = {"x": (columns + 0.5) / shape.shape[1], "y": (rows + 0.5) / shape.shape[0]}
-    origin, direction = lines_of_sight(setup, loaded, **at, position=position)
+    x, y = (columns + 0.5) / shape.shape[2], (rows + 0.5) / shape.shape[1]
+    lines = [
+        lines_of_sight(setup, camera, x=x[number == n], y=y[number == n], position=position)
+        for n, camera in enumerate(cameras)
+        if (number == n).any()
+    ]
+    origin, direction = (np.concatenate(parts) for parts in zip(*lines, strict=True))
     ends = sight.follow(origin, direction)
 
     def distances(points: np.ndarray, passed: np.ndarray) -> np.ndarray:
         """Return axial distances; those of surfaces that the camera has met are its own, to the last bit."""
         found = np.where(ends.seen, axial_of(np.where(ends.seen[:, None], points, 0)), np.inf)
-        return np.where(ends.seen & (passed == 0), axial[rows, columns], found)
+        return np.where(ends.seen & (passed == 0), axial[number, rows, columns], found)
 
     distance, on_target, residual = distances(ends.point, ends.passed), ends.on_target.copy(), 0.0
     behind = np.flatnonzero(on_target & ends.bent)
@@ -220,16 +224,19 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, sight: Pinhol
         sharp = np.isfinite(found)
         distance[behind] = np.where(sharp, found, distances(ends.first, ends.first_passed)[behind])
         on_target[behind] = sharp
-        residual = float(np.median(blur[sharp])) if sharp.any() else 0.0
-    axial[rows, columns], target[rows, columns] = distance, on_target
+        of_first = sharp & (number[behind] == 0)
+        residual = float(np.median(blur[of_first])) if of_first.any() else 0.0
+    axial[number, rows, columns], target[number, rows, columns] = distance, on_target
     return _Traced(axial, target, residual)
 
 
 def _meet_surfaces(setup: RenderSetup, camera: Any, *, position: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the point that each pixel of a lens with distortion sees, (row, col, 3), and its shape_index, 0 for none.
-
-    No camera of Mitsuba has these rays.
-    """
+    """Return the point that each pixel sees, float64 (row, col, 3), and its shape_index, int (row, col), 0 for none."""
+    if setup.drive.distortion is None and not isinstance(setup.drive.wavefront, FittedRays):
+        integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
+        planes = render_with_camera(setup.mitsuba_scene, camera, integrator=integrator, samples=1).astype(np.float64)
+        return planes[..., 0:3], planes[..., 3].astype(np.int64)
+    # No camera of Mitsuba has these rays.
     size = setup.grid.rows, setup.grid.columns
     rows, columns = (part.ravel() for part in np.indices(size))
     at = {"x": (columns + 0.5) / size[1], "y": (rows + 0.5) / size[0]}

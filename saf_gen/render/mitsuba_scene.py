@@ -8,7 +8,8 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
@@ -109,7 +110,7 @@ def load_lit_scene(
     lit = {name: entry for name, entry in lit.items() if entry is not None}
     lit = dict(_keyed(name, entry, taken=lit) for name, entry in lit.items())
     try:
-        lit = {name: _with_pictures(entry) for name, entry in lit.items()}
+        lit = _with_shared_surfaces(lit)
         # One thread loads the scene: several would number the shapes in the order in which they finish. These
         # numbers are part of a kernel's code, so every load would compile its kernels again.
         loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
@@ -118,6 +119,13 @@ def load_lit_scene(
         raise load_refusal(error, names=tuple(lit), where=where) from error
     integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})
     return loaded, integrator
+
+
+def split_scene(described: Mapping[str, Any], motions: Collection[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return a scene without the entries that move, and one of these entries without other shapes and lamps."""
+    still = {name: entry for name, entry in described.items() if name not in motions}
+    moving = {n: entry for n, entry in described.items() if n in motions or not (_is_shape(entry) or _emits(entry))}
+    return still, moving
 
 
 def camera_to_world(scene: Scene) -> Any:
@@ -146,6 +154,32 @@ def _keyed(name: str, entry: Any, *, taken: Mapping[str, Any]) -> tuple[str, Any
     while key in taken:
         key += "_"
     return key, {"id": name, **entry}
+
+
+def _with_shared_surfaces(described: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scene with its pictures read, in which shapes that a script gives the same BSDF have the same one.
+
+    Dr.Jit goes through all of a scene's BSDFs whenever it prepares a kernel, however small: with one for each of 170
+    bubbles, that took most of the time.
+    """
+    inner = [value for entry in described.values() if isinstance(entry, dict) for value in entry.values()]
+    surfaces = {id(v): v for v in inner if _plugin_name(v) in ALLOWED_PLUGINS["bsdf"] and not _refers(v)}
+    uses = Counter(id(value) for value in inner)
+    made = {
+        key: mi.load_dict(_with_pictures(surface), parallel=False, optimize=False)
+        for key, surface in surfaces.items()
+        if uses[key] > 1
+    }
+    return {
+        name: _with_pictures({key: made.get(id(value), value) for key, value in entry.items()})
+        if isinstance(entry, dict)
+        else entry
+        for name, entry in described.items()
+    }
+
+
+def _refers(entry: Any) -> bool:
+    return isinstance(entry, dict) and (entry.get("type") == "ref" or any(map(_refers, entry.values())))
 
 
 def _with_pictures(entry: Any) -> Any:

@@ -23,10 +23,13 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.optics import FittedRays
-from saf_gen.render.line_of_sight import BENDING, OPAQUE, SCATTERING, STRAIGHT
+from saf_gen.render.camera_rays import aligned
+from saf_gen.render.line_of_sight import BENDING, OPAQUE, SCATTERING, STRAIGHT, number_shapes
 from saf_gen.render.render_setup import RenderSetup
 
 MAX_SURFACES = 32  # clear surfaces on a line
+LINES_AT_ONCE = 1 << 15  # what they meet takes 44 bytes for each line and surface
+AHEAD = [("shape", "u4"), ("through", "f4"), *((name, "f4", 3) for name in ("point", "next_origin", "next_direction"))]
 INVISIBLE = 1 - 1e-6  # smallest fraction of the light that an invisible surface lets straight through
 SAME_SHEET = 5e-5  # of the distance: a film of the target with holes counts as one with the target's surface behind it
 MIN_CLEAR = 0.5  # fraction of the light that a mask or a glass surface must let through for the line to go on
@@ -132,6 +135,8 @@ class PinholeSight:
         shapes = scene.shapes()
         self.has_instances = any(shape.class_name() == "Instance" for shape in shapes)
         self._effect_of = {shape.id(): effect_of(shape.bsdf()) for shape in shapes}
+        bent_here = any(effect.ratio > 0 for effect in self._effect_of.values())
+        self._bends_on_device = dr.is_jit_v(mi.Float) and not (self.has_instances or bent_here)
         self.may_follow = self.has_instances or any(self.must_follow(shape) for shape in shapes)
 
     def must_follow(self, shape: Any) -> bool:
@@ -146,6 +151,11 @@ class PinholeSight:
     def follow(self, origin: np.ndarray, direction: np.ndarray) -> Ends:
         """Follow rays, float64 (ray, 3) in the scene's units, to the target or to the first visible surface."""
         count = len(origin)
+        if count > LINES_AT_ONCE:
+            parts = (slice(begin, begin + LINES_AT_ONCE) for begin in range(0, count, LINES_AT_ONCE))
+            ends_of = [self.follow(origin[part], direction[part]) for part in parts]
+            return Ends(*map(np.concatenate, zip(*ends_of, strict=True)))
+        ahead = self._look_ahead(origin, direction) if self._bends_on_device and count else None
         line_o, line_d = np.array(origin, dtype=np.float64), np.array(direction, dtype=np.float64)
         line_bent = np.zeros(count, dtype=bool)
         nowhere = np.full((count, 3), np.inf)
@@ -169,7 +179,10 @@ class PinholeSight:
         for number in range(MAX_SURFACES):
             if not active.size:
                 break
-            met = self._meet(line_o[active], line_d[active])
+            if ahead is not None:
+                met = self._meeting_of(ahead[number, active], direction=line_d[active])
+            else:
+                met = self._meet(line_o[active], line_d[active])
             active, met = active[met.valid], met.where(met.valid)
             invisible = (met.kind == STRAIGHT) & (met.through >= INVISIBLE)
             last = active[~invisible]
@@ -199,6 +212,47 @@ class PinholeSight:
     def name_of(self, number: int) -> str:
         """Return the id of a shape by its number in :class:`Ends`, '' for -1."""
         return self._shapes[number].id() if number >= 0 else ""
+
+    def _look_ahead(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Return all that rays meet one after another until a surface stops all light: AHEAD (surface, ray).
+
+        One kernel does all. It knows neither the target nor by how much a surface must let light through, and may go on
+        farther than a line.
+        """
+        numbered = [
+            (int(np.array(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(s)))[0]), s) for s in self._scene.shapes()
+        ]
+        kind = np.zeros(max(n for n, _ in numbered) + 1, dtype=np.uint32)
+        for n, shape in numbered:
+            kind[n] = self._effect_of[shape.id()].kind
+            self._number_of(shape, n)
+        begin, towards = (
+            [mi.Float(aligned(np.ascontiguousarray(x, dtype=np.float32))) for x in part.T]
+            for part in (origin, direction)
+        )
+        ray = mi.Ray3f(mi.Point3f(*begin), mi.Vector3f(*towards))
+        shape, through, *vectors = _meet_in_turn(self._scene, ray, mi.UInt32(kind), mi.UInt32(MAX_SURFACES))
+        found = np.empty((MAX_SURFACES, len(origin)), dtype=AHEAD)
+        found["shape"], found["through"] = (array.numpy().reshape(found.shape) for array in (shape, through))
+        for name, vector in zip(("point", "next_origin", "next_direction"), vectors, strict=True):
+            found[name] = np.moveaxis(vector.numpy().reshape(3, *found.shape), 0, -1)
+        return found
+
+    def _meeting_of(self, ahead: np.ndarray, *, direction: np.ndarray) -> "_Meeting":
+        """Return what rays with these directions meet, as found by :meth:`_look_ahead`."""
+        valid = ahead["shape"] > 0
+        keys, inverse = np.unique(ahead["shape"], return_inverse=True)
+        shape = np.array([self._number[int(key)] if key else -1 for key in keys])[inverse.reshape(-1)]
+        effects = [Effect(OPAQUE), *self._effects]
+        kind, through, least = (np.array([effect[n] for effect in effects])[shape + 1] for n in range(3))
+        found = ((kind == STRAIGHT) & (through < 0)) | (kind == BENDING)
+        through = np.where(found, ahead["through"].astype(np.float64), through)
+        next_direction = np.where((kind == BENDING)[:, None], ahead["next_direction"].astype(np.float64), direction)
+        points = (ahead[name].astype(np.float64) for name in ("point", "next_origin"))
+        point, next_origin = points
+        instance = np.full(shape.shape, -1)
+        is_target = self._is_target(shape, instance)
+        return _Meeting(valid, point, shape, instance, is_target, kind, through, least, next_origin, next_direction)
 
     def _meet(self, origin: np.ndarray, direction: np.ndarray) -> "_Meeting":
         """Return what rays meet next, and how they go on behind it."""
@@ -303,6 +357,43 @@ class _Meeting(NamedTuple):
 
     def where(self, chosen: np.ndarray) -> "_Meeting":
         return _Meeting(*(values[chosen] for values in self))
+
+
+@dr.syntax
+def _meet_in_turn(scene: Any, line: Any, kind_of: Any, max_surfaces: Any) -> tuple[Any, ...]:
+    """Follow rays to all surfaces that they meet, and return what each met, as arrays (surface · rays + ray,).
+
+    These are the number in Dr.Jit's registry of the shape, 0 for none; the fraction of the light that goes on; the
+    point; and origin and direction behind it. ``kind_of`` holds the kind of effect of each shape.
+    """
+    count = dr.width(line.o)
+    row, lane = dr.opaque(mi.UInt32, count), dr.arange(mi.UInt32, count)
+    shapes, fractions = dr.zeros(mi.UInt32, MAX_SURFACES * count), dr.zeros(mi.Float, MAX_SURFACES * count)
+    points, origins, directions = (dr.zeros(mi.Point3f, MAX_SURFACES * count) for _ in range(3))
+    dr.make_opaque(shapes, fractions, points, origins, directions, max_surfaces)
+    active, number = dr.full(mi.Bool, True, count), mi.UInt32(0)
+    while active:
+        hit = scene.ray_intersect(line, active)
+        active &= hit.is_valid()
+        kind = dr.gather(mi.UInt32, kind_of, number_shapes(hit), active)
+        unbent, bent = active & (kind == STRAIGHT), active & (kind == BENDING)
+        bsdf = hit.bsdf()
+        straight_on = bsdf.eval_null_transmission(hit, unbent).x
+        # A draw just below 1 gives the refracted direction, if there is one.
+        sample, weight = bsdf.sample(mi.BSDFContext(), hit, mi.Float(1 - 2.0**-24), mi.Point2f(0.5), bent)
+        through = dr.select(bent, sample.pdf * (weight.x > 0), dr.select(unbent, straight_on, 0))
+        ahead = hit.spawn_ray(dr.select(bent, hit.to_world(sample.wo), line.d))
+        at = number * row + lane
+        dr.scatter(shapes, number_shapes(hit), at, active)
+        dr.scatter(fractions, through, at, active)
+        dr.scatter(points, hit.p, at, active)
+        dr.scatter(origins, ahead.o, at, active)
+        dr.scatter(directions, mi.Point3f(ahead.d), at, active)
+        line = dr.select(active, ahead, line)
+        number += 1
+        active &= (unbent | bent) & (number < max_surfaces)
+    dr.eval(shapes, fractions, points, origins, directions)
+    return shapes, fractions, points, origins, directions
 
 
 def _columns(vector: Any, count: int) -> np.ndarray:
@@ -447,9 +538,11 @@ def apparent_distance(
         found = sight.follow(origin @ turn.T + lens, ray / np.linalg.norm(ray, axis=1, keepdims=True))
         return np.where(found.on_target[:, None], found.point * unit, np.nan)
 
-    def differences(step: float, towards: np.ndarray, aim: np.ndarray | None) -> np.ndarray:
-        """Return the change of the landing point per unit of both coordinates on the lens, aimed at a distance (m), or
-        of both slopes if ``aim`` is None: float64 (ray, 3, 2), nan where a ray misses the target.
+    def bundle(step: float, towards: np.ndarray, aim: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return points (m) on the lens and slopes of two pairs of rays for each line, a pair for each axis.
+
+        They pass the lens ``step`` (m) from its middle and are aimed at a distance (m), or their slopes differ by
+        ``step`` if ``aim`` is None.
         """
         points, slopes = [], []
         for axis in np.eye(2):
@@ -458,19 +551,24 @@ def apparent_distance(
             for sign in (1, -1):
                 points.append(np.broadcast_to(sign * at, towards.shape))
                 slopes.append(towards + sign * turned)
-        # All four at once: following rays costs the same for few as for many.
-        ends = landing(np.concatenate(points), np.concatenate(slopes)).reshape(2, 2, len(towards), 3)
-        return np.moveaxis((ends[:, 0] - ends[:, 1]) / (2 * step), 0, -1)
+        return np.concatenate(points), np.concatenate(slopes)
 
-    def shrunk(step: float, aim: np.ndarray | None) -> np.ndarray:
-        found = np.full((len(slope), 3, 2), np.nan)
-        for part in SHRINKAGE:
-            missing = np.flatnonzero(np.isnan(found).any(axis=(1, 2)))
-            if missing.size:
-                found[missing] = differences(step * part, slope[missing], None if aim is None else aim[missing])
-        return found
-
-    by_slope, by_lens = shrunk(step, None), shrunk(radius, distance)
+    # The change of the landing point per unit of both slopes, and of both coordinates on the lens: nan where a ray
+    # misses the target. All rays at once: following rays costs the same for few as for many.
+    changes = np.full((2, len(slope), 3, 2), np.nan)
+    for part in SHRINKAGE:
+        missing = [np.flatnonzero(np.isnan(found).any(axis=(1, 2))) for found in changes]
+        steps = step * part, radius * part
+        aims = None, distance[missing[1]]
+        bundles = [bundle(size, slope[rays], aim) for size, rays, aim in zip(steps, missing, aims, strict=True)]
+        at, slopes = (np.concatenate(values) for values in zip(*bundles, strict=True))
+        if not len(at):
+            break
+        landed = np.split(landing(at, slopes), [4 * missing[0].size])
+        for found, rays, ends_of, size in zip(changes, missing, landed, steps, strict=True):
+            pairs = ends_of.reshape(2, 2, rays.size, 3)
+            found[rays] = np.moveaxis((pairs[:, 0] - pairs[:, 1]) / (2 * size), 0, -1)
+    by_slope, by_lens = changes
     good = ~np.isnan(by_slope + by_lens).any(axis=(1, 2))
     vergence = np.full((len(slope), 2, 2), np.nan)
     vergence[good] = np.eye(2) / distance[good, None, None] + np.linalg.pinv(by_slope[good]) @ by_lens[good]

@@ -12,12 +12,6 @@ import numpy as np
 from saf_gen.render.render_setup import RenderSetup
 
 
-def pick_rays(ray: Any, chosen: Any) -> Any:
-    """Return some of Dr.Jit's rays, by their indices, uint32 (chosen,), of numpy or Dr.Jit."""
-    index = mi.UInt32(_align(chosen)) if isinstance(chosen, np.ndarray) else chosen
-    return dr.gather(type(ray), ray, index)
-
-
 def trace_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> Any:
     """Return the radiance along rays, each traced as a complete light path, Float (ray,)."""
     traced, _, _ = setup.integrator.sample(setup.mitsuba_scene, _random(seed, ray), ray)
@@ -88,12 +82,3 @@ def to_host(radiance: Any) -> np.ndarray:
 def finite(radiance: Any) -> Any:
     """Return radiance on the device, Float (ray,); a path without a finite value counts as 0."""
     return dr.select(dr.isfinite(radiance), radiance, 0)
-
-
-def _align(array: np.ndarray) -> np.ndarray:
-    """Return a copy at a multiple of 64 bytes, because a kernel's code depends on how its memory is aligned."""
-    buffer = np.empty(array.nbytes + 64, dtype=np.uint8)
-    begin = -buffer.ctypes.data % 64
-    copy = buffer[begin : begin + array.nbytes].view(array.dtype)
-    copy[:] = array
-    return copy

@@ -136,7 +136,7 @@ def test_the_focus_of_a_lens_file_in_lamplight_is_that_of_its_rays_of_each_wavel
         rendered = range(-margin[0], POSITIONS + margin[1])
         mixed = colour.mix(wide[None], spec, drawn=range(POSITIONS), rendered=rendered)[0]
         nm = np.arange(400, 700) + 0.5
-        own = np.histogram(nm, edges, weights=own_weights(lamp, nm, cut=True))[0]
+        own = np.histogram(nm, edges, weights=electrons_per_nm(lamp, nm, cut=True))[0]
         summed = np.tensordot(own / own.sum(), np.array(single), 1)
         peaks = [find_peak(dispersion(stack), around=6) * step for stack in (mixed, summed)]
         assert peaks[0] == pytest.approx(peaks[1], abs=0.05), lamp

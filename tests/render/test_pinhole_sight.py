@@ -8,8 +8,10 @@ import pytest
 from refusals import refusal
 from written_scenes import JIT, dispersion, load_setup, needs_llvm, render_stack_once, write_scene
 
+from saf_gen.render import pinhole_sight
 from saf_gen.render.depth_and_target import trace_geometry
 from saf_gen.render.own_light import require_own_light
+from saf_gen.render.pinhole_sight import PinholeSight
 from saf_gen.render.render_setup import SensorGrid
 from studies.laws.pupils import find_peak
 
@@ -266,3 +268,37 @@ def test_a_rendered_stack_is_sharpest_where_the_target_appears(tmp_path, monkeyp
     peak = find_peak(dispersion(stack)) / (positions - 1)
     shift = float(setup.drive.best_position(0.49) - setup.drive.best_position(0.5))
     assert peak == pytest.approx(truth, abs=0.1 * shift)
+
+
+@needs_llvm
+def test_lines_that_one_kernel_follows_are_those_followed_from_surface_to_surface(tmp_path, monkeypatch):
+    """Bit for bit, through balls in which light is reflected totally, thin and dark films, and films with holes."""
+    shapes = [
+        *(ball(f"ball{n}", z, GLASS, radius=radius) for n, (z, radius) in enumerate([(-0.2, 0.03), (-0.2, 0.01)])),
+        wall("film", -0.1, MASK.format(CHECKS)),
+        wall("thin", -0.05, "{'type': 'principledthin', 'spec_trans': 1.0, 'roughness': 0.0, 'eta': 1.5}"),
+        wall("holes", 0.0, MASK.format(0.3)),
+        wall("target", 0.01),
+        ROOM,
+    ]
+    text = "{" + ", ".join(shapes) + "}"
+    scene = write_scene(tmp_path, monkeypatch, lens=LENS, distance_m=0.5, shapes=text, light="room", target="target")
+    setup = load_setup(scene, ("room",), grid=GRID)
+    random = np.random.default_rng(7)
+    direction = np.column_stack([random.uniform(-0.12, 0.12, (3000, 2)), np.ones(3000)])
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    origin = np.broadcast_to([0.0, 0.0, -0.5], direction.shape)
+    together, apart = (PinholeSight(setup.mitsuba_scene, ("target",)) for _ in range(2))
+    assert together._bends_on_device
+    apart._bends_on_device = False
+    monkeypatch.setattr(pinhole_sight, "LINES_AT_ONCE", 1024)  # the last kernel has fewer lines
+    one, other = together.follow(origin, direction), apart.follow(origin, direction)
+    assert 0 < one.bent.mean() < 1
+    assert one.passed.max() > 3
+    for name in one._fields:
+        found, expected = getattr(one, name), getattr(other, name)
+        if name in ("last", "instance"):
+            found, expected = (
+                [sight.name_of(int(n)) for n in numbers] for sight, numbers in ((together, found), (apart, expected))
+            )
+        assert np.array_equal(found, expected), name

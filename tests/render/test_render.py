@@ -186,6 +186,20 @@ def test_a_stack_is_the_same_bit_for_bit_when_made_again(plane):
     assert np.array_equal(again[0], again[1])
 
 
+@needs_llvm
+def test_shapes_of_one_surface_share_it_and_others_do_not(plane):
+    """Only if it is the same dictionary, and refers to nothing by name."""
+    glass, paint = {"type": "dielectric"}, {"type": "twosided", "bsdf": {"type": "ref", "id": "grey"}}
+    bsdfs = {"a": glass, "b": glass, "c": dict(glass), "d": paint, "e": paint}
+    described = {"grey": {"type": "diffuse"}} | {name: {"type": "sphere", "bsdf": b} for name, b in bsdfs.items()}
+    load_setup(plane)
+    loaded, _ = mitsuba_scene.load_lit_scene(described, (), max_depth=3)
+    a, b, c, d, e = (shape.bsdf() for shape in loaded.shapes())
+    assert a == b
+    assert c != a
+    assert d != e
+
+
 @pytest.mark.parametrize("name", ["scalar", pytest.param(JIT, marks=needs_llvm)])
 def test_the_target_is_found_with_other_scenes_in_the_process(plane, name):
     others = [load_setup(plane, name=name) for _ in range(2)]
