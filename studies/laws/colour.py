@@ -37,6 +37,12 @@ def _heading(name: str) -> int:
     return next(n for n, line in enumerate(lines) if line.startswith("wavelength")) + 1
 
 
+def _interpolated(name: str, nm: np.ndarray) -> np.ndarray:
+    """Return a published table at wavelengths (nm), 0 outside."""
+    known, values = table(name)
+    return np.interp(nm, known, values, left=0.0, right=0.0)
+
+
 def electrons_per_nm(lamp: str, nm: np.ndarray, *, cut: bool) -> np.ndarray:
     """Return the electrons that a lamp gives per nanometre, for as much light to the eye as the reference gives one.
 
@@ -47,13 +53,13 @@ def electrons_per_nm(lamp: str, nm: np.ndarray, *, cut: bool) -> np.ndarray:
     def power(nm: np.ndarray) -> np.ndarray:
         if lamp == "tungsten":
             return np.asarray(nm**-5.0 / np.expm1(h * c / (1e-9 * nm * k * 2856)))
-        return np.interp(nm, *table("led"), left=0, right=0)
+        return _interpolated("led", nm)
 
     fine = np.arange(380, 1100.5, 0.5)
-    light = float(np.sum(power(fine) * np.interp(fine, *table("luminous_efficiency"), left=0, right=0)) * 0.5)
-    silicon = np.interp(nm, *table("silicon")) * nm
-    seen = power(nm) / light * silicon / (np.interp(REFERENCE_NM, *table("silicon")) * REFERENCE_NM)
-    return np.asarray(seen * np.interp(nm, *table("ir_cut")) if cut else seen)
+    light = float(np.sum(power(fine) * _interpolated("luminous_efficiency", fine)) * 0.5)
+    silicon = _interpolated("silicon", nm) * nm
+    seen = power(nm) / light * silicon / (_interpolated("silicon", np.array(REFERENCE_NM)) * REFERENCE_NM)
+    return np.asarray(seen * _interpolated("ir_cut", nm) if cut else seen)
 
 
 def achromat_power(nm: np.ndarray) -> np.ndarray:

@@ -84,7 +84,7 @@ def _check_log(maker: DatasetMaker, quick: bool) -> Finding:
 
         seen, law = [], []
         with dataset.open() as stream:
-            log, did = np.float64(stream.focus_position), np.float64(stream.truth.lens)
+            log, did = (np.asarray(one, np.float64) for one in (stream.focus_position, stream.truth.lens))
             for first in firsts:
                 window = slice(first, first + length)
                 found = seen_in(stream.counts(window.start, window.stop))
