@@ -346,6 +346,15 @@ FAULTS = {
             "optics/test_lens_files.py::test_the_least_blur_is_that_of_the_traced_spot",
         ),
     ),
+    "colour of a lens file of the other sign": Fault(
+        "A lens read from a file focuses blue light where it focuses red.",
+        (Change("optics.lens_colour", "1 - drive.focal_length_m *", "1 + drive.focal_length_m *"),),
+        (
+            "optics/test_lens_colour.py::test_the_focus_on_the_axis_moves_as_that_of_rays_through_the_surfaces",
+            "render/test_coloured_pictures.py::"
+            "test_the_focus_of_a_lens_file_in_lamplight_is_that_of_its_rays_of_each_wavelength",
+        ),
+    ),
     "axial colour of the other sign": Fault(
         "Light whose focus is nearer is drawn as if its focus were farther.",
         (
