@@ -102,7 +102,7 @@ class StillHits:
             self._kept[key] = _Kept(sight.hits._replace(shape=shape), sight.unshared, in_light, sight.distances.end)
         return self._kept[key]
 
-    def test(self, movers: Any, rays: CameraRays, focus: np.ndarray, *, distance: np.ndarray) -> np.ndarray:
+    def test(self, movers: Any, rays: CameraRays, *, focus: np.ndarray, distance: np.ndarray) -> np.ndarray:
         """Return the indices of the rays that meet a mover up to these axial distances (m), uint32."""
         setup = self._still
         to_camera, unit = mi.Transform4f(setup.to_world).inverse(), opaque(setup.unit_m)
@@ -129,23 +129,23 @@ class MovingFinder:
         kept = self._still.trace(rays, focus, seed=seed, number=self._number)
         if kept is None:
             return self._whole.find(rays, focus, seed=seed)
-        again = self._still.test(self._movers, rays, focus, distance=kept.distance)
+        again = self._still.test(self._movers, rays, focus=focus, distance=kept.distance)
         hits, unshared, in_light, distance = kept
         if again.size:
             moved = self._whole.find(rays._replace(ray=pick_rays(ray, again)), focus, seed=seed)
-            hits = SurfaceHits(*map(_replaced, hits, moved.hits, [again] * len(hits)))
+            hits = SurfaceHits(*(_replaced(old, new, at=again) for old, new in zip(hits, moved.hits, strict=True)))
             lit = np.zeros(again.size, dtype=bool)
             for end in moved.lights:
                 lit[end.rays] = True
-            unshared = _replaced(unshared, moved.unshared, again)
-            in_light = _replaced(in_light, lit, again)
-            distance = _replaced(distance, moved.distances.end, again)
+            unshared = _replaced(unshared, moved.unshared, at=again)
+            in_light = _replaced(in_light, lit, at=again)
+            distance = _replaced(distance, moved.distances.end, at=again)
         ends = np.flatnonzero(in_light).astype(np.uint32)
         lights = (EndsInLight(ends, ray, np.ones(ends.size, dtype=np.float32)),) if ends.size else ()
         return Sight(hits, unshared, None, ray, None, lights, Distances(distance))
 
 
-def _replaced(array: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+def _replaced(array: np.ndarray, values: np.ndarray, *, at: np.ndarray) -> np.ndarray:
     """Return a copy of an array with other values at some indices."""
     copy = array.copy()
     copy[at] = values
