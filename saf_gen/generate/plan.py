@@ -74,7 +74,7 @@ class MachineRates:
     paths_per_s: float = 2.5e6
     load_s: float = 0.3
     plane_s_per_pixel: float = 8e-8
-    waves_per_s: float = 5e5
+    waves_per_s: float = 1.2e6
     pixel_frames_per_s: float = 0.7e9
     pixel_frames_per_core_s: float = 0.97e9
     job_s: float = 0.00024

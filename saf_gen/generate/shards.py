@@ -22,7 +22,7 @@ from saf_gen.stack.time_resolved import TimeResolvedStack
 # the machine at hand: all shards must be run by one version of saf_gen.
 PATHS_PER_S = 2.5e6
 FILTERED_TIME = 3.1  # of a filtered sample, divided by that of a plain one
-WAVES_PER_S = 5e5  # samples of a thin section's picture at which the waves of a condenser are summed
+WAVES_PER_S = 1.2e6  # samples of a thin section's picture at which the waves of a condenser are summed
 LOAD_S = 0.3  # for a scene under one light group
 PLANE_S_PER_PIXEL = 8e-8
 PIXEL_FRAMES_PER_S = 0.7e9
