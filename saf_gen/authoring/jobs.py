@@ -60,7 +60,9 @@ class PreviewJob:
         from saf_gen.authoring.scene_sheet import preview_scene
 
         report(f"{self.name} · build", 0.0)
-        preview_scene(self.scene, self.sensor, path=self.path, backend=self.backend)
+        preview_scene(
+            self.scene, self.sensor, path=self.path, backend=self.backend, progress=lambda done: report(self.name, done)
+        )
 
 
 def run_scene_jobs(

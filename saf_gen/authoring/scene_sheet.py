@@ -1,6 +1,6 @@
 """The contact sheet of a scene, rendered coarsely so that its author can see it within seconds."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,24 +18,36 @@ POSITIONS, SAMPLES, SHARP_SAMPLES = 33, 8, 12
 SLOW_POSITIONS, SLOW_SAMPLES = 9, 4
 SHRINK, SMALL_IMAGES = 2, 2  # factor by which the sides of small images are shorter; number of images of each kind
 RECORDING_S = 1.0
+STACK_SHARE = 0.9  # of the time for the sheet
 
 
-def preview_scene(scene: Scene, sensor: Sensor, *, path: Path, backend: str = "auto") -> None:
+def preview_scene(
+    scene: Scene,
+    sensor: Sensor,
+    *,
+    path: Path,
+    backend: str = "auto",
+    progress: Callable[[float], None] = lambda done: None,
+) -> None:
     """Write the contact sheet of a scene as PNG, PDF or SVG, by the ending of ``path``.
 
-    The target may be out of reach or out of sight. Raises BadInput before anything is rendered if the file has another
-    ending, and if the scene cannot be built or loaded.
+    The target may be out of reach or out of sight. ``progress`` gets the fraction done, 0 to 1. Raises BadInput before
+    anything is rendered if the file has another ending, and if the scene cannot be built or loaded.
     """
     sheet_form(path)
-    draw_sheet(make_sheet(scene, sensor, backend=backend), path)
+    draw_sheet(make_sheet(scene, sensor, backend=backend, progress=progress), path)
 
 
-def make_sheet(scene: Scene, sensor: Sensor, *, backend: str) -> ContactSheet:
+def make_sheet(
+    scene: Scene, sensor: Sensor, *, backend: str, progress: Callable[[float], None] = lambda done: None
+) -> ContactSheet:
     """Render the content of the contact sheet of a scene, and return it."""
     renderer = make_renderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_geometry(allow_unseen_target=True)
     positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if renderer.is_slow else (POSITIONS, SAMPLES)
-    stack = renderer.render_stack(seen, positions=positions, samples=samples)
+    stack = renderer.render_stack(
+        seen, positions=positions, samples=samples, progress=lambda done: progress(STACK_SHARE * done)
+    )
     sheet = ContactSheet(f"{scene.id}: {scene.card.title} ({scene.card.lens.summary})", stack, sensor)
     position = float(np.clip(np.nan_to_num(sheet.true_focus, nan=0.5), 0, 1))
     samples = SLOW_SAMPLES if renderer.is_slow else SHARP_SAMPLES

@@ -165,10 +165,10 @@ def preview_command(
     scene, camera = _scene(name), get_sensor(sensor)
     path = target or scene.folder / "preview.png"
     with progress_bars() as bars:
-        task = bars.add_task(f"preview {scene.id}", total=None)
+        task = bars.add_task(f"preview {scene.id}", total=1)
 
         def report(name: str, done: float) -> None:
-            bars.update(task, description=name)
+            bars.update(task, description=name, completed=done)
 
         job = PreviewJob(scene, camera, path, variant)
         ((_, _, error),) = run_scene_jobs([job], report, notify=err.print)

@@ -15,7 +15,7 @@ FILTERED_TIME = 3.1
 
 By scene it is 1.3 (fabric), 1.6 to 2 (two_depths, gears), 2.7 to 3.5 (cardiac_muscle, crossroad, rain_window), and 11
 for a target that is seen through a glass bottle."""
-WAVES_PER_S = 5e5
+WAVES_PER_S = 1.2e6
 """Samples of a thin section's picture at which the waves of a condenser are summed per second."""
 LOAD_S = 0.3  # for a scene under one light group
 PLANE_S_PER_PIXEL = 8e-8  # to sum and store a pixel at a focus position

@@ -145,6 +145,22 @@ class FocusSettings(FrozenModel):
         return value
 
 
+class SceneSamples(FrozenModel):
+    """Samples of one scene, in place of those of all scenes; what is left out is as for all scenes."""
+
+    samples: int | None = Field(default=None, ge=1, le=65_536)
+    """``render.samples`` of this scene."""
+    slice_samples: int | None = Field(default=None, ge=1, le=65_536)
+    """``render.slice_samples`` of this scene, which must be recorded while it moves; by default as for all scenes or,
+    if nothing is stated for them, a quarter of this scene's ``samples``."""
+
+    @model_validator(mode="after")
+    def _check_something_is_stated(self) -> "SceneSamples":
+        if self.samples is None and self.slice_samples is None:
+            raise ValueError("samples, slice_samples, or both")
+        return self
+
+
 class RenderSettings(FrozenModel):
     """Monte Carlo samples per pixel and focus position, the longest light path in segments, and time slices.
 
@@ -175,6 +191,18 @@ class RenderSettings(FrozenModel):
     estimator: Literal["filtered", "plain"] = "filtered"
     """``filtered`` lets paths share the light that they find on a surface, which leaves a quarter of the grain and a
     small bias; ``plain`` uses each path as it was traced, as ``scalar`` always does."""
+    per_scene: dict[str, SceneSamples] = Field(default_factory=dict)
+    """Scenes with other numbers of samples than the rest, such as those with more grain."""
+
+    @model_serializer(mode="wrap")
+    def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out ``per_scene`` and its keys if not given: recipes keep text and fingerprint from before this key."""
+        values = serialize(self)
+        del values["per_scene"]
+        if self.per_scene:
+            own = {name: one.model_dump(mode="json", exclude_none=True) for name, one in self.per_scene.items()}
+            values["per_scene"] = own
+        return values
 
     @field_validator("whole_slices", mode="before")
     @classmethod
@@ -184,6 +212,13 @@ class RenderSettings(FrozenModel):
         if not isinstance(value, int | float) or not 0 < value < math.inf:
             raise ValueError("true, false, or seconds above 0")
         return float(value)
+
+    def of_scene(self, name: str) -> "RenderSettings":
+        """Return the settings of one scene: its own numbers of samples, and all else as for the others."""
+        own = self.per_scene.get(name)
+        if own is None:
+            return self
+        return self.model_copy(update={**own.model_dump(exclude_none=True), "per_scene": {}})
 
     @property
     def samples_per_slice(self) -> int:
@@ -299,6 +334,10 @@ def read_recipe(path: str | Path) -> Recipe:
                     hint="remove it from one of them",
                 )
             owners[scene] = split_name
+    for scene in recipe.render.per_scene:
+        if scene not in owners:
+            where = document.locate("render", "per_scene", scene)
+            raise unknown("scene of render.per_scene", scene, allowed=owners, where=where)
     for scene, params in recipe.scene_params.items():
         where = document.locate("scene_params", scene)
         if scene not in owners:

@@ -449,6 +449,7 @@ def resolve_recipe(
             for name, scene in scenes.items()
         }
         planned = draw_sequences(recipe, families, actuator=actuator)
+        _check_samples(planned, recipe, scenes=scenes)
     # This takes milliseconds, and finds errors before hours of rendering.
     frames, hz = recipe.camera.frames, sensor.readout_hz
     for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
@@ -463,6 +464,32 @@ def resolve_recipe(
     wanted = tuple(sequence for sequence in resolved if split in (None, sequence.planned.split))
     found = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part)
     return replace(found, benchmark=_benchmark(found))
+
+
+def _check_samples(planned: Iterable[PlannedSequence], recipe: Recipe, *, scenes: Mapping[str, Scene]) -> None:
+    """Raise BadInput if a scene's own number of samples would change none of its pictures."""
+    motions = defaultdict[str, set[str]](set)
+    for sequence in planned:
+        motions[sequence.scene].add(sequence.scene_motion)
+    for name, own in recipe.render.per_scene.items():
+        key = f"render.per_scene.{name}"
+        if scenes[name].card.section is not None:
+            raise BadInput(f"{key}: a thin section is drawn by waves, without samples", hint=f"leave {name} out")
+        if own.slice_samples is not None and "dynamic" not in motions[name]:
+            raise BadInput(
+                f"{key}.slice_samples is {own.slice_samples}, but {name} is recorded only at rest",
+                allowed="samples",
+                hint="or add dynamic to scene_motion of its split, if the scene moves",
+            )
+        if own.samples is not None and "static" not in motions[name]:
+            slice_samples = recipe.render.of_scene(name).slice_samples
+            if slice_samples is not None:
+                raise BadInput(
+                    f"{key}.samples is {own.samples}, but {name} is recorded only moving, with {slice_samples} "
+                    "slice_samples",
+                    allowed="slice_samples",
+                    hint="or add static to scene_motion of its split",
+                )
 
 
 def _distinct(sequences: list[PlannedSequence], key: Callable[[PlannedSequence], Any]) -> list[PlannedSequence]:
@@ -491,23 +518,24 @@ def _resolve_stacks(
 ) -> tuple[TimeResolvedStack, TimeResolvedStack | None]:
     """Return the stack of the recording, and a separate stack for closed-loop runs, or None if they need none."""
     card, frames, hz = scene.card, recipe.camera.frames, sensor.readout_hz
+    render = recipe.render.of_scene(scene.id)
     with located("", prefix=f"scene {scene.id}: "):
         spec = StackSpec.from_scene(
             scene,
             sensor,
             positions=recipe.focus.positions,
-            samples=recipe.render.samples,
-            max_depth=recipe.render.max_depth,
+            samples=render.samples,
+            max_depth=render.max_depth,
             f_number=recipe.camera.exposure.f_number,
             aberrations=recipe.focus.aberrations,
-            wavelength_m=0.0 if recipe.render.diffraction is False else sensor.wavelength_m,
-            estimator=recipe.render.estimator,
+            wavelength_m=0.0 if render.diffraction is False else sensor.wavelength_m,
+            estimator=render.estimator,
             time_s=card.still_s if card.slices_per_s is not None else 0.0,
         )
         spec = replace(spec, margin=find_margin(spec, recipe, scene=scene, sensor=sensor))
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
-    slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
+    slices_per_s = render.slices_per_s or card.slices_per_s or 0.0
     position = sequence.lens_course(frames, readout_hz=hz)[0]
     starts = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
     before, after = spec.margin
@@ -515,14 +543,14 @@ def _resolve_stacks(
         (first - before, last + after) for first, last in slice_windows(position, starts, positions=spec.positions)
     ]
     times = [start / hz for start in starts]
-    filtered = recipe.render.estimator == "filtered"
+    filtered = render.estimator == "filtered"
     moments = slice_moments(times) if filtered else [()] * len(times)
     slices = (
-        replace(spec, samples=recipe.render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
+        replace(spec, samples=render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
         for time_s, window, shading_moments in zip(times, windows, moments, strict=True)
     )
     stack = TimeResolvedStack(starts, tuple(slices))
-    full_travel_frames = recipe.render.all_positions_s * hz
+    full_travel_frames = render.all_positions_s * hz
     if full_travel_frames >= frames:
         return stack.with_full_travel(), None
     # The recording does not use the slices at all positions, because paths that are spread over all positions leave

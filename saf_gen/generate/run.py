@@ -34,7 +34,7 @@ from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.jobs import ChooseBackendJob, DeleteJob, JobOrder, RecordJob, RenderJob
 from saf_gen.generate.plan import Plan, check_same_dataset, make_plan
-from saf_gen.generate.recipe import Recipe
+from saf_gen.generate.recipe import Recipe, RenderSettings
 from saf_gen.generate.record import Recorder, has_generated_fingerprint
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, recipe_fingerprint
 from saf_gen.scene.scene_folder import SceneCard
@@ -384,7 +384,7 @@ camera `$sensor`. Every sequence holds its true focus and the lens position at e
 |---|---|
 | sequences | $count ($splits) |
 | frames per sequence | $frames |
-| focus positions rendered | $positions, $samples samples per pixel |
+| focus positions rendered | $positions, $samples |
 | lens motion | $motion |
 | light schedules | $lights |
 | recipe fingerprint | `$fingerprint` |
@@ -432,6 +432,12 @@ def _describe_actuator(name: str | None) -> str:
     return f", told to the actuator {escape_markdown(name)}: /focus is its log, /truth/lens is where the lens was"
 
 
+def _describe_samples(render: RenderSettings) -> str:
+    own = {name: render.of_scene(name).samples for name in render.per_scene}
+    others = ", ".join(f"{name}: {samples}" for name, samples in own.items() if samples != render.samples)
+    return f"{render.samples} samples per pixel{f' ({others})' if others else ''}"
+
+
 def _describe_scene(card: SceneCard) -> str:
     licence = card.licence or "not stated"
     return f"- `{card.id}`: {escape_markdown(f'{card.title}. Licence {licence}.')}"
@@ -449,7 +455,7 @@ def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scen
         splits=", ".join(f"{split} {count}" for split, count in splits.items()) or "none finished yet",
         frames=recipe.camera.frames,
         positions=recipe.focus.positions,
-        samples=recipe.render.samples,
+        samples=_describe_samples(recipe.render),
         motion=_describe_motion(recipe.focus.motion) + _describe_actuator(recipe.focus.actuator),
         lights=escape_markdown(", ".join(recipe.lights)),
         fingerprint=manifest.recipe_fingerprint,

@@ -1,4 +1,4 @@
-"""The picture of a thin section that a condenser lights: partially coherent imaging by Abbe's sum.
+"""The picture of a thin section that a condenser lights: partially coherent imaging by a sum of coherent modes.
 
 A thin section changes a wave that passes it by the factor
 
@@ -10,34 +10,42 @@ intensity
 
     I_s(X) = |Σ_ν T̂(ν)·P(ν + s)·exp(2πi·ν·X)|²,     P(ν) = exp(2πi/λ·W(a)) inside the aperture, 0 outside,
 
-and the picture is their weighted sum. A wave of the frequency ν (cycles per metre, at the section) meets the lens at
-a = λ·y·ν, y being the distance of the section. W is the wavefront of the lens plus that of defocus, a²/2·(1/y - 1/u).
-All of this is paraxial, as the rays of this package are: the numerical aperture is R/y. Nothing is random.
+and the picture is their mean over the condenser (Abbe). A wave of the frequency ν (cycles per metre, at the section)
+meets the lens at a = λ·y·ν, y being the distance of the section. W is the wavefront of the lens plus that of defocus,
+a²/2·(1/y - 1/u). All of this is paraxial, as the rays of this package are: the numerical aperture is R/y. Nothing is
+random.
 
 **Coherence** S is the radius of the condenser's disc divided by that of the lens's aperture: 0 is a plane wave, and
 from about 2 on, the picture is that of incoherent light. A clear section has the intensity 1 up to S = 1 and 1/S²
 beyond it.
 
-**Source points** lie on seven rings at the nodes of Gauss and Legendre in the squared radius, in pairs s and -s, so a
-weak phase section has no contrast in focus. These 228 points give the transfer of weak sections within 0.02 of the
-integral over the condenser, 0.01 rms; beyond S = 1 there are more. Far from focus the condenser averages away what is
-fine, and so does the sum up to MAX_SWING radians of defocus from its middle to its edge; what is finer, of which 0.02
-or less is left, is left out.
+**Modes.** The mean over s is a sum over modes n that are coherent in themselves, |Σ_ν T̂(ν)·φ_n(ν)·exp(2πi·ν·X)|²
+(Gamo). Condenser and lens are round, so φ = f(|ν|)·exp(±i·m·angle of ν), and the integral over the angle of s gives the
+m-th Fourier coefficient of P on a ring of the condenser. Rings lie at the nodes of Gauss and Legendre in the squared
+radius. Of each m, those mixtures of rings come first that bring most light of this section. Modes are summed until at
+most MAX_LEFT_OUT of the light is left out, or until there are MAX_MODES of them, each with m > 0 standing for two; what
+is left out is added as an even light. In focus few are needed, far from it as many as the square of the defocus.
+
+Far from focus the condenser averages away what is fine: beyond MAX_SWING radians of defocus from its middle to its
+edge 0.02 or less is left of a frequency, which is left out.
 
 **Period.** Waves are summed over a period that is wider than the field by a guard band: how far defocus spreads a wave
 at the ends of the travel, and FADE resolved widths λ·y/R more, in which the section fades to clear. Beyond its array a
-section is clear. Intensities are sampled finely enough not to alias, and integrated over each pixel by their Fourier
-series.
+section is clear. Intensities are sampled finely enough that only what is averaged away aliases, and integrated over
+each pixel by their Fourier series.
 
 References
 ----------
 M. Born and E. Wolf, "Principles of Optics" (1999), section 10.6.
 H. H. Hopkins, "On the diffraction theory of optical images", Proc. R. Soc. A 217, 408 (1953),
 doi:10.1098/rspa.1953.0071.
+H. Gamo, "Matrix treatment of partial coherence", Progress in Optics 3, 187 (1964), doi:10.1016/S0079-6638(08)70574-X.
 """
 
 import math
-from functools import lru_cache
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -47,39 +55,11 @@ from saf_gen.optics.fitted_rays import FittedRays
 from saf_gen.optics.texture_contrast import Imaging
 
 FADE = 8.0  # resolved widths λ·y/R
-RINGS = 7  # of the condenser within the aperture
-POINTS = 7.0  # on the outermost ring, times the number of rings
+MAX_LEFT_OUT, MAX_MODES = 2e-4, 128  # share of the light that modes may leave out; their largest number up to S = 1
+RADII, FINER = 1024, 16  # at which the profile of a mode is computed; steps between them at which it is interpolated
 MAX_SWING = 20.0
-BATCH = 8  # source points at once
 MAX_SIDE = 1 << 14
 """Most texels along a side of the period."""
-
-
-@lru_cache(maxsize=32)
-def source_points(coherence: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points of the condenser in units of the aperture's radius, and their weights: x, y, w, float64 (point,).
-
-    The sum of the weights is 1. Beyond the aperture there are rings of their own, so what passes is exactly 1/S².
-    """
-    inner = min(coherence, 1.0)
-    rings = [_rings(0.0, inner, count=RINGS)]
-    if coherence > 1:
-        rings.append(_rings(inner, coherence, count=math.ceil(RINGS * (coherence - 1)) + 1))
-    found = []
-    for k, (radius, area) in enumerate(np.concatenate(rings)):
-        count = 2 * math.ceil(POINTS * RINGS * radius / inner / 2)  # even: with each point its opposite
-        angle = 2 * np.pi * (np.arange(count) + 0.618 * k) / count
-        weight = np.full(count, area / (count * coherence**2))
-        found.append((radius * np.cos(angle), radius * np.sin(angle), weight))
-    x, y, weight = (np.concatenate(part) for part in zip(*found, strict=True))
-    return x, y, weight
-
-
-def _rings(inner: float, outer: float, *, count: int) -> np.ndarray:
-    """Return radii and areas (over π) of rings that fill an annulus, float64 (ring, 2)."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    half = (outer**2 - inner**2) / 2
-    return np.stack([np.sqrt(inner**2 + half * (nodes + 1)), half * weights], axis=1)
 
 
 def check_lens(drive: Drive) -> None:
@@ -226,49 +206,57 @@ class SectionImages:
         """Return the intensity at evenly spaced points of the period, float32 (row, col)."""
         from scipy import fft  # takes 50 ms and is needed for sections only
 
-        radius = self._drive.aperture_radius_m / (self._wavelength_m * self._distance(position))
-        sizes = [math.floor(2 * radius * period) + 2 for period in self._periods]  # lines across the aperture
-        lengths = [
-            max(size, _fast_length(math.ceil((2 * radius + finest) * period) + 1))
-            for size, period in zip(sizes, self._periods, strict=True)
+        to_lens = self._wavelength_m * self._distance(position) / self._drive.aperture_radius_m
+        # Nearly all that is finer than 2·finest is averaged away.
+        band = min(2 / to_lens + finest, 3 * finest)
+        lengths = [_fast_length(math.ceil(band * period) + 1) for period in self._periods]
+        # Frequencies in units of the aperture's radius; what is beyond 1 + S passes at no point of the condenser.
+        most = [
+            min(-low, math.floor((1 + coherence) / to_lens * period))
+            for low, period in zip(self._lowest, self._periods, strict=True)
         ]
-        total = np.zeros(lengths, np.float32)
-        sources = list(zip(*source_points(coherence), strict=True))
-        for first in range(0, len(sources), BATCH):
-            blocks = [
-                self._passed(position, (y * radius, x * radius), weight=weight, sizes=sizes)
-                for x, y, weight in sources[first : first + BATCH]
-            ]
-            # Where a block lies among the frequencies changes the phase of its wave alone.
-            waves = fft.ifft(np.stack(blocks), n=lengths[0], axis=1, norm="forward", workers=self._threads)
-            waves = fft.ifft(waves, n=lengths[1], axis=2, norm="forward", workers=self._threads, overwrite_x=True)
-            parts = waves.view(np.float32)
-            np.multiply(parts, parts, out=parts)
-            squares = parts.sum(axis=0)
-            total += squares[:, 0::2]
-            total += squares[:, 1::2]
+        down, across = (
+            np.arange(-line, line + 1, dtype=np.float32) * np.float32(to_lens / period)
+            for line, period in zip(most, self._periods, strict=True)
+        )
+        block = (slice(-low - line, line - low + 1) for low, line in zip(self._lowest, most, strict=True))
+        wave = self._spectrum[tuple(block)]
+        radius = np.sqrt(down[:, None] ** 2 + across**2)
+        along = (across + 1j * down[:, None]) / np.maximum(radius, np.float32(1e-12))
+        node = np.rint(radius * np.float32(FINER * (RADII - 1) / (1 + coherence))).astype(np.int32)
+        np.minimum(node, FINER * (RADII - 1), out=node)
+        coarse = (node.ravel() + FINER // 2) // FINER
+        power = np.bincount(coarse, (wave.real**2 + wave.imag**2).ravel(), minlength=RADII)
+        turn = np.pi / self._wavelength_m * float(self._drive.defocus(position, self._depth_m))
+        turn *= self._drive.aperture_radius_m**2
+        modes, left_out = coherent_modes(coherence, turn=turn, aberration=self._aberration, power=power)
+        wave = wave * np.exp(1j * turn * down[:, None] ** 2).astype(np.complex64)
+        wave *= np.exp(1j * turn * across**2).astype(np.complex64)
+        total = np.full(lengths, left_out, np.float32)
+        turned, order = np.ones_like(along), 0
+        for mode in modes:
+            while order < mode.order:
+                turned, order = turned * along, order + 1
+            sides = wave * mode.profile[node]
+            for part in (sides * turned, sides * turned.conj())[: 2 if mode.order else 1]:
+                # Where a block lies among the frequencies changes the phase of its wave alone.
+                for axis in (0, 1):
+                    part = _fold(part, lengths[axis], axis=axis)
+                    part = fft.ifft(part, n=lengths[axis], axis=axis, norm="forward", workers=self._threads)
+                squares = part.view(np.float32)
+                np.multiply(squares, squares, out=squares)
+                total += squares[:, 0::2]
+                total += squares[:, 1::2]
         return total
 
-    def _passed(self, position: float, source: tuple[float, float], *, weight: float, sizes: list[int]) -> np.ndarray:
-        """Return T̂(ν)·P(ν + s) where P is not 0, times the root of the source's weight: complex64 (row, col)."""
-        radius, to_lens = self._drive.aperture_radius_m, self._wavelength_m * self._distance(position)
-        starts = [math.ceil((-radius / to_lens - s) * period) for s, period in zip(source, self._periods, strict=True)]
-        down, across = (
-            to_lens * ((start + np.arange(size)) / period + s)
-            for start, size, period, s in zip(starts, sizes, self._periods, source, strict=True)
-        )
-        turn = 1j * np.pi / self._wavelength_m * float(self._drive.defocus(position, self._depth_m))
-        rows, columns = (
-            slice(start - low, start - low + size) for start, low, size in zip(starts, self._lowest, sizes, strict=True)
-        )
-        factor = (math.sqrt(weight) * np.exp(turn * down**2)).astype(np.complex64)
-        block = self._spectrum[rows, columns] * factor[:, None] * np.exp(turn * across**2).astype(np.complex64)
-        if self._drive.wavefront is not None:
-            assert not isinstance(self._drive.wavefront, FittedRays)  # refused before
-            path = self._drive.wavefront.path((across, down[:, None]), (0.0, 0.0))
-            block *= np.exp(2j * np.pi / self._wavelength_m * path).astype(np.complex64)
-        block *= (down**2)[:, None] + across**2 <= radius**2
-        return block
+    def _aberration(self, radius: np.ndarray) -> np.ndarray:
+        """Return the phase (radians) by which the lens delays light at radii in units of the aperture's."""
+        wavefront = self._drive.wavefront
+        if wavefront is None:
+            return np.zeros_like(radius)
+        assert not isinstance(wavefront, FittedRays)  # refused before
+        path = wavefront.path((radius * self._drive.aperture_radius_m, 0.0), (0.0, 0.0))
+        return np.asarray(2 * np.pi / self._wavelength_m * path)
 
     def _integrate(self, axis: int, position: float, *, length: int, finest: float) -> np.ndarray:
         """Return the weight of each evenly spaced point of a period in each pixel, float32 (pixel, point).
@@ -285,6 +273,90 @@ class SectionImages:
             2j * np.pi * lines / period * places[:, None]
         )
         return (np.fft.fft(series, axis=1).real / length).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A part of the condenser's light that is coherent in itself: profile(|ν|)·exp(±i·order·angle of ν), both signs.
+
+    ``profile`` is complex64, at RADII radii from 0 to 1 + S in units of the aperture's radius.
+    """
+
+    order: int
+    profile: np.ndarray
+
+
+def coherent_modes(
+    coherence: float, *, turn: float, aberration: Callable[[np.ndarray], np.ndarray], power: np.ndarray
+) -> tuple[list[Mode], float]:
+    """Return the modes that bring the most light of a section, by their order, and the intensity left out.
+
+    Parameters
+    ----------
+    coherence : float
+        S.
+    turn : float
+        Phase of defocus at the edge of the aperture, radians. Modes are without exp(i·turn·|ν|²), which all share.
+    aberration : callable
+        Phase (radians) of the rest of the wavefront at radii in units of the aperture's.
+    power : ndarray of float, shape (RADII,)
+        Sum of |T̂|² round each radius.
+    """
+    from scipy import fft  # takes 50 ms and is needed for sections only
+
+    edge = np.asarray(aberration(np.linspace(0, 1, 65)))
+    swing = 2 * abs(turn) * min(coherence, 1.0) + np.abs(np.diff(edge)).sum()
+    orders, rings = (min(base + math.ceil(rate * swing), most) for base, rate, most in ((48, 1.2, 256), (14, 0.3, 64)))
+    edges = [0.0, min(coherence, 1.0), *([coherence] if coherence > 1 else [])]
+    sources = np.concatenate([_rings(a, b, count=rings) for a, b in pairwise(edges)])
+    radius = np.linspace(0, 1 + coherence, RADII, dtype=np.float32)[:, None]
+    step = np.pi / (2 * orders)
+    cos = np.cos((np.arange(2 * orders, dtype=np.float32) + 0.5) * step)
+    found, total = np.empty((orders, len(sources), RADII), np.complex64), 0.0
+    for k, (source, area) in enumerate(sources.astype(np.float32)):
+        # A point ν + s is inside the aperture beyond this angle between the two; a cell at its border counts in part.
+        limit = np.arccos(np.clip((1 - radius**2 - source**2) / np.maximum(2 * radius * source, 1e-12), -1, 1))
+        inside = np.clip(np.arange(1, 2 * orders + 1, dtype=np.float32) - limit / step, 0, 1)
+        between = 2 * source * radius * cos
+        phase = turn * (between + source**2)
+        if edge.any():
+            phase += aberration(np.sqrt(np.maximum(radius**2 + source**2 + between, 0)))
+        share = float(area) / coherence**2
+        total += share * float(power @ (inside**2).mean(axis=1))
+        for part, of in ((np.cos(phase), found.real), (np.sin(phase), found.imag)):
+            of[:, k] = math.sqrt(share) / (4 * orders) * fft.dct(inside * part, axis=1)[:, :orders].T
+    # Products as small as these are made by one thread: two would wait for each other.
+    seen = (found * np.sqrt(power).astype(np.float32)).reshape(orders, len(sources), -1, 64).swapaxes(1, 2)
+    light, mixture = np.linalg.eigh((seen.conj() @ seen.swapaxes(2, 3)).sum(axis=1, dtype=complex))
+    light *= np.where(np.arange(orders) == 0, 1, 2)[:, None]
+    order, ring = np.unravel_index(np.argsort(-light, axis=None), light.shape)
+    kept = int((np.cumsum(light[order, ring]) < total * (1 - MAX_LEFT_OUT)).sum()) + 1
+    kept = min(kept, math.ceil(MAX_MODES * max(1.0, coherence) ** 2))
+    fine = np.arange(FINER * (RADII - 1) + 1) / FINER
+    modes = []
+    for m, q in zip(order[:kept], ring[:kept], strict=True):
+        profile = np.interp(fine, np.arange(RADII), np.einsum("k,kr->r", mixture[m, :, q], found[m]))
+        modes.append(Mode(int(m), profile.astype(np.complex64)))
+    modes.sort(key=lambda mode: mode.order)
+    return modes, max(total - float(light[order[:kept], ring[:kept]].sum()), 0.0)
+
+
+def _rings(inner: float, outer: float, *, count: int) -> np.ndarray:
+    """Return radii and areas (over π) of rings that fill an annulus, float64 (ring, 2)."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    half = (outer**2 - inner**2) / 2
+    return np.stack([np.sqrt(inner**2 + half * (nodes + 1)), half * weights], axis=1)
+
+
+def _fold(wave: np.ndarray, length: int, *, axis: int) -> np.ndarray:
+    """Return a spectrum of at most ``length`` lines along an axis; its wave is the same at ``length`` even points."""
+    lines = wave.shape[axis]
+    if lines <= length:
+        return wave
+    head, tail = np.split(wave, [length], axis=axis)
+    head = head.copy()
+    np.moveaxis(head, axis, 0)[: lines - length] += np.moveaxis(tail, axis, 0)
+    return head
 
 
 def _fast_length(least: int) -> int:

@@ -196,6 +196,7 @@ class SceneRenderer:
         run: int = 0,
         moments: int = 1,
         step_s: float = 0.0,
+        progress: Callable[[float], None] = lambda done: None,
     ) -> FocalStack:
         """Render the focal stack at evenly spaced positions, or at a window of them.
 
@@ -220,6 +221,8 @@ class SceneRenderer:
             moment of the stack.
         step_s : float, default 0.0
             Seconds from one of these moments to the next; if 0, the scene is at rest.
+        progress : callable, optional
+            Called with the fraction of the pictures that is done, 0 to 1.
         """
         lights = self.scene.card.lights
         groups = {"all": tuple(lights)} if as_one_group else {name: (name,) for name in lights}
@@ -245,7 +248,7 @@ class SceneRenderer:
             moments_s = [spec.time_s - n * step_s for n in reversed(range(moments))]
             shading = self._estimate_shading(show, moments_s=moments_s, samples=samples, seed=seed)
         size = {"positions": positions, "samples": samples}
-        found = self.render_groups(setups, shading, **size, window=window, seed=seed)
+        found = self.render_groups(setups, shading, **size, window=window, seed=seed, progress=progress)
         radiance = [found[name][0] for name in groups]
         return FocalStack(spec, np.stack(radiance), seen.depth, seen.target, self.backend_name)
 

@@ -179,6 +179,7 @@ class SectionRenderer:
         samples: int = 1,
         window: tuple[int, int] | None = None,
         as_one_group: bool = False,
+        progress: Callable[[float], None] = lambda done: None,
         **of_paths: Any,
     ) -> FocalStack:
         """Render the focal stack; see :meth:`saf_gen.render.scene_renderer.SceneRenderer.render_stack`.
@@ -200,7 +201,7 @@ class SectionRenderer:
         )
         key = (positions, window)
         if key not in self._kept:
-            found = self.render_groups(groups, positions=positions, window=window)
+            found = self.render_groups(groups, positions=positions, window=window, progress=progress)
             self._kept = {key: np.stack([found[name] for name in groups])}
         radiance = self._kept[key]
         if as_one_group:

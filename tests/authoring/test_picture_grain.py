@@ -68,21 +68,21 @@ def test_a_pixel_of_a_cropped_sensor_sees_what_it_saw(tmp_path, monkeypatch, sma
 def test_the_proposed_samples_follow_from_the_law(focus, end, moving, proposed):
     found = {BEST_FOCUS: planted(*focus), "position 1": planted(*end)}
     usual = goals.SLICE_SAMPLES if moving else goals.STILL_SAMPLES
-    finding = _compare_with_goals(found, samples=usual, usual=usual, moving=moving)
+    finding = _compare_with_goals("a", found, samples=usual, usual=usual, moving=moving)
     assert finding.level == ("ok" if proposed is None else "warning")
     if proposed:
-        assert f": use {proposed} in a recipe, or larger lamps" in finding.text
+        assert f"{{per_scene: {{a: {{{proposed}}}}}}} in a recipe), or larger lamps" in finding.text
 
 
 def test_grain_of_fewer_samples_is_scaled_to_the_usual_number():
     """A quarter of the samples gives four times the variance: 3.6 % measured means 0.9 %."""
     found = {BEST_FOCUS: planted(0.1, 0.036)}
-    assert _compare_with_goals(found, samples=64, usual=256, moving=False).level == "ok"
-    assert _compare_with_goals(found, samples=256, usual=256, moving=False).level == "warning"
+    assert _compare_with_goals("a", found, samples=64, usual=256, moving=False).level == "ok"
+    assert _compare_with_goals("a", found, samples=256, usual=256, moving=False).level == "warning"
 
 
 def test_a_contrast_that_noise_hides_needs_no_samples():
-    finding = _compare_with_goals({BEST_FOCUS: planted(0.02, 9.0, known=False)}, samples=1, usual=1, moving=False)
+    finding = _compare_with_goals("a", {BEST_FOCUS: planted(0.02, 9.0, known=False)}, samples=1, usual=1, moving=False)
     assert finding.level == "ok"
     assert "no contrast" in finding.text
 

@@ -10,8 +10,9 @@ import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
+from saf_gen.generate.plan import MachineRates
 from saf_gen.generate.recipe import FocusSettings, read_recipe
-from saf_gen.generate.resolve import MIN_POSITIONS, coarse_sampling, recipe_digest, resolve_recipe
+from saf_gen.generate.resolve import MIN_POSITIONS, coarse_sampling, recipe_digest, recipe_fingerprint, resolve_recipe
 from saf_gen.optics import DRIVES
 from saf_gen.stack.focal_stack import StackSpec
 
@@ -171,6 +172,80 @@ def test_what_does_not_fit_its_scenes_is_refused_before_anything_is_made(tmp_pat
     path = tmp_path / "r.yaml"
     path.write_text(GOOD.replace(old, new))
     assert_says(refusal(resolve_recipe, path), message)
+
+
+def with_own(own, *, of="usaf_target", render="samples: 4"):
+    return "render: {samples: 4}", f"render: {{{render}, per_scene: {{{of}: {own}}}}}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            *with_own("{samples: 9}", of="usaf_targt"),
+            "r.yaml:5 | unknown scene of render.per_scene | mean 'usaf_target",
+        ),
+        (*with_own("{samples: 9}", of="camel"), "r.yaml:5 | unknown scene of render.per_scene 'camel' | usaf_target"),
+        (*with_own("{sample: 9}"), "r.yaml:5 | 'sample' | mean 'samples"),
+        (*with_own("{max_depth: 9}"), "r.yaml:5 | 'max_depth' | samples"),
+        (*with_own("{}"), "r.yaml:5 | samples, slice_samples, or both"),
+        (*with_own("9"), "r.yaml:5 | per_scene.usaf_target is 9"),
+        (*with_own("{samples: 0}"), "r.yaml:5 | samples is 0 | 1"),
+        (*with_own("{samples: 4.5}"), "r.yaml:5 | samples is 4.5 | integer"),
+        (*with_own("{samples: {choice: [4, 9]}}"), "r.yaml:5 | samples is | integer"),
+        (*with_own("{slice_samples: 9}"), "r.yaml | slice_samples is 9, but usaf_target is recorded only at rest"),
+    ],
+)
+def test_samples_of_one_scene_that_have_wrong_names_or_values_are_refused_in_one_line(tmp_path, old, new, message):
+    path = tmp_path / "r.yaml"
+    path.write_text(GOOD.replace(old, new))
+    assert_says(refusal(resolve_recipe, path), message)
+
+
+@pytest.mark.parametrize(
+    ("scene", "render", "own", "motion", "message"),
+    [
+        ("cheek_cells", "samples: 4", "{samples: 9}", "static", "by waves, without samples | leave cheek_cells out"),
+        ("fan", "samples: 4, slice_samples: 2", "{samples: 9}", "dynamic", "only moving, with 2 | slice_samples"),
+        ("fan", "samples: 4", "{samples: 9, slice_samples: 3}", "dynamic", "only moving, with 3 | slice_samples"),
+    ],
+)
+def test_samples_that_no_picture_of_a_scene_uses_are_refused(tmp_path, scene, render, own, motion, message):
+    path = tmp_path / "r.yaml"
+    old, new = with_own(own, of=scene, render=render)
+    text = GOOD.replace("[constant, mixed]", f"[constant], scene_motion: [{motion}]").replace("usaf_target", scene)
+    path.write_text(text.replace("drive: image_distance, ", "").replace(old, new))
+    assert_says(refusal(resolve_recipe, path), message)
+
+
+def test_a_scene_has_its_own_samples_and_no_other_stack_nor_a_recipe_without_them_changes(tmp_path):
+    path = tmp_path / "r.yaml"
+
+    def resolved(render):
+        text = GOOD.replace("[usaf_target], lights: [constant, mixed]", "[usaf_target, fan], lights: [constant]")
+        path.write_text(
+            text.replace("constant]}", "constant], scene_motion: [static, dynamic]}").replace("samples: 4", render)
+        )
+        found = resolve_recipe(path)
+        specs = {s.planned.id: s.time_stack.specs[-1] for s in found.sequences}
+        return found, {name.removesuffix("-constant-00"): spec for name, spec in specs.items()}
+
+    before, plain = resolved("samples: 4")
+    assert "per_scene" not in before.recipe.model_dump(mode="json")["render"]
+    for own, samples in (
+        ("{samples: 64}", (64, 16)),
+        ("{slice_samples: 5}", (4, 5)),
+        ("{samples: 9, slice_samples: 7}", (9, 7)),
+    ):
+        after, specs = resolved(f"samples: 4, per_scene: {{fan: {own}}}")
+        assert (specs["fan"].samples, specs["fan-dynamic"].samples) == samples
+        assert specs["usaf_target"].key == plain["usaf_target"].key
+        assert (specs["fan"].key == plain["fan"].key) is (samples[0] == 4)
+        assert recipe_fingerprint(after.recipe) != recipe_fingerprint(before.recipe)
+    _, specs = resolved("samples: 4, slice_samples: 2, per_scene: {fan: {samples: 64}}")
+    assert (specs["fan"].samples, specs["fan-dynamic"].samples) == (64, 2)
+    heavy, light = (MachineRates().render_seconds(found["fan"]) for found in (specs, plain))
+    assert heavy > 4 * light
 
 
 @pytest.mark.parametrize(("value", "seconds"), [("false", 0), ("true", math.inf), ("0.3", 0.3), ("1", 1), ("1.0", 1)])

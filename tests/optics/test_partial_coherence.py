@@ -117,6 +117,49 @@ def cell_texture(shape, seed):
     return noise / noise.std()
 
 
+def slow_sum(amplitude, *, coherence, waves, z_m, shape, pitch_m, points=400):
+    """The mean intensity over each pixel, float64 (row, col): a sum over points of the condenser, wave by wave."""
+    at = np.arange(points) + 0.5  # a sunflower
+    source = coherence * np.sqrt(at / points) * np.exp(1j * np.pi * (1 + 5**0.5) * at)
+    y_m = IN_FOCUS_M - z_m
+    cutoff = OBJECTIVE.aperture_radius_m / (WAVE_M * y_m)
+    down, across = (np.fft.fftfreq(n, TEXEL_M) for n in amplitude.shape)
+    spectrum = np.fft.fft2(amplitude)
+    seen = np.zeros(amplitude.shape)
+    for s in source:
+        x, y = np.meshgrid(across / cutoff + s.real, down / cutoff + s.imag)
+        pupil = (x**2 + y**2 <= 1) * np.exp(2j * np.pi * waves(x, y))
+        seen += abs(np.fft.ifft2(spectrum * pupil)) ** 2 / points
+    width_m = pitch_m * scale(z_m)
+    for n, lines in zip(shape, (down, across), strict=True):
+        place = (np.arange(n) - (n - 1) / 2) * width_m + (lines.size - 1) / 2 * TEXEL_M
+        pixels = np.exp(2j * np.pi * np.outer(place, lines)) * np.sinc(lines * width_m)
+        seen = (pixels @ np.fft.fft(seen, axis=0) / lines.size).real.T
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("coherence", "z_um", "spherical"),
+    [(0.6, 0, 0), (0.6, -6, 0), (0.3, 6, 0), (1.0, 3, 0), (0.6, 2, 1.5), (1.5, 0, 0)],
+)
+def test_the_modes_of_a_condenser_bring_what_all_its_points_bring(coherence, z_um, spherical):
+    """The section is strong: it scatters most of the light."""
+    shape, pitch_m, z_m = (24, 30), 20e-6, z_um * 1e-6
+    amplitude = np.exp((1j - 0.2) * cell_texture((180, 204), seed=3))
+    fades = (np.clip(np.minimum(np.arange(n), np.arange(n)[::-1]) / 40, 0, 1) for n in amplitude.shape)
+    amplitude = np.pad(1 + (amplitude - 1) * np.outer(*fades), 60, constant_values=1)
+    drive = OBJECTIVE
+    if spherical:
+        wavefront = Wavefront(spherical_m=spherical * WAVE_M, radius_m=drive.aperture_radius_m)
+        drive = replace(drive, wavefront=wavefront)
+    found = images(amplitude, coherence=coherence, drive=drive, rows=shape[0], columns=shape[1], pitch_m=pitch_m)
+    wave = {"waves": waves_at(z_m, spherical), "z_m": z_m, "shape": shape, "pitch_m": pitch_m}
+    expected = slow_sum(amplitude, coherence=coherence, **wave)
+    wrong = (found.picture(at(z_m), coherence=coherence) - expected) / expected.mean()
+    limit = 0.015 if coherence <= 1 else 0.025
+    assert np.sqrt((wrong**2).mean()) < limit * expected.std() / expected.mean()
+
+
 def contrast_over_focus(power, steps_um):
     found = images(np.exp(power * cell_texture((260, 330), seed=5)), coherence=0.6, rows=30, columns=50, pitch_m=20e-6)
     pictures = [found.picture(at(z * 1e-6), coherence=0.6) for z in steps_um]

@@ -387,7 +387,7 @@ FAULTS = {
     ),
     "waves before the focus for waves beyond": Fault(
         "The waves of a thin section are defocused the other way, so what is bright on one side of the focus is dark.",
-        (Change("optics.partial_coherence", "turn = 1j * np.pi", "turn = -1j * np.pi"),),
+        (Change("optics.partial_coherence", "turn = np.pi", "turn = -np.pi"),),
         (
             "optics/test_partial_coherence.py::test_weak_sections_have_the_transfer_of_the_sum_over_the_condenser",
             "optics/test_partial_coherence.py::"

@@ -44,15 +44,18 @@ def check_grain(subject: SceneUnderTest) -> Iterator[Finding]:
     else:
         still_samples, slice_samples = TRIED_SAMPLES, SLICE_SAMPLES
         still = measure_still(renderer, seen, at=at, positions=TRIED_POSITIONS, samples=still_samples)
-    yield _compare_with_goals(still, samples=still_samples, usual=STILL_SAMPLES, moving=False)
+    name = subject.scene.id
+    yield _compare_with_goals(name, still, samples=still_samples, usual=STILL_SAMPLES, moving=False)
     slices_per_s = subject.scene.card.slices_per_s
     if not (renderer.motions and slices_per_s):
         return
     moving = measure_slices(renderer, seen, at=at, positions=POSITIONS, samples=slice_samples, step_s=1 / slices_per_s)
-    yield _compare_with_goals(moving, samples=slice_samples, usual=SLICE_SAMPLES, moving=True)
+    yield _compare_with_goals(name, moving, samples=slice_samples, usual=SLICE_SAMPLES, moving=True)
 
 
-def _compare_with_goals(found: Mapping[str, TargetGrain], *, samples: int, usual: int, moving: bool) -> Finding:
+def _compare_with_goals(
+    scene: str, found: Mapping[str, TargetGrain], *, samples: int, usual: int, moving: bool
+) -> Finding:
     """Return the finding for ``usual`` samples, from grain that was measured with ``samples``."""
     fraction = samples / usual
     rms = found[BEST_FOCUS].box.rms.value * math.sqrt(fraction)
@@ -65,7 +68,8 @@ def _compare_with_goals(found: Mapping[str, TargetGrain], *, samples: int, usual
     if over_goal <= 1:
         return Finding("grain", "ok", f"{text}, {worst}")
     enough = 2 ** math.ceil(math.log2(usual * over_goal))
-    return Finding("grain", "warning", f"{text}, {worst}: use {key}: {enough} in a recipe, or larger lamps")
+    wanted = f"it takes about {enough} samples (render: {{per_scene: {{{scene}: {{{key}: {enough}}}}}}} in a recipe)"
+    return Finding("grain", "warning", f"{text}, {worst}: {wanted}, or larger lamps")
 
 
 def _figures_with_goals(
