@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 from saf_gen.core import seeds
@@ -12,8 +11,6 @@ from saf_gen.render.estimators import MomentShading
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.render.section_renderer import SectionRenderer, render_missing_sections
-from saf_gen.render.still_hits import MovingFinder, StillHits
-from saf_gen.render.surface_hits import SurfaceFinder
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import PixelGrid, StackSpec, StackStore
 
@@ -129,20 +126,6 @@ def render_missing(
                 progress("geometry", n / len(moments))
                 store_geometry(spec, renderer.show(base.groups[:1], time_s=spec.time_s)[base.groups[0]])
                 missing.remove("geometry")
-    # Slices that follow each other at the same positions have the same camera rays. Whether the others are wanted, too,
-    # does not matter.
-    repeated = {spec for pair in pairwise(specs) if pair[0].window == pair[1].window for spec in pair}
-    kept: list[StillHits] = []
-
-    def find_again(spec: StackSpec) -> MovingFinder | SurfaceFinder | None:
-        if not renderer.motions or renderer.backend_name == "cuda":  # a card traces all faster than it copies some
-            return None
-        whole = show(spec.time_s)[base.groups[0]]
-        if not kept:
-            alone = replace(whole, mitsuba_scene=renderer.load_still(base.groups[:1]), moved_m={})
-            kept.append(StillHits(alone, emitting=renderer.emitting))
-        return kept[0].finder(whole, renderer.load_movers(spec.time_s), window=spec.indices)
-
     for n, (spec, missing) in enumerate(moments):
 
         def report(name: str, done: float, n: int = n) -> None:
@@ -173,7 +156,6 @@ def render_missing(
             window=spec.indices,
             seed=seeds.derive_seed("stack", base.key, "pictures"),
             progress=report_light,
-            finder=find_again(spec) if shading is not None and spec in repeated else None,
         )
         # Light groups are always rendered together, so that a picture is the same whichever of them was missing.
         for name, (radiance, clipped) in found.items():

@@ -13,8 +13,6 @@ from saf_gen.render import filtered_pass, one_pass, thin_lens
 from saf_gen.render.filtered_pass import estimate_shading, gather_shading
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import ShadingCells, ShadingField
-from saf_gen.render.still_hits import MovingFinder
-from saf_gen.render.surface_hits import SurfaceFinder
 
 
 def shares_shading(estimator: str, *, backend_name: str) -> bool:
@@ -33,7 +31,6 @@ def render_groups(
     shading: ShadingField | None = None,
     window: tuple[int, int] | None = None,
     progress: Callable[[float], None] = lambda done: None,
-    finder: SurfaceFinder | MovingFinder | None = None,
 ) -> dict[str, tuple[np.ndarray, int]]:
     """Render the stacks of a scene's light groups.
 
@@ -48,7 +45,7 @@ def render_groups(
     shading : ShadingField, optional
         Shading of the scene's surfaces, for the filtered estimator (:mod:`saf_gen.render.filtered_pass`). Without it
         the estimator is plain (:mod:`saf_gen.render.one_pass`, or Mitsuba's with scalar).
-    positions, seed, emitting, window, progress, finder
+    positions, seed, emitting, window, progress
         See :func:`saf_gen.render.filtered_pass.render_with_shading`.
 
     Returns
@@ -67,7 +64,6 @@ def render_groups(
             emitting=emitting,
             window=window,
             progress=progress,
-            finder=finder,
         )
     render_stack = thin_lens.render_stack if backend_name == "scalar" else one_pass.render_stack
     found = {}

@@ -38,7 +38,6 @@ from saf_gen.render.device_splat import product
 from saf_gen.render.layered_splat import BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
-from saf_gen.render.still_hits import MovingFinder
 from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
 from saf_gen.render.traced_light import finite, lamp_radiance, reflected_radiance, to_host, trace_radiance
 from saf_gen.stack.focal_stack import LAYERED_POSITIONS
@@ -116,7 +115,6 @@ def render_with_shading(
     window: tuple[int, int] | None = None,
     progress: Callable[[float], None] = lambda done: None,
     on_device: bool | None = None,
-    finder: SurfaceFinder | MovingFinder | None = None,
 ) -> dict[str, tuple[np.ndarray, int]]:
     """Render a scene's light groups together, at evenly spaced focus positions.
 
@@ -136,8 +134,6 @@ def render_with_shading(
         Ids of the shapes that are lamps under any group of the scene.
     positions, seed, window, progress, on_device
         See :func:`saf_gen.render.one_pass.render_stack`.
-    finder : SurfaceFinder or MovingFinder, optional
-        Finds what camera rays see in the scene of the first group; by default all of them are traced.
 
     Returns
     -------
@@ -147,7 +143,7 @@ def render_with_shading(
     """
     focus = positions_to_render(positions, window)
     first = next(iter(setups.values()))
-    finder = finder or SurfaceFinder(first, emitting=emitting)
+    finder = SurfaceFinder(first, emitting=emitting)
     rays_per_path = 1  # if little is shared, rays that are not traced on would contribute little
     if shading.unshared < 0.5:
         layered = focus.size <= LAYERED_POSITIONS and first.drive.fills_its_aperture_perfectly

@@ -9,7 +9,7 @@ import os
 import re
 import sys
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
@@ -119,13 +119,6 @@ def load_lit_scene(
         raise load_refusal(error, names=tuple(lit), where=where) from error
     integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})
     return loaded, integrator
-
-
-def split_scene(described: Mapping[str, Any], motions: Collection[str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return a scene without the entries that move, and one of these entries without other shapes and lamps."""
-    still = {name: entry for name, entry in described.items() if name not in motions}
-    moving = {n: entry for n, entry in described.items() if n in motions or not (_is_shape(entry) or _emits(entry))}
-    return still, moving
 
 
 def camera_to_world(scene: Scene) -> Any:

@@ -145,16 +145,6 @@ class SceneRenderer:
             self._scenes.clear()
         return {group: self.prepare((group,), time_s=time_s) for group in groups}
 
-    def load_still(self, groups: Sequence[str]) -> Any:
-        """Return Mitsuba's scene without what moves, under some light groups. It is not kept."""
-        described, _ = mitsuba_scene.split_scene(self._described, self.motions)
-        return self._load_lit(described, groups)[0]
-
-    def load_movers(self, time_s: float) -> Any:
-        """Return Mitsuba's scene of what moves at a moment (s), alone and in the dark. It is not kept."""
-        _, described = mitsuba_scene.split_scene(self._posed(time_s), self.motions)
-        return self._load_lit(described, ())[0]
-
     def contents(self) -> str:
         """Return what the scene consists of, in words."""
         return f"{len(self.prepare().mitsuba_scene.shapes())} shapes"
@@ -348,15 +338,12 @@ class SceneRenderer:
         return found
 
     def _load(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
-        return self._load_lit(self._described if time_s is None else self._posed(time_s), groups)
-
-    def _posed(self, time_s: float) -> dict[str, Any]:
-        return mitsuba_scene.pose_shapes(self._described, self.motions, time_s=time_s, unit_m=self.scene.card.unit_m)
-
-    def _load_lit(self, described: Mapping[str, Any], groups: Sequence[str]) -> tuple[Any, Any]:
-        emitters = tuple(emitter for group in groups for emitter in self.scene.card.lights[group])
+        card, moment = self.scene.card, self._described
+        if time_s is not None:
+            moment = mitsuba_scene.pose_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
+        emitters = tuple(emitter for group in groups for emitter in card.lights[group])
         where = str(self.scene.folder / ("scene.py" if self.scene.has_script else "scene.xml"))
-        return mitsuba_scene.load_lit_scene(described, emitters, max_depth=self.max_depth, where=where)
+        return mitsuba_scene.load_lit_scene(moment, emitters, max_depth=self.max_depth, where=where)
 
 
 def _bounding_box(scene: Any, names: tuple[str, ...]) -> np.ndarray:

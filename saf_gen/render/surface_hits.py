@@ -144,11 +144,6 @@ class SurfaceFinder:
             moved[index] = setup.moved_m.get(shape.id(), np.zeros(3)) / setup.unit_m
         self._moved: Any = mi.Float(moved.ravel())  # read three at a time
 
-    @property
-    def sees_through_some(self) -> bool:
-        """Whether the scene has a clear surface."""
-        return self._clear.any
-
     def find(self, rays: CameraRays, focus: np.ndarray, *, seed: int, on_device: bool = False) -> Sight:
         """Follow rays, cast for these positions, to the surfaces that they see; ``seed`` is for choices on the way.
 

@@ -268,21 +268,6 @@ FAULTS = {
             "render/test_slices_share_rays.py::test_a_still_scene_shows_no_beat_with_its_slices",
         ),
     ),
-    "what a mover hides": Fault(
-        "Of the camera rays that meet something that moves, half keep the still surface behind it.",
-        (
-            Change(
-                "render.still_hits",
-                "np.flatnonzero(movers.ray_test(ray).numpy())",
-                "np.flatnonzero(movers.ray_test(ray).numpy())[::2]",
-            ),
-        ),
-        (
-            "render/test_still_hits.py::test_pictures_are_those_of_rays_that_are_all_traced",
-            "render/test_still_hits.py::"
-            "test_rays_meet_the_same_surfaces_and_only_those_that_may_meet_the_card_are_traced_again",
-        ),
-    ),
     "interpolation in time reversed": Fault(
         "Between two time slices, the earlier one fades in and the later one fades out.",
         (
