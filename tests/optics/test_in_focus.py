@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pupils import pupil_transfer, seidel
 
 from saf_gen.optics import FocalLengthDrive, FocusCriterion, ImageDistanceDrive, Stage, Wavefront
 from saf_gen.optics.texture_contrast import Light
+from studies.laws.pupils import pupil_transfer, seidel
 
 WAVE_M, PITCH_M, SHAPE = 555e-9, 20e-6, (24, 41)
 DRIVES = {

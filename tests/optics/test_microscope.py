@@ -2,19 +2,12 @@
 
 import numpy as np
 import pytest
-from written_scenes import (
-    find_peak,
-    load_setup,
-    measure_edge,
-    needs_llvm,
-    render_stack_once,
-    write_edge_scene,
-    write_scene,
-)
+from written_scenes import load_setup, measure_edge, needs_llvm, render_stack_once, write_edge_scene, write_scene
 
 from saf_gen.optics import FocusCriterion
 from saf_gen.render import depth_and_target, thin_lens
 from saf_gen.render.render_setup import SensorGrid
+from studies.laws.pupils import find_peak
 
 pytestmark = needs_llvm
 

@@ -9,16 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from refusals import refusal
-from written_scenes import (
-    JIT,
-    dispersion,
-    find_peak,
-    load_setup,
-    measure_edge,
-    needs_llvm,
-    render_stack_once,
-    write_edge_scene,
-)
+from written_scenes import JIT, dispersion, load_setup, measure_edge, needs_llvm, render_stack_once, write_edge_scene
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.render import camera_rays, depth_and_target, mitsuba_scene, one_pass, render_missing, thin_lens
@@ -26,6 +17,7 @@ from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
+from studies.laws.pupils import find_peak
 
 # The plane at 0.5 m is well inside each travel.
 DRIVES = {
