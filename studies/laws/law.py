@@ -203,15 +203,23 @@ def compare_estimate(
 
 
 def compare_mean(
-    what: str, samples: np.ndarray, *, expected: float, figures: int, model_error: float = 0.0, unit: str = ""
+    what: str,
+    samples: np.ndarray,
+    *,
+    expected: float,
+    figures: int,
+    model_error: float = 0.0,
+    least_scatter: float = 0.0,
+    unit: str = "",
 ) -> Comparison:
     """Return the comparison of the mean of independent samples with the value that a law predicts.
 
-    The scatter of the samples gives the standard error of the mean. The bounds are those of Student's t distribution,
-    because the scatter of few samples is itself uncertain. Other arguments are those of :func:`compare_estimate`.
+    The scatter of the samples gives the standard error of the mean, but no less than ``least_scatter``: a few counts of
+    whole spikes may happen to be equal. The bounds are those of Student's t distribution, because the scatter of few
+    samples is itself uncertain. Other arguments are those of :func:`compare_estimate`.
     """
     samples = np.asarray(samples, np.float64).ravel()
-    error = float(samples.std(ddof=1) / math.sqrt(samples.size))
+    error = max(float(samples.std(ddof=1)), least_scatter) / math.sqrt(samples.size)
     mean, freedom = float(samples.mean()), samples.size - 1
     allowed = deviations(FALSE_ALARM / (2 * figures), freedom=freedom) * error + model_error
     half = deviations(0.025, freedom=freedom) * error

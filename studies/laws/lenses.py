@@ -494,7 +494,7 @@ def _check_double_gauss(maker: DatasetMaker, quick: bool) -> Finding:
     behind = first + (last - first) * np.linspace(0, 1, knots)
     stops = (0.025, 0.25, 0.5, 0.75, 0.975)
     windows = [range(round(stop * frames) - 200, round(stop * frames) + 200) for stop in stops]
-    found, law, near = [], [], slice(0, 0)
+    found, law, full, near = [], [], [], slice(0, 0)
     with dataset.open() as stream:
         for window in windows:
             counts = stream.counts(window.start, window.stop).astype(np.float64)
@@ -502,11 +502,12 @@ def _check_double_gauss(maker: DatasetMaker, quick: bool) -> Finding:
             near = slice(middle - 12, middle + 13)
             by_knot = np.array([_edge_by_surfaces(lens, near, columns, sensor.pitch_m, behind_m=d) for d in behind])
             level = (1 + ((np.arange(columns) + 0.5 - columns / 2) * sensor.pitch_m / behind[2]) ** 2) ** -2  # cos⁴
-            found.append(counts[:, near] / level[near] / (counts / level)[:, middle - 80 : middle - 14].mean())
+            full.append((counts / level)[:, middle - 80 : middle - 14].mean())
+            found.append(counts[:, near] / level[near] / full[-1])
             law.append(sweep_mean(by_knot, window, frames=frames))
     comparisons, curves = [], []
     x = tuple(float(n) for n in range(-12, 13))
-    for stop, seen, expected in zip(stops, found, law, strict=True):
+    for stop, seen, expected, spikes in zip(stops, found, law, full, strict=True):
         slope = np.abs(np.gradient(expected))
         for n, column in enumerate(x):
             comparisons.append(
@@ -516,6 +517,7 @@ def _check_double_gauss(maker: DatasetMaker, quick: bool) -> Finding:
                     expected=float(expected[n]),
                     figures=len(stops) * len(x),
                     model_error=FIT_ERROR_PX * float(slope[n]) + 5e-4,
+                    least_scatter=6**-0.5 / spikes,  # of counts of whole spikes, as noise_photon_transfer has it
                 )
             )
         curves += [

@@ -98,7 +98,7 @@ def test_slices_with_the_proposed_number_of_samples_pass(tmp_path, monkeypatch, 
     subject = SceneUnderTest(find_scene("plane"), sensor, backend=VARIANT)
     _, finding = check_grain(subject)
     assert finding.level == "warning"
-    (samples,) = re.findall(r"slice_samples: (\d+) in a recipe", finding.text)
+    (samples,) = re.findall(r"slice_samples: (\d+)}", finding.text)
     assert int(samples) > goals.SLICE_SAMPLES
     found = measure_slices(
         subject.renderer,

@@ -214,7 +214,8 @@ def test_new_then_preview(call, call_scenes, tmp_path, monkeypatch):
     assert find_scene("mine").digest == before
     drawn = []
     monkeypatch.setattr(
-        "saf_gen.authoring.scene_sheet.preview_scene", lambda scene, sensor, **how: drawn.append((scene.id, how))
+        "saf_gen.authoring.scene_sheet.preview_scene",
+        lambda scene, sensor, *, progress, **how: drawn.append((scene.id, how)),
     )
     assert call_scenes("preview", "scenes/mine", "--out", "it.png")[0] == 0
     assert drawn == [("mine", {"path": Path("it.png"), "backend": VARIANT})]

@@ -10,7 +10,7 @@ import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
-from saf_gen.generate.plan import MachineRates
+from saf_gen.generate.cost import render_seconds
 from saf_gen.generate.recipe import FocusSettings, read_recipe
 from saf_gen.generate.resolve import MIN_POSITIONS, coarse_sampling, recipe_digest, recipe_fingerprint, resolve_recipe
 from saf_gen.optics import DRIVES
@@ -244,7 +244,7 @@ def test_a_scene_has_its_own_samples_and_no_other_stack_nor_a_recipe_without_the
         assert recipe_fingerprint(after.recipe) != recipe_fingerprint(before.recipe)
     _, specs = resolved("samples: 4, slice_samples: 2, per_scene: {fan: {samples: 64}}")
     assert (specs["fan"].samples, specs["fan-dynamic"].samples) == (64, 2)
-    heavy, light = (MachineRates().render_seconds(found["fan"]) for found in (specs, plain))
+    heavy, light = (render_seconds(found["fan"]) for found in (specs, plain))
     assert heavy > 4 * light
 
 
