@@ -17,6 +17,7 @@ HEIGHTS = (0.0, 0.7, 1.0)  # of the spots, as parts of the fitted height
 STEPS = (-8, -4, 0, 4, 8)  # of the spots, in waves of defocus at the edge of the aperture
 SMALL = 0.02  # of the aperture: rays near the axis
 USUAL_PITCH_UM = 20.0  # of spike cameras
+BELOW: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0, -0.2), "ncols": 3, "columnspacing": 1}  # of curves
 
 
 class Aberration(NamedTuple):
@@ -140,7 +141,7 @@ def _draw_spherical(axes: Axes, lens: FittedLens) -> None:
         axes.plot(1e3 * focus, zones, color=colour, lw=1.2, label=f"{wave:.0f} nm")
     axes.set(title="spherical aberration", xlabel="focus, mm", ylabel="part of the aperture")
     axes.locator_params(axis="x", nbins=4)
-    axes.legend()
+    axes.legend(**BELOW)
     hide_spines(axes, "top", "right")
 
 
@@ -150,7 +151,7 @@ def _draw_curvature(axes: Axes, lens: FittedLens, *, seen: SeenWavefront) -> Non
         axes.plot(1e3 * focus, heights, color=colour, lw=1.2, label=name)
     axes.set(title="field curvature", xlabel="focus, mm", ylabel="image height, mm")
     axes.locator_params(axis="x", nbins=4)
-    axes.legend()
+    axes.legend(**BELOW)
     hide_spines(axes, "top", "right")
 
 

@@ -25,7 +25,7 @@ MAX_BANDS = 8
 MITSUBA_VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
 CARD_VERDICT = "SAF_GEN_CARD_VERDICT"  # variable that hands the verdict on the card to the processes of workers
 CARD_SECONDS = 180  # the driver compiles OptiX's own programs once, before the first ray
-CARD_ADVICE = "let OptiX of the driver into a container with NVIDIA_DRIVER_CAPABILITIES=compute,utility,graphics"
+CARD_ADVICE = "in a container, let the driver and its OptiX in: NVIDIA_DRIVER_CAPABILITIES=compute,utility,graphics"
 TRACE_TRIANGLE = f"""\
 import mitsuba as mi
 mi.set_variant({MITSUBA_VARIANTS["cuda"]!r})
