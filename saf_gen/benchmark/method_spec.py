@@ -440,13 +440,15 @@ def _load_class(name: str, bare: str) -> type:
 
 @dataclass(frozen=True)
 class TuningTrial:
-    """One choice of constants, with its success rate within one depth of focus and its median error."""
+    """One choice of constants, with its success rate within one depth of focus, its median error, and what tuning
+    maximised (None in files of before there was such a number)."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     method: str
     success_1dof: Number | None
     median_error_dof: Number | None
+    objective: Number | None = None
 
 
 @dataclass(frozen=True)

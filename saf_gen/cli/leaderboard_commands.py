@@ -175,11 +175,15 @@ def verify_evaluation_command(
 
 def tune_command(
     dataset: Annotated[Path, typer.Argument(help="Dataset folder.")],
-    method: Annotated[str, typer.Option(help="MEASURE+SEARCH; options after a colon are not changed.")],
+    method: Annotated[str, typer.Option(help="MEASURE+SEARCH, or @FILE of a tuned method.")],
     *,
     try_: Annotated[
-        list[str], typer.Option("--try", help="measure.KEY=VALUE,... or search.KEY=VALUE,...; repeatable.")
-    ],
+        list[str] | None, typer.Option("--try", help="measure.KEY=VALUE,... or search.KEY=VALUE,...; repeatable.")
+    ] = None,
+    trials: Annotated[
+        int | None,
+        typer.Option(help="Evaluate the method as it is and with random constants, so many in all, instead of a grid."),
+    ] = None,
     file: Annotated[Path, typer.Option("--out", help="JSON file to write.")],
     split: Annotated[str, typer.Option(help="Split to tune on, any but test.")] = "train",
     track: Track = "recorded",
@@ -189,7 +193,7 @@ def tune_command(
     region: Annotated[str, typer.Option(help="Where methods look: target (its bounding box) or frame.")] = "target",
     cluster: ClusterAddress = None,
 ) -> None:
-    """Evaluate every combination of values on a split, and write the best one; `@FILE` then names this method."""
+    """Evaluate a method with many values of its constants on a split, and write the best; `@FILE` then names it."""
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.method_spec import TUNING_FORMAT, format_tuned
     from saf_gen.core.files import check_ours, check_writable, write_text
@@ -197,7 +201,7 @@ def tune_command(
     from saf_gen.stream.manifest import read_manifest
 
     values: dict[str, list[str]] = {}
-    for text in try_:
+    for text in try_ or ():
         key, equals, rest = text.partition("=")
         if not equals or key in values:
             raise BadInput(f"--try is {text!r}", allowed="KEY=VALUE,VALUE,..., with each key once")
@@ -210,6 +214,7 @@ def tune_command(
             dataset,
             method,
             values=values,
+            trials=trials,
             split=split,
             region=region,
             protocol=protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep),
@@ -219,9 +224,11 @@ def tune_command(
             notify=err.print,
         )
     print_kept(kept, splits={split})
-    print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
+    print_leaderboard(rows[:20], title=f"{len(rows)} trials, {tuned.sequences} sequences of {split}")
     write_text(file, format_tuned(tuned))
     kept.remove()
+    if trials is not None and len(rows) < trials:
+        err.print(f"{len(rows)} of {trials} trials: the constants of {method} allow no more")
     out.print(f"best: {tuned.method}", soft_wrap=True)
     out.print(
         f"{file}   (next: {read_manifest(dataset).next_command(dataset)} --method {shlex.quote(f'@{file}')})",

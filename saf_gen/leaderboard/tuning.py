@@ -1,93 +1,37 @@
-"""Tuning of the constants of a method, which evaluates every combination of the values to try.
+"""Tuning of the constants of a method: the best of a grid, or of as many draws as every other method has.
 
 Constants are tuned on the split train; the split test is reserved for finished methods.
 """
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
-from itertools import product
-from math import inf, prod
+from collections.abc import Callable, Iterable
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saf_gen import __version__
-from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_folder import ends_as_folder
-from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, split_halves, split_options, split_region
+from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial
+from saf_gen.benchmark.records import Record
 from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.leaderboard import LeaderboardRow, rank_methods
+from saf_gen.leaderboard.trials import Choices, draw_trials, expand_grid
 from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-
-MAX_COMBINATIONS = 1000
-"""Largest number of combinations in one run."""
-ParameterGrid = Mapping[str, Sequence[str]]
-
-
-def expand_grid(method: str, values: ParameterGrid) -> list[str]:
-    """Return the names of a method with every combination of the given values of its constants.
-
-    Parameters
-    ----------
-    method : str
-        Name of a method, or ``@FILE`` for a tuned one.
-    values : mapping of str to sequence of str
-        Values to try, by ``measure.KEY`` or ``search.KEY``. They replace values in the name of the method.
-
-    Returns
-    -------
-    list of str
-        One name for each combination, with the values of the last key varying fastest.
-
-    Raises
-    ------
-    BadInput
-        If there are no values, a key begins with neither ``measure.`` nor ``search.``, there are more than
-        MAX_COMBINATIONS combinations, or the measure or the search refuses a key or a value.
-    """
-    name, region = split_region(admit_method(method).name)  # reports errors in the method itself first
-    if ends_as_folder(name):
-        raise BadInput(
-            f"{name} is a method in a folder, whose options are in its card",
-            allowed="MEASURE+SEARCH, such as my_method/model.py:Net+my_method/search.py:Walk",
-        )
-    halves = dict(zip(("measure", "search"), split_halves(name), strict=True))
-    for key, choices in values.items():
-        half, dot, option = key.partition(".")
-        if half not in halves or not dot or not option:
-            raise BadInput(f"--try is {key!r}", allowed="measure.KEY=VALUE,... or search.KEY=VALUE,...")
-        if not choices or not all(choices):
-            raise BadInput(f"--try {key!r} has an empty value", allowed="values separated by commas")
-    if not values:
-        raise BadInput("there are no values to try", allowed="--try search.window=50,100,200, once or several times")
-    if (count := prod(len(choices) for choices in values.values())) > MAX_COMBINATIONS:
-        raise BadInput(
-            f"there are {count} combinations of values",
-            allowed=f"at most {MAX_COMBINATIONS}",
-            hint="try fewer values at a time",
-        )
-    specs = []
-    for chosen in product(*values.values()):
-        spec = dict(halves)
-        for key, value in zip(values, chosen, strict=True):
-            half, _, option = key.partition(".")
-            spec[half] = _set_option(spec[half], option, value=value)
-        specs.append("+".join(spec.values()) + (f"@{region}" if region else ""))
-        admit_method(specs[-1])
-    return specs
 
 
 def tune(
     dataset: str | Path,
     method: str,
     *,
-    values: ParameterGrid,
+    values: Choices | None = None,
+    trials: int | None = None,
     split: str = "train",
     region: str = "target",
     protocol: "ClosedLoopProtocol | None" = None,
@@ -96,9 +40,11 @@ def tune(
     cluster: str | None = None,
     notify: Callable[[str], None] = lambda line: None,
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
-    """Find the best of ``expand_grid(method, values)`` on a split of a dataset.
+    """Find the best constants of a method on a split of a dataset.
 
-    The best method has the largest success within one depth of focus and, among equals, the smallest median error.
+    The candidates are ``draw_trials(method, trials, values)``, or ``expand_grid(method, values)`` without a number of
+    trials. The best has the largest ``find_objective`` and, among equals, the smallest median error; among these, the
+    first candidate, which is the method as it is if candidates are drawn.
 
     Parameters
     ----------
@@ -106,8 +52,10 @@ def tune(
         Folder of the dataset.
     method : str
         Name of a method, or ``@FILE`` for a tuned one.
-    values : mapping of str to sequence of str
-        Values to try, as for expand_grid.
+    values : mapping of str to sequence of str, optional
+        Values to try, as for expand_grid, or to draw from, as for draw_trials.
+    trials : int, optional
+        Number of candidates to draw; by default, all combinations of ``values`` are tried.
     split : str, default "train"
         Any split except ``test``; ``all`` splits together cannot be chosen, because that would include it.
     region : str, default "target"
@@ -133,7 +81,7 @@ def tune(
     Raises
     ------
     BadInput
-        If the split is ``test``, the split or region is unknown, or expand_grid or evaluate refuses its input.
+        If the split is ``test``, the split or region is unknown, or what is called refuses its input.
     SafGenError
         If a sequence cannot be read.
     """
@@ -145,7 +93,7 @@ def tune(
         )
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
-    specs = expand_grid(method, values)
+    specs = expand_grid(method, values or {}) if trials is None else draw_trials(method, trials, values)
     splits = {entry.split for entry in read_manifest(dataset).sequences} - {TEST_SPLIT}
     if not splits:
         raise BadInput(
@@ -167,7 +115,17 @@ def tune(
     )
     if result.failures:
         raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")
-    rows = sorted(rank_methods(result.records), key=_sort_key)
+    by_method: dict[str, list[Record]] = {}
+    for record in result.records:
+        by_method.setdefault(record.method, []).append(record)
+    objectives = {name: find_objective(records) for name, records in by_method.items()}
+    order = {name: number for number, name in enumerate(by_method)}
+
+    def sort_key(row: LeaderboardRow) -> tuple[float, float, int]:
+        objective, error = objectives[row.method], row.median_error_dof
+        return inf if objective is None else -objective, inf if error is None else error, order[row.method]
+
+    rows = sorted(rank_methods(result.records), key=sort_key)
     data = list(dict.fromkeys(record.data for record in result.records))
     first = result.records[0]
     tuned = TunedMethod(
@@ -180,18 +138,27 @@ def tune(
         sequences=len(data),
         data=hashlib.sha256(" ".join(data).encode()).hexdigest()[:12],
         version=__version__,
-        trials=tuple(TuningTrial(row.method, row.success_1dof, row.median_error_dof) for row in rows),
+        trials=tuple(
+            TuningTrial(row.method, row.success_1dof, row.median_error_dof, objectives[row.method]) for row in rows
+        ),
     )
     return tuned, tuple(rows)
 
 
-def _set_option(half: str, option: str, *, value: str) -> str:
-    """Return the name of a measure or search with an option set to ``value``, which replaces any earlier value."""
-    name, tail = split_options(half)
-    options = {item.partition("=")[0]: item for item in tail.split(",") if item}
-    return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
+def find_objective(records: Iterable[Record]) -> float | None:
+    """Return what tuning maximises: the rate of right answers minus the rate of answers where there is none.
 
-
-def _sort_key(row: LeaderboardRow) -> tuple[float, float]:
-    success = -1.0 if row.success_1dof is None else row.success_1dof
-    return -success, inf if row.median_error_dof is None else row.median_error_dof
+    A right answer is within one depth of focus. No answer is right where the lens never comes that near to the focus.
+    Both rates refer to all recordings of a scene, so that such recordings count by their share in the data. The result
+    is the mean over scenes, −1…1, or None if no truth is known.
+    """
+    by_scene: dict[str, list[int]] = {}
+    for record in records:
+        if record.success_1dof is None:
+            continue
+        off = record.focus_off_dof
+        is_answerable = off is None or off <= SUCCESS_LIMITS_DOF[1]
+        is_answered = record.status == "answered"
+        worth = int(is_answered and record.success_1dof) if is_answerable else -int(is_answered)
+        by_scene.setdefault(record.scene, []).append(worth)
+    return sum(sum(worths) / len(worths) for worths in by_scene.values()) / len(by_scene) if by_scene else None

@@ -11,7 +11,8 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, format_tuned, parse_method, read_tuned
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_evaluation
-from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_grid, tune
+from saf_gen.leaderboard.trials import MAX_TRIALS, draw_trials, expand_grid
+from saf_gen.leaderboard.tuning import find_objective, tune
 
 
 @pytest.fixture(scope="module")
@@ -42,14 +43,92 @@ def test_variants_are_all_combinations_with_the_fixed_options():
         ({"window": ["5"]}, "allowed", "measure.KEY="),
         ({"searches.window": ["5"]}, "problem", "'searches.window'"),
         ({"search.window": ["5", ""]}, "problem", "'search.window' has an empty value"),
-        ({"search.window": ["5"] * (MAX_COMBINATIONS + 1)}, "problem", str(MAX_COMBINATIONS + 1)),
-        ({"search.window": ["5"] * (MAX_COMBINATIONS + 1)}, "allowed", f"at most {MAX_COMBINATIONS}"),
+        ({"search.window": ["5"] * (MAX_TRIALS + 1)}, "problem", str(MAX_TRIALS + 1)),
+        ({"search.window": ["5"] * (MAX_TRIALS + 1)}, "allowed", f"at most {MAX_TRIALS}"),
         ({"search.windw": ["5"]}, "nearest", "window"),
         ({"search.window": ["0"]}, "problem", "window is 0"),
     ],
 )
 def test_what_cannot_be_tried_is_refused(values, field, fragment):
     assert fragment in getattr(refusal(expand_grid, "sd+argmax", values), field)
+
+
+DRAWS = {
+    "sd+argmax": {},
+    "cen:highest=0.1+valley": {},
+    "gaussian_derivative_n_tfi+naive": {},
+    "octave_structure+peak_fit": {},
+    "tenengrad_n+egs_code@frame": {"search.ratio": ["0.6", "0.618"]},
+}
+
+
+@pytest.mark.parametrize(("method", "values"), DRAWS.items())
+def test_every_method_has_the_same_number_of_distinct_draws_the_first_as_it_is(method, values):
+    found = draw_trials(method, 24, values)
+    assert found[0] == method
+    assert len(set(found)) == 24
+    assert found == draw_trials(method, 24, values)
+    assert all(parse_method(one).region == parse_method(method).region for one in found)
+
+
+def test_draws_stay_in_their_ranges_and_leave_texts_alone():
+    found = [parse_method(one).search_options for one in draw_trials("sd+argmax", 200)[1:]]
+    windows = {options["window"] for options in found}
+    assert 50 <= min(windows) < 60 < 450 < max(windows) <= 500
+    assert {options["refine"] for options in found} == {"no"}
+    assert all(0.5 / 3 <= options["near"] <= 1 for options in found)  # 1.5 is refused by argmax and drawn again
+    still = sum(options["window"] == 100 for options in found)
+    assert 35 < still < 100  # both keep their values in no draw, so a window stays in about a third: 3 sigma are 20
+
+
+def test_named_values_are_drawn_too():
+    found = draw_trials("sd+argmax", 60, {"search.refine": ["parabola", "centroid"]})
+    refined = [parse_method(one).search_options["refine"] for one in found]
+    assert refined[0] == "no"
+    assert min(refined.count(kind) for kind in ("no", "parabola", "centroid")) > 5
+
+
+def test_a_method_with_few_choices_has_fewer_trials():
+    found = draw_trials("sd+egs_code", 24, {"search.ratio": ["0.618"], "search.threshold": ["10", "5"]})
+    assert 2 < len(found) < 24
+
+
+@pytest.mark.parametrize(
+    ("method", "trials", "values", "field", "fragment"),
+    [
+        ("sd+argmax", 1, {}, "allowed", "2 to 1000"),
+        ("sd+argmax", MAX_TRIALS + 1, {}, "problem", str(MAX_TRIALS + 1)),
+        ("sd+argmax", 24, {"search.windw": ["5"]}, "nearest", "window"),
+        ("sd+argmax", 24, {"search.refine": ["no", "parabla"]}, "nearest", "parabola"),
+        ("sd+argmax", 24, {"window": ["5"]}, "problem", "'window'"),
+        ("sd+argmx", 24, {}, "nearest", "argmax"),
+    ],
+)
+def test_draws_that_cannot_be_made_are_refused(method, trials, values, field, fragment):
+    assert fragment in getattr(refusal(draw_trials, method, trials, values), field)
+
+
+def test_the_objective_counts_answers_where_there_is_none_against_the_method(dataset):
+    """Scene a: one right, one abstention where there is an answer. Scene b: a false answer, a right abstention, a
+    right answer and one off by 3 depths of focus."""
+    right = evaluate(dataset, methods=["sd+argmax:window=200"], split="test").records[0]
+    assert right.success_1dof is True
+    missed = replace(right, status="abstained", success_1dof=False)
+    false = replace(right, focus_off_dof=4.0, success_1dof=False, scene="b")
+    rightly_silent = replace(false, status="abstained", success_1dof=True)
+    records = [right, missed, false, rightly_silent, replace(right, scene="b")]
+    assert find_objective(records) == pytest.approx((1 / 2 + (-1 + 0 + 1) / 3) / 2)
+    off = replace(right, scene="b", success_1dof=False)
+    assert find_objective([*records, off]) == pytest.approx((1 / 2 + 0 / 4) / 2)
+    assert find_objective([replace(right, success_1dof=None)]) is None
+
+
+def test_drawn_trials_are_published_with_what_was_maximised(dataset):
+    tuned, rows = tune(dataset, "sd+argmax", trials=8)
+    assert len(rows) == len(tuned.trials) == 8
+    assert "sd+argmax" in [trial.method for trial in tuned.trials]
+    objectives = [trial.objective for trial in tuned.trials]
+    assert objectives == sorted(objectives, reverse=True)
 
 
 def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):

@@ -1,0 +1,212 @@
+"""Choices of a method's constants that tuning evaluates: a whole grid, or a fixed number of draws by one rule for all.
+
+A method that was tuned in many forms wins against one that was tuned in few. Draws give every method the same number of
+trials, by the same rule, from a random stream that only its name and the number of draws determine.
+"""
+
+import ast
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from math import log10, prod
+from typing import Any
+
+import numpy as np
+
+from saf_gen.benchmark.admission import admit_method
+from saf_gen.benchmark.method_folder import ends_as_folder
+from saf_gen.benchmark.method_spec import split_halves, split_options, split_region
+from saf_gen.core.seeds import make_generator
+from saf_gen.errors import BadInput
+
+MAX_TRIALS = 1000
+"""Largest number of combinations or draws in one run."""
+FRAMES = ("window", "dt", "control_period")
+"""Options that are a number of frames in a window."""
+SHORTEST, LONGEST = 50, 500
+"""Range of the windows that are drawn, in frames."""
+FACTOR = 3.0
+"""Largest factor by which another number is drawn above or below its value."""
+ATTEMPTS = 50
+"""Draws for one trial, before a method is taken to have no further choice."""
+Choices = Mapping[str, Sequence[str]]
+"""Values to try, by ``measure.KEY`` or ``search.KEY``."""
+
+
+def expand_grid(method: str, values: Choices) -> list[str]:
+    """Return the names of a method with every combination of the given values of its constants.
+
+    Parameters
+    ----------
+    method : str
+        Name of a method, or ``@FILE`` for a tuned one.
+    values : mapping of str to sequence of str
+        Values to try, by ``measure.KEY`` or ``search.KEY``. They replace values in the name of the method.
+
+    Returns
+    -------
+    list of str
+        One name for each combination, with the values of the last key varying fastest.
+
+    Raises
+    ------
+    BadInput
+        If there are no values, a key begins with neither ``measure.`` nor ``search.``, there are more than MAX_TRIALS
+        combinations, or the measure or the search refuses a key or a value.
+    """
+    halves, region = _split(method, values)
+    if not values:
+        raise BadInput(
+            "there are no values to try",
+            allowed="--try search.window=50,100,200, once or several times, or --trials 24",
+        )
+    if (count := prod(len(choices) for choices in values.values())) > MAX_TRIALS:
+        raise BadInput(
+            f"there are {count} combinations of values",
+            allowed=f"at most {MAX_TRIALS}",
+            hint="try fewer values at a time, or draw some of them with --trials 24",
+        )
+    specs = [
+        _with_values(halves, region, dict(zip(values, chosen, strict=True))) for chosen in product(*values.values())
+    ]
+    for spec in specs:
+        admit_method(spec)
+    return specs
+
+
+def draw_trials(method: str, trials: int, values: Choices | None = None) -> list[str]:
+    """Return the names of a method as it is and with ``trials`` − 1 random choices of all its constants.
+
+    Random choices find good values of the few constants that matter sooner than a grid [1]_. Each constant is drawn in
+    half of the trials, and keeps its value in the others, so that a method with many constants is not always far from
+    all of them. The rule is the same for all methods: a number of frames (``window``, ``dt``) is log-uniform in
+    50…500, another positive number log-uniform within a factor of 3 of its value, a switch is on or off, and an option
+    named in ``values`` takes one of these. Texts and zeros stay unless they are named there. What the method refuses
+    is drawn again.
+
+    Parameters
+    ----------
+    method : str
+        Name of a method, or ``@FILE`` for a tuned one. Constants in its name are the centres of the draws.
+    trials : int
+        Number of trials, at least 2.
+    values : mapping of str to sequence of str, optional
+        Choices for single constants, as for expand_grid.
+
+    Returns
+    -------
+    list of str
+        Distinct names, the method as it is first. There are fewer than ``trials`` if the constants allow no more.
+
+    Raises
+    ------
+    BadInput
+        If the number of trials is out of range, the method has nothing to draw, or as for expand_grid.
+
+    References
+    ----------
+    .. [1] Bergstra and Bengio, "Random Search for Hyper-Parameter Optimization", JMLR 13, 2012,
+       jmlr.org/papers/v13/bergstra12a.html.
+    """
+    if not 2 <= trials <= MAX_TRIALS:
+        raise BadInput(f"--trials is {trials}", allowed=f"2 to {MAX_TRIALS}")
+    values = values or {}
+    halves, region = _split(method, values)
+    untuned = _with_values(halves, region, {})
+    for key, choices in values.items():
+        for choice in choices:
+            admit_method(
+                _with_values(halves, region, {key: choice})
+            )  # reports a wrong key or value, which no draw does
+    stated = _stated_constants(untuned)
+    drawable = [key for key, value in stated.items() if key not in values and _is_drawn(value)]
+    if not drawable and not values:
+        raise BadInput(
+            f"{method} has no constants to draw", allowed="a method with numbers or switches among its options",
+            hint="name values with --try",
+        )  # fmt: skip
+    rng = make_generator("tuning", untuned, trials)
+    found = {untuned: None}
+    for _ in range(trials - 1):
+        for _ in range(ATTEMPTS):
+            chosen = {key: _draw(rng, key, stated[key]) for key in drawable}
+            chosen |= {key: choices[int(rng.integers(len(choices)))] for key, choices in values.items()}
+            kept = {key: value for key, value in chosen.items() if rng.integers(2)}
+            spec = _with_values(halves, region, kept)
+            if spec in found:
+                continue
+            try:
+                admit_method(spec)
+            except BadInput:
+                continue
+            found[spec] = None
+            break
+        else:
+            break
+    return list(found)
+
+
+def _split(method: str, values: Choices) -> tuple[dict[str, str], str]:
+    """Return the names of measure and search, and the region; raise BadInput if these or the keys are bad."""
+    name, region = split_region(admit_method(method).name)  # reports errors in the method itself first
+    if ends_as_folder(name):
+        raise BadInput(
+            f"{name} is a method in a folder, whose options are in its card",
+            allowed="MEASURE+SEARCH, such as my_method/model.py:Net+my_method/search.py:Walk",
+        )
+    halves = dict(zip(("measure", "search"), split_halves(name), strict=True))
+    for key, choices in values.items():
+        half, dot, option = key.partition(".")
+        if half not in halves or not dot or not option:
+            raise BadInput(f"--try is {key!r}", allowed="measure.KEY=VALUE,... or search.KEY=VALUE,...")
+        if not choices or not all(choices):
+            raise BadInput(f"--try {key!r} has an empty value", allowed="values separated by commas")
+    return halves, region
+
+
+def _with_values(halves: Mapping[str, str], region: str, chosen: Mapping[str, str]) -> str:
+    """Return the name of the method with options set to the chosen values, which replace earlier ones."""
+    spec = dict(halves)
+    for key, value in chosen.items():
+        half, _, option = key.partition(".")
+        name, tail = split_options(spec[half])
+        options = {item.partition("=")[0]: item for item in tail.split(",") if item}
+        spec[half] = f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
+    return "+".join(spec.values()) + (f"@{region}" if region else "")
+
+
+def _stated_constants(method: str) -> dict[str, Any]:
+    """Return the constants of a method with the values that it has, by ``measure.KEY`` or ``search.KEY``.
+
+    They are read from the text that records store, because code of others runs in another process.
+    """
+    found: dict[str, Any] = {}
+    halves = admit_method(method).parameters.partition(" + ")
+    for half, text in zip(("measure", "search"), (halves[0], halves[2]), strict=True):
+        found |= {f"{half}.{key.rstrip('_')}": value for key, value in _keywords(text)}
+    return found
+
+
+def _keywords(text: str) -> Iterator[tuple[str, Any]]:
+    """Yield the options in a text such as ``Argmax(window=100, refine='no')``; nothing for a text of another form."""
+    try:
+        tree = ast.parse(text, mode="eval")
+    except SyntaxError:
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.keyword) and node.arg and isinstance(node.value, ast.Constant):
+            yield node.arg, node.value.value
+
+
+def _is_drawn(value: Any) -> bool:
+    return isinstance(value, bool) or (isinstance(value, int | float) and value > 0)
+
+
+def _draw(rng: np.random.Generator, key: str, value: Any) -> str:
+    if isinstance(value, bool):
+        return str(bool(rng.integers(2))).lower()
+    if key.partition(".")[2] in FRAMES:
+        drawn = SHORTEST * (LONGEST / SHORTEST) ** rng.random()
+    else:
+        drawn = value * FACTOR ** rng.uniform(-1, 1)
+    rounded = round(drawn, 1 - int(log10(drawn) // 1))  # two digits, as finer steps change little and read badly
+    return str(max(round(rounded), 1) if isinstance(value, int) else rounded)
