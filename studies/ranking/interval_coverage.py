@@ -1,9 +1,10 @@
 """Measure how often the leaderboard's 95 % intervals hold the truth, in simulated evaluations with a known truth.
 
-    python -m studies.ranking.interval_coverage [--trials 2000] [--scenes 20 7] [--only rate ...] [--earlier]
+    python -m studies.ranking.interval_coverage [--trials 2000] [--scenes 20 7] [--each N] [--only rate ...] [--earlier]
 
 Prints a Markdown table for each kind of interval: success rates, medians of the error, mean times, differences of two
-methods, ranks. Every other scene moves and has 12 sequences, the others have 6, as on the test split of saf_bench-v2.
+methods, ranks. Every other scene moves and has 12 sequences, the others have 6, as on the test split of saf_bench-v2;
+or each scene has N, such as the 2 of scenes that are drawn at random.
 Each number is the fraction of trials in which the interval held the truth, followed by the mean width. ``--earlier``
 adds the percentile bootstrap over scenes with 1,000 draws, which the leaderboard used before. Random streams are named
 ("interval_coverage", kind, law, rate, scenes). With 2,000 trials, a coverage of 0.95 has a standard error of 0.005.
@@ -58,9 +59,9 @@ class Coverage:
         return f"{self.held:.3f} ({self.width:.3f})"
 
 
-def count_sequences(scenes: int) -> np.ndarray:
-    """Return the number of sequences of each scene, of which every other moves."""
-    return np.where(np.arange(scenes) % 2 < 1, MOVING, STILL)
+def count_sequences(scenes: int, each: int) -> np.ndarray:
+    """Return the number of sequences of each scene: ``each``, or for 0 that of scenes of which every other moves."""
+    return np.full(scenes, each) if each else np.where(np.arange(scenes) % 2 < 1, MOVING, STILL)
 
 
 def draw_rates(law: str, mean: float, *, shape: tuple[int, ...], random: np.random.Generator) -> np.ndarray:
@@ -76,10 +77,12 @@ def draw_rates(law: str, mean: float, *, shape: tuple[int, ...], random: np.rand
     return expit(_find_logit(mean, 1.5) + 1.5 * random.standard_normal(shape))
 
 
-def simulate_rates(scenes: int, trials: int, *, earlier: bool, law: str, rate: float) -> Iterator[Coverage]:
+def simulate_rates(
+    scenes: int, trials: int, *, earlier: bool, each: int = 0, law: str, rate: float
+) -> Iterator[Coverage]:
     """Yield the coverage of the success rate's interval."""
     random = make_generator("interval_coverage", "rate", law, str(rate), scenes)
-    counts = count_sequences(scenes)
+    counts = count_sequences(scenes, each)
     solved = random.binomial(counts, draw_rates(law, rate, shape=(trials, scenes), random=random))
     shares = solved / counts
     yield _cover(f"{law}, {rate:.0%}", rate_intervals(shares, counts), rate)
@@ -88,10 +91,10 @@ def simulate_rates(scenes: int, trials: int, *, earlier: bool, law: str, rate: f
 
 
 def draw_solved(
-    world: str, rates: Sequence[float], *, scenes: int, trials: int, random: np.random.Generator
+    world: str, rates: Sequence[float], *, scenes: int, each: int, trials: int, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which sequences each method solves, bool (trials, methods, scenes, 12), and the number in each scene."""
-    counts, shape = count_sequences(scenes), (trials, scenes)
+    counts, shape = count_sequences(scenes, each), (trials, scenes)
     shared, chances = random.standard_normal(shape), []
     for number, rate in enumerate(rates):
         if world == "shared difficulty":
@@ -107,11 +110,11 @@ def draw_solved(
 
 
 def simulate_differences(
-    scenes: int, trials: int, *, earlier: bool, world: str, rates: tuple[float, float]
+    scenes: int, trials: int, *, earlier: bool, each: int = 0, world: str, rates: tuple[float, float]
 ) -> Iterator[Coverage]:
     """Yield the coverage of the interval of a difference of two success rates."""
     random = make_generator("interval_coverage", "difference", world, str(rates), scenes)
-    solved, counts = draw_solved(world, rates, scenes=scenes, trials=trials, random=random)
+    solved, counts = draw_solved(world, rates, scenes=scenes, each=each, trials=trials, random=random)
     wins, losses = ((solved[:, a] & ~solved[:, 1 - a]).sum(axis=-1) / counts for a in (0, 1))
     truth = rates[0] - rates[1]
     yield _cover(
@@ -121,14 +124,16 @@ def simulate_differences(
         yield _cover("bootstrap", _bootstrap(wins - losses, random), truth)
 
 
-def simulate_ranks(scenes: int, trials: int, *, earlier: bool, world: str, board: str) -> Iterator[Coverage]:
+def simulate_ranks(
+    scenes: int, trials: int, *, earlier: bool, each: int = 0, world: str, board: str
+) -> Iterator[Coverage]:
     """Yield the coverage of the intervals of ranks, mean over the methods of a leaderboard."""
     random = make_generator("interval_coverage", "rank", world, board, scenes)
     rates = np.array(BOARDS[board])
     true = 1 + (rates[None] > rates[:, None] + 1e-9).sum(axis=1)
     found, drawn = [], []
     for _ in range(trials):
-        solved, counts = draw_solved(world, BOARDS[board], scenes=scenes, trials=1, random=random)
+        solved, counts = draw_solved(world, BOARDS[board], scenes=scenes, each=each, trials=1, random=random)
         one = solved[0].transpose(1, 0, 2).astype(float)
         both = one @ one.transpose(0, 2, 1)
         wins = (one.sum(axis=2)[:, :, None] - both).transpose(1, 2, 0) / counts
@@ -143,10 +148,10 @@ def simulate_ranks(scenes: int, trials: int, *, earlier: bool, world: str, board
             yield _cover(name, np.concatenate(ends), np.tile(true, trials))
 
 
-def simulate_medians(scenes: int, trials: int, *, earlier: bool, law: str) -> Iterator[Coverage]:
+def simulate_medians(scenes: int, trials: int, *, earlier: bool, each: int = 0, law: str) -> Iterator[Coverage]:
     """Yield the coverage of the interval of the median error."""
     random = make_generator("interval_coverage", "median", law, scenes)
-    of_scene = np.repeat(np.arange(scenes), count_sequences(scenes))
+    of_scene = np.repeat(np.arange(scenes), count_sequences(scenes, each))
     truth = float(np.median(_draw_errors(law, np.repeat(np.arange(40_000), 12), random)))
     ends, drawn = [], []
     for _ in range(trials):
@@ -161,7 +166,7 @@ def simulate_medians(scenes: int, trials: int, *, earlier: bool, law: str) -> It
         yield _cover("bootstrap", np.array(drawn), truth)
 
 
-def simulate_times(scenes: int, trials: int, *, earlier: bool, law: str) -> Iterator[Coverage]:
+def simulate_times(scenes: int, trials: int, *, earlier: bool, each: int = 0, law: str) -> Iterator[Coverage]:
     """Yield the coverage of the interval of the mean time to focus."""
     random = make_generator("interval_coverage", "time", law, scenes)
     sd, noise = TIMES[law], random.standard_normal((trials, scenes))
@@ -223,16 +228,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=2000)
     parser.add_argument("--scenes", type=int, nargs="+", default=[20, 7])
+    parser.add_argument("--each", type=int, default=0, help=f"sequences of each scene, at most {MOVING}")
     parser.add_argument("--only", nargs="+", choices=list(KINDS), default=list(KINDS))
     parser.add_argument("--earlier", action="store_true", help="add the bootstrap that was used before")
     given = parser.parse_args()
+    if not 0 <= given.each <= MOVING:
+        parser.error(f"--each is {given.each}; allowed: 1 to {MOVING}")
+    given_too = {"earlier": given.earlier, "each": given.each}
     for kind in given.only:
         title, simulate, cases, share = KINDS[kind]
         trials = max(10, round(given.trials * share))
         ways = [f"{scenes} scenes{way}" for scenes in given.scenes for way in ("", *[", bootstrap"] * given.earlier)]
         print(f"\n{title}, {trials} trials\n\n| case | {' | '.join(ways)} |\n|---{'|---:' * len(ways)}|")
         for case in cases:
-            found = [c for scenes in given.scenes for c in simulate(scenes, trials, earlier=given.earlier, **case)]
+            found = [c for scenes in given.scenes for c in simulate(scenes, trials, **given_too, **case)]
             print(f"| {found[0].case} | {' | '.join(map(str, found))} |", flush=True)
 
 
