@@ -29,7 +29,7 @@ from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import Answer, Measure, Search, wants_measures
 from saf_gen.plugins.measures import get_measure, measure_names
-from saf_gen.plugins.searches import get_search, search_names
+from saf_gen.plugins.searches import REJECT, Rejecting, get_search, search_names
 
 DEFAULT_RECORDED_METHODS = (
     *(
@@ -121,8 +121,7 @@ class Method:
         """Options of the search, by the names of its fields."""
         if self.guest is not None:
             return self.guest.search_options
-        search: Any = self.search
-        return {field.name: getattr(search, field.name) for field in fields(search)} if is_dataclass(search) else {}
+        return options_of(self.search)
 
     @property
     def parameters(self) -> str:
@@ -137,6 +136,13 @@ class Method:
             "method": self.name, "code": self.code, "parameters": self.parameters, "limits": limits,
             "tuning": self.tuning,
         }  # fmt: skip
+
+
+def options_of(search: Any) -> dict[str, Any]:
+    """Return the options of a search, by the names of its fields; of one that rejects, its own and ``reject``."""
+    if isinstance(search, Rejecting):
+        return {**options_of(search.search), REJECT: True}
+    return {field.name: getattr(search, field.name) for field in fields(search)} if is_dataclass(search) else {}
 
 
 def parse_method(spec: str) -> Method:

@@ -21,6 +21,7 @@ from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
+from saf_gen.plugins.searches import REJECT
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.optima import optima_of_stream
@@ -108,7 +109,8 @@ def evaluate_recorded(
             view = RecordingView(counts, None if method.guest else method.measure)
             attempt = _run_method(method, view, stream_path=str(stream.path))
             attempts.append(attempt)
-            if method.search_name == "argmax" and method.measure_name not in curves and not attempt.problem:
+            blocks_alone = method.search_name == "argmax" and REJECT not in method.search_options
+            if blocks_alone and method.measure_name not in curves and not attempt.problem:
                 curves[method.measure_name] = _make_curve(view, method.measure_name, answer=attempt.answer)
             step(done, method.name)
         if predictions is not None:
