@@ -446,7 +446,7 @@ def _load_class(name: str, bare: str) -> type:
 
 @dataclass(frozen=True)
 class TuningTrial:
-    """One choice of constants, with its success rate within one depth of focus and its median error."""
+    """One choice of constants, with its success within one depth of focus by the rule of the file, and its error."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -459,7 +459,9 @@ class TuningTrial:
 class TunedMethod:
     """The best of the tuning trials, and how it was found.
 
-    ``data`` is the first 12 digits of a SHA-256 over the content_sha256 of the sequences, in their order.
+    ``data`` is the first 12 digits of a SHA-256 over the content_sha256 of the sequences, in their order. ``ranked_by``
+    is the rule of the success: ``success_1dof``, in which an abstention is right where there is no answer, in files
+    from before there was another.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -474,6 +476,7 @@ class TunedMethod:
     data: str
     version: str
     trials: tuple[TuningTrial, ...]
+    ranked_by: str = "success_1dof"
 
 
 def format_tuned(tuned: TunedMethod) -> str:

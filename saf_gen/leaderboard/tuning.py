@@ -20,6 +20,7 @@ from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.leaderboard import LeaderboardRow, rank_methods
+from saf_gen.leaderboard.outcomes import RULE
 from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
 
 if TYPE_CHECKING:
@@ -98,7 +99,8 @@ def tune(
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
     """Find the best of ``expand_grid(method, values)`` on a split of a dataset.
 
-    The best method has the largest success within one depth of focus and, among equals, the smallest median error.
+    The best method has the largest answerable success within one depth of focus and, among equals, the fewest false
+    answers, then the smallest median error.
 
     Parameters
     ----------
@@ -180,7 +182,8 @@ def tune(
         sequences=len(data),
         data=hashlib.sha256(" ".join(data).encode()).hexdigest()[:12],
         version=__version__,
-        trials=tuple(TuningTrial(row.method, row.success_1dof, row.median_error_dof) for row in rows),
+        trials=tuple(TuningTrial(row.method, row.answerable_1dof, row.median_error_dof) for row in rows),
+        ranked_by=RULE,
     )
     return tuned, tuple(rows)
 
@@ -192,6 +195,6 @@ def _set_option(half: str, option: str, *, value: str) -> str:
     return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
 
 
-def _sort_key(row: LeaderboardRow) -> tuple[float, float]:
-    success = -1.0 if row.success_1dof is None else row.success_1dof
-    return -success, inf if row.median_error_dof is None else row.median_error_dof
+def _sort_key(row: LeaderboardRow) -> tuple[float, int, float]:
+    success = -1.0 if row.answerable_1dof is None else row.answerable_1dof
+    return -success, row.false_answers or 0, inf if row.median_error_dof is None else row.median_error_dof

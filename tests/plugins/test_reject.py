@@ -1,4 +1,4 @@
-"""The option ``reject`` of every search: it abstains where ``peak_fit`` would, and changes nothing unless it is given."""
+"""The option ``reject`` of every search: it abstains where ``peak_fit`` would, and changes nothing unless given."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ from refusals import refusal
 
 from saf_gen import get_search
 from saf_gen.benchmark.conformance import check_search
-
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.parts import commands
 from saf_gen.plugins.searches import search_names

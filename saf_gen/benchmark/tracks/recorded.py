@@ -14,7 +14,12 @@ from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.search_run import withhold
 from saf_gen.benchmark.thumbnails import make_thumbnails
-from saf_gen.benchmark.tracks.beside_truth import least_blur_fields, optimum_fields, whole_target_fields
+from saf_gen.benchmark.tracks.beside_truth import (
+    least_blur_fields,
+    optimum_fields,
+    sharpness_fields,
+    whole_target_fields,
+)
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
@@ -229,6 +234,7 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
             optima=optima_of_stream(stream.metadata.provenance),
             here=judged["truth"],
         ),
+        **sharpness_fields(truth, judged["position"]),
         **whole_target_fields(truth, judged["error"]),
         **least_blur_fields(truth, judge_by),
         **attempt.fields,

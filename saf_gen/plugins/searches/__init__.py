@@ -4,8 +4,8 @@ A search with ``commands`` moves the lens of a running camera and answers with a
 this folder, or comes from a package with the entry point ``saf_gen.searches``. Files whose names begin with an
 underscore contain code that several searches use.
 
-Every search takes ``reject`` besides its own options: with ``reject=true`` it abstains where ``peak_fit`` would. Its file
-does not change for that, so that the digests of its code, and the rows of older evaluations, stay as they are.
+Every search takes ``reject`` besides its own options: with ``reject=true`` it abstains where ``peak_fit`` would. Its
+file does not change for that, so that the digests of its code, and the rows of older evaluations, stay as they are.
 """
 
 from typing import Any

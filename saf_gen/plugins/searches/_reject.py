@@ -1,6 +1,6 @@
 """The right to abstain, the same for every search: where ``peak_fit`` would find no focus, there is no answer."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
@@ -32,7 +32,7 @@ class Rejecting:
     """
 
     search: Search
-    rule: PeakFit = PeakFit()
+    rule: PeakFit = field(default_factory=PeakFit)
 
     @property
     def source(self) -> str:
