@@ -29,7 +29,7 @@ from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import Answer, Measure, Search, wants_measures
 from saf_gen.plugins.measures import get_measure, measure_names
-from saf_gen.plugins.searches import get_search, search_names
+from saf_gen.plugins.searches import REJECT, Rejecting, get_search, search_names
 
 DEFAULT_RECORDED_METHODS = (
     *(
@@ -121,8 +121,7 @@ class Method:
         """Options of the search, by the names of its fields."""
         if self.guest is not None:
             return self.guest.search_options
-        search: Any = self.search
-        return {field.name: getattr(search, field.name) for field in fields(search)} if is_dataclass(search) else {}
+        return options_of(self.search)
 
     @property
     def parameters(self) -> str:
@@ -137,6 +136,13 @@ class Method:
             "method": self.name, "code": self.code, "parameters": self.parameters, "limits": limits,
             "tuning": self.tuning,
         }  # fmt: skip
+
+
+def options_of(search: Any) -> dict[str, Any]:
+    """Return the options of a search, by the names of its fields; of one that rejects, its own and ``reject``."""
+    if isinstance(search, Rejecting):
+        return {**options_of(search.search), REJECT: True}
+    return {field.name: getattr(search, field.name) for field in fields(search)} if is_dataclass(search) else {}
 
 
 def parse_method(spec: str) -> Method:
@@ -440,8 +446,10 @@ def _load_class(name: str, bare: str) -> type:
 
 @dataclass(frozen=True)
 class TuningTrial:
-    """One choice of constants, with its success rate within one depth of focus, its median error, and what tuning
-    maximised (None in files of before there was such a number)."""
+    """One choice of constants, with its success within one depth of focus by the rule of the file, and its error.
+
+    ``objective`` is what tuning maximised; None in files from before there was one.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -455,7 +463,9 @@ class TuningTrial:
 class TunedMethod:
     """The best of the tuning trials, and how it was found.
 
-    ``data`` is the first 12 digits of a SHA-256 over the content_sha256 of the sequences, in their order.
+    ``data`` is the first 12 digits of a SHA-256 over the content_sha256 of the sequences, in their order. ``ranked_by``
+    is the rule of the success: ``success_1dof``, in which an abstention is right where there is no answer, in files
+    from before there was another.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -470,6 +480,7 @@ class TunedMethod:
     data: str
     version: str
     trials: tuple[TuningTrial, ...]
+    ranked_by: str = "success_1dof"
 
 
 def format_tuned(tuned: TunedMethod) -> str:

@@ -18,6 +18,7 @@ from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.parts import cite_source, commands, wants_halves, wants_intervals, wants_measures
 from saf_gen.plugins.measures import BrightnessNormalised, IntervalTexture
+from saf_gen.plugins.searches import REJECT, Rejecting
 
 UNKNOWN = "-"
 MAX_CODE_CHARACTERS = 30_000
@@ -57,8 +58,8 @@ def describe_plugin(name: str, plugin_kind: str, *, plug_in: Any) -> PluginDescr
         Everything that the plug-in states about itself, and its source code.
     """
     layers = [plug_in]
-    while isinstance(layers[-1], BrightnessNormalised | IntervalTexture):
-        layers.append(layers[-1].measure)
+    while isinstance(layers[-1], BrightnessNormalised | IntervalTexture | Rejecting):
+        layers.append(layers[-1].search if isinstance(layers[-1], Rejecting) else layers[-1].measure)
     facts = _state_facts(split_options(name)[0], plugin_kind, layers=layers)
     return PluginDescription(name, plugin_kind, tuple(facts), _read_code(type(layers[-1])))
 
@@ -169,7 +170,10 @@ def _state_facts(name: str, plugin_kind: str, *, layers: Sequence[Any]) -> Itera
     plug_in, inner = layers[0], layers[-1]
     yield "kind", "focus measure" if plugin_kind == "measures" else f"search, {search_kind(plug_in)}"
     yield "what", "\n\n".join(_prose(type(layer)) for layer in reversed(layers))
-    yield "options", "\n".join(_options(inner)) or "none"
+    options = [*_options(inner)]
+    if plugin_kind == "searches" and not any(option.startswith(f"{REJECT}=") for option in options):
+        options.append(f"{REJECT}={'true (default: false)' if isinstance(plug_in, Rejecting) else 'false'}")
+    yield "options", "\n".join(options) or "none"
     if plugin_kind == "measures":
         yield "input", _input(plug_in)
         yield "range", format_attribute(plug_in, "score_range")

@@ -101,7 +101,7 @@ class Record:
     success_half_dof: Flag | None
     """Whether the answer is within half a depth of focus of the truth, or an abstention is right by this limit."""
     success_1dof: Flag | None
-    """Success within one depth of focus, by which methods are ranked."""
+    """Success within one depth of focus."""
     success_2dof: Flag | None
     """Success within two depths of focus."""
     trace: tuple[TraceValue, ...]
@@ -205,6 +205,18 @@ class Record:
     """Whether something of the target's middle 80 % of pixels is in focus at the answer, for a tilted or deep target,
     of which something is over more than 1.3 depths of focus. The key is missing otherwise."""
 
+    sharpness_lost: Annotated[Number, Field(ge=0, le=1)] | None = None
+    """What the target lost of its sharpness at the answer: 1 − S(answer)/S(best), with the noise-free SD, S, that the
+    recording holds for each rendered position (``/truth/sharpness``). The key is missing if the recording holds none,
+    if its positions are too far apart, or if the scene moves."""
+
+    @property
+    def answerable(self) -> bool | None:
+        """Whether an answer could be within one depth of focus; None if the truth is unknown or the recording blank."""
+        if self.success_1dof is None:
+            return None
+        return self.focus_off_dof is None or self.focus_off_dof <= SUCCESS_LIMITS_DOF[1]
+
     @property
     def broke(self) -> bool:
         """Whether the method's own code broke: it raised an error that is not BadInput, or its answer is malformed."""
@@ -213,7 +225,7 @@ class Record:
 
 KEYS_WHERE_KNOWN = (
     "failed_check", "optimum", "error_optimum_dof", "least_blur", "error_least_blur_dof", "success_least_blur",
-    "in_focus",
+    "in_focus", "sharpness_lost",
 )  # fmt: skip
 """Keys that a line has only if they are known, so that lines from before there were such keys are read as well."""
 
@@ -365,7 +377,7 @@ def _find_contradiction(r: Record) -> tuple[str, str] | None:
 
 _NEED_AN_ANSWER = (
     "position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "error_optimum_dof",
-    "error_least_blur_dof",
+    "error_least_blur_dof", "sharpness_lost",
 )  # fmt: skip
 
 

@@ -86,6 +86,7 @@ def evaluate_command(
     from saf_gen.core.files import check_writable, lock_folder
     from saf_gen.core.object_store import StorePath, find_path
     from saf_gen.leaderboard import rank_methods
+    from saf_gen.leaderboard.outcomes import describe_size
     from saf_gen.leaderboard.report import check_replaceable, write_evaluation
 
     limits = Limits(run_s=limit_s, resident_bytes=int(limit_gib * 2**30))
@@ -132,12 +133,11 @@ def evaluate_command(
         title = data.resolve().name
         written = write_evaluation(target, rows=rows, evaluation=result, title=title, pdf=pdf)
         kept.remove()
-    sequences = len({record.sequence for record in result.records})
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
     print_leaderboard(  # after writing files, because a pipe that closes early, as with `| head`, ends the program
         rows,
         records=result.records,
-        title=f"{data}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
+        title=f"{data}: {describe_size(result.records)}, region {regions}{', closed loop' if protocol else ''}",
     )
     print_written(written)
     for failure in result.failures:

@@ -1,6 +1,7 @@
 """Ranking of methods from their records, tables by condition, and the files that hold them.
 
-Methods are ranked by success within one depth of focus. Success and cost are averaged over the light schedules of each
+Methods are ranked by answers within one depth of focus, over the sequences that have an
+answer. Success and cost are averaged over the light schedules of each
 scene, then over scenes, so that a scene with many sequences weighs no more than another; errors are medians over all
 sequences. Methods with equal success share a rank. Confidence intervals show which methods can be told apart on the
 given scenes.

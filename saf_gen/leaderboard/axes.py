@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard.outcomes import group_by, mean_over_scenes, median_magnitude
+from saf_gen.leaderboard.outcomes import group_by, mean_over_scenes, median_magnitude, right_within
 
 MAX_SHOWN_BINS = 40
 """Largest number of bins of an axis, such as scenes, in tables for readers."""
@@ -33,19 +33,21 @@ class Axis:
 class BinSummary:
     """Result of one method in one bin; None means unknown."""
 
-    success_1dof: float | None
+    answerable_1dof: float | None
     median_error_dof: float | None
-    abstained: int
+    false_answers: int
+    false_abstentions: int
     failed: int
 
 
 @dataclass(frozen=True)
 class Bin:
-    """A bin: its name, its numbers of scenes and sequences, and the result of each method."""
+    """A bin: its name, its numbers of scenes, sequences and those without an answer, and the result of each method."""
 
     name: str
     scenes: int
     sequences: int
+    without: int
     results: Mapping[str, BinSummary]
 
 
@@ -94,14 +96,16 @@ def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record
 def _summarise(name: str, members: Sequence[Record], *, methods: Sequence[str]) -> Bin:
     by_method = group_by(members, "method")
     results = {method: _average(by_method.get(method, [])) for method in methods}
-    return Bin(name, len({r.scene for r in members}), len({r.sequence for r in members}), results)
+    without = len({r.sequence for r in members if r.answerable is False})
+    return Bin(name, len({r.scene for r in members}), len({r.sequence for r in members}), without, results)
 
 
 def _average(records: Sequence[Record]) -> BinSummary:
     return BinSummary(
-        mean_over_scenes(records, lambda r: r.success_1dof),
-        median_magnitude(r.error_dof for r in records),
-        abstained=sum(r.status == "abstained" for r in records),
+        mean_over_scenes(records, right_within()),
+        median_magnitude(r.error_dof for r in records if r.answerable is not False),
+        false_answers=sum(r.answerable is False and r.status == "answered" for r in records),
+        false_abstentions=sum(r.answerable is True and r.status == "abstained" for r in records),
         failed=sum(r.status == "failed" for r in records),
     )
 

@@ -17,6 +17,7 @@ from saf_gen.leaderboard.axes import AxisResults, by_axis, keep_largest
 from saf_gen.leaderboard.intervals import CONFIDENCE
 from saf_gen.leaderboard.method_comparison import MethodComparison, compare_methods
 from saf_gen.leaderboard.notes import grain_by_scene, notes_on
+from saf_gen.leaderboard.outcomes import RULE
 from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_rankings
 from saf_gen.leaderboard.ranking import LeaderboardRow
 
@@ -123,7 +124,7 @@ def _format_json(
         "format": "saf-gen leaderboard",
         "version": __version__,
         "benchmark": sorted({r.benchmark or "" for r in records}),
-        "ranked_by": "success_1dof",
+        "ranked_by": RULE,
         "track": sorted({r.track for r in records}),
         "rig": sorted({r.rig for r in records}),
         "columns": {column.name: column.meaning for column in ranking.columns},
@@ -154,7 +155,10 @@ def _axis_to_json(results: AxisResults) -> dict[str, Any]:
     return {
         "axis": results.axis.name,
         "meaning": results.axis.meaning,
-        "bins": [{"bin": one.name, "scenes": one.scenes, "sequences": one.sequences} for one in results.bins],
+        "bins": [
+            {"bin": one.name, "scenes": one.scenes, "sequences": one.sequences, "without": one.without}
+            for one in results.bins
+        ],
         "methods": {
             method: [asdict(one.results[method]) for one in results.bins] for method in results.bins[0].results
         },
@@ -181,7 +185,7 @@ def _format_page(
             if group := [profile for profile in comparison.profiles if profile.quantity == quantity]:
                 parts.append(f"## {heading}\n\n{tables.profiles(group).to_markdown()}")
     parts += [
-        f"## {one.axis.title}\n\n{one.axis.meaning} Success within 1 DoF (median error in DoF).\n\n"
+        f"## {one.axis.title}\n\n{one.axis.meaning} Answerable success within 1 DoF (median error in DoF).\n\n"
         + tables.by_bin(one).to_markdown(explain=True)
         for one in map(keep_largest, results.axes)
         if len(one.bins) > 1

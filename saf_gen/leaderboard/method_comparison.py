@@ -2,9 +2,10 @@
 
 Both follow Agarwal et al. (2021, arXiv:2108.13264), adapted to sequences that share scenes. A rank depends on the
 fraction of answers within one depth of focus; a profile gives this fraction for many limits. The probability of
-improvement is the fraction of sequences on which one method is nearer to the truth than the other. Like success,
-fractions are averaged over lights, then over scenes. Their intervals are computed like those of success rates, and each
-holds alone. The test that tells neighbours apart covers all pairs of neighbours at once.
+improvement is the fraction of sequences on which one method is nearer to the truth than the other. All are over the
+sequences that have an answer. Like success, fractions are averaged over lights, then over scenes. Their intervals are
+computed like those of success rates, and each holds alone. The test that tells neighbours apart covers all pairs of
+neighbours at once.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -58,7 +59,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class NeighbourComparison:
-    """Comparison of two methods that follow each other in the leaderboard.
+    """Comparison of two methods that follow each other in the leaderboard, on the sequences that have an answer.
 
     Attributes
     ----------
@@ -122,7 +123,7 @@ def compare_methods(records: Iterable[Record], methods: Sequence[str]) -> Method
     known = outcomes.times[np.isfinite(outcomes.times)]
     if is_closed_loop and known.size:
         limits = tuple(float(t) for t in known.max() * np.arange(1, TIMES + 1) / TIMES)
-        times = np.where(np.isfinite(outcomes.times), outcomes.times, limits[-1])  # right abstentions
+        times = np.where(np.isfinite(outcomes.times), outcomes.times, limits[-1])  # neither looked nor moved
         profiles += _profile(
             outcomes, "time_s", limits=limits, is_within=lambda limit: outcomes.success & (times <= limit + _TIE)
         )
@@ -153,7 +154,7 @@ def _profile(
 def _compare_neighbours(outcomes: Outcomes) -> tuple[NeighbourComparison, ...]:
     if len(outcomes.methods) < 2:
         return ()
-    errors = np.where(outcomes.abstained & outcomes.success, 0, np.nan_to_num(outcomes.errors, nan=np.inf))
+    errors = np.nan_to_num(outcomes.errors, nan=np.inf)
     first, second = outcomes.success[:-1], outcomes.success[1:]
     wins, losses = (outcomes.average_by_scene(one) for one in (first & ~second, ~first & second))
     with np.errstate(invalid="ignore"):

@@ -20,9 +20,10 @@ NAMED_SEQUENCES = 3
 def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
     """Return the notes that a reader needs to interpret the numbers, one or two sentences each."""
     found = _name_benchmark(records)
+    found += _say_rule(records)
     found += ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
     reason = next((row.missing_reason for row in rows if row.missing_reason), "")
-    scenes = len({r.scene for r in records if r.success_1dof is not None})
+    scenes = len({r.scene for r in records if r.answerable})
     if reason:
         found.append(f"There are no intervals: only {reason} have a known truth.")
     elif scenes:
@@ -42,6 +43,19 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
     if len(machines) > 1:
         found.append(f"Seconds cannot be compared: they come from {len(machines)} machines: {'; '.join(machines)}.")
     return found
+
+
+def _say_rule(records: Iterable[Record]) -> list[str]:
+    """Return a sentence, in a list, that says by what methods are ranked, and on how many sequences; [] if on none."""
+    known = {r.sequence: r.answerable for r in records}
+    if not any(known.values()):
+        return []
+    without = sum(answerable is False for answerable in known.values())
+    others = f"; on the {without} without, answers are false" if without else ""
+    return [
+        f"Ranked by answerable success: answers within 1 DoF (blur of 2 px) on the {sum(map(bool, known.values()))} of "
+        f"{len(known)} sequences that have an answer{others}."
+    ]
 
 
 def _name_benchmark(records: Sequence[Record]) -> list[str]:

@@ -12,9 +12,45 @@ from typing import Any, TypeVar
 import numpy as np
 
 from saf_gen.benchmark.records import Record
+from saf_gen.core.plain_text import plural
 
 T = TypeVar("T")
 RecordValue = Callable[[Record], float | None]
+RULE = "answerable_1dof"
+"""The name of the rule by which methods are ranked: that of its column in files."""
+FALSE_ABSTENTION_COST = 0.5
+"""Cost of no answer where there is one; that of a wrong answer and of a failure is 1."""
+
+
+def right_within(success: str = "success_1dof") -> RecordValue:
+    """Return a function of a record: whether it answered within a limit, None if the recording has no answer.
+
+    ``success`` is the name of the record's success within this limit.
+    """
+
+    def value(record: Record) -> float | None:
+        return float(record.status == "answered" and getattr(record, success) is True) if record.answerable else None
+
+    return value
+
+
+def error_cost(record: Record) -> float | None:
+    """Return the cost of a record: 1 for a wrong answer or a failure, FALSE_ABSTENTION_COST for a false abstention.
+
+    An answer where there is none is wrong. The cost is None if the truth is unknown.
+    """
+    if record.answerable is None:
+        return None
+    if record.status == "abstained":
+        return FALSE_ABSTENTION_COST if record.answerable else 0.0
+    return 1 - (right_within()(record) or 0.0)
+
+
+def describe_size(records: Iterable[Record]) -> str:
+    """Return the number of sequences and, if some have no answer, of those that have one, as text."""
+    known = {r.sequence: r.answerable for r in records}
+    with_answer = f", {sum(map(bool, known.values()))} of them with an answer" if False in known.values() else ""
+    return plural(len(known), "sequence") + with_answer
 
 
 def group_by(items: Iterable[T], *names: str) -> dict[Any, list[T]]:
@@ -54,7 +90,7 @@ def median_magnitude(numbers: Iterable[float | None]) -> float | None:
 
 @dataclass(frozen=True)
 class Outcomes:
-    """Outcomes of M methods on the N sequences, in S scenes, for which the success of every method is known.
+    """Outcomes of M methods on the N sequences, in S scenes, that have an answer and whose success is known for all.
 
     Attributes
     ----------
@@ -68,11 +104,9 @@ class Outcomes:
         Weight of each sequence within its scene. The lights of a scene have equal weight, and the weights of a scene
         sum to 1.
     success : ndarray of bool, shape (M, N)
-        Whether the answer is a success within one depth of focus.
+        Whether the answer is within one depth of focus.
     errors : ndarray of float, shape (M, N)
         Absolute error of the answer in depths of focus; NaN if there is no error.
-    abstained : ndarray of bool, shape (M, N)
-        Whether the search abstained.
     times : ndarray of float, shape (M, N)
         Time to focus in seconds; NaN if unknown.
     """
@@ -84,7 +118,6 @@ class Outcomes:
     weights: np.ndarray
     success: np.ndarray
     errors: np.ndarray
-    abstained: np.ndarray
     times: np.ndarray
 
     @property
@@ -107,19 +140,13 @@ class Outcomes:
         rows = [self.methods.index(name) for name in methods]
         kept = np.ones(len(self.sequences), bool) if sequences is None else np.asarray(sequences, bool)
         judged = [record for record, is_kept in zip(self.sequences, kept, strict=True) if is_kept]
-        values = {name: getattr(self, name)[rows][:, kept] for name in ("success", "errors", "abstained", "times")}
+        values = {name: getattr(self, name)[rows][:, kept] for name in ("success", "errors", "times")}
         return _weigh(tuple(methods.values()), judged, **values)
 
     def answers_within(self, limit_dof: float) -> np.ndarray:
-        """Return which answers are right within ``limit_dof`` depths of focus, bool (M, N).
-
-        An answer is right if its error is at most the limit; an abstention is right if no answer could be that near.
-        At a limit of 1, the result equals ``success``.
-        """
-        off = np.array([np.nan if r.focus_off_dof is None else r.focus_off_dof for r in self.sequences])
-        is_unreachable = np.where(np.isnan(off), self.success & (limit_dof <= 1), off > limit_dof)
+        """Return which answers are within ``limit_dof`` depths of focus, bool (M, N); ``success`` at a limit of 1."""
         with np.errstate(invalid="ignore"):
-            return np.asarray((self.errors <= limit_dof) | (self.abstained & is_unreachable))
+            return np.asarray(self.errors <= limit_dof)
 
     def find_wins(self) -> np.ndarray:
         """Return the weighted fraction of sequences that method j solves and k does not, by scene, float (M, M, S)."""
@@ -134,27 +161,26 @@ class Outcomes:
 def collect_outcomes(by_method: Mapping[str, Sequence[Record]]) -> Outcomes:
     """Return the outcomes of the methods for which any success is known, with scenes sorted by name.
 
-    Sequences for which the success of one of these methods is unknown are left out. Every method must have a record of
-    every sequence (see merge_records).
+    Sequences that have no answer, and those for which the success of one of these methods is unknown, are left out.
+    Every method must have a record of every sequence (see merge_records).
     """
-    known = {name: group for name, group in by_method.items() if any(r.success_1dof is not None for r in group)}
+    is_right = right_within()
+    known = {name: group for name, group in by_method.items() if any(r.answerable for r in group)}
     unknown = {r.sequence for group in known.values() for r in group if r.success_1dof is None}
     first = next(iter(known.values()), ())
-    judged = [record for record in first if record.sequence not in unknown]
+    judged = [record for record in first if record.answerable and record.sequence not in unknown]
     columns = {record.sequence: number for number, record in enumerate(judged)}
     success = np.zeros((len(known), len(judged)), dtype=bool)
-    abstained = np.zeros_like(success)
     errors, times = np.full((2, len(known), len(judged)), np.nan)
     for row, group in enumerate(known.values()):
         for record in group:
             if (column := columns.get(record.sequence)) is not None:
-                success[row, column] = record.success_1dof
-                abstained[row, column] = record.status == "abstained"
+                success[row, column] = is_right(record)
                 if record.error_dof is not None:
                     errors[row, column] = abs(record.error_dof)
                 if record.time_to_focus_s is not None:
                     times[row, column] = record.time_to_focus_s
-    return _weigh(tuple(known), judged, success=success, errors=errors, abstained=abstained, times=times)
+    return _weigh(tuple(known), judged, success=success, errors=errors, times=times)
 
 
 def _weigh(methods: tuple[str, ...], sequences: Sequence[Record], **values: np.ndarray) -> Outcomes:

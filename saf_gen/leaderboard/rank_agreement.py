@@ -34,7 +34,7 @@ _MAX_NUMBERS = 1_000_000
 
 @dataclass(frozen=True)
 class RankAgreement:
-    """Agreement of two rankings of the same methods, by success within 1 DoF under two bins of a condition.
+    """Agreement of two rankings of the same methods, by answerable success within 1 DoF, under two bins of a condition.
 
     Attributes
     ----------

@@ -1,4 +1,9 @@
-"""The ranking: records become the rows of the leaderboard, one per method, best first, with their intervals."""
+"""The ranking: records become the rows of the leaderboard, one per method, best first, with their intervals.
+
+Methods are ranked by **answerable success**: the fraction of answers within one depth of focus, over the sequences that
+have an answer, because the lens comes as near to the focus. Answers where there is none, and abstentions where there is
+one, are columns beside it, with a stated cost of both, and do not rank.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +25,15 @@ from saf_gen.leaderboard.intervals import (
     rate_intervals,
 )
 from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.outcomes import collect_outcomes, group_by, mean_by_scene, mean_over_scenes, median_magnitude
+from saf_gen.leaderboard.outcomes import (
+    collect_outcomes,
+    error_cost,
+    group_by,
+    mean_by_scene,
+    mean_over_scenes,
+    median_magnitude,
+    right_within,
+)
 
 TIE_TOLERANCE = 1e-9
 """Largest difference at which two success rates count as equal; averages of averages may differ in the last bit."""
@@ -36,13 +49,27 @@ class LeaderboardRow:
     tied: tuple[str, ...]
     """The other methods with the same rank."""
     method: str
-    success_half_dof: float | None
-    success_1dof: float | None
-    success_2dof: float | None
+    answerable_half_dof: float | None
+    """Fraction of answers within half a depth of focus, over the sequences that have an answer within one."""
+    answerable_1dof: float | None
+    answerable_2dof: float | None
+    answerable: int | None
+    """Number of sequences that have an answer; None, like the next three, if the truth of all is unknown."""
+    without_answer: int | None
+    """Number of sequences that have none."""
+    false_answers: int | None
+    """Number of answers on sequences that have none; None if all have one."""
+    false_abstentions: int | None
+    """Number of abstentions on sequences that have an answer."""
+    error_cost: float | None
+    """Mean of :func:`saf_gen.leaderboard.outcomes.error_cost` over the sequences of known truth."""
     median_error_dof: float | None
+    """Median error, like the next four numbers, of the answers on sequences that are not known to have none."""
     median_error_travel: float | None
     median_error_frames: float | None
     median_blur_px: float | None
+    median_sharpness_lost: float | None
+    p90_sharpness_lost: float | None
     success_by_light: tuple[tuple[str, float | None], ...]
     abstained: int
     failed: int
@@ -54,8 +81,8 @@ class LeaderboardRow:
     hunting: float | None
     windows: float | None
     seconds: float | None
-    success_1dof_low: float | None = None
-    success_1dof_high: float | None = None
+    answerable_1dof_low: float | None = None
+    answerable_1dof_high: float | None = None
     median_error_dof_low: float | None = None
     median_error_dof_high: float | None = None
     time_to_focus_low_s: float | None = None
@@ -72,7 +99,7 @@ class LeaderboardRow:
     failed_check: str | None = None
     """First check of ``saf-gen methods check`` that the method fails; None if there is none."""
     success_least_blur: float | None = None
-    """``success_1dof`` if the least blur were the truth wherever it is far from it; None if it nowhere is."""
+    """``answerable_1dof`` if the least blur were the truth wherever it is far from it; None if it nowhere is."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +123,9 @@ class MethodIntervals:
 def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
     """Return the leaderboard of these records, best first.
 
-    Methods are ranked by success within one depth of focus. Rows of equal rank are ordered by median error in depths of
-    focus, then by name. Methods for which no success is known come last and have no rank.
+    Methods are ranked by answers within one depth of focus, over the sequences that have an answer. Rows of equal rank
+    are ordered by median error in depths of focus, then by name. Methods for which no success is known come last and
+    have no rank, like all methods if no sequence has an answer.
 
     Parameters
     ----------
@@ -118,7 +146,7 @@ def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
     lights = sorted({r.light for group in by_method.values() for r in group if r.light is not None})
     rows = [_average(method, group, lights=lights) for method, group in by_method.items()]
     intervals = method_intervals(by_method)
-    best = max((row.success_1dof for row in rows if row.success_1dof is not None), default=0.0)
+    best = max((row.answerable_1dof for row in rows if row.answerable_1dof is not None), default=0.0)
     ranked = [_add_intervals(_rank(row, rows), intervals.get(row.method), best=best) for row in rows]
     return tuple(sorted(ranked, key=_sort_key))
 
@@ -129,10 +157,10 @@ def _sort_key(row: LeaderboardRow) -> tuple[float, float, str]:
 
 
 def _rank(row: LeaderboardRow, rows: Sequence[LeaderboardRow]) -> LeaderboardRow:
-    rate = row.success_1dof
+    rate = row.answerable_1dof
     if rate is None:
         return row
-    others = {r.method: r.success_1dof for r in rows if r.success_1dof is not None and r is not row}
+    others = {r.method: r.answerable_1dof for r in rows if r.answerable_1dof is not None and r is not row}
     tied = sorted(method for method, success in others.items() if abs(success - rate) <= TIE_TOLERANCE)
     rank = 1 + sum(success > rate + TIE_TOLERANCE for success in others.values())
     return replace(row, rank=rank, tied=tuple(tied))
@@ -140,14 +168,14 @@ def _rank(row: LeaderboardRow, rows: Sequence[LeaderboardRow]) -> LeaderboardRow
 
 def _add_intervals(row: LeaderboardRow, intervals: MethodIntervals | None, *, best: float) -> LeaderboardRow:
     """Return a ranked row with its intervals; ``best`` is the success rate of the best method."""
-    if intervals is None or row.success_1dof is None:
+    if intervals is None or row.answerable_1dof is None:
         return row
     pairs = {
-        ("success_1dof_low", "success_1dof_high"): (row.success_1dof, intervals.success),
+        ("answerable_1dof_low", "answerable_1dof_high"): (row.answerable_1dof, intervals.success),
         ("median_error_dof_low", "median_error_dof_high"): (row.median_error_dof, intervals.error),
         ("time_to_focus_low_s", "time_to_focus_high_s"): (row.time_to_focus_s, intervals.time),
         ("rank_best", "rank_worst"): (row.rank, intervals.rank),
-        ("behind_best_low", "behind_best_high"): (best - row.success_1dof, intervals.deficit_to_best),
+        ("behind_best_low", "behind_best_high"): (best - row.answerable_1dof, intervals.deficit_to_best),
     }
     ends: dict[str, Any] = {
         name: end
@@ -173,20 +201,30 @@ def _holds(interval: tuple[float, float] | None, value: float | None) -> bool:
 
 def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -> LeaderboardRow:
     """Return the row of a method without rank and intervals, with its success under each of the ``lights``."""
+    judged = [r for r in records if r.answerable is not False]
+    known = [r for r in records if r.answerable is not None]
+    without = [r for r in known if not r.answerable]
+    lost = [r.sharpness_lost for r in judged if r.sharpness_lost is not None]
     return LeaderboardRow(
         rank=None,
         tied=(),
         method=method,
-        success_half_dof=mean_over_scenes(records, lambda r: r.success_half_dof),
-        success_1dof=mean_over_scenes(records, lambda r: r.success_1dof),
-        success_2dof=mean_over_scenes(records, lambda r: r.success_2dof),
-        median_error_dof=median_magnitude(r.error_dof for r in records),
-        median_error_travel=median_magnitude(r.error for r in records),
-        median_error_frames=median_magnitude(r.error_frames for r in records),
-        median_blur_px=median_magnitude(r.blur_px for r in records),
+        answerable_half_dof=mean_over_scenes(records, right_within("success_half_dof")),
+        answerable_1dof=mean_over_scenes(records, right_within()),
+        answerable_2dof=mean_over_scenes(records, right_within("success_2dof")),
+        answerable=len(known) - len(without) if known else None,
+        without_answer=len(without) if known else None,
+        false_answers=sum(r.status == "answered" for r in without) if without else None,
+        false_abstentions=sum(r.answerable is True and r.status == "abstained" for r in known) if known else None,
+        error_cost=mean_over_scenes(records, error_cost),
+        median_error_dof=median_magnitude(r.error_dof for r in judged),
+        median_error_travel=median_magnitude(r.error for r in judged),
+        median_error_frames=median_magnitude(r.error_frames for r in judged),
+        median_blur_px=median_magnitude(r.blur_px for r in judged),
+        median_sharpness_lost=median_magnitude(lost),
+        p90_sharpness_lost=float(np.quantile(lost, 0.9)) if lost else None,
         success_by_light=tuple(
-            (light, mean_over_scenes([r for r in records if r.light == light], lambda r: r.success_1dof))
-            for light in lights
+            (light, mean_over_scenes([r for r in records if r.light == light], right_within())) for light in lights
         ),
         abstained=sum(r.status == "abstained" for r in records),
         failed=sum(r.status == "failed" for r in records),
@@ -206,7 +244,7 @@ def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -
 
 
 def _by_least_blur(record: Record) -> float | None:
-    return record.success_1dof if record.success_least_blur is None else record.success_least_blur
+    return right_within("success_1dof" if record.success_least_blur is None else "success_least_blur")(record)
 
 
 def _hunts(record: Record) -> float | None:

@@ -29,7 +29,7 @@ from saf_gen.core.files import write_text
 from saf_gen.core.plain_text import escape_markdown, plural
 from saf_gen.core.table import Column, Table, percent
 from saf_gen.errors import BadInput, escape_controls
-from saf_gen.leaderboard.outcomes import group_by, mean_by_scene
+from saf_gen.leaderboard.outcomes import group_by, mean_by_scene, right_within
 from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_scores
 from saf_gen.leaderboard.tables import AGREEMENT_MEANINGS, agreement
 from saf_gen.stream.dataset import index_folder
@@ -390,9 +390,9 @@ def _mean_of_scenes(scores: Mapping[str, Mapping[str, float]], method: str) -> f
 
 
 def _score_run(records: Sequence[Record]) -> dict[str, dict[str, float]]:
-    """Return the success within 1 depth of focus, by scene and then by method."""
+    """Return the answerable success within 1 depth of focus, by scene and then by method."""
     by_method = group_by(records, "method")
-    return _by_scene({method: mean_by_scene(own, lambda r: r.success_1dof) for method, own in by_method.items()})
+    return _by_scene({method: mean_by_scene(own, right_within()) for method, own in by_method.items()})
 
 
 def _score_answers(answers: Sequence[SafAnswer], score: Callable[[SafAnswer], float]) -> dict[str, dict[str, float]]:
@@ -426,7 +426,7 @@ def saf_table(ranking: SafRanking) -> Table:
     """Return the table of a ranking; its last columns are of the evaluations of other data, if any."""
 
     def beside(number: int) -> Column:
-        header = f"within 1 DoF, {ranking.beside[number]}"
+        header = f"answerable, within 1 DoF, {ranking.beside[number]}"
         return Column(header, lambda row: row.beside[number], percent, kind="number", detail=1)
 
     recordings, scenes = len({a.recording for a in ranking.answers}), len({a.scene for a in ranking.answers})

@@ -21,6 +21,7 @@ from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.files import write_text
 from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput, unknown
+from saf_gen.leaderboard.outcomes import right_within
 from saf_gen.leaderboard.verification import DIFFERS, RERUN_HERE, read_row_states
 from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
 
@@ -278,9 +279,12 @@ def _check_records(group: list[Record], card: SubmissionCard, *, tasks: set[str]
             "answers", "error", f"{len(sequences)} sequences, but {len(tasks)} in the dataset: {odd[0]} is not in both"
         )
     else:
-        right = sum(record.success_1dof is True for record in group)
+        right, has_answer = right_within(), [record for record in group if record.answerable]
         complete = "all of the split" if tasks is not None else "compare them with the dataset: --on DATASET"
-        yield Finding("answers", "ok", f"{len(sequences)} sequences ({complete}), {right} within 1 depth of focus")
+        within = f"{sum(map(bool, map(right, has_answer)))} of {len(has_answer)} that have an answer"
+        false = sum(record.answerable is False and record.status == "answered" for record in group)
+        text = f"{len(sequences)} sequences ({complete}), {within} within 1 depth of focus, {false} false answers"
+        yield Finding("answers", "ok", text)
 
 
 def records_of(records: Iterable[Record], card: SubmissionCard) -> list[Record]:

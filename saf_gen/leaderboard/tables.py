@@ -1,7 +1,7 @@
 """Every table of a leaderboard: its columns, with their names in files, headings, meanings, values and texts."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from math import inf
 from operator import attrgetter, itemgetter
@@ -14,7 +14,7 @@ from saf_gen.core.table import UNKNOWN, Column, Table, percent
 from saf_gen.leaderboard.axes import AxisResults, Bin
 from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
 from saf_gen.leaderboard.notes import SceneGrain
-from saf_gen.leaderboard.outcomes import group_by, median_magnitude
+from saf_gen.leaderboard.outcomes import FALSE_ABSTENTION_COST, group_by, median_magnitude
 from saf_gen.leaderboard.rank_agreement import RankAgreement
 from saf_gen.leaderboard.ranking import LeaderboardRow
 
@@ -52,7 +52,10 @@ def ranking(rows: Sequence[LeaderboardRow], *, title: str = "Leaderboard") -> Ta
     """Return the leaderboard, with a column for each light schedule."""
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
     apart = any(row.success_least_blur is not None for row in rows)
-    return Table((*_RANK, *((LEAST_BLUR,) if apart else ()), *map(_light, lights), *_ERROR, *_COST), rows, title, _mark)
+    judged = any(row.false_abstentions is not None for row in rows)  # then these say what abstentions were worth
+    columns = (*_RANK, *((LEAST_BLUR,) if apart else ()), *map(_light, lights), *_ABSTAINING, *_ERROR, *_COST)
+    shown = [replace(c, for_programs=True) if judged and c.name == "abstained" else c for c in columns]
+    return Table(shown, rows, title, _mark)
 
 
 def _mark(row: LeaderboardRow) -> str:
@@ -64,8 +67,8 @@ def _light(light: str) -> Column:
         light,
         lambda row: dict(row.success_by_light).get(light),
         percent,
-        f"Success within 1 DoF under the light {light}.",
-        key=f"success_1dof_light_{light}",  # unique, whatever a recipe calls its lights
+        f"Answerable success within 1 DoF under the light {light}.",
+        key=f"answerable_1dof_light_{light}",  # unique, whatever a recipe calls its lights
         detail=USUAL,
         group="≤1 DoF by light",
         together="lights",
@@ -83,7 +86,6 @@ def _count(number: int) -> str:
     return str(number or UNKNOWN)
 
 
-_ABSTENTION = "An abstention is right if no answer could be that near, so the value can be"
 _range = partial(_interval, detail=INTERVALS, optional=True)
 _success = partial(Column, format=percent, group="success", fraction=True)
 _error = partial(_number, detail=ALL, group="error")
@@ -92,8 +94,8 @@ _RANK = (
     _number(
         "#",
         "rank",
-        meaning="Rank by success within 1 DoF; = marks a tie, ~ a method that cannot be told apart from any better "
-        "one.",
+        meaning="Rank by answerable success within 1 DoF; = marks a tie, ~ a method that cannot be told apart from any "
+        "better one.",
         cell=_format_rank,
     ),
     *_range(
@@ -121,34 +123,36 @@ _RANK = (
     _hidden("level_with_best", meaning="Whether no better method can be told apart from this one."),
     _hidden(
         "behind_best_low",
-        meaning="Success within 1 DoF of the best method minus that of this method: 95 % interval of this pair alone.",
+        meaning="Answerable success within 1 DoF of the best method minus that of this method: 95 % interval of this "
+        "pair alone.",
     ),
     _hidden("behind_best_high", meaning="Upper end of the interval."),
     _success(
         "≤½ DoF",
-        "success_half_dof",
-        meaning=f"Success within ½ depth of focus: blur ≤ 1 px. {_ABSTENTION} higher than ≤1 DoF.",
+        "answerable_half_dof",
+        meaning="Answers within ½ depth of focus (blur ≤ 1 px), over the same sequences as ≤1 DoF.",
         kind="number",
-        detail=ALL,
+        detail=USUAL,
     ),
     _success(
         "≤1 DoF",
-        "success_1dof",
-        meaning="Success within 1 DoF: blur ≤ 2 px. Methods are ranked by it.",
+        "answerable_1dof",
+        meaning="Answerable success: answers within 1 DoF (blur ≤ 2 px), over the sequences that have an answer. "
+        "Methods are ranked by it.",
         kind="main",
-        ends=attrgetter("success_1dof_low", "success_1dof_high"),
+        ends=attrgetter("answerable_1dof_low", "answerable_1dof_high"),
     ),
     *_range(
         "≤1 DoF 95 %",
-        ("success_1dof_low", "success_1dof_high"),
+        ("answerable_1dof_low", "answerable_1dof_high"),
         format=percent,
-        meaning="95 % interval of success within 1 DoF over all scenes of this kind.",
+        meaning="95 % interval of answerable success within 1 DoF over all scenes of this kind.",
         group="success",
     ),
     _success(
         "≤2 DoF",
-        "success_2dof",
-        meaning=f"Success within 2 DoF: blur ≤ 4 px. {_ABSTENTION} lower than ≤1 DoF.",
+        "answerable_2dof",
+        meaning="Answers within 2 DoF (blur ≤ 4 px), over the same sequences as ≤1 DoF.",
         kind="number",
         detail=ALL,
     ),
@@ -156,13 +160,79 @@ _RANK = (
 LEAST_BLUR = _success(
     "≤1 DoF of least blur",
     "success_least_blur",
-    meaning="Success within 1 DoF if, where a lens with aberrations has its least blur over 0.15 DoF from its largest "
-    "contrast, which is the truth, the least blur were the truth. Tables of other data lack this column.",
+    meaning="Answerable success within 1 DoF if, where a lens with aberrations has its least blur over 0.15 DoF from "
+    "its largest contrast, which is the truth, the least blur were the truth. Tables of other data lack this column.",
     kind="number",
     detail=ESSENTIAL,
 )
+
+
+def _of_without(row: LeaderboardRow) -> str:
+    return UNKNOWN if row.false_answers is None else f"{row.false_answers} of {row.without_answer}"
+
+
+def _of_answerable(row: LeaderboardRow) -> str:
+    return UNKNOWN if row.false_abstentions is None else f"{row.false_abstentions} of {row.answerable}"
+
+
+_ABSTAINING = (
+    _number(
+        "false answers",
+        "false_answers",
+        meaning="Number of answers on sequences that have none, because the lens stays farther than 1 DoF from the "
+        "focus. It does not rank.",
+        cell=_of_without,
+        detail=USUAL,
+        group="no answer",
+        optional=True,
+    ),
+    _number(
+        "false abst.",
+        "false_abstentions",
+        meaning="Number of abstentions on sequences that have an answer; ≤1 DoF counts them as wrong.",
+        cell=_of_answerable,
+        detail=USUAL,
+        group="no answer",
+        optional=True,
+    ),
+    _hidden("answerable", meaning="Number of sequences that have an answer."),
+    _hidden("without_answer", meaning="Number of sequences that have none."),
+    _number(
+        "abst.",
+        "abstained",
+        _count,
+        "Number of sequences on which the search abstained; readers see it if the truth is unknown.",
+        detail=USUAL,
+        group="no answer",
+    ),
+    _number(
+        "failed",
+        "failed",
+        _count,
+        "Number of sequences on which the method raised an error; the records name the error.",
+        detail=USUAL,
+        group="no answer",
+    ),
+    _number(
+        "cost",
+        "error_cost",
+        ".2f",
+        f"Mean over all sequences of 1 for a wrong answer or a failure, {FALSE_ABSTENTION_COST:g} for a false "
+        "abstention, 0 for a right answer or a right abstention; an answer where there is none is wrong. It does not "
+        "rank.",
+        detail=ALL,
+        group="no answer",
+    ),
+)
 _ERROR = (
-    _error("err DoF", "median_error_dof", ".2f", "Median |answer − truth| in depths of focus.", detail=ESSENTIAL),
+    _error(
+        "err DoF",
+        "median_error_dof",
+        ".2f",
+        "Median |answer − truth| in depths of focus, like all errors of the answers on sequences that have one. "
+        "1 DoF is a blur of 2 px.",
+        detail=ESSENTIAL,
+    ),
     *_range(
         "err DoF 95 %",
         ("median_error_dof_low", "median_error_dof_high"),
@@ -176,21 +246,21 @@ _ERROR = (
         "err frames", "median_error_frames", ".0f", "Median |answer − truth| in frames of the recording.", optional=True
     ),
     _error("blur px", "median_blur_px", ".1f", "Median blur at the answer, in pixels."),
-    _number(
-        "abst.",
-        "abstained",
-        _count,
-        "Number of sequences on which the search abstained.",
+    _error(
+        "lost",
+        "median_sharpness_lost",
+        percent,
+        "Sharpness lost at the answer: 1 − S(answer)/S(best), with S the noise-free SD of the target's box at each "
+        "rendered position; median. Scenes that move have none.",
         detail=USUAL,
-        group="no answer",
+        optional=True,
     ),
-    _number(
-        "failed",
-        "failed",
-        _count,
-        "Number of sequences on which the method raised an error; the records name the error.",
-        detail=USUAL,
-        group="no answer",
+    _error(
+        "lost, 90 %",
+        "p90_sharpness_lost",
+        percent,
+        "Sharpness lost at the answer: nine of ten answers lose no more.",
+        optional=True,
     ),
 )
 _COST = (
@@ -247,29 +317,42 @@ _COST = (
 
 
 def by_bin(results: AxisResults) -> Table:
-    """Return success within 1 DoF and, in brackets, the median error of each method in each bin of an axis."""
+    """Return answerable success within 1 DoF and, in brackets, the median error of each method in each bin of an axis.
+
+    In a bin whose sequences have no answer, it is the number of false answers.
+    """
     methods = list(results.bins[0].results)
-    title = f"{results.axis.title}: success within 1 DoF, median error in DoF"
+    title = f"{results.axis.title}: answerable success within 1 DoF, median error in DoF"
     return Table([Column("method", str, kind="name"), *map(_bin, results.bins)], methods, title)
 
 
 def _bin(one: Bin) -> Column:
     def cell(method: str) -> str:
         found = one.results[method]
-        if found.success_1dof is None:
-            return UNKNOWN
+        if found.answerable_1dof is None:
+            return f"{found.false_answers} of {one.without} false" if one.without else UNKNOWN
         error = "" if found.median_error_dof is None else f" ({found.median_error_dof:.2f})"
-        return percent(found.success_1dof) + error
+        return percent(found.answerable_1dof) + error
 
     size = f"{plural(one.scenes, 'scene')}, {plural(one.sequences, 'sequence')}"
-    return _number(one.name, lambda m: one.results[m].success_1dof, meaning=size, cell=cell, fraction=True)
+    size += f", {one.without} without an answer" if one.without else ""
+    return _number(one.name, lambda m: one.results[m].answerable_1dof, meaning=size, cell=cell, fraction=True)
 
 
 def bin_lines(axes: Sequence[AxisResults]) -> Table:
     """Return one row for each axis, method and bin, for programs."""
-    headers = "axis bin scenes sequences method success_1dof median_error_dof abstained failed"
+    headers = "axis bin scenes sequences without method answerable_1dof median_error_dof false_answers"
+    headers += " false_abstentions failed"
     rows = [
-        (results.axis.name, one.name, one.scenes, one.sequences, method, *vars(one.results[method]).values())
+        (
+            results.axis.name,
+            one.name,
+            one.scenes,
+            one.sequences,
+            one.without,
+            method,
+            *vars(one.results[method]).values(),
+        )
         for results in axes
         for method in results.bins[0].results
         for one in results.bins
@@ -310,7 +393,9 @@ _AGREEMENT = (
         detail=1,
     ),
     _hidden("shared", meaning="Number of scenes that have sequences under both bins."),
-    _number("τ", "tau", ".2f", "Kendall's τ-b of the rankings by success within 1 DoF; 1 means the same order."),
+    _number(
+        "τ", "tau", ".2f", "Kendall's τ-b of the rankings by answerable success within 1 DoF; 1 means the same order."
+    ),
     *_interval(
         "95 %", ("low", "high"), format=".2f", meaning="95 % interval of τ by a bootstrap over scenes.", to=" to "
     ),

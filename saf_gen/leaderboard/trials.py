@@ -17,6 +17,7 @@ from saf_gen.benchmark.method_folder import ends_as_folder
 from saf_gen.benchmark.method_spec import split_halves, split_options, split_region
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
+from saf_gen.plugins.searches import REJECT
 
 MAX_TRIALS = 1000
 """Largest number of combinations or draws in one run."""
@@ -79,9 +80,9 @@ def draw_trials(method: str, trials: int, values: Choices | None = None) -> list
     Random choices find good values of the few constants that matter sooner than a grid [1]_. Each constant is drawn in
     half of the trials, and keeps its value in the others, so that a method with many constants is not always far from
     all of them. The rule is the same for all methods: a number of frames (``window``, ``dt``) is log-uniform in
-    50…500, another positive number log-uniform within a factor of 3 of its value, a switch is on or off, and an option
-    named in ``values`` takes one of these. Texts and zeros stay unless they are named there. What the method refuses
-    is drawn again.
+    50…500, another positive number log-uniform within a factor of 3 of its value, and a switch, such as the right to
+    abstain (``reject``), is on or off. An option named in ``values`` takes one of these; other texts and zeros stay.
+    What the method refuses is drawn again.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def draw_trials(method: str, trials: int, values: Choices | None = None) -> list
     Raises
     ------
     BadInput
-        If the number of trials is out of range, the method has nothing to draw, or as for expand_grid.
+        If the number of trials is out of range, or as for expand_grid.
 
     References
     ----------
@@ -109,21 +110,17 @@ def draw_trials(method: str, trials: int, values: Choices | None = None) -> list
     """
     if not 2 <= trials <= MAX_TRIALS:
         raise BadInput(f"--trials is {trials}", allowed=f"2 to {MAX_TRIALS}")
-    values = values or {}
-    halves, region = _split(method, values)
+    halves, region = _split(method, values or {})
     untuned = _with_values(halves, region, {})
+    stated = _stated_constants(untuned)
+    own = {} if f"search.{REJECT}" in stated else {f"search.{REJECT}": ("false", "true")}
+    values = {**own, **(values or {})}
     for key, choices in values.items():
         for choice in choices:
             admit_method(
                 _with_values(halves, region, {key: choice})
             )  # reports a wrong key or value, which no draw does
-    stated = _stated_constants(untuned)
     drawable = [key for key, value in stated.items() if key not in values and _is_drawn(value)]
-    if not drawable and not values:
-        raise BadInput(
-            f"{method} has no constants to draw", allowed="a method with numbers or switches among its options",
-            hint="name values with --try",
-        )  # fmt: skip
     rng = make_generator("tuning", untuned, trials)
     found = {untuned: None}
     for _ in range(trials - 1):
@@ -177,13 +174,12 @@ def _with_values(halves: Mapping[str, str], region: str, chosen: Mapping[str, st
 def _stated_constants(method: str) -> dict[str, Any]:
     """Return the constants of a method with the values that it has, by ``measure.KEY`` or ``search.KEY``.
 
-    They are read from the text that records store, because code of others runs in another process.
+    Those of a measure are read from the text that records store, because code of others runs in another process.
     """
-    found: dict[str, Any] = {}
-    halves = admit_method(method).parameters.partition(" + ")
-    for half, text in zip(("measure", "search"), (halves[0], halves[2]), strict=True):
-        found |= {f"{half}.{key.rstrip('_')}": value for key, value in _keywords(text)}
-    return found
+    admitted = admit_method(method)
+    of_measure = _keywords(admitted.parameters.partition(" + ")[0])
+    found = {f"measure.{key.rstrip('_')}": value for key, value in of_measure}
+    return found | {f"search.{key.rstrip('_')}": value for key, value in admitted.search_options.items()}
 
 
 def _keywords(text: str) -> Iterator[tuple[str, Any]]:

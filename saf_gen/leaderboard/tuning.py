@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from saf_gen import __version__
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial
 from saf_gen.benchmark.records import Record
@@ -19,6 +18,7 @@ from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.leaderboard import LeaderboardRow, rank_methods
+from saf_gen.leaderboard.outcomes import RULE, mean_over_scenes
 from saf_gen.leaderboard.trials import Choices, draw_trials, expand_grid
 from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
 
@@ -139,8 +139,9 @@ def tune(
         data=hashlib.sha256(" ".join(data).encode()).hexdigest()[:12],
         version=__version__,
         trials=tuple(
-            TuningTrial(row.method, row.success_1dof, row.median_error_dof, objectives[row.method]) for row in rows
+            TuningTrial(row.method, row.answerable_1dof, row.median_error_dof, objectives[row.method]) for row in rows
         ),
+        ranked_by=RULE,
     )
     return tuned, tuple(rows)
 
@@ -152,13 +153,11 @@ def find_objective(records: Iterable[Record]) -> float | None:
     Both rates refer to all recordings of a scene, so that such recordings count by their share in the data. The result
     is the mean over scenes, −1…1, or None if no truth is known.
     """
-    by_scene: dict[str, list[int]] = {}
-    for record in records:
-        if record.success_1dof is None:
-            continue
-        off = record.focus_off_dof
-        is_answerable = off is None or off <= SUCCESS_LIMITS_DOF[1]
-        is_answered = record.status == "answered"
-        worth = int(is_answered and record.success_1dof) if is_answerable else -int(is_answered)
-        by_scene.setdefault(record.scene, []).append(worth)
-    return sum(sum(worths) / len(worths) for worths in by_scene.values()) / len(by_scene) if by_scene else None
+    return mean_over_scenes(records, _worth)
+
+
+def _worth(record: Record) -> float | None:
+    if record.answerable is None:
+        return None
+    is_answered = record.status == "answered"
+    return float(is_answered and record.success_1dof is True) if record.answerable else -float(is_answered)

@@ -40,6 +40,19 @@ def curve_peak(curve: np.ndarray | None, *, dof: float) -> float | None:
     return (k + float((before - after) / (2 * bend))) * step if bend < 0 else None
 
 
+def sharpness_lost(curve: np.ndarray | None, position: float, *, dof: float) -> float | None:
+    """Return 1 − S(position)/S(best) of a curve S over evenly spaced positions from 0 to 1, between them a line: 0...1.
+
+    It is None if the curve is too coarse for a depth of focus of ``dof``, is not known at the position, or has no value
+    above 0.
+    """
+    if not _is_fine(curve, dof=dof):
+        return None
+    assert curve is not None
+    best, here = float(np.nanmax(curve)), float(np.interp(position, np.linspace(0, 1, curve.size), curve))
+    return float(np.clip(1 - here / best, 0, 1)) if best > 0 and math.isfinite(here) else None
+
+
 def fitted_peak(curve: np.ndarray | None, *, dof: float) -> float | None:
     """Return the peak of a curve whose values scatter, such as that of slices: of the parabola that fits it best there.
 

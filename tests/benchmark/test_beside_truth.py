@@ -12,7 +12,7 @@ from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, format_records, read_records, record_to_json
-from saf_gen.benchmark.tracks.beside_truth import optimum_fields
+from saf_gen.benchmark.tracks.beside_truth import optimum_fields, sharpness_fields
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, ClosedLoopSequence
 from saf_gen.leaderboard.notes import notes_on
 from saf_gen.leaderboard.ranking import rank_methods
@@ -95,6 +95,35 @@ def test_the_optimum_of_a_moving_scene_moves_with_its_truth():
     assert optimum(moving, optima={"sd": -0.02}, here=None)["optimum"] is None
     assert run_to(0.62, moving, optima={"sd": -0.02}).optimum is None  # the lens takes its own course
     assert run_to(0.62, NEAR, method="brenner", optima={"brenner": 0.02}).optimum == pytest.approx(0.52)
+
+
+KNOTS = np.array([0.0, 0.5, 1.0, 0.5, 0.0] + [0.0] * 26)  # positions 1/30 apart, a third of a depth of focus
+
+
+@pytest.mark.parametrize(
+    ("truth", "position", "lost"),
+    {
+        "at its best": (replace(NEAR, sharpness=KNOTS), 2 / 30, 0.0),
+        "between two positions": (replace(NEAR, sharpness=4 * KNOTS), 1.5 / 30, 0.25),
+        "all of it": (replace(NEAR, sharpness=KNOTS), 0.5, 1.0),
+        "unknown there": (replace(NEAR, sharpness=np.where(np.arange(31) == 20, np.nan, KNOTS)), 20 / 30, None),
+        "no answer": (replace(NEAR, sharpness=KNOTS), None, None),
+        "no curve": (NEAR, 0.5, None),
+        "too coarse a curve": (replace(NEAR, sharpness=KNOTS[::5]), 0.5, None),
+        "a dark one": (replace(NEAR, sharpness=0 * KNOTS), 0.5, None),
+        "a scene that moves": (replace(NEAR, sharpness=KNOTS, track=np.full(8, 0.5)), 0.5, None),
+        "no depth of focus": (replace(NEAR, sharpness=KNOTS, depth_of_focus=(np.nan, np.nan)), 0.5, None),
+    }.values(),
+)
+def test_the_sharpness_lost_at_an_answer_is_that_of_the_curve_without_noise(truth, position, lost):
+    found = sharpness_fields(truth, position)["sharpness_lost"]
+    assert found == (None if lost is None else pytest.approx(lost))
+
+
+def test_a_record_states_the_sharpness_lost_where_it_is_known():
+    known = run_to(1.5 / 30, replace(NEAR, sharpness=KNOTS))
+    assert record_to_json(known)["sharpness_lost"] == pytest.approx(0.25)
+    assert "sharpness_lost" not in record_to_json(run_to(0.5, NEAR))
 
 
 TILTED = {"best_position": np.linspace(0.2, 0.55, TARGET.size, dtype=np.float32).reshape(TARGET.shape)}
@@ -238,7 +267,7 @@ def test_the_leaderboard_gives_both_successes_only_where_some_lens_needs_them():
     ]
     plain, both = rank_methods(sharp), rank_methods(sharp + apart)
     assert "success_least_blur" not in ranking(plain).to_csv()
-    assert {r.method: (r.success_1dof, r.success_least_blur) for r in both} == {
+    assert {r.method: (r.answerable_1dof, r.success_least_blur) for r in both} == {
         "a+argmax": (1.0, 1.0),
         "b+argmax": (0.5, 1.0),
     }

@@ -64,7 +64,7 @@ def test_no_method_answers_a_blank_recording_and_none_is_judged_on_it(tmp_path, 
     rows = rank_methods(
         [*found, *(record(r.method, "other", 0.1, code=r.code, rig=r.rig, region=r.region) for r in found)]
     )
-    assert {row.success_1dof for row in rows} == {1.0}
+    assert {row.answerable_1dof for row in rows} == {1.0}
 
 
 @pytest.mark.parametrize("region", ["target", "frame"])

@@ -148,7 +148,7 @@ def test_a_stream_made_elsewhere_with_gaps_is_evaluated_with_what_is_known(call,
     assert (code, err) == (0, "")
     document = json.loads((tmp_path / "gaps-evaluation/leaderboard.json").read_text())
     (row,) = document["rows"]
-    assert (row["rank"], row["success_1dof"], row["median_error_dof"]) == (None, None, None)
+    assert (row["rank"], row["answerable_1dof"], row["median_error_dof"]) == (None, None, None)
     assert (row["lens_travel"] is None) == (name == "focus/position")
     (held,) = read_records(tmp_path / "gaps-evaluation")
     assert (held.error, held.success_1dof) == (None, None)

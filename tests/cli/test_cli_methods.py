@@ -122,7 +122,7 @@ def test_every_plug_in_of_ours_is_shown_with_its_options_and_its_source(call, ki
     assert (code, err) == (0, "")
     page, plug_in = read_page(out), registry.build_plugin(kind, name)
     assert [line.partition("=")[0] for line in page["options"].splitlines()] == (
-        list(registry.option_fields(kind, name)) or ["none"]
+        [*registry.option_fields(kind, name), *(["reject"] if kind == "searches" else [])] or ["none"]
     )
     assert "default:" not in page["options"]
     assert " ".join(page["source"].split()) == cite_source(plug_in)

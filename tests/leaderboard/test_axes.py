@@ -79,8 +79,8 @@ def test_a_bin_weighs_scenes_and_lights_as_the_whole_table_does():
     found = axis([*static, *moving], "scene_motion")
     assert [(one.name, one.scenes, one.sequences) for one in found.bins] == [("dynamic", 1, 1), ("static", 2, 5)]
     dynamic, still = (one.results["a+s"] for one in found.bins)
-    assert (dynamic.success_1dof, dynamic.median_error_dof) == (0, 2)
-    assert still.success_1dof == pytest.approx(rank_methods(static)[0].success_1dof) == pytest.approx(0.75)
+    assert (dynamic.answerable_1dof, dynamic.median_error_dof) == (0, 2)
+    assert still.answerable_1dof == pytest.approx(rank_methods(static)[0].answerable_1dof) == pytest.approx(0.75)
     assert still.median_error_dof == 0
 
 
@@ -89,7 +89,7 @@ def test_every_method_meets_the_same_sequences_in_a_bin_and_no_answer_is_counted
     found = axis(some, "scene_motion", ["a+s", "b+s"])
     assert sequences(found) == (1,)
     silent = found.bins[0].results["b+s"]
-    assert (silent.abstained, silent.median_error_dof) == (1, None)
+    assert (silent.false_abstentions, silent.median_error_dof) == (1, None)
 
 
 @pytest.mark.parametrize(
@@ -118,14 +118,15 @@ def test_the_files_contain_every_axis(tmp_path):
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     by_name = {a["axis"]: a for a in document["axes"]}
     assert [b["bin"] for b in by_name["focus_position"]["bins"]] == ["first 10 %", "middle", "outside"]
-    assert [c["success_1dof"] for c in by_name["focus_position"]["methods"]["a+s"]] == [1, 1, 0]
+    assert [c["answerable_1dof"] for c in by_name["focus_position"]["methods"]["a+s"]] == [1, 1, None]
     with (tmp_path / "axes.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     assert len(lines) == sum(len(a["bins"]) for a in document["axes"]) * 2
     (outside,) = (line for line in lines if line["bin"] == "outside" and line["method"] == "a+s")
-    assert (outside["axis"], outside["success_1dof"], outside["median_error_dof"]) == ("focus_position", "0.0", "3.0")
+    assert (outside["axis"], outside["answerable_1dof"], outside["median_error_dof"]) == ("focus_position", "", "")
+    assert (outside["without"], outside["false_answers"], outside["false_abstentions"]) == ("1", "1", "0")
     text = (tmp_path / "leaderboard.md").read_text()
     assert "## Focus position" in text
-    assert "| a+s | 100% (0.00) | 100% (0.40) | 0% (3.00) |" in text
+    assert "| a+s | 100% (0.00) | 100% (0.40) | 1 of 1 false |" in text
     assert r"| b\|c+s | 0% (5.00) |" in text
     assert "## Photon budget" not in text  # a single bin adds nothing to the table

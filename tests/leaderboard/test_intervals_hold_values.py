@@ -144,11 +144,11 @@ def draw_records(random, kind, *, agree=True):
 
 def list_intervals(row, columns, *, best):
     """Return the value, both ends and the text of every interval of a row, by the name of the column."""
-    behind = None if row.success_1dof is None else best - row.success_1dof
+    behind = None if row.answerable_1dof is None else best - row.answerable_1dof
     of = {
         "rank_best": (row.rank, "rank_worst"),
         "behind_best_low": (behind, "behind_best_high"),
-        "success_1dof_low": (row.success_1dof, "success_1dof_high"),
+        "answerable_1dof_low": (row.answerable_1dof, "answerable_1dof_high"),
         "median_error_dof_low": (row.median_error_dof, "median_error_dof_high"),
         "time_to_focus_low_s": (row.time_to_focus_s, "time_to_focus_high_s"),
     }
@@ -159,7 +159,7 @@ def list_intervals(row, columns, *, best):
 
 def check_rows(rows):
     """Check every interval of the rows and return the names of those that are known, row by row."""
-    best = max((row.success_1dof for row in rows if row.success_1dof is not None), default=None)
+    best = max((row.answerable_1dof for row in rows if row.answerable_1dof is not None), default=None)
     known = []
     for row in rows:
         found = list_intervals(row, ranking(rows).columns, best=best)
@@ -197,7 +197,7 @@ def test_every_interval_of_the_leaderboard_contains_its_value_or_is_missing(kind
         known = check_rows(rows)
         check_comparison(records, rows)
         if agree and len({r.scene for r in records if r.success_1dof is not None}) >= MIN_SCENES:
-            assert all({"rank_best", "behind_best_low", "success_1dof_low"} <= names for names in known)
+            assert all({"rank_best", "behind_best_low", "answerable_1dof_low"} <= names for names in known)
 
 
 def test_an_interval_of_other_sequences_than_its_value_is_missing():

@@ -1,5 +1,6 @@
 import csv
 import json
+from dataclasses import replace
 
 import pytest
 from handmade_records import failed, record
@@ -25,7 +26,7 @@ def records():
 
 def test_success_ranks_and_a_row_averages_what_was_answered(records):
     rows = sd, er, odd = rank_methods(records)
-    assert [(r.rank, r.method, r.success_1dof) for r in rows] == [
+    assert [(r.rank, r.method, r.answerable_1dof) for r in rows] == [
         (1, "sd+argmax", 1.0),
         (2, "er+argmax", 0.5),
         (3, "odd+argmax", 0.0),
@@ -51,7 +52,7 @@ def test_scenes_weigh_the_same_and_so_do_lights_of_a_scene(errors, success):
         for (scene, light), repeats in errors.items()
         for i, error in enumerate(repeats)
     ]
-    assert rank_methods(records)[0].success_1dof == pytest.approx(success)
+    assert rank_methods(records)[0].answerable_1dof == pytest.approx(success)
 
 
 def test_costs_weigh_scenes_and_lights_as_success_does():
@@ -88,7 +89,7 @@ def test_equal_fractions_tie_whatever_their_last_bit():
 
 def test_without_truth_methods_are_not_ranked_but_have_costs():
     (row,) = rank_methods([record("a+s", "x", None)])
-    assert (row.rank, row.success_1dof, row.median_error_dof) == (None, None, None)
+    assert (row.rank, row.answerable_1dof, row.median_error_dof) == (None, None, None)
     assert (row.frames_seen, row.lens_travel, row.seconds) == (1.0, 1.5, 0.25)
     assert ranking([row]).shown[0].text(row) == "–"
     rows = rank_methods([record("a+s", "x", None), record("b+s", "x", 9.0)])
@@ -152,9 +153,9 @@ def test_rows_state_which_ranks_the_scenes_can_distinguish(twelve):
     assert (good.level_with_best, near.level_with_best, bad.level_with_best) == (True, True, False)
     assert (near.rank_best, near.rank_worst) == (1, 2)
     assert (bad.rank_best, bad.rank_worst) == (3, 3)
-    assert good.success_1dof_low == pytest.approx(0.81, abs=0.01)
-    assert good.success_1dof_high == 1
-    assert near.success_1dof_low < 11 / 12 < near.success_1dof_high
+    assert good.answerable_1dof_low == pytest.approx(0.81, abs=0.01)
+    assert good.answerable_1dof_high == 1
+    assert near.answerable_1dof_low < 11 / 12 < near.answerable_1dof_high
     assert 0.7 < bad.behind_best_low < bad.behind_best_high == 1
     assert good.median_error_dof_low < good.median_error_dof == pytest.approx(0.155)
     by_name = {c.name: c for c in ranking([good, near, bad]).shown}
@@ -165,14 +166,14 @@ def test_rows_state_which_ranks_the_scenes_can_distinguish(twelve):
 def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     some = [*over("a+s", [0, 0]), *over("b+s", [9, 9])]
     rows = rank_methods(some)
-    assert (rows[0].rank_best, rows[0].success_1dof_low, rows[0].level_with_best) == (None,) * 3
+    assert (rows[0].rank_best, rows[0].answerable_1dof_low, rows[0].level_with_best) == (None,) * 3
     assert rows[0].missing_reason == "2 of 3 required scenes"
     assert "rank_best" not in {c.name for c in ranking(rows).shown}
     assert any(note.startswith("There are no intervals: only 2 of 3 required scenes") for note in notes_on(rows, some))
     write_leaderboard(tmp_path, rows=rows, records=some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert document["intervals"]["unknown"] == "2 of 3 required scenes"
-    assert document["rows"][0]["success_1dof_low"] is None
+    assert document["rows"][0]["answerable_1dof_low"] is None
     assert "There are no intervals" in (tmp_path / "leaderboard.md").read_text()
 
 
@@ -210,7 +211,7 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
     rows = rank_methods(records)
     keys = [c.name for c in ranking(rows).columns]
     assert len(keys) == len(set(keys))
-    assert {f"success_1dof_light_{light}" for light in lights} < set(keys)
+    assert {f"answerable_1dof_light_{light}" for light in lights} < set(keys)
     write_leaderboard(tmp_path, rows=rows, records=records)
     with (tmp_path / "leaderboard.csv").open(newline="") as file:
         header, line = csv.reader(file)
@@ -220,6 +221,73 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
     (row,) = document["rows"]
     assert set(row) == {*keys, "tied"}
     assert list(document["columns"]) == keys
-    assert (row["success_1dof_light_low"], row["success_1dof_light_high"]) == (1, 0)
-    assert row["success_1dof_low"] < 0.25 < row["success_1dof_high"]  # a quarter in each scene
-    assert (cells["success_1dof_light_low"], cells["success_1dof_low"]) == ("1.0", str(row["success_1dof_low"]))
+    assert (row["answerable_1dof_light_low"], row["answerable_1dof_light_high"]) == (1, 0)
+    assert row["answerable_1dof_low"] < 0.25 < row["answerable_1dof_high"]  # a quarter in each scene
+    assert (cells["answerable_1dof_light_low"], cells["answerable_1dof_low"]) == (
+        "1.0",
+        str(row["answerable_1dof_low"]),
+    )
+
+
+OFF = {"focus_off_dof": 3.0}
+NO_ANSWER = {"frame": None, "position": None, "error": None, "error_frames": None, "error_dof": None, "blur_px": None}
+ALL_RIGHT = dict.fromkeys(("success_half_dof", "success_1dof", "success_2dof"), True)
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "expected"),
+    [  # answerable success within ½ and 1 DoF, false answers, false abstentions, cost, median error
+        ("right", "silent", (1, 1, 0, 0, 0, 0.2)),
+        ("right", "answers", (1, 1, 1, 0, 0.5, 0.2)),
+        ("near", "silent", (0, 1, 0, 0, 0, 0.8)),
+        ("wrong", "silent", (0, 0, 0, 0, 0.5, 4.0)),
+        ("wrong", "answers", (0, 0, 1, 0, 1, 4.0)),
+        ("silent", "silent", (0, 0, 0, 1, 0.25, None)),
+        ("silent", "answers", (0, 0, 1, 1, 0.75, None)),
+        ("breaks", "breaks", (0, 0, 0, 0, 1, None)),
+    ],
+)
+def test_answers_rank_where_there_is_one_and_both_errors_of_abstaining_stand_beside(inside, outside, expected):
+    def one(what, sequence, **more):
+        if what in ("silent", "breaks"):
+            made = failed("m+s", sequence, "abstained" if what == "silent" else "failed", **more)
+            right = what == "silent" and more
+            return replace(made, **NO_ANSWER, **(ALL_RIGHT if right else {}))
+        return record("m+s", sequence, {"right": 0.2, "near": 0.8, "wrong": 4.0, "answers": 5.0}[what], **more)
+
+    records = [one(inside, "in"), one(outside, "out", **OFF)]
+    (row,) = rank_methods(records)
+    columns = ("answerable_half_dof", "answerable_1dof", "false_answers", "false_abstentions", "error_cost")
+    found = (*(getattr(row, name) for name in columns), row.median_error_dof)
+    assert found == tuple(pytest.approx(x) if x is not None else None for x in expected)
+    assert (row.answerable, row.without_answer, row.rank) == (1, 1, 1)
+    text = {c.name: c.text(row) for c in ranking([row]).shown}
+    assert text["false_answers"] == f"{expected[2]} of 1"
+    assert "on the 1 of 2 sequences that have an answer; on the 1 without" in " ".join(notes_on([row], records))
+
+
+def test_a_method_that_only_abstains_better_has_the_same_rank():
+    """The right to abstain wins nothing where there is an answer: this was the lead of one method."""
+    answers = [record("a+s", "in", 0.2), record("a+s", "out", 5.0, **OFF)]
+    silent = replace(failed("b+s", "out", "abstained", **OFF), **NO_ANSWER, **ALL_RIGHT)
+    rows = rank_methods([*answers, record("b+s", "in", 0.2), silent])
+    assert [(row.method, row.rank, row.false_answers) for row in rows] == [("a+s", 1, 1), ("b+s", 1, 0)]
+
+
+def test_where_no_sequence_has_an_answer_nobody_ranks():
+    rows = rank_methods([record("a+s", "out", 5.0, **OFF), record("b+s", "out", 0.2, **OFF)])
+    assert {(row.rank, row.answerable_1dof, row.false_answers) for row in rows} == {(None, None, 1)}
+
+
+def test_the_lost_sharpness_has_its_median_and_its_ninetieth_percentile():
+    lost = [0.1, 0.2, 0.9, None]
+    (row,) = rank_methods([record("m+s", f"{i}", 0.2, sharpness_lost=x) for i, x in enumerate(lost)])
+    assert (row.median_sharpness_lost, row.p90_sharpness_lost) == pytest.approx((0.2, 0.76))
+    assert "median_sharpness_lost" not in {c.name for c in ranking(rank_methods([record("m+s", "a", 0.2)])).shown}
+
+
+def test_a_file_says_by_which_rule_it_ranks(tmp_path, records):
+    write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
+    document = json.loads((tmp_path / "leaderboard.json").read_text())
+    assert document["ranked_by"] == "answerable_1dof"
+    assert document["ranked_by"] in document["columns"]

@@ -58,8 +58,8 @@ def test_datasets_that_differ_in_the_sensor_alone_stand_in_one_table_with_an_axi
     assert [(one.name, one.scenes, one.sequences) for one in table.bins] == [(name, 12, 48) for name in SENSORS]
     again = merge_records({"both": both, "nominal": nominal})
     assert [r.sequence for r in again] == [r.sequence for r in both]
-    assert [row.success_1dof for row in rank_methods(both)] == pytest.approx(
-        [row.success_1dof for row in rank_methods(nominal)]
+    assert [row.answerable_1dof for row in rank_methods(both)] == pytest.approx(
+        [row.answerable_1dof for row in rank_methods(nominal)]
     )
 
 

@@ -156,8 +156,8 @@ def test_the_page_contains_the_table_the_columns_the_failures_and_the_digests(re
     for column in ranking(rows).shown:
         assert column.header in text
         assert escape(column.meaning) in text
-    some = next(row for row in rows if 0 < row.success_1dof < 1)
-    assert f"--lo:{some.success_1dof_low:.4g};--hi:{some.success_1dof_high:.4g}" in text
+    some = next(row for row in rows if 0 < row.answerable_1dof < 1)
+    assert f"--lo:{some.answerable_1dof_low:.4g};--hi:{some.answerable_1dof_high:.4g}" in text
     assert "sha-camel-ramp" in text
     assert "<code>bad</code>: truncated" in text
 

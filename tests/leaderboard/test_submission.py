@@ -75,7 +75,7 @@ def test_a_complete_submission_is_complete_and_its_code_was_not_run(call, folder
     monkeypatch.chdir(tmp_path)
     code, out, _ = call("submit", "check", folder, "--on", dataset)
     assert (code, out.splitlines()[-1]) == (0, "complete")
-    assert "ok answers: 1 sequences (all of the split), 1 within 1 depth of focus" in out
+    assert "1 of 1 that have an answer within 1 depth of focus, 0 false answers" in out
     assert "warning verified: nobody has run it again: saf-gen leaderboard verify" in out
     assert not (tmp_path / "ran").exists()
     found = json.loads(call("submit", "check", folder, "--json")[1])

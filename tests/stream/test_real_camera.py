@@ -49,7 +49,7 @@ def test_a_raw_file_a_lens_log_and_a_truth_become_a_ranked_row_in_three_commands
     code, _, err = call("evaluate", tmp_path / "mine", "--method", "sd+argmax")
     assert (code, err) == (0, "")
     (row,) = json.loads((tmp_path / "mine" / "evaluation" / "leaderboard.json").read_text())["rows"]
-    assert (row["rank"], row["success_1dof"]) == (1, 1.0)
+    assert (row["rank"], row["answerable_1dof"]) == (1, 1.0)
     record = json.loads((tmp_path / "mine" / "evaluation" / "records.jsonl").read_text())
     assert (record["scene"], record["light"]) == ("desk", "daylight")
     assert abs(record["error"]) < 0.05

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from functools import partial
 from importlib.util import source_from_cache
 from pathlib import Path
@@ -279,7 +279,7 @@ MAX_SCORES = 20_000
 def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple[Any, dict[str, Any]]:
     """Return the method and the first message, which describes it or says why it cannot be loaded."""
     before = set(sys.modules)
-    from saf_gen.benchmark.method_spec import build_method, nested_plugins
+    from saf_gen.benchmark.method_spec import build_method, nested_plugins, options_of
     from saf_gen.benchmark.plugin_description import describe_plugins
     from saf_gen.benchmark.search_run import describe_exception
     from saf_gen.core.config.source_digest import class_source_files
@@ -294,7 +294,7 @@ def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple
             hello = {
                 "parameters": method.parameters,
                 "commands": commands(method.search),
-                "search_options": _plain_options(method.search),
+                "search_options": _plain_options(options_of(method.search)),
                 "measure": {key: bool(getattr(method.measure, key, False)) for key in ("halves", "intervals", "timed")},
                 "plugins": [asdict(plugin) for plugin in describe_plugins([method])],
             }
@@ -320,10 +320,9 @@ def _packages_of(classes: set[type]) -> list[str]:
     return sorted({str(Path(folder).resolve()) for folders in found for folder in folders})
 
 
-def _plain_options(plug_in: Any) -> dict[str, Any]:
-    """Return the options of a plug-in that are numbers, texts or flags."""
-    found = {field.name: getattr(plug_in, field.name) for field in fields(plug_in) if field.init}
-    return {name: value for name, value in found.items() if isinstance(value, int | float | str)}
+def _plain_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that are numbers, texts or flags."""
+    return {name: value for name, value in options.items() if isinstance(value, int | float | str)}
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ unless they are older. That of a moving scene holds for the course of its lens, 
 **Least blur.** A lens with aberrations has its largest contrast (the truth) and its least blur at different positions.
 Where they are far apart, what is in focus depends on the question, and answers are judged by both.
 
+**Sharpness lost.** What the task is about: how much of its best sharpness the target lost at the answer.
+
 **Whole target.** Of a tilted or deep target something is in focus over a longer way than the depth of focus by which
 answers are judged. Where it is much longer, records say whether the lens stood there.
 """
@@ -23,7 +25,7 @@ from saf_gen.benchmark.method_spec import split_halves
 from saf_gen.benchmark.tracks.sequence_fields import energy_of_method
 from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.optima import curve_peak
+from saf_gen.stream.optima import curve_peak, sharpness_lost
 
 MAX_APART_DOF = 0.15
 """Distance between largest contrast and least blur, in depths of focus, above which answers are judged by both."""
@@ -67,6 +69,14 @@ def _measure_of(method: str) -> str:
     if energy_of_method(method) == "contrast":
         return "sd"
     return "" if options else name.removesuffix(INTERVAL_SUFFIX).removesuffix(NORMALISED_SUFFIX)
+
+
+def sharpness_fields(truth: Truth, position: float | None) -> dict[str, Any]:
+    """Return the sharpness that the target lost at an answer, at ``position``; None in a moving scene or if unknown."""
+    dof = judged_dof(truth.depth_of_focus)
+    if dof is None or position is None or truth.track is not None:
+        return {"sharpness_lost": None}
+    return {"sharpness_lost": sharpness_lost(truth.sharpness, position, dof=dof)}
 
 
 def whole_target_fields(truth: Truth, error: float | None) -> dict[str, Any]:

@@ -22,7 +22,12 @@ from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import LensPath
 from saf_gen.benchmark.search_run import withhold
-from saf_gen.benchmark.tracks.beside_truth import least_blur_fields, optimum_fields, whole_target_fields
+from saf_gen.benchmark.tracks.beside_truth import (
+    least_blur_fields,
+    optimum_fields,
+    sharpness_fields,
+    whole_target_fields,
+)
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
@@ -324,6 +329,7 @@ class ClosedLoopSequence:
                 optima=self.capture.optima if truth.track is None else {},
                 here=truth.position,
             ),
+            **sharpness_fields(truth, judged.get("position")),
             **whole_target_fields(truth, judged.get("error")),
             **least_blur_fields(truth, judge_by),
             **known,

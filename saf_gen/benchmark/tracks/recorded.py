@@ -14,13 +14,19 @@ from saf_gen.benchmark.records import BLANK, Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.search_run import withhold
 from saf_gen.benchmark.thumbnails import make_thumbnails
-from saf_gen.benchmark.tracks.beside_truth import least_blur_fields, optimum_fields, whole_target_fields
+from saf_gen.benchmark.tracks.beside_truth import (
+    least_blur_fields,
+    optimum_fields,
+    sharpness_fields,
+    whole_target_fields,
+)
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
+from saf_gen.plugins.searches import REJECT
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.optima import optima_of_stream
@@ -108,7 +114,8 @@ def evaluate_recorded(
             view = RecordingView(counts, None if method.guest else method.measure)
             attempt = _run_method(method, view, stream_path=str(stream.path))
             attempts.append(attempt)
-            if method.search_name == "argmax" and method.measure_name not in curves and not attempt.problem:
+            blocks_alone = method.search_name == "argmax" and REJECT not in method.search_options
+            if blocks_alone and method.measure_name not in curves and not attempt.problem:
                 curves[method.measure_name] = _make_curve(view, method.measure_name, answer=attempt.answer)
             step(done, method.name)
         if predictions is not None:
@@ -227,6 +234,7 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
             optima=optima_of_stream(stream.metadata.provenance),
             here=judged["truth"],
         ),
+        **sharpness_fields(truth, judged["position"]),
         **whole_target_fields(truth, judged["error"]),
         **least_blur_fields(truth, judge_by),
         **attempt.fields,

@@ -36,7 +36,7 @@ from saf_gen.leaderboard.figures.figure import (
     split_method,
 )
 from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
-from saf_gen.leaderboard.outcomes import mean_over_scenes, median_magnitude
+from saf_gen.leaderboard.outcomes import mean_over_scenes, median_magnitude, right_within
 
 BANDS = 3
 """Number of methods, best first, that have a band; more bands would hide each other."""
@@ -253,7 +253,7 @@ def bin_sequences(records: Sequence[Record], condition: Condition) -> list[tuple
 def plot_condition(
     records: Sequence[Record], condition: Condition, *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure | None:
-    """Return the figure of one search: success within 1 DoF above, median error below, with one line per measure.
+    """Return the figure of one search: answerable success within 1 DoF above, median error below, a line per measure.
 
     ``styles`` gives the order of the measures, of which the first MAX_MEASURES are drawn; the figure says if
     others are left out. The result is None if bin_sequences returns no group or no error is known.
@@ -303,8 +303,8 @@ def _draw(
 ) -> None:
     """Draw the success and the median error of each group as a line."""
     members = [(x, [r for r in records if r.sequence in names]) for x, names in groups]
-    success = [(x, mean_over_scenes(group, lambda r: r.success_1dof)) for x, group in members]
-    error = [(x, median_magnitude(r.error_dof for r in group)) for x, group in members]
+    success = [(x, mean_over_scenes(group, right_within())) for x, group in members]
+    error = [(x, median_magnitude(r.error_dof for r in group if r.answerable is not False)) for x, group in members]
     for axes, points in ((above, success), (below, error)):
         known = np.array([(x, y) for x, y in points if y is not None])
         if known.size:

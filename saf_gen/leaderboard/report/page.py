@@ -16,7 +16,7 @@ from saf_gen.leaderboard import tables
 from saf_gen.leaderboard.axes import AXES, BLOCK_READOUTS, Axis, group_by_bin, keep_largest, largest_bins
 from saf_gen.leaderboard.files import Results, compute_results
 from saf_gen.leaderboard.notes import grain_by_scene, notes_on
-from saf_gen.leaderboard.outcomes import group_by
+from saf_gen.leaderboard.outcomes import describe_size, group_by
 from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.report.choose_figures import OPENING, ReportFigure
 from saf_gen.leaderboard.report.html import hash_script, load_templates, read_asset
@@ -64,9 +64,9 @@ FIGURE_CAPTIONS = {
     ),
     "profile": (
         "Performance profiles",
-        "Fraction of answers within each limit: a higher line is better. The bands, for the first three methods, are"
-        " 95 % intervals of each point alone; profiles.csv has them for all methods. Methods are ranked by their"
-        " fractions at the line at one depth of focus.",
+        "Fraction of answers within each limit, over the sequences that have one: a higher line is better. The bands,"
+        " for the first three methods, are 95 % intervals of each point alone; profiles.csv has them for all methods."
+        " Methods are ranked by their fractions at the line at one depth of focus.",
     ),
     "neighbours": (
         "Probability of improvement",
@@ -76,20 +76,20 @@ FIGURE_CAPTIONS = {
     ),
     "light-ratio": (
         "Against the light ratio",
-        "Success within one depth of focus (above) and median error (below) against the light ratio "
+        "Answerable success within one depth of focus (above) and median error (below) against the light ratio "
         "(brightest divided by darkest light). Dots are single answers.",
     ),
     "photon-budget": (
         "Against the photon budget",
-        "Success within one depth of focus (above) and median error (below) against the mean counts per pixel in a "
+        "Answerable success within one DoF (above) and median error (below) against the mean counts per pixel in a "
         f"block of {BLOCK_READOUTS} readouts. Dots are single answers.",
     ),
 }
 """Heading and caption of each kind of figure."""
 NEIGHBOUR_CAPTION = (
-    "Methods that follow each other in rank: their difference in success within 1 DoF, and the probability that the"
-    " first is nearer to the truth on a sequence, with 95 % intervals of each pair alone. Told apart: whether the"
-    " difference is too large for chance, among all pairs at once."
+    "Methods that follow each other in rank: their difference in answerable success within 1 DoF, and the probability"
+    " that the first is nearer to the truth on a sequence, with 95 % intervals of each pair alone. Told apart:"
+    " whether the difference is too large for chance, among all pairs at once."
 )
 AGREEMENT_CAPTION = (
     "How much the ranking depends on a condition: Kendall's τ of the rankings under two of its bins is 1 if both order"
@@ -270,11 +270,12 @@ def build_page(
 
 
 def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str:
-    scenes, sequences = len({r.scene for r in records}), len({r.sequence for r in records})
+    scenes = len({r.scene for r in records})
     tracks = {"recorded": "recorded sweeps", "closed_loop": "closed loop"}
     return ", ".join(
         [
-            f"{plural(len(rows), 'method')} on {plural(sequences, 'sequence')} of {plural(scenes, 'scene')}",
+            f"{plural(len(rows), 'method')} on {plural(scenes, 'scene')}",
+            describe_size(records),
             *sorted({tracks[r.track] + (f" ({r.terms})" if r.terms else "") for r in records}),
             *(f"region {name}" for name in sorted({r.region for r in records})),
         ]
