@@ -576,10 +576,11 @@ def _read_actuator(recipe: Recipe, folder: Path) -> Actuator | None:
 
 
 def _check_drive(recipe: Recipe, scene: Scene) -> None:
-    if recipe.focus.drive not in (None, scene.card.lens.drive):
+    drives = sorted({lens.drive for lens in scene.card.lenses.values()} or {scene.card.lens.drive})
+    if recipe.focus.drive is not None and drives != [recipe.focus.drive]:
         raise BadInput(
             f"the recipe asks for the drive {recipe.focus.drive!r}; scene {scene.id!r} has another",
-            allowed=scene.card.lens.drive,
+            allowed=", ".join(drives),
             hint="or leave focus.drive out: each scene then has its own",
         )
 
