@@ -9,15 +9,17 @@ from sight import FRAME_PX, Sight
 from solids import Body, ball, box, grid, joined, placed, tube, turned, turning
 
 RIM_PX = 4  # between a target and the rim of the frame
-MAX_TILT = np.radians(62)
+MAX_ROUND = 5.0  # half depths of focus that the front of a round body spans; a deeper one is flattened
+MAX_TILT, MAX_HILL = np.tan(np.radians(62)), 1.0  # steepest slopes of a board and of a relief
 CELLS = 64  # of a target's grid, across and down
 NEAREST = 0.5  # of the target's distance: how near to the lens anything stands
 
 
 class Target(NamedTuple):
-    """A target: points in pixels and halves, texture coordinates in pixels, steepest slope; its box; a missing corner.
+    """A target: points in pixels and halves of a depth of focus, texture coordinates in pixels; its box (pixels).
 
-    ``notch`` is a boolean for each cell of the grid.
+    ``narrowed`` is where the lens sees the texture narrowed most, and by which factor; ``notch`` is a missing corner, a
+    boolean for each cell of the grid.
     """
 
     x: np.ndarray
@@ -25,15 +27,10 @@ class Target(NamedTuple):
     halves: np.ndarray
     s: np.ndarray
     t: np.ndarray
-    slope: float
+    narrowed: tuple[float, float]
     centre: tuple[float, float]
     size: tuple[float, float]
     notch: np.ndarray
-
-    @property
-    def narrowing(self) -> float:
-        """By how much the lens sees a texture narrowed where the target is steepest."""
-        return float(np.cos(np.arctan(self.slope)))
 
     @property
     def reach(self) -> float:
@@ -41,11 +38,15 @@ class Target(NamedTuple):
         return 2.04 * float(max(np.abs(self.s).max(), np.abs(self.t).max()))
 
     @property
+    def seen(self) -> np.ndarray:
+        """How much of the picture belongs to each point, square pixels."""
+        return np.abs(np.gradient(self.x, axis=1) * np.gradient(self.y, axis=0)) + 1e-9
+
+    @property
     def depth(self) -> float:
         """Half depths of focus between the 2nd and the 98th hundredth of it as the lens sees it."""
-        seen = np.abs(np.gradient(self.x, axis=1) * np.gradient(self.y, axis=0)).ravel()
         order = np.argsort(self.halves.ravel())
-        share = np.cumsum(seen[order]) / seen.sum()
+        share = np.cumsum(self.seen.ravel()[order]) / self.seen.sum()
         low, high = np.interp((0.02, 0.98), share, self.halves.ravel()[order])
         return float(high - low)
 
@@ -59,52 +60,48 @@ class Target(NamedTuple):
 def target(params: dict[str, Any], sight: Sight, random: np.random.Generator) -> Target:
     """A board, a relief, the front of a ball or of a turned column; its box is at least twice the largest blur."""
     form, most = params["form"], FRAME_PX - 2 * RIM_PX
-    least = 2.0 * max(params["place"], 1 - params["place"]) * sight.travel + 3
+    least = 2.0 * max(sight.place, 1 - sight.place) * sight.travel + 3
     side = least + params["size"] * (0.92 * most - least)
     wide, high = (float(min(side * k, most)) for k in random.permutation([1.0, random.uniform(1, 1.35)]))
     if form == "ball":
         wide = high = float(side)
     centre = tuple(float(random.uniform(-1, 1) * (FRAME_PX / 2 - RIM_PX - n / 2)) for n in (wide, high))
     u, v = np.meshgrid(np.linspace(-0.5, 0.5, CELLS + 1), np.linspace(-0.5, 0.5, CELLS + 1))
-    steep, half_px = np.tan(MAX_TILT), sight.half / sight.pixel
+    half_px, narrowed = sight.half / sight.pixel, (0.0, 1.0)
     notch = np.zeros((CELLS, CELLS), dtype=bool)
     if form == "ball":
         a, e, r = np.pi * u, np.pi * v, side / 2
         x, y, z = r * np.sin(a) * np.cos(e), r * np.sin(e), -r * np.cos(a) * np.cos(e)
-        s, t, slope = r * a * np.cos(e), r * e, 1.0
+        s, t = r * a * np.cos(e), r * e
     elif form == "column":
         knots = random.uniform(0.55, 1.0, 5)
         knots[random.integers(5)] = 1.0
         r = 0.5 * wide * _smooth(knots, v[:, 0])[:, None]
         a = np.pi * u
         x, y, z = r * np.sin(a), high * v, -r * np.cos(a)
-        s, t, slope = r * a, high * v, 1.0
+        s, t = r * a, high * v
     else:
         x, y = wide * u, high * v
         angle = random.uniform(0, 2 * np.pi)
         along, aside = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
         slope = float(np.tan(np.radians(random.uniform(0, 4))))
         if form == "slanted":
-            slope = float(min(params["depth"] * half_px / np.ptp(along), steep))
-        z, along = slope * along, along * np.hypot(1, slope)
+            slope = float(min(params["depth"] * half_px / np.ptp(along), MAX_TILT))
+        z, along, narrowed = slope * along, along * np.hypot(1, slope), (angle, float(1 / np.hypot(1, slope)))
         s, t = along * np.cos(angle) - aside * np.sin(angle), along * np.sin(angle) + aside * np.cos(angle)
         if form == "relief":
             hills = _hills(x, y, random)
             hills *= params["depth"] * half_px / np.ptp(hills)
             slopes = np.hypot(*np.gradient(hills, high / CELLS, wide / CELLS))
-            hills *= min(steep / float(slopes.max()), 1.0)
-            z, slope = z + hills, float(min(slopes.max(), steep))
+            z = z + hills * min(MAX_HILL / float(slopes.max()), 1.0)
         if form == "two_depths" and random.random() < 0.5:
             notch = (u[1:, 1:] > 0.5 - random.uniform(0.35, 0.55)) & (v[1:, 1:] > 0.5 - random.uniform(0.35, 0.55))
             notch = notch[:: random.choice([-1, 1]), :: random.choice([-1, 1])]
     halves = z / half_px
-    made = Target(x, y, halves - halves.mean(), s, t, slope, centre, (wide, high), notch)
-    return made._replace(halves=made.halves - float(np.average(made.halves, weights=_seen(made))))
-
-
-def _seen(t: Target) -> np.ndarray:
-    """How much of the picture belongs to each point."""
-    return np.abs(np.gradient(t.x, axis=1) * np.gradient(t.y, axis=0)) + 1e-9
+    if form in ("ball", "column"):
+        halves *= min(MAX_ROUND / (0.9 * float(np.ptp(halves))), 1.0)
+    made = Target(x, y, halves, s, t, narrowed, centre, (wide, high), notch)
+    return made._replace(halves=halves - float(np.average(halves, weights=made.seen)))
 
 
 def _smooth(knots: np.ndarray, at: np.ndarray) -> np.ndarray:

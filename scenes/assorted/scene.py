@@ -41,7 +41,7 @@ class Layout(NamedTuple):
 
 def build(params: dict[str, Any]) -> dict[str, Any]:
     """Scene dictionary (mm, W m^-2 sr^-1) without sensor and integrator."""
-    sight = look(params["lens"], params["place"])
+    sight = look(params["lens"], params["place_deg"])
     layout, _ = draw(params, sight)
     skins = {name: surfaces.texture(picture) for name, picture in layout.pictures.items()}
     rough = ROUGHNESS.get(params["gloss"])
@@ -58,7 +58,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
 
 def tries(params: dict[str, Any]) -> int:
     """How many layouts of a member were drawn until one was usable."""
-    return draw(params, look(params["lens"], params["place"]))[1]
+    return draw(params, look(params["lens"], params["place_deg"]))[1]
 
 
 def draw(params: dict[str, Any], sight: Sight) -> tuple[Layout, int]:
@@ -79,8 +79,8 @@ def usable(layout: Layout) -> bool:
 def _draw(params: dict[str, Any], sight: Sight, random: np.random.Generator) -> Layout:
     target = layouts.target(params, sight, random)
     others = layouts.others(params, sight, target, random)
-    form = {"feature_px": params["feature_px"], "slope": params["slope"]}
-    picture = texture(params["texture"], target.reach, **form, cut=CUT * target.narrowing, random=random)
+    form = {"feature_px": params["feature_px"], "slope": params["slope"], "narrowed": target.narrowed}
+    picture = texture(params["texture"], target.reach, **form, cut=CUT, random=random)
     specks = params["texture"] == "specks"  # their contrast is a dark ground
     tone = random.uniform(0.04, 0.10) if specks else random.uniform(0.18, 0.6)
     pictures = {"target": reflectance(picture, tone, params["contrast"] * (5 if specks else 1))}

@@ -11,13 +11,17 @@ PIXEL_MM, FRAME_PX, WAVE_MM = 0.02, 128, 555e-6
 
 
 class Sight(NamedTuple):
-    """Distances (mm) of the target's middle, as the card places it and in focus; scales there; the travel in halves."""
+    """Where the target's middle is in focus, as a fraction of the travel, which is so many half depths of focus long.
 
+    Distances (mm) from the lens as the card places it, and in focus; mm for a pixel and for half a depth of focus there.
+    """
+
+    place: float
+    travel: float
     away: float
     focused: float
     pixel: float
     half: float
-    travel: float
 
     def scale(self, halves: Any) -> Any:
         """Millimetres that a pixel sees so many half depths of focus behind the target's middle."""
@@ -30,9 +34,9 @@ class Sight(NamedTuple):
         return np.stack(np.broadcast_arrays(x_px * scale, y_px * scale, -depth), axis=-1)
 
 
-def look(lens: Mapping[str, Any], place: float) -> Sight:
-    """Where a target is in focus at a place of the travel, by the keys of a scene card's lens."""
-    drive = lens["drive"]
+def look(lens: Mapping[str, Any], place_deg: float) -> Sight:
+    """What a lens sees of a target, by the keys of a scene card's lens; the card says what ``place_deg`` is."""
+    drive, place = lens["drive"], float(0.5 - 0.46 * np.cos(np.radians(place_deg)))
     f = lens["image_distance_mm" if drive == "focal_length" else "focal_length_mm"]
     radius = f / (2 * lens["f_number"])
     if drive == "stage":
@@ -49,4 +53,4 @@ def look(lens: Mapping[str, Any], place: float) -> Sight:
         way, shift = abs(1 / first - 1 / last) * focused**2, 0.0
     resolved = np.hypot(PIXEL_MM, WAVE_MM * image / radius)
     half = resolved * focused**2 / (2 * radius * image)
-    return Sight(focused + shift, focused, PIXEL_MM * focused / image, half, way / half)
+    return Sight(place, way / half, focused + shift, focused, PIXEL_MM * focused / image, half)

@@ -46,7 +46,14 @@ class Sheet(NamedTuple):
 
 
 def texture(
-    kind: str, side_px: float, *, feature_px: float, slope: float, cut: float, random: np.random.Generator
+    kind: str,
+    side_px: float,
+    *,
+    feature_px: float,
+    slope: float,
+    cut: float,
+    random: np.random.Generator,
+    narrowed: tuple[float, float] = (0.0, 1.0),
 ) -> np.ndarray:
     """A square texture of at least so many pixels of the sensor.
 
@@ -59,17 +66,21 @@ def texture(
     slope : float
         Of ``noise``: amplitude falls as frequency to this power.
     cut : float
-        Highest frequency, cycles a pixel; from four fifths of it on, contrast falls to nothing.
+        Highest frequency that the lens sees, cycles a pixel; from four fifths of it on, contrast falls to nothing.
+    narrowed : tuple of float
+        Direction (radians, from the right upwards) in which the lens sees the texture narrowed, and by which factor.
     """
     count = TEXELS * int(np.ceil(side_px + 2 * RIM_PX))
     sheet = Sheet((np.arange(count * FINE // TEXELS) + 0.5) / FINE, feature_px, slope, random)
     rim = TEXELS * RIM_PX
-    return _unit(_band_limited(KINDS[kind](sheet), cut)[rim:-rim, rim:-rim]).astype(np.float32)
+    return _unit(_band_limited(KINDS[kind](sheet), cut, narrowed)[rim:-rim, rim:-rim]).astype(np.float32)
 
 
-def _band_limited(picture: np.ndarray, cut: float) -> np.ndarray:
-    u, v = np.fft.rfftfreq(picture.shape[1], 1 / FINE), np.fft.fftfreq(picture.shape[0], 1 / FINE)
-    part = np.clip((np.hypot(u, v[:, None]) / cut - 0.8) / 0.2, 0, 1)
+def _band_limited(picture: np.ndarray, cut: float, narrowed: tuple[float, float]) -> np.ndarray:
+    u, v = np.fft.rfftfreq(picture.shape[1], 1 / FINE), -np.fft.fftfreq(picture.shape[0], 1 / FINE)[:, None]
+    angle, factor = narrowed
+    seen = np.hypot((u * np.cos(angle) + v * np.sin(angle)) / factor, v * np.cos(angle) - u * np.sin(angle))
+    part = np.clip((seen / cut - 0.8) / 0.2, 0, 1)
     kept = np.fft.rfft2(picture) * (0.5 + 0.5 * np.cos(np.pi * part))
     return np.fft.irfft2(kept, s=picture.shape)[:: FINE // TEXELS, :: FINE // TEXELS]
 

@@ -31,7 +31,7 @@ from saf_gen.generate.resolve import ResolvedSequence, resolve_recipe
 FEATURES = ("slope", "contrast", "depth", "counts", "peak")
 WINDOW = 100  # readouts
 BAND = (0.03, 0.35)  # cycles a pixel
-POSITIONS, SAMPLES = 33, 32
+POSITIONS, SAMPLES = 49, 16
 MIDDLE = (2, 98)  # percentiles of the members between which a scene made by hand should lie
 
 
