@@ -234,16 +234,20 @@ class RenderSettings(FrozenModel):
 
 
 class SplitSettings(FrozenModel):
-    """The sequences of a split: scenes × scene motion × lights × repeats. No two splits share a scene.
+    """The sequences of a split: scenes × scene motion × lights × repeats. No two splits share a scene, except for a
+    family that gives ``members`` to each, which are scenes of their own.
 
     ``variants`` is the number of members of each scene's family, which the repeats use in turn. ``scene_motion`` holds
     "static" (everything is at rest), "dynamic" (for scenes in which something moves), or both.
     """
 
     scenes: tuple[str, ...] = Field(min_length=1)
-    """Scenes, each named once and in only one split; ``saf-gen scenes list`` lists them."""
+    """Scenes, each named once and in only one split, unless all its splits have ``members``; ``saf-gen scenes list``
+    lists them."""
     lights: tuple[str, ...] = Field(min_length=1)
     """Names from ``lights``, each given once."""
+    lights_each: int | None = Field(default=None, ge=1)
+    """Number of these lights that each repeat of a scene, or each of its ``members``, draws; by default it has all."""
     repeats: int = Field(default=1, ge=1, le=10_000)
     """Number of recordings of each scene under each light."""
     variants: int = Field(default=1, ge=1, le=10_000)
@@ -252,6 +256,20 @@ class SplitSettings(FrozenModel):
     """Whether a moving scene is recorded at rest, moving, or both."""
     at_rest: tuple[str, ...] = ()
     """Moving scenes of the split that are recorded only at rest, such as those with many time slices."""
+    members: int | None = Field(default=None, ge=1, le=10_000)
+    """Number of members that are drawn from each scene's family, in place of ``repeats`` and ``variants``. Each counts as
+    a scene of its own in results, and has a lens motion of its own."""
+
+    @model_serializer(mode="wrap")
+    def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out later keys if they are not given: recipes keep the text and fingerprint from before these keys."""
+        later = ("lights_each", "members")
+        return {key: value for key, value in serialize(self).items() if key not in later or value is not None}
+
+    @property
+    def recordings(self) -> int:
+        """Number of recordings of a scene's family under a light that none leaves out."""
+        return self.members or self.repeats
 
     @field_validator("scenes", "lights", "scene_motion", "at_rest")
     @classmethod
@@ -264,6 +282,14 @@ class SplitSettings(FrozenModel):
     def _check_variants(self) -> "SplitSettings":
         if self.variants > self.repeats:
             raise ValueError(f"at most as many variants as repeats, which are {self.repeats}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_draws(self) -> "SplitSettings":
+        if self.members is not None and (self.repeats, self.variants) != (1, 1):
+            raise ValueError("either members, or repeats and variants")
+        if self.lights_each is not None and self.lights_each > len(self.lights):
+            raise ValueError(f"at most as many lights_each as lights, which are {len(self.lights)}")
         return self
 
     @model_validator(mode="after")
@@ -326,12 +352,12 @@ def read_recipe(path: str | Path) -> Recipe:
                 raise unknown(f"scene of {split_name} in at_rest:", scene, allowed=split.scenes, where=where)
         for i, scene in enumerate(split.scenes):
             where = document.locate("splits", split_name, "scenes", i)
-            if scene in owners:
+            if scene in owners and not (split.members and recipe.splits[owners[scene]].members):
                 raise BadInput(
                     f"scene {scene!r} is in {owners[scene]} and in {split_name}",
                     where=where,
                     allowed="each scene in one split, once, so that nothing leaks from train to test",
-                    hint="remove it from one of them",
+                    hint="remove it from one of them; or give both splits members of the family, if it is one",
                 )
             owners[scene] = split_name
     for scene in recipe.render.per_scene:

@@ -87,6 +87,8 @@ class PlannedSequence:
         What is told the lens motion; None if the lens moves as its motion says.
     actuator_seed : int
         Seed of the actuator, 0 without one.
+    is_scene : bool
+        Whether the member counts as a scene of its own in results.
     """
 
     id: str
@@ -104,14 +106,16 @@ class PlannedSequence:
     axial_colour: dict[str, Any] | None = None
     actuator: Actuator | None = None
     actuator_seed: int = 0
+    is_scene: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant".
 
-        ``axial_colour`` is left out if it is None. The actuator is there with its seed and without its texts, if there
-        is one.
+        ``axial_colour`` is left out if it is None, and what results count as a scene. The actuator is there with its
+        seed and without its texts, if there is one.
         """
         data = {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
+        del data["is_scene"]  # which changes no spike
         if self.axial_colour is None:
             del data["axial_colour"]
         seed, actuator = data.pop("actuator_seed"), data.pop("actuator")
@@ -128,6 +132,11 @@ class PlannedSequence:
     def file(self) -> str:
         """Path of the stream file within the dataset."""
         return f"{self.split}/{self.id}.h5"
+
+    @property
+    def counted_as(self) -> str:
+        """Name of the scene in manifests and results: a member that counts as a scene has a name of its own."""
+        return _name_member(self.scene, self.split, self.member) if self.is_scene else self.scene
 
     @property
     def label(self) -> str:
@@ -159,7 +168,10 @@ def draw_sequences(
             )
         for scene in split.scenes:
             motions = [m for m in split.scene_motion if m == "static" or scene in moving]
-            for motion, light, repeat in product(motions, split.lights, range(split.repeats)):
+            lights = [_draw_lights(recipe, split_name, scene=scene, repeat=r) for r in range(split.recordings)]
+            for motion, light, repeat in product(motions, split.lights, range(split.recordings)):
+                if light not in lights[repeat]:
+                    continue
                 sequences.append(
                     _draw_sequence(
                         recipe,
@@ -173,7 +185,31 @@ def draw_sequences(
                     )
                 )
     _check_ids(sequences)
+    _check_members(sequences)
     return sequences
+
+
+def _draw_lights(recipe: Recipe, split: str, *, scene: str, repeat: int) -> tuple[str, ...]:
+    """Return the lights under which a repeat of a scene is recorded."""
+    names, count = recipe.splits[split].lights, recipe.splits[split].lights_each
+    if count is None:
+        return names
+    random = seeds.make_generator(recipe.seed, split, scene, repeat, "lights")
+    return tuple(names[int(n)] for n in random.permutation(len(names))[:count])
+
+
+def _check_members(sequences: list[PlannedSequence]) -> None:
+    """Raise BadInput if two members that count as scenes are the same."""
+    met: dict[str, PlannedSequence] = {}
+    for s in sequences:
+        if s.is_scene:
+            one = met.setdefault(json.dumps([s.scene, s.params], sort_keys=True), s)
+            if one.counted_as != s.counted_as:
+                raise BadInput(
+                    f"{s.counted_as} and {one.counted_as} are the same scene",
+                    allowed="members of a family with a parameter that is drawn from uniform or log_uniform",
+                    hint="use repeats in place of members, or add a seed to params of the scene's card",
+                )
 
 
 def _check_ids(sequences: list[PlannedSequence]) -> None:
@@ -190,6 +226,10 @@ def _check_ids(sequences: list[PlannedSequence]) -> None:
             )
 
 
+def _name_member(scene: str, split: str, member: int) -> str:
+    return f"{scene}-{split}-{member:03d}"
+
+
 def _draw_sequence(
     recipe: Recipe,
     split: str,
@@ -201,11 +241,16 @@ def _draw_sequence(
     repeat: int,
     actuator: Actuator | None,
 ) -> PlannedSequence:
-    name = "-".join([scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"])
+    settings = recipe.splits[split]
+    moves = ["dynamic"] if scene_motion == "dynamic" else []
+    if settings.members:  # of the same family in several splits
+        name = "-".join([_name_member(scene, split, repeat), *moves, light])
+    else:
+        name = "-".join([scene, *moves, light, f"{repeat:02d}"])
     stream = (recipe.seed, split, name)
     # All lights have the same lens motion, so that they can be compared and share the stacks of a moving scene.
     under_any_light = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
-    member = repeat % recipe.splits[split].variants
+    member = repeat if settings.members else repeat % settings.variants
     schedule = draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux)
     coloured = any(lamp.spectrum for lamp in list_lamps(schedule, tuple(schedule)))
     return PlannedSequence(
@@ -224,6 +269,7 @@ def _draw_sequence(
         axial_colour=dict(family.axial_colour) if coloured and family.axial_colour else None,
         actuator=actuator,
         actuator_seed=0 if actuator is None else seeds.derive_seed(*under_any_light, "actuator"),
+        is_scene=settings.members is not None,
     )
 
 
@@ -576,10 +622,11 @@ def _read_actuator(recipe: Recipe, folder: Path) -> Actuator | None:
 
 
 def _check_drive(recipe: Recipe, scene: Scene) -> None:
-    if recipe.focus.drive not in (None, scene.card.lens.drive):
+    drives = sorted({lens.drive for lens in scene.card.lenses.values()} or {scene.card.lens.drive})
+    if recipe.focus.drive is not None and drives != [recipe.focus.drive]:
         raise BadInput(
             f"the recipe asks for the drive {recipe.focus.drive!r}; scene {scene.id!r} has another",
-            allowed=scene.card.lens.drive,
+            allowed=", ".join(drives),
             hint="or leave focus.drive out: each scene then has its own",
         )
 
@@ -633,16 +680,22 @@ def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
 
 
 def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:
-    """Return a line for each scene with too few positions in the depth of focus at the middle of the travel."""
-    lines = []
-    scenes = {sequence.scene.id: sequence.time_stack.specs[0] for sequence in resolved.sequences}
-    for name, spec in scenes.items():
+    """Return a line for each scene with too few positions in the depth of focus at the middle of the travel.
+
+    Of the lenses of a family, that with the fewest counts.
+    """
+    widths: dict[str, tuple[float, int]] = {}
+    for sequence in resolved.sequences:
+        spec = sequence.time_stack.specs[0]
         low, high = spec.drive.depth_of_focus(0.5, spec.pitch_m, wavelength_m=spec.wavelength_m)
-        count = (high - low) * (spec.positions - 1)
+        widths[spec.scene] = min(widths.get(spec.scene, (math.inf, 0)), (high - low, spec.positions))
+    lines = []
+    for name, (width, positions) in widths.items():
+        count = width * (positions - 1)
         if count < MIN_POSITIONS:
-            enough = math.ceil(MIN_POSITIONS / (high - low)) + 1
+            enough = math.ceil(MIN_POSITIONS / width) + 1
             lines.append(
-                f"focus.positions is {spec.positions}: the depth of focus of {name} contains only {count:.1f} of them, "
+                f"focus.positions is {positions}: the depth of focus of {name} contains only {count:.1f} of them, "
                 f"so focus curves show steps; use {enough} or more"
             )
     return lines

@@ -361,7 +361,7 @@ def find_entry(sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str
     return SequenceEntry(
         id=planned.id,
         split=planned.split,
-        scene=planned.scene,
+        scene=planned.counted_as,
         variant=planned.member,
         scene_motion=planned.scene_motion,
         lens_motion=planned.motion["kind"],

@@ -374,7 +374,7 @@ def call_scene_script(scene: Scene, function: str, *, default: Any = None) -> An
                     module = _execute(f"saf_gen_scene_{scene.id}", script)
                     if default is not None and not hasattr(module, function):
                         return default
-                    return getattr(module, function)(dict(scene.params))
+                    return getattr(module, function)(scene.script_params)
                 finally:
                     sys.setrecursionlimit(limit)  # here, because no further function could be called under a low one
         except BadInput:

@@ -31,6 +31,8 @@ from saf_gen.scene.ported_scenes import PORTED
 from saf_gen.scene.section_card import SectionCard, check_section
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
+LENS_PARAMETER = "lens"
+"""Parameter that names the lens of a member, if the card has ``lenses``."""
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
     "title licence source library illuminance_lux params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
 )
@@ -87,6 +89,9 @@ class SceneCard(FrozenModel):
     camera: CameraPose
     lens: LensCard
     """The lens and its drive; each kind of drive has different keys."""
+    lenses: dict[str, LensCard] = Field(default_factory=dict)
+    """Lenses of a family by name, in place of ``lens``: the parameter ``lens`` names that of a member, and ``build``
+    finds the keys of that lens there."""
     lights: dict[str, tuple[str, ...]] = Field(min_length=1)
     """Emitters that are switched together, by light group. The name of a group consists of lower-case letters, digits,
     ``-``, ``_``."""
@@ -110,6 +115,14 @@ class SceneCard(FrozenModel):
     slices, divided by the mean brightness, in the box around the target. ``saf-gen scenes check`` measures it."""
     still_s: float = 0.5
     """Time at which a moving scene is rendered if it has to be at rest, s."""
+
+    @model_validator(mode="after")
+    def _check_lenses(self) -> "SceneCard":
+        named = self.params.get(LENS_PARAMETER)
+        named = named["choice"] if isinstance(named, dict) and isinstance(named.get("choice"), list) else [named]
+        if self.lenses and not all(isinstance(name, str) and name in self.lenses for name in named):
+            raise ValueError(f"params: {{lens: {{choice: [{', '.join(self.lenses)}]}}}}, or one of these, with lenses")
+        return self
 
     @model_validator(mode="after")
     def _check_illuminance(self) -> "SceneCard":
@@ -166,14 +179,29 @@ class Scene:
             key: draw_range(value, seeds.make_generator(*stream, "param", key))
             for key, value in self.card.params.items()
         }
-        return replace(self, params=params)
+        return self._with(params)
+
+    def _with(self, params: Mapping[str, Any]) -> "Scene":
+        """Return the member with these parameters, and with the lens that they name."""
+        if not self.card.lenses:
+            return replace(self, params=params)
+        lens = self.card.lenses.get(params[LENS_PARAMETER])
+        if lens is None:
+            raise unknown(f"lens of scene {self.id!r}:", params[LENS_PARAMETER], allowed=self.card.lenses)
+        return replace(self, params=params, card=self.card.model_copy(update={"lens": lens}))
+
+    @property
+    def script_params(self) -> dict[str, Any]:
+        """What the functions of the script are called with: the parameters, and the keys of a lens that they name."""
+        lens = {LENS_PARAMETER: self.card.lens.model_dump(mode="json", exclude_none=True)} if self.card.lenses else {}
+        return {**self.params, **lens}
 
     def with_params(self, chosen: Mapping[str, Any]) -> "Scene":
         """Return this scene with some parameters replaced; raise BadInput if one is unknown."""
         for key in chosen:
             if key not in self.params:
                 raise unknown(f"parameter of scene {self.id!r}:", key, allowed=self.params)
-        return replace(self, params={**self.params, **chosen})
+        return self._with({**self.params, **chosen})
 
     def library_files(self) -> dict[str, Path]:
         """Return the files of the library modules that the script imports, by the name under which it imports them."""
@@ -255,6 +283,9 @@ def _read(folder: Path) -> Scene:
         raise BadInput(f"{folder} has scene.py and scene.xml", hint="keep one of the two")
     if isinstance(card.lens, LensFile):
         card = card.model_copy(update={"lens": card.lens.read_from(folder)})
+    if card.lenses:
+        drawer = {name: lens.read_from(folder) if isinstance(lens, LensFile) else lens for name, lens in card.lenses.items()}
+        card = card.model_copy(update={"lenses": drawer})
     check_groups(card.lights, document)
     if card.section is not None:
         has_script = geometry == [SCRIPT_FILE]
@@ -271,10 +302,11 @@ def _read(folder: Path) -> Scene:
                 allowed=f"a name that {SCRIPT_FILE} can import and that no file in the folder has",
             )
     scene = Scene(folder, card, _digest(folder, card), {}).draw_member("scene", card.id)
-    try:
-        scene.build_drive()
-    except BadInput as error:
-        raise BadInput(str(error), where=document.locate("lens", card.lens.drive_class.travel_key)) from error
+    for keys, lens in [(("lens",), card.lens), *((("lenses", name), lens) for name, lens in card.lenses.items())]:
+        try:
+            lens.build_drive()
+        except BadInput as error:
+            raise BadInput(str(error), where=document.locate(*keys, lens.drive_class.travel_key)) from error
     return scene
 
 
@@ -289,8 +321,9 @@ def _digest(folder: Path, card: SceneCard) -> str:
     values["lens"].pop("axial_colour", None)  # pictures of other wavelengths are mixed from those of one
     contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}
     contents |= {f"{name}.py": library_module(module).read_bytes() for name, module in card.library.items()}
-    if isinstance(card.lens, LensFile) and (text := shipped_text(card.lens.file)):
-        contents[f"lens/{card.lens.file}.yaml"] = text.encode()
+    for lens in (card.lens, *card.lenses.values()):
+        if isinstance(lens, LensFile) and (text := shipped_text(lens.file)):
+            contents[f"lens/{lens.file}.yaml"] = text.encode()
     # Only a script can read files outside its folder; files of an XML scene must be inside it.
     digest = folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())
     return PORTED.get(digest, digest)
