@@ -55,7 +55,7 @@ def generate_command(
     resolved = resolve_recipe(recipe, part=_parse_shard(shard), split=split)
     target = find_path(folder or Path("datasets") / resolved.recipe.name)
     plan = make_plan(resolved, target, keep_slices=keep_slices)
-    if plan.to_render and not cluster:
+    if plan.renders and not cluster:
         _warn_of_renderer(variant, dry_run=dry_run)
     for line in coarse_sampling(resolved):
         err.print(f"warning: {line}")

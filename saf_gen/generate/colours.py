@@ -18,6 +18,7 @@ from saf_gen.plugins.lights import states_spectrum
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.colour import MAX_SCALE_PX, Colour
 from saf_gen.stack.focal_stack import StackSpec
+from saf_gen.stack.picture_stack import PictureStack
 from saf_gen.stack.time_resolved import TimeResolvedStack
 
 MAX_BEYOND = 0.05
@@ -34,8 +35,8 @@ class Drawn(Protocol):
         """The numbers drawn for it."""
 
     @property
-    def scene(self) -> Scene:
-        """Its scene."""
+    def scene(self) -> Scene | PictureStack:
+        """Its scene, or the stack that was photographed."""
 
     @property
     def time_stack(self) -> TimeResolvedStack:
@@ -140,7 +141,7 @@ def _distinct(sequences: Iterable[Drawn]) -> Iterator[tuple[Drawn, Colour]]:
 
 def _lacks(s: Drawn, colour: Colour) -> list[str]:
     """Return a line for each lamp, what its pictures lack; raise BadInput if it is too much to be shown."""
-    card, spec, found = s.scene.card.lens, s.time_stack.specs[0], list[str]()
+    card, spec, found = s.scene.card.lens if isinstance(s.scene, Scene) else None, s.time_stack.specs[0], list[str]()
     if not isinstance(card, LensFile) or colour.axial_colour is None:
         return found
     assert isinstance(spec.drive, FittedLensDrive)  # that of a lens file

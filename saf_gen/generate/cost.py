@@ -1,49 +1,125 @@
 """What a stack costs to render, in seconds of two cores of 2.8 GHz with LLVM.
 
 Shards are cut by the ratios of these costs, so the rates are never replaced by those of the machine at hand: all shards
-must be run by one version of saf_gen.
+must be run by one version of saf_gen. What a scene costs was measured once and stands in a table beside this module.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from statistics import median
+
+from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.optics.partial_coherence import samples_per_pixel
-from saf_gen.stack.focal_stack import WAVES, StackSpec
+from saf_gen.stack.focal_stack import PICTURES, WAVES, StackSpec
 from saf_gen.stack.second_render import count_slices_to_repeat, second_render
 from saf_gen.stack.time_resolved import TimeResolvedStack
 
-PATHS_PER_S = 2.5e6  # plain light paths that both cores together trace and splat
-FILTERED_TIME = 3.1
-"""Time of a filtered sample divided by the time of a plain sample: the mean of the 985 test slices of saf_bench-v2.
-
-By scene it is 1.3 (fabric), 1.6 to 2 (two_depths, gears), 2.7 to 3.5 (cardiac_muscle, crossroad, rain_window), and 11
-for a target that is seen through a glass bottle."""
+TABLE = Path(__file__).with_name("scene_costs.yaml")
+CORES = 2
+PLAIN_RAY_US = 0.8
+"""Processor time of a light path that is traced and splatted alone."""
 WAVES_PER_S = 1.2e6
 """Samples of a thin section's picture at which the waves of a condenser are summed per second."""
-LOAD_S = 0.3  # for a scene under one light group
 PLANE_S_PER_PIXEL = 8e-8  # to sum and store a pixel at a focus position
+PICTURE_S = 0.1  # to read and decode a photographed picture
 PATHS_PER_SAMPLE = 0.25  # that shade the slices after a moment
 PIXEL_FRAMES_PER_S = 0.7e9  # that one worker encodes, stores and verifies
 
 
+@dataclass(frozen=True)
+class SceneCost:
+    """Processor time that a scene takes, in seconds or microseconds of one core.
+
+    Attributes
+    ----------
+    load_s : float
+        To load the scene, once for a stack or for a run of time slices.
+    pixel_us : float
+        Per pixel, for depth, target and shading, whatever the samples.
+    ray_us : float
+        Per pixel, sample and light group, at rest.
+    slice_s : float, optional
+        To show the scene at another moment; as long as ``load_s`` if it is not known.
+    slice_ray_us : float, optional
+        As ``ray_us``, in a time slice; the same as ``ray_us`` if it is not known.
+    """
+
+    load_s: float
+    pixel_us: float
+    ray_us: float
+    slice_s: float | None = None
+    slice_ray_us: float | None = None
+
+
+@cache
+def scene_costs() -> Mapping[str, SceneCost]:
+    """Return the costs of the scenes that were measured, by name; the studies measure them."""
+    return {name: SceneCost(**cost) for name, cost in read_yaml(TABLE).data.items()} if TABLE.exists() else {}
+
+
+@cache
+def _cost_of(scene: str) -> SceneCost:
+    """Return the cost of a scene; if it was not measured, the medians of those that were."""
+    costs = scene_costs()
+    if scene in costs:
+        return costs[scene]
+    known = [
+        [vars(cost)[key] for cost in costs.values() if vars(cost)[key] is not None] for key in vars(SceneCost(0, 0, 0))
+    ]
+    return SceneCost(*map(median, known))
+
+
 def render_seconds(spec: StackSpec) -> float:
-    """Return the approximate time to render a stack (s)."""
+    """Return the approximate time to render a stack (s), or a time slice, without what comes before the first one."""
     pixels = spec.rows * spec.columns
     if spec.estimator == WAVES:
         waves = pixels * samples_per_pixel(spec.in_focus.imaging)
         return len(spec.groups) * spec.rendered_count * waves / WAVES_PER_S
-    sample = (FILTERED_TIME if spec.estimator == "filtered" else 1.0) / PATHS_PER_S
-    planes = spec.rendered_count * PLANE_S_PER_PIXEL
-    return len(spec.groups) * (LOAD_S + pixels * (spec.samples * sample + planes))
+    if spec.estimator == PICTURES:
+        return spec.rendered_count * (PICTURE_S + pixels * PLANE_S_PER_PIXEL)
+    cost = _cost_of(spec.scene)
+    load_s = cost.load_s if spec.window is None else _moment_s(cost)
+    planes = len(spec.groups) * spec.rendered_count * pixels * PLANE_S_PER_PIXEL
+    rays = len(spec.groups) * pixels * spec.samples
+    return (load_s + 1e-6 * (pixels * cost.pixel_us + rays * _ray_us(cost, spec))) / CORES + planes
+
+
+def _ray_us(cost: SceneCost, spec: StackSpec) -> float:
+    if spec.estimator == "plain":
+        return PLAIN_RAY_US
+    return cost.ray_us if spec.window is None or cost.slice_ray_us is None else cost.slice_ray_us
+
+
+def _moment_s(cost: SceneCost) -> float:
+    return cost.load_s if cost.slice_s is None else cost.slice_s
 
 
 def start_seconds(spec: StackSpec) -> float:
-    """Return the time of the light paths of the moments before a slice (s); the first slice repeats its own moment."""
+    """Return the time before a run of slices (s): to load the scene, and for the light paths of the moments before it.
+
+    The first slice of a recording repeats its own moment. It is 0 for a stack of a scene at rest.
+    """
+    if spec.window is None:
+        return 0.0
+    cost = _cost_of(spec.scene)
     others = len({*spec.moments_s} - {spec.time_s})
     paths = max(len(spec.moments_s) - 1, 0) * spec.rows * spec.columns * spec.samples * PATHS_PER_SAMPLE
-    return len(spec.groups) * (others * LOAD_S + paths / PATHS_PER_S)
+    rays_s = 1e-6 * len(spec.groups) * paths * _ray_us(cost, spec)
+    return (cost.load_s + others * _moment_s(cost) + rays_s) / CORES
+
+
+def load_seconds(spec: StackSpec) -> float:
+    """Return the time to show the scene of a time slice once more (s)."""
+    return 0.0 if spec.estimator == WAVES else _moment_s(_cost_of(spec.scene)) / CORES
 
 
 def grain_seconds(stack: TimeResolvedStack) -> float:
     """Return the time of the second render of a stack, or of a few slices that do not follow each other (s)."""
-    if stack.specs[-1].estimator == WAVES:
-        return 0.0  # nothing is random
+    if stack.specs[-1].estimator in (WAVES, PICTURES):
+        return 0.0  # nothing is random, or can be repeated
     again = second_render(stack.specs[-1], slices=len(stack.specs))
-    return count_slices_to_repeat(len(stack.specs)) * (render_seconds(again) + start_seconds(again))
+    loaded_s = 0.0 if again.window is None else _cost_of(again.scene).load_s / CORES
+    once = render_seconds(again) + start_seconds(again) - loaded_s
+    return loaded_s + count_slices_to_repeat(len(stack.specs)) * once

@@ -15,6 +15,7 @@ from saf_gen.generate.resolve import PlannedSequence, ResolvedSequence
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.grain import read_grain
+from saf_gen.stack.picture_stack import PictureStack
 from saf_gen.stack.second_render import stacks_to_repeat
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 
@@ -30,8 +31,8 @@ class RenderJob:
     ----------
     label : str
         Name of the stack in messages.
-    scene : Scene
-        Scene of the stack.
+    scene : Scene or PictureStack
+        Scene of the stack, or the pictures that are taken in instead of being rendered.
     time_stack : TimeResolvedStack
         The stack.
     stacks : Path
@@ -45,7 +46,7 @@ class RenderJob:
     """
 
     label: str
-    scene: Scene
+    scene: Scene | PictureStack
     time_stack: TimeResolvedStack
     stacks: Path
     backend: str
@@ -54,7 +55,7 @@ class RenderJob:
 
     @property
     def name(self) -> str:
-        return f"render {self.label}"
+        return f"{'take in' if isinstance(self.scene, PictureStack) else 'render'} {self.label}"
 
     @property
     def takes_all_cores(self) -> bool:
@@ -65,6 +66,8 @@ class RenderJob:
         return self.backend == "cuda"
 
     def run(self, report: ReportProgress) -> list[str]:
+        if isinstance(self.scene, PictureStack):
+            return self._take_in(self.scene, report)
         from saf_gen.render import render_missing  # so that only a process that renders loads Mitsuba
         from saf_gen.render.grain import measure_by_repeat
 
@@ -98,6 +101,15 @@ class RenderJob:
             return pieces
         except OSError as error:
             raise unwritable(self.stacks, error) from error
+
+    def _take_in(self, photographed: PictureStack, report: ReportProgress) -> list[str]:
+        report(self.name, 0.0)
+        try:
+            pieces = photographed.take_in(self.time_stack.specs[0], self.stacks)
+        except OSError as error:
+            raise unwritable(self.stacks, error) from error
+        report(self.name, 1.0)
+        return pieces
 
 
 @dataclass(frozen=True)
@@ -338,8 +350,8 @@ class JobOrder:
     def _jobs_on_cut_stacks(self) -> list[Job]:
         jobs: list[Job] = []
         for stack in self._plan.by_cut_stack:
-            if mine := self._own_slices_without_grain(stack):
-                user = self._plan.users[stack]
+            user = self._plan.users[stack]
+            if (mine := self._own_slices_without_grain(stack)) and isinstance(user.scene, Scene):
                 jobs.append(
                     MeasureGrainJob(user.stack_label(stack), user.scene, stack, self._stacks, self._backend, mine)
                 )

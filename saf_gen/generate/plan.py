@@ -21,7 +21,7 @@ from saf_gen.generate.cost import PIXEL_FRAMES_PER_S, grain_seconds, render_seco
 from saf_gen.generate.record import has_recording
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
 from saf_gen.generate.shards import Share, deal_groups, join_by_stacks, share_out
-from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.stack.focal_stack import PICTURES, StackSpec, StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest
 
@@ -204,6 +204,11 @@ class Plan:
             return ""
         mine = sum(spec in self.share.specs for spec in stack.specs)
         return f", {mine} of {len(stack.specs)} slices"
+
+    @property
+    def renders(self) -> bool:
+        """Whether anything must be rendered; stacks that were photographed are taken in without a renderer."""
+        return any(spec.estimator != PICTURES for stack in self.to_render for spec in stack.specs)
 
     @cached_property
     def unrecorded(self) -> frozenset[str]:

@@ -16,7 +16,9 @@ from saf_gen.generate.resolve import PlannedSequence
 from saf_gen.plugins.lights import group_gains
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Blends, Colour
+from saf_gen.stack.focal_stack import PICTURES
 from saf_gen.stack.noise_free import find_optima, noise_free_sharpness
+from saf_gen.stack.picture_stack import describe_picture_truth, find_picture_truth
 from saf_gen.stack.time_resolved import PlaneSource, grain_along
 from saf_gen.stack.true_focus import find_true_focus
 from saf_gen.stream.metadata import Metadata, Truth
@@ -142,17 +144,22 @@ class Recorder:
         colour = Colour.find(sequence.schedule, spec.groups, sensor=self.sensor, axial_colour=sequence.axial_colour)
         charge_source = ChargeSource(plane_source, self.sensor, colour=colour)
         blends = None if colour is None else _find_blends(colour, charge_source, plane_source=plane_source, gain=gain)
-        truth, moment = find_true_focus(plane_source, position, blends=blends)
+        photographed = spec.estimator == PICTURES
+        if photographed:
+            (truth, optima), moment = find_picture_truth(plane_source, position), 0.0
+        else:
+            truth, moment = find_true_focus(plane_source, position, blends=blends)
         self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)
         of_groups = gain if colour is None else colour.group_gains(gain)
         grain = grain_along(plane_source, truth, position=position, gain=of_groups)
         truth = replace(truth, sharpness=noise_free_sharpness(charge_source, truth, position=position))
-        optima = find_optima(charge_source, truth, position=position)
+        if not photographed:
+            optima = find_optima(charge_source, truth, position=position)
         in_travel = np.clip(log, 0.0, 1.0)  # a reading may be a little outside
         metadata = Metadata(
             focus_position=log.astype(np.float32),
-            image_distance=spec.drive.image_distance(in_travel).astype(np.float32),
-            object_distance=spec.drive.object_distance(in_travel).astype(np.float32),
+            image_distance=None if photographed else spec.drive.image_distance(in_travel).astype(np.float32),
+            object_distance=None if photographed else spec.drive.object_distance(in_travel).astype(np.float32),
             gain=gain,
             light_names=spec.groups if colour is None else colour.names,
             truth=truth if sequence.actuator is None else replace(truth, lens=position.astype(np.float32)),
@@ -165,6 +172,7 @@ class Recorder:
                 "stack_digest": plane_source.digest,
                 "variant": plane_source.backend,
                 **({} if grain is None else {GRAIN_KEY: grain.to_text()}),
+                **({"photographed": describe_picture_truth(spec, optima)} if photographed else {}),
                 **({OPTIMA_KEY: optima_to_text(optima)} if optima else {}),
             },
         )

@@ -24,12 +24,13 @@ from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_ex
 from saf_gen.errors import BadInput, closest, located, unknown
 from saf_gen.generate.colours import axial_colour, check_colours, find_margin, missing_colours
 from saf_gen.generate.lens_course import lens_course
-from saf_gen.generate.recipe import Recipe, find_recipe, read_recipe
+from saf_gen.generate.recipe import Recipe, StackRecipe, find_recipe, read_recipe
 from saf_gen.optics.actuators import Actuator, get_actuator
 from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
+from saf_gen.stack.picture_stack import PictureStack, StackCard, read_picture_stack
 from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
 
@@ -334,8 +335,8 @@ class ResolvedSequence:
     ----------
     planned : PlannedSequence
         The sequence.
-    scene : Scene
-        The member of the scene's family that is recorded.
+    scene : Scene or PictureStack
+        The member of the scene's family that is recorded, or the stack that was photographed.
     time_stack : TimeResolvedStack
         Focal stacks of the recording.
     closed_loop_stack : TimeResolvedStack or None
@@ -349,7 +350,7 @@ class ResolvedSequence:
     """
 
     planned: PlannedSequence
-    scene: Scene
+    scene: Scene | PictureStack
     time_stack: TimeResolvedStack
     closed_loop_stack: TimeResolvedStack | None
     sensor: Sensor
@@ -400,8 +401,8 @@ class ResolvedRecipe:
         All sequences of the recipe.
     sequences : tuple of ResolvedSequence
         Sequences of the requested split.
-    scenes : dict of str to Scene
-        Scenes of the recipe, by name.
+    scenes : dict of str to Scene or PictureStack
+        Scenes of the recipe, or stacks that were photographed, by name.
     sensor : Sensor
         Sensor of the recipe.
     benchmark : str, default ""
@@ -413,7 +414,7 @@ class ResolvedRecipe:
     recipe: Recipe
     all_sequences: tuple[ResolvedSequence, ...]
     sequences: tuple[ResolvedSequence, ...]
-    scenes: dict[str, Scene]
+    scenes: dict[str, Scene | PictureStack]
     sensor: Sensor
     benchmark: str = ""
     part: tuple[int, int] = (1, 1)
@@ -477,11 +478,14 @@ def resolve_recipe(
     sensor = _read_sensor(recipe, Path(recipe_path).parent)
     with located(where):
         actuator = _read_actuator(recipe, Path(recipe_path).parent)
-    scenes = {}
+    scenes: dict[str, Scene | PictureStack] = {}
     for name in (name for settings in recipe.splits.values() for name in settings.scenes):
+        if isinstance(recipe, StackRecipe):
+            scenes[name] = _read_stack(name, recipe, folder=Path(recipe_path).parent, sensor=sensor)
+            continue
         with located(where):
-            scenes[name] = find_scene(name)
-        _check_drive(recipe, scenes[name])
+            scenes[name] = scene = find_scene(name)
+        _check_drive(recipe, scene)
     if split is not None and split not in recipe.splits:
         raise unknown("split", split, allowed=recipe.splits, where=where)
     with located(where):
@@ -490,7 +494,7 @@ def resolve_recipe(
                 scene.card.params,
                 scene.card.slices_per_s is not None,
                 scene.card.illuminance_lux,
-                colour.model_dump(mode="json", exclude_none=True) if (colour := axial_colour(recipe, scene)) else None,
+                _axial_colour(recipe, scene),
             )
             for name, scene in scenes.items()
         }
@@ -512,14 +516,35 @@ def resolve_recipe(
     return replace(found, benchmark=_benchmark(found))
 
 
-def _check_samples(planned: Iterable[PlannedSequence], recipe: Recipe, *, scenes: Mapping[str, Scene]) -> None:
+def _read_stack(name: str, recipe: StackRecipe, *, folder: Path, sensor: Sensor) -> PictureStack:
+    """Return a stack of a recipe, whose pictures have all been read once."""
+    stated = recipe.stacks[name]
+    return read_picture_stack(
+        StackCard(name, stated.title or name, stated.licence),
+        folder / stated.folder,
+        values=stated.values,
+        step_um=stated.step_um,
+        box=stated.box,
+        shape=(sensor.rows, sensor.columns),
+    )
+
+
+def _axial_colour(recipe: Recipe, scene: Scene | PictureStack) -> dict[str, Any] | None:
+    colour = axial_colour(recipe, scene) if isinstance(scene, Scene) else None
+    return colour.model_dump(mode="json", exclude_none=True) if colour else None
+
+
+def _check_samples(
+    planned: Iterable[PlannedSequence], recipe: Recipe, *, scenes: Mapping[str, Scene | PictureStack]
+) -> None:
     """Raise BadInput if a scene's own number of samples would change none of its pictures."""
     motions = defaultdict[str, set[str]](set)
     for sequence in planned:
         motions[sequence.scene].add(sequence.scene_motion)
     for name, own in recipe.render.per_scene.items():
         key = f"render.per_scene.{name}"
-        if scenes[name].card.section is not None:
+        scene = scenes[name]
+        if isinstance(scene, Scene) and scene.card.section is not None:
             raise BadInput(f"{key}: a thin section is drawn by waves, without samples", hint=f"leave {name} out")
         if own.slice_samples is not None and "dynamic" not in motions[name]:
             raise BadInput(
@@ -547,9 +572,9 @@ def _distinct(sequences: list[PlannedSequence], key: Callable[[PlannedSequence],
 
 
 def _resolve_sequences(
-    planned: list[PlannedSequence], recipe: Recipe, *, scenes: dict[str, Scene], sensor: Sensor
+    planned: list[PlannedSequence], recipe: Recipe, *, scenes: dict[str, Scene | PictureStack], sensor: Sensor
 ) -> Iterable[ResolvedSequence]:
-    stacks: dict[str, tuple[Scene, TimeResolvedStack, TimeResolvedStack | None]] = {}  # shared by lights
+    stacks: dict[str, tuple[Scene | PictureStack, TimeResolvedStack, TimeResolvedStack | None]] = {}  # shared by lights
     for sequence in planned:
         lens = [sequence.motion, sequence.actuator_seed]
         key = json.dumps([sequence.scene, sequence.params, sequence.scene_motion, lens])
@@ -560,9 +585,11 @@ def _resolve_sequences(
 
 
 def _resolve_stacks(
-    sequence: PlannedSequence, recipe: Recipe, *, scene: Scene, sensor: Sensor
+    sequence: PlannedSequence, recipe: Recipe, *, scene: Scene | PictureStack, sensor: Sensor
 ) -> tuple[TimeResolvedStack, TimeResolvedStack | None]:
     """Return the stack of the recording, and a separate stack for closed-loop runs, or None if they need none."""
+    if isinstance(scene, PictureStack):
+        return TimeResolvedStack((0,), (scene.spec(sensor),)), None
     card, frames, hz = scene.card, recipe.camera.frames, sensor.readout_hz
     render = recipe.render.of_scene(scene.id)
     with located("", prefix=f"scene {scene.id}: "):
@@ -674,8 +701,13 @@ focus. Recipes that come with saf_gen have 3.6 to 10.5."""
 
 def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
     """Return a line for each scene with too few focus positions, fewer time slices than its card states, or light whose
-    colours its pictures do not wholly show.
+    colours its pictures do not wholly show; of stacks that were photographed, what is known of them.
     """
+    photographed = [
+        line for scene in resolved.scenes.values() if isinstance(scene, PictureStack) for line in scene.remarks
+    ]
+    if photographed:
+        return photographed
     return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *missing_colours(resolved.sequences)]
 
 

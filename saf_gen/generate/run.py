@@ -34,16 +34,18 @@ from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.jobs import ChooseBackendJob, DeleteJob, JobOrder, RecordJob, RenderJob
 from saf_gen.generate.plan import Plan, check_same_dataset, make_plan
-from saf_gen.generate.recipe import Recipe, RenderSettings
+from saf_gen.generate.recipe import Recipe, RenderSettings, StackRecipe
 from saf_gen.generate.record import Recorder, has_generated_fingerprint
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, recipe_fingerprint
 from saf_gen.scene.scene_folder import SceneCard
-from saf_gen.stack.focal_stack import WAVES, StackStore
+from saf_gen.stack.focal_stack import PICTURES, WAVES, StackStore
+from saf_gen.stack.picture_stack import StackCard
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import FORMAT as MANIFEST_FORMAT
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, write_manifest
 from saf_gen.stream.sharing.croissant import (
     CARD_NAME,
+    PHOTOGRAPHS,
     SYNTHETIC,
     DatasetFacts,
     front_matter,
@@ -168,6 +170,8 @@ def run_plan(
 
     @cache
     def choose_backend() -> tuple[str, bool]:
+        if not plan.renders:
+            return PICTURES, True
         name, renders_waves = choose_renderer(variant, cluster=machines, notify=tell)
         by_waves = all(spec.estimator == WAVES for stack in plan.by_stack for spec in stack.specs)
         return name, renders_waves or by_waves
@@ -293,7 +297,7 @@ def _write_previews(plan: Plan) -> None:
         spec = stack.specs[0]
         sheet = plan.folder / "preview" / f"{spec.key}.png"
         store = StackStore(plan.folder / "stacks", spec)
-        if not (stack.is_moving or sheet.exists() or store.missing_pieces()):
+        if not (stack.is_moving or spec.estimator == PICTURES or sheet.exists() or store.missing_pieces()):
             write_preview(store.load().without_margin(), plan.resolved.sensor, path=sheet)
 
 
@@ -375,16 +379,17 @@ def find_entry(sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str
     )
 
 
+PHOTOGRAPHED = "focal stacks photographed by other cameras"
 PAGE = Template("""# $name: spike-camera autofocus data
 
-Made by saf_gen from a recipe: scenes rendered by Mitsuba through a thin lens, seen by a model of the spike
+Made by saf_gen from a recipe: $origin, seen by a model of the spike
 camera `$sensor`. Every sequence holds its true focus and the lens position at every frame.
 
 | | |
 |---|---|
 | sequences | $count ($splits) |
 | frames per sequence | $frames |
-| focus positions rendered | $positions, $samples |
+| focus positions $positions |
 | lens motion | $motion |
 | light schedules | $lights |
 | recipe fingerprint | `$fingerprint` |
@@ -438,14 +443,16 @@ def _describe_samples(render: RenderSettings) -> str:
     return f"{render.samples} samples per pixel{f' ({others})' if others else ''}"
 
 
-def _describe_scene(card: SceneCard) -> str:
+def _describe_scene(card: SceneCard | StackCard) -> str:
     licence = card.licence or "not stated"
     return f"- `{card.id}`: {escape_markdown(f'{card.title}. Licence {licence}.')}"
 
 
-def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]) -> None:
+def write_dataset_card(
+    folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard | StackCard]
+) -> None:
     """Write README.md and croissant.json to a dataset folder that has its manifest, each completely or not at all."""
-    cards = list(scenes)
+    cards, of_stacks = list(scenes), isinstance(recipe, StackRecipe)
     licences = read_licences(card.licence for card in cards)
     splits = Counter(entry.split for entry in manifest.sequences)
     text = PAGE.substitute(
@@ -454,8 +461,10 @@ def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scen
         count=len(manifest.sequences),
         splits=", ".join(f"{split} {count}" for split, count in splits.items()) or "none finished yet",
         frames=recipe.camera.frames,
-        positions=recipe.focus.positions,
-        samples=_describe_samples(recipe.render),
+        origin=PHOTOGRAPHED if of_stacks else "scenes rendered by Mitsuba through a thin lens",
+        positions="| one per picture; their steps, and the rule of the true focus, are in /provenance/photographed"
+        if of_stacks
+        else f"rendered | {recipe.focus.positions}, {_describe_samples(recipe.render)}",
         motion=_describe_motion(recipe.focus.motion) + _describe_actuator(recipe.focus.actuator),
         lights=escape_markdown(", ".join(recipe.lights)),
         fingerprint=manifest.recipe_fingerprint,
@@ -466,9 +475,11 @@ def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scen
     matter = front_matter(manifest, licences, pattern="{split}/*.h5")
     write_text(folder / "README.md", matter + text)
     described = (
-        f"Spike-camera autofocus data, rendered and simulated: {len(manifest.sequences)} sequences of "
-        f"{recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "
+        f"Spike-camera autofocus data, {'photographed' if of_stacks else 'rendered'} and simulated: "
+        f"{len(manifest.sequences)} sequences of {recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "
         f"{'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each sequence holds its true focus and the lens "
         "position at every frame."
     )
-    write_croissant(folder, manifest, facts=DatasetFacts(described, licences, responsible=SYNTHETIC))
+    write_croissant(
+        folder, manifest, facts=DatasetFacts(described, licences, responsible=PHOTOGRAPHS if of_stacks else SYNTHETIC)
+    )

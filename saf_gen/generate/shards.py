@@ -12,7 +12,7 @@ from functools import cached_property
 from math import fsum
 from typing import TypeVar
 
-from saf_gen.generate.cost import LOAD_S, PIXEL_FRAMES_PER_S, grain_seconds, render_seconds, start_seconds
+from saf_gen.generate.cost import PIXEL_FRAMES_PER_S, grain_seconds, load_seconds, render_seconds, start_seconds
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack
@@ -99,7 +99,8 @@ class _Family:
         if (first, stop) == (0, len(self.specs)):
             return self.seconds
         start = 0.0 if first in self.firsts else start_seconds(self.specs[first])
-        return fsum(self.costs[first:stop]) + start + (stop - first) * LOAD_S
+        again = fsum(map(load_seconds, self.specs[first:stop]))
+        return fsum(self.costs[first:stop]) + start + again
 
 
 _Run = tuple[_Family, int, int]

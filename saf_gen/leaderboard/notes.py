@@ -13,6 +13,8 @@ from saf_gen.leaderboard.ranking import LeaderboardRow
 
 MAX_GRAIN_OF_CURVE = 0.1
 """Fraction of the range of a focus curve above which grain may shift its peak."""
+MIN_RANKED = 10
+"""Smallest number of photographed objects that could rank methods."""
 NAMED_MEASURES = 4
 NAMED_SEQUENCES = 3
 
@@ -30,6 +32,13 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
         found.append(
             f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once"
             + ("; with so few scenes, almost no methods can be told apart." if scenes < 2 * MIN_SCENES else ".")
+        )
+    unranked = {r.scene for r in records if r.error is not None}
+    if not scenes and unranked:
+        found.append(
+            f"There is no rank: no depth of focus is known of the {len(unranked)} objects, so that errors are fractions "
+            "of the travel"
+            + ("; and no rank comes from fewer than ten objects." if len(unranked) < MIN_RANKED else ".")
         )
     found += [
         f"{row.method} fails methods check: {row.failed_check} (saf-gen methods check says why)."

@@ -124,8 +124,8 @@ def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
     """Return the leaderboard of these records, best first.
 
     Methods are ranked by answers within one depth of focus, over the sequences that have an answer. Rows of equal rank
-    are ordered by median error in depths of focus, then by name. Methods for which no success is known come last and
-    have no rank, like all methods if no sequence has an answer.
+    are ordered by median error in depths of focus, or in travels where these are not known, then by name. Methods for
+    which no success is known come last and have no rank, like all methods if no sequence has an answer.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
 
 
 def _sort_key(row: LeaderboardRow) -> tuple[float, float, str]:
-    error = row.median_error_dof
+    error = row.median_error_travel if row.median_error_dof is None else row.median_error_dof
     return inf if row.rank is None else row.rank, inf if error is None else error, row.method
 
 

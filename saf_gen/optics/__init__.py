@@ -15,6 +15,7 @@ from saf_gen.optics.fitted_rays import FittedRays
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
+from saf_gen.optics.picture_steps import PictureSteps
 from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
@@ -28,6 +29,7 @@ __all__ = [
     "FocalLengthDrive",
     "FocusCriterion",
     "ImageDistanceDrive",
+    "PictureSteps",
     "Ring",
     "Stage",
     "Wavefront",
@@ -37,7 +39,7 @@ __all__ = [
 DRIVES: dict[str, type[Drive]] = {
     drive.kind: drive for drive in (ImageDistanceDrive, FocalLengthDrive, Stage, FittedLensDrive)
 }
-"""The class of each kind of drive."""
+"""The class of each kind of drive that a scene card can state."""
 
 
 def drive_from_dict(data: Mapping[str, Any]) -> Drive:
@@ -57,4 +59,5 @@ def drive_from_dict(data: Mapping[str, Any]) -> Drive:
         numbers["distortion"] = Distortion(**distortion)
     if ring := data.get("ring"):
         numbers["ring"] = Ring(**ring)
-    return DRIVES[data["kind"]](**numbers)
+    known: dict[str, type[Drive]] = {**DRIVES, PictureSteps.kind: PictureSteps}
+    return known[data["kind"]](**numbers)

@@ -6,8 +6,9 @@ visits are read, and by default those of at most three stacks are held in memory
 
 import numpy as np
 
-from saf_gen.camera import Sensor, charge_of_images, knot_weights
+from saf_gen.camera import Sensor, charge_of_images, electrons_per_irradiance, knot_weights
 from saf_gen.stack.colour import Colour
+from saf_gen.stack.focal_stack import PICTURES
 from saf_gen.stack.time_resolved import FrameRun, PlaneSource
 
 
@@ -159,5 +160,8 @@ class ChargeSource:
             wide = range(positions.start - before, positions.stop + after)
             radiance = self._plane_source.load_planes(j, wide.start - spec.first_index, wide.stop - spec.first_index)
             radiance = self._colour.mix(radiance, spec, drawn=positions, rendered=wide)
-        charge = charge_of_images(radiance, self.sensor, lens=spec.drive, position=spec.focus[first:stop])
+        if spec.estimator == PICTURES:  # the light that fell on a sensor, in a unit that the exposure makes good
+            charge = radiance * np.float32(electrons_per_irradiance(self.sensor))
+        else:
+            charge = charge_of_images(radiance, self.sensor, lens=spec.drive, position=spec.focus[first:stop])
         return charge if self._rows is None else charge[:, :, self._rows].copy()

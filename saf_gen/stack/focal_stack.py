@@ -39,6 +39,8 @@ LAYERS_VERSION = 2
 surfaces."""
 WAVES = "waves"
 """The estimator of thin sections."""
+PICTURES = "pictures"
+"""In place of an estimator: the stack was not rendered but photographed."""
 HALF_BITS = 15  # the largest half float is just below 2^16
 
 
@@ -88,6 +90,7 @@ class StackSpec:
     estimator : str, default 'filtered'
         'filtered' or 'plain', the way in which llvm and cuda find radiance from light paths; scalar is always plain.
         'waves' for a thin section, whose pictures are computed without light paths; samples and max_depth are 1.
+        'pictures' for a stack that was photographed; its unit is arbitrary, and its depth is NaN.
     moments_s : tuple of float, default ()
         Moments (s) whose light paths the filtered estimator uses to find the shading of surfaces; the last is the
         moment of the stack. If empty, only paths of this moment are used.

@@ -76,6 +76,17 @@ SYNTHETIC = {
 }
 """Statements in the responsible-AI vocabulary that hold for every generated dataset."""
 
+PHOTOGRAPHS = SYNTHETIC | {
+    "rai:dataCollection": "Pictures of other cameras at steps of the focus, seen by a simulated spike camera.",
+    "rai:dataCollectionType": "Secondary Data Analysis",
+    "rai:dataPreprocessingProtocol": "Pictures are decoded to light and averaged over the pixels of the sensor.",
+    "rai:dataAnnotationProtocol": "The true focus is the mean of the peaks of three focus measures on the pictures.",
+    "rai:dataLimitations": "Lens, depth and depth of focus are not known; light and sensor are models.",
+    "rai:dataBiases": "Whoever took the pictures chose the subjects; see the list of stacks in the description.",
+    "rai:personalSensitiveInformation": "Not known: look at the pictures.",
+}
+"""Statements for datasets of stacks that were photographed."""
+
 
 @dataclass(frozen=True)
 class DatasetFacts:
