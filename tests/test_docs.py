@@ -447,8 +447,8 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     assert keys | {"format", "checksum"} == set(record) | set(KEYS_WHERE_KNOWN)
     with (desk / "made/leaderboard.csv").open() as file:
         header = next(csv.reader(file))
-    lights = [f"success_1dof_light_{light}" for light in ("constant", "continuous", "sudden")]
+    lights = [f"answerable_1dof_light_{light}" for light in ("constant", "continuous", "sudden")]
     named = [key for row in table("docs/reference/leaderboard.md", "column") for key in ticked(row[1])]
     named.remove("success_least_blur")  # only of lenses with aberrations
-    at = named.index("success_1dof_light_LIGHT")
+    at = named.index("answerable_1dof_light_LIGHT")
     assert sorted(header) == sorted(named[:at] + lights + named[at + 1 :])

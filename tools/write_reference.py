@@ -237,7 +237,8 @@ def actuator_table() -> str:
 def leaderboard_columns() -> str:
     """Return the table of the leaderboard's columns; columns with the same meaning share a row."""
     rows: list[list[str]] = []
-    for column in ranking([SimpleNamespace(success_by_light=[("LIGHT", None)], success_least_blur=1.0)]).columns:  # type: ignore[list-item]
+    row = SimpleNamespace(success_by_light=[("LIGHT", None)], success_least_blur=1.0, false_abstentions=None)
+    for column in ranking([row]).columns:  # type: ignore[list-item]
         if rows and rows[-1][2] == column.meaning:
             rows[-1][1] += f", `{column.name}`"
         else:

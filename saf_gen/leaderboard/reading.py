@@ -10,6 +10,7 @@ from saf_gen.benchmark.records import Record, read_records
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.merging import merge_records
+from saf_gen.leaderboard.outcomes import describe_size
 from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.tables import INTERVALS, ranking
 from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_row_states
@@ -55,8 +56,7 @@ class Leaderboard(Sequence[LeaderboardRow]):
     @property
     def size(self) -> str:
         """Numbers of methods and sequences, as text."""
-        sequences = len({record.sequence for record in self.records})
-        return f"{plural(len(self.rows), 'method')}, {plural(sequences, 'sequence')}"
+        return f"{plural(len(self.rows), 'method')}, {describe_size(self.records)}"
 
     def _repr_html_(self) -> str:
         """Return the table for a notebook, without the most detailed columns; tooltips explain the headings."""

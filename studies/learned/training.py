@@ -146,7 +146,7 @@ def judge(
 
 def choose(judged: dict[str, tuple[Any, list[Record]]], trained: dict[str, Trained]) -> tuple[str, Trained]:
     """Return the method with the most successes on validation, and its network; the smaller loss breaks ties."""
-    best = max(trained, key=lambda spec: (judged[spec][0].success_1dof or 0.0, -kept_loss(trained[spec])))
+    best = max(trained, key=lambda spec: (judged[spec][0].answerable_1dof or 0.0, -kept_loss(trained[spec])))
     return best, trained[best]
 
 
@@ -157,11 +157,11 @@ def format_table(judged: dict[str, tuple[Any, list[Record]]], names: dict[str, s
         "|---|---|---|---|---|---|---|",
     ]
     for method, (row, _) in judged.items():
-        ends = (row.success_1dof_low, row.success_1dof_high)
+        ends = (row.answerable_1dof_low, row.answerable_1dof_high)
         interval = "–" if None in ends else f"{ends[0]:.0%} to {ends[1]:.0%}"
         cells = [
             names.get(method, f"`{method}`"),
-            f"{row.success_1dof:.0%}",
+            f"{row.answerable_1dof:.0%}",
             interval,
             "–" if row.median_error_dof is None else f"{row.median_error_dof:.2f}",
             f"{row.frames_seen:.0%}",

@@ -53,9 +53,9 @@ def compare(found: Sequence[list[Record]], sensors: Sequence[str]) -> str:
     ]
     for method in boards[0]:
         rows = [board[method] for board in boards]
-        cells = " | ".join(f"{row.success_1dof:.0%} | {row.median_error_dof:.2f}" for row in rows)
+        cells = " | ".join(f"{row.answerable_1dof:.0%} | {row.median_error_dof:.2f}" for row in rows)
         lines.append(f"| `{method}` | {cells} |")
-    success = [[board[method].success_1dof for method in boards[0]] for board in boards]
+    success = [[board[method].answerable_1dof for method in boards[0]] for board in boards]
     errors = [[board[method].median_error_dof for method in boards[0]] for board in boards]
     first, second = ({(r.method, r.sequence): r for r in records} for records in found)
     pairs = [(first[key], second[key]) for key in first]

@@ -75,7 +75,7 @@ def tabulate_results(evaluation: Evaluation) -> str:
     for row in evaluation["rows"]:
         rank = f"{row['rank']}{'=' if row['tied'] else ''}{'~' if row['level_with_best'] and row['rank'] > 1 else ''}"
         cells = [rank, f"{row['rank_best']}–{row['rank_worst']}", f"`{row['method']}`"]
-        cells += [format_percent(row["success_half_dof"]), *_success_cells(row)]
+        cells += [format_percent(row["answerable_half_dof"]), *_success_cells(row)]
         if in_closed_loop:
             cells += [
                 format_number(row["time_to_focus_s"], 3),
@@ -90,8 +90,8 @@ def tabulate_results(evaluation: Evaluation) -> str:
 
 
 def _success_cells(row: Evaluation) -> list[str]:
-    ends = (None if row[key] is None else 100 * row[key] for key in ("success_1dof_low", "success_1dof_high"))
-    return [format_percent(row["success_1dof"]), format_interval(*ends, 0), format_number(row["median_error_dof"], 2)]
+    ends = (None if row[key] is None else 100 * row[key] for key in ("answerable_1dof_low", "answerable_1dof_high"))
+    return [format_percent(row["answerable_1dof"]), format_interval(*ends, 0), format_number(row["median_error_dof"], 2)]
 
 
 def tabulate_conditions(evaluation: Evaluation) -> str:
@@ -109,14 +109,14 @@ def _tabulate_axes(evaluation: Evaluation, names: Iterable[str]) -> str:
     rows = []
     for name in (name for name in names if name in tables):
         for place, one in enumerate(tables[name]["bins"]):
-            cells = (format_percent(tables[name]["methods"][method][place]["success_1dof"]) for method in methods)
+            cells = (format_percent(tables[name]["methods"][method][place]["answerable_1dof"]) for method in methods)
             rows.append([f"{name.replace('_', ' ')}: {one['bin']}", str(one["scenes"]), str(one["sequences"]), *cells])
     return _format_grid(["condition", "scenes", "sequences", *(f"`{method}`" for method in methods)], rows)
 
 
 def tabulate_division(evaluation: Evaluation) -> str:
     """Return a table of the success of each measure with and without division by brightness, with ``argmax``."""
-    success = {row["method"]: row["success_1dof"] for row in evaluation["rows"]}
+    success = {row["method"]: row["answerable_1dof"] for row in evaluation["rows"]}
     pairs = ((name, f"{name.removesuffix('_n+argmax')}+argmax") for name in success if name.endswith("_n+argmax"))
     gains = {plain: success[divided] - success[plain] for divided, plain in pairs if plain in success}
     rows = (
@@ -144,7 +144,7 @@ def tabulate_agreement(evaluation: Evaluation) -> str:
 
 def tabulate_claims(evaluation: Evaluation) -> str:
     """Return a table of success by light for the methods that the claims of the paper concern."""
-    key = "success_1dof_light_"
+    key = "answerable_1dof_light_"
     lights = [name.removeprefix(key) for name in evaluation["columns"] if name.startswith(key)]
     rows = {row["method"]: row for row in evaluation["rows"]}
     lines = (

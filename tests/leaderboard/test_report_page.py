@@ -396,5 +396,5 @@ def test_the_lead_and_the_table_say_the_same_fraction():
     """Five of eight scenes are 62.5 %, which is rounded up."""
     records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
     text = page_of(records)
-    assert '<p class="lead"><code>m+s</code> leads: within one depth of focus on 63% of the scenes' in text
+    assert '<p class="lead"><code>m+s</code> leads: within one depth of focus on 63% of the 8 sequences' in text
     assert table_rows(text, 'id="board"')[0][0].count("63%") >= 1
